@@ -1,0 +1,6 @@
+"""hapticd: every finger on one vibrating glass plate gets its own friction.
+
+Read `values.py` (the vocabulary), then `core/pipeline.py` (a touch's way), and you know the whole.
+"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""The benchmarks behind `hapticd bench`: error against run time."""

@@ -1,0 +1,283 @@
+"""The configuration: TOML in, frozen values out, validated as a whole before anything is opened.
+
+Each key states its default, its bounds and its meaning beside it, so that the check, the error sentences and
+`hapticd run --print-config` cannot disagree. The default configuration runs the simulated plate.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, cast
+
+from .errors import ConfigError
+
+SIMULATED = "sim"
+
+
+def _key(
+    default: Any, doc: str, *, low: float = -math.inf, high: float = math.inf, choices: tuple[str, ...] = ()
+) -> Any:
+    """A configuration key. `low` and `high` bound a number, or each number of a list."""
+    return field(default=default, metadata={"doc": doc, "low": low, "high": high, "choices": choices})
+
+
+@dataclass(frozen=True, slots=True)
+class PlateConfig:
+    """The glass plate and what was measured of it."""
+
+    size_mm: tuple[float, ...] = _key((137.5, 137.5), "width (x) and depth (y)", low=10, high=1000)
+    modes_file: str = _key("", "NPZ or CSV of the measured mode shapes; empty: the simulated plate's own cartography")
+    friction_curve: tuple[float, ...] = _key(
+        (),
+        "amplitude in um at equally spaced frictions 1 .. 0, rising from 0; empty: the built-in curve",
+        low=0,
+        high=100,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackpadConfig:
+    """The position sensor under the plate, and where it lies."""
+
+    source: str = _key(SIMULATED, "where reports come from", choices=(SIMULATED, "hid", "replay"))
+    model: str = _key(
+        "auto",
+        "what the reports are; auto: whichever pad is connected",
+        choices=("auto", "mt1", "mt2-usb", "mt2-bt", "usbc-usb", "usbc-bt"),
+    )
+    replay_file: str = _key("", 'recording to replay, for source = "replay"')
+    offset_mm: tuple[float, ...] = _key((0.0, 0.0), "the pad's centre on the plate", low=-500, high=500)
+    rotation_deg: float = _key(0.0, "the pad turned anticlockwise on the plate", low=-180, high=180)
+    scale: tuple[float, ...] = _key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)
+    latency_ms: float = _key(10.0, "from the finger's position to the report", low=0, high=50)
+    silence_ms: float = _key(40.0, "fingers count as lifted when the pad is silent for so long", low=15, high=1000)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceConfig:
+    """The board between the serial port and the amplifiers."""
+
+    port: str = _key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
+    baud: int = _key(921600, "serial speed", low=9600, high=5250000)
+    link_ms: float = _key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
+    loop_delay_ms: float = _key(1.0, "by how much the plate follows its reference late", low=0, high=20)
+    controller: str = _key("pi_ff", "control law on the board", choices=("pi", "pi_ff"))
+
+
+@dataclass(frozen=True, slots=True)
+class LimitsConfig:
+    """What the amplifiers can give; held here and again by the firmware."""
+
+    w_limit_um: tuple[float, ...] = _key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionConfig:
+    """Where the fingers will be when the plate moves."""
+
+    name: str = _key("default", "predictor; see `hapticd bench prediction`")
+    period_ms: float = _key(11.25, "the pad's nominal report period", low=2, high=50)
+    noise_mm: float = _key(0.053, "position noise that the predictor assumes, per axis", low=0.001, high=1)
+
+
+@dataclass(frozen=True, slots=True)
+class SolverConfig:
+    """How modal amplitudes are found."""
+
+    policy: str = _key(
+        "keep_zero", "what gives way at the limit", choices=("keep_zero", "keep_ratio", "least_squares", "paper")
+    )
+    effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
+    tolerance_um: float = _key(
+        0.01, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
+    )
+    max_knots: int = _key(16, "knots in one reference frame", low=1, high=24)
+
+
+@dataclass(frozen=True, slots=True)
+class ClientConfig:
+    """Where clients connect."""
+
+    runtime_dir: str = _key("", "directory of the ipc endpoints; empty: the service's or the user's runtime directory")
+
+
+@dataclass(frozen=True, slots=True)
+class SimConfig:
+    """The simulated rig, for trackpad and board on \"sim\"."""
+
+    scenario: str = _key("strokes", "what the simulated fingers do; see `hapticd simulate --help`")
+    seed: int = _key(1, "of fingers, noise and cartography", low=0, high=2**31 - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class LogConfig:
+    """What is said."""
+
+    level: str = _key("info", "least important line", choices=("debug", "info", "warning", "error"))
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """All sections, each as `[section]` in the file."""
+
+    plate: PlateConfig = field(default_factory=PlateConfig)
+    trackpad: TrackpadConfig = field(default_factory=TrackpadConfig)
+    device: DeviceConfig = field(default_factory=DeviceConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
+    prediction: PredictionConfig = field(default_factory=PredictionConfig)
+    solver: SolverConfig = field(default_factory=SolverConfig)
+    client: ClientConfig = field(default_factory=ClientConfig)
+    sim: SimConfig = field(default_factory=SimConfig)
+    log: LogConfig = field(default_factory=LogConfig)
+
+
+def load(path: Path) -> Config:
+    """The configuration in the TOML file at `path`; keys not given keep their defaults. Raises ConfigError."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error}): check the path given to --config.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}.") from None
+    return from_table(table, where=str(path), folder=path.parent)
+
+
+def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
+    """Validate a parsed table. `where` names it in errors; relative file names are taken from `folder`."""
+    by_name = {section.name: section for section in fields(Config)}
+    sections: dict[str, Any] = {}
+    for name, value in table.items():
+        if name not in by_name:
+            raise ConfigError(f"{where}: unknown section [{name}]{_nearest(name, by_name)}.")
+        if not isinstance(value, dict):
+            raise ConfigError(f"{where}: {name} is a section: write [{name}] and its keys below.")
+        section_type = cast(type, by_name[name].default_factory)
+        sections[name] = _section(section_type, value, f"{where}: {name}")
+    config = Config(**sections)
+    _check_together(config, where)
+    return _with_files(config, where, folder)
+
+
+def render(config: Config) -> str:
+    """The configuration as TOML with the meaning and bounds of each key: what is in force."""
+    lines = []
+    for section in fields(Config):
+        value = getattr(config, section.name)
+        lines.append(f"[{section.name}]  # {(value.__doc__ or '').rstrip('.')}")
+        for entry in fields(value):
+            bounds = _bounds_text(entry)
+            comment = entry.metadata["doc"] + (f" ({bounds})" if bounds else "")
+            lines.append(f"{entry.name} = {_toml(getattr(value, entry.name))}  # {comment}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
+    by_name = {entry.name: entry for entry in fields(section_type)}
+    values = {}
+    for name, value in table.items():
+        if name not in by_name:
+            raise ConfigError(f"{where}.{name}: unknown key{_nearest(name, by_name)}.")
+        values[name] = _checked(by_name[name], value, f"{where}.{name}")
+    return section_type(**values)
+
+
+def _checked(entry: Field[Any], value: Any, where: str) -> Any:
+    default = entry.default
+    if isinstance(default, tuple):
+        if not isinstance(value, list) or not all(_is_number(item) for item in value):
+            example = _toml(default or (0.0, 1.0))
+            raise ConfigError(f"{where}: must be a list of numbers, such as {example}, not {value!r}.")
+        return tuple(_bounded(entry, float(item), where) for item in value)
+    if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ConfigError(f"{where}: must be a text in quotes, not {value!r}.")
+        if entry.metadata["choices"] and value not in entry.metadata["choices"]:
+            raise ConfigError(f"{where}: {value!r} is none of {', '.join(entry.metadata['choices'])}.")
+        return value
+    if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
+        raise ConfigError(f"{where}: must be a whole number, not {value!r}.")
+    if not _is_number(value):
+        raise ConfigError(f"{where}: must be a number, not {value!r}.")
+    return _bounded(entry, value if isinstance(default, int) else float(value), where)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _bounded(entry: Field[Any], value: float, where: str) -> float:
+    if entry.metadata["low"] <= value <= entry.metadata["high"]:  # NaN fails this, as it must
+        return value
+    raise ConfigError(f"{where}: {value:g} is out of bounds, it must be {_bounds_text(entry)}.")
+
+
+def _bounds_text(entry: Field[Any]) -> str:
+    if entry.metadata["choices"]:
+        return " | ".join(entry.metadata["choices"])
+    low, high = entry.metadata["low"], entry.metadata["high"]
+    return "" if math.isinf(low) and math.isinf(high) else f"{low:g} .. {high:g}"
+
+
+def _nearest(name: str, valid: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    return f", did you mean {close[0]}?" if close else f", valid are {', '.join(valid)}"
+
+
+def _check_together(config: Config, where: str) -> None:
+    """What no single key can tell."""
+    for name, value, length in (
+        ("plate.size_mm", config.plate.size_mm, 2),
+        ("trackpad.offset_mm", config.trackpad.offset_mm, 2),
+        ("trackpad.scale", config.trackpad.scale, 2),
+    ):
+        if len(value) != length:
+            raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
+    if not 1 <= len(config.limits.w_limit_um) <= 8:
+        raise ConfigError(f"{where}: limits.w_limit_um: needs one number for each mode (1 .. 8).")
+    curve = config.plate.friction_curve
+    if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
+        raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, the first of them 0.")
+    if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
+        raise ConfigError(
+            f'{where}: trackpad.source: simulated fingers may not drive a real board: set it to "hid" or "replay", '
+            f'or device.port to "{SIMULATED}".'
+        )
+    if config.device.port != SIMULATED and not config.plate.modes_file:
+        raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode shapes (NPZ or CSV).")
+
+
+def _with_files(config: Config, where: str, folder: Path) -> Config:
+    """The same with file names made absolute, each file seen to be there."""
+    for section, key in _file_keys():
+        name = getattr(getattr(config, section), key)
+        if not name:
+            continue
+        path = (folder / name).resolve()
+        if not path.is_file():
+            raise ConfigError(f"{where}: {section}.{key}: there is no file {path}.")
+        config = replace(config, **{section: replace(getattr(config, section), **{key: str(path)})})
+    if config.trackpad.source == "replay" and not config.trackpad.replay_file:
+        raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
+    return config
+
+
+def _file_keys() -> Iterator[tuple[str, str]]:
+    for section in fields(Config):
+        for entry in fields(cast(type, section.default_factory)):
+            if entry.name.endswith("_file"):
+                yield section.name, entry.name
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

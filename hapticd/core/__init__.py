@@ -1,0 +1,1 @@
+"""The decisions: pure functions and small state, numbers in, numbers out, time as an argument."""

@@ -1,0 +1,29 @@
+"""What can go wrong, named by what happened. Every message is one sentence: what, where, what to do."""
+
+
+class HapticdError(Exception):
+    """Root of all errors that hapticd raises for its user."""
+
+
+class ConfigError(HapticdError):
+    """A configuration file has an unknown key, a wrong type, a value out of bounds or names a missing file."""
+
+
+class ModesError(HapticdError):
+    """A mode-shape file cannot be read or does not describe mode shapes."""
+
+
+class DeviceError(HapticdError):
+    """The board cannot be opened, or its handshake was refused (version, protocol hash, modes, limits)."""
+
+
+class TrackpadError(HapticdError):
+    """The trackpad cannot be found, opened or put into multitouch mode."""
+
+
+class AlreadyRunningError(HapticdError):
+    """Another daemon holds the runtime directory."""
+
+
+class RequestError(HapticdError):
+    """A client's message was refused; the text is sent back to it."""

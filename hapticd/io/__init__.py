@@ -1,0 +1,1 @@
+"""The thin rim: moves bytes between devices, sockets and the daemon, and decides nothing."""

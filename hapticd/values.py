@@ -1,0 +1,380 @@
+"""The vocabulary: every value that crosses a module, in the order of a touch's way.
+
+Units stand in the names. Instants are integer nanoseconds (`t_..._ns`) on the host's monotonic clock, unless the
+name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.clocksync`). Positions
+are millimetres in the plate frame: origin at the plate's centre, x to the right, y away from the user. Amplitudes
+are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is a phasor in the rotating frame
+w(t) = W_d cos(wt) - W_q sin(wt).
+
+Values are frozen and trusted inside: whoever makes one at the rim has validated it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+# --- where the trackpad lies ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class AffineMap:
+    """Trackpad millimetres to plate millimetres: p = A q + offset, A = (xx xy; yx yy)."""
+
+    xx: float = 1.0
+    xy: float = 0.0
+    yx: float = 0.0
+    yy: float = 1.0
+    offset_x_mm: float = 0.0
+    offset_y_mm: float = 0.0
+
+    @classmethod
+    def from_placement(
+        cls,
+        offset_mm: tuple[float, float] = (0.0, 0.0),
+        rotation_deg: float = 0.0,
+        scale: tuple[float, float] = (1.0, 1.0),
+    ) -> AffineMap:
+        """The pad's centre lies at `offset_mm` on the plate, turned anticlockwise; axes are scaled before turning."""
+        cos, sin = math.cos(math.radians(rotation_deg)), math.sin(math.radians(rotation_deg))
+        return cls(cos * scale[0], -sin * scale[1], sin * scale[0], cos * scale[1], offset_mm[0], offset_mm[1])
+
+    def apply(self, x_mm: float, y_mm: float) -> tuple[float, float]:
+        """Plate position of a point on the pad."""
+        return (
+            self.xx * x_mm + self.xy * y_mm + self.offset_x_mm,
+            self.yx * x_mm + self.yy * y_mm + self.offset_y_mm,
+        )
+
+
+# --- touch -----------------------------------------------------------------------------------------------------
+
+
+class RawReport(NamedTuple):
+    """One report as the trackpad's driver delivered it (report id first), and when it was read."""
+
+    t_host_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One contact record of a trackpad report, converted to the plate frame.
+
+    `contact_id` is the device's: stable while the contact is down, reused afterwards. `angle_rad` is the ellipse's
+    major axis, anticlockwise from +x. `state` is the device's own code; `touching` is what it means.
+    """
+
+    contact_id: int
+    x_mm: float
+    y_mm: float
+    major_mm: float
+    minor_mm: float
+    angle_rad: float
+    pressure_frac: float
+    touching: bool
+    state: int
+    raw_x: int
+    raw_y: int
+
+
+@dataclass(frozen=True, slots=True)
+class TouchFrame:
+    """All contacts of one report. `t_ns` is the device's own time stamp, unwrapped and laid on the host's axis.
+
+    The device clock drifts against the host's: `core.clocksync.SensorClock` turns `t_ns` into host time.
+    """
+
+    t_ns: int
+    contacts: tuple[Contact, ...]
+    button: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """A tracked finger. `finger_id` counts up from 1 and is never used again, whatever ids the device reuses."""
+
+    finger_id: int
+    contact_id: int
+    x_mm: float
+    y_mm: float
+    is_new: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FingerFrame:
+    """The fingers down at `t_ns`, ordered by `finger_id`, and the ids of those lifted since the last frame."""
+
+    t_ns: int
+    fingers: tuple[Finger, ...]
+    lifted: tuple[int, ...]
+
+
+# --- what a finger should feel ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class AmplitudeTarget:
+    """A constant vibration amplitude under the finger; 0 makes it stick."""
+
+    amplitude_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionTarget:
+    """A constant friction: 0 is the most slippery the plate can do, 1 is bare glass."""
+
+    friction_frac: float
+
+
+@dataclass(frozen=True, slots=True)
+class GratingTarget:
+    """A grating along `angle_rad` (anticlockwise from +x) with a crest through the plate's centre.
+
+    `duty_frac` in (0, 1) is the share of `high_um` in a square wave; 0 asks for a sine between low and high.
+    """
+
+    period_mm: float
+    angle_rad: float
+    low_um: float
+    high_um: float
+    duty_frac: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapTarget:
+    """An image of amplitudes: `levels` holds rows of bytes from the top (+y) down, 0 is `low_um`, 255 `high_um`.
+
+    Pixel centres are spread over the whole plate edge to edge; between them the amplitude is bilinear.
+    """
+
+    width: int
+    height: int
+    levels: bytes
+    low_um: float
+    high_um: float
+
+
+Target = AmplitudeTarget | FrictionTarget | GratingTarget | MapTarget
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualPath:
+    """A finger that is not on the plate: a polyline walked at constant speed, back and forth when `loop` is set.
+
+    One point is a finger that rests.
+    """
+
+    points_mm: tuple[tuple[float, float], ...]
+    speed_mm_s: float
+    loop: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ClientTargets:
+    """All that one client wants now; it replaces what the same client wanted before.
+
+    Keys of `targets` are finger ids (int) or names of virtual fingers (str).
+    """
+
+    client: str
+    ttl_ns: int
+    targets: dict[int | str, Target]
+    virtuals: dict[str, VirtualPath]
+
+
+# --- what the plate should do -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Modal amplitudes for one instant: `modal_um` (M,), and what they give: `achieved_um` (N,) = |phi @ modal_um|.
+
+    `limited` says that a mode's limit was met and some finger's target is missed for it. `condition` is the
+    2-norm condition number of phi, inf where it is singular.
+    """
+
+    modal_um: npt.NDArray[np.float64]
+    achieved_um: npt.NDArray[np.float64]
+    limited: bool
+    condition: float
+
+
+class Knot(NamedTuple):
+    """The modal phasors (M,) wanted `dt_ns` after the frame's `t_apply_ns`; between knots the board interpolates."""
+
+    dt_ns: int
+    modal_um: tuple[complex, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A reference polyline as the solver wants it: not yet checked, so nothing encodes it."""
+
+    t_apply_ns: int
+    knots: tuple[Knot, ...]
+
+
+class LimitReason(IntFlag):
+    """Why the gate changed a drive; 0 is untouched."""
+
+    NONE = 0
+    AMPLITUDE = 1  # some |W_k| was above its limit: all modes scaled together
+    NOT_FINITE = 2  # NaN or infinity: the whole drive is silence
+    MALFORMED = 4  # wrong number of modes or knots, or times out of order: silence
+
+
+@dataclass(frozen=True, slots=True)
+class SafeDrive:
+    """A drive that passed `core.limits`: the only thing the encoder takes."""
+
+    t_apply_ns: int
+    knots: tuple[Knot, ...]
+    reasons: LimitReason
+
+
+@dataclass(frozen=True, slots=True)
+class TouchPoint:
+    """A finger that takes part in the solve, as it will be when the frame's first knot takes effect, and where it
+    will be at the last.
+
+    `key` is a finger id, or the name of a virtual finger.
+    """
+
+    key: int | str
+    x_mm: float
+    y_mm: float
+    target_um: float
+    achieved_um: float
+    end_x_mm: float
+    end_y_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What one pass decided. `drive` is None where the last reference stands.
+
+    `age_ns` is the newest sample's age when the pass began, `horizon_ns` from that sample to the first knot on the
+    plate, the loop's own delay included.
+    """
+
+    t_now_ns: int
+    age_ns: int
+    horizon_ns: int
+    drive: SafeDrive | None
+    points: tuple[TouchPoint, ...]
+    limited: bool
+
+
+# --- what is said to the board ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class HelloRequest:
+    """Who are you? The board zeroes its output and forgets earlier frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class SelectController:
+    """Choose the board's control law: "pi" (the paper's four) or "pi_ff" (coupling compensation, feed-forward)."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRequest:
+    """Asks for the board's clock; the stamp comes back."""
+
+    t_host_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceFrame:
+    """A numbered drive with its start on the board's wrapped microsecond clock."""
+
+    seq: int
+    t_apply_us: int
+    drive: SafeDrive
+
+
+@dataclass(frozen=True, slots=True)
+class KeepAlive:
+    """The host lives and frame `seq` stands."""
+
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClearFault:
+    """Leave a latched fault."""
+
+
+BoardCommand = HelloRequest | SelectController | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
+
+
+# --- what the board says ------------------------------------------------------------------------------------------
+
+
+class BoardState(Enum):
+    """The firmware's own state. Values are those on the wire."""
+
+    QUIET = 0  # no trusted stream of frames: output ramped to zero
+    LIVE = 1  # following references
+    FAULT = 2  # latched: silent until cleared
+
+
+@dataclass(frozen=True, slots=True)
+class BoardHello:
+    """What the board says of itself at the handshake."""
+
+    protocol_version: int
+    protocol_hash: int
+    firmware_version: str
+    boot_id: int
+    modes: int
+    control_hz: float
+    drive_hz: float
+    deadman_ms: int
+    w_limit_um: tuple[float, ...]
+    v_limit_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class BoardStatus:
+    """The board's report after each reference frame and ten times a second otherwise.
+
+    Times are the board's wrapped 32-bit microseconds. `seq` is the last accepted frame, `t_received_us` when it
+    came, `t_applied_us` when its first knot took effect (0 and `applied` False while it is pending).
+    """
+
+    t_board_us: int
+    state: BoardState
+    seq: int
+    t_received_us: int
+    t_applied_us: int
+    applied: bool
+    saturated: bool
+    limited: bool
+    fault_code: int
+    deadman_trips: int
+    bad_frames: int
+    late_frames: int
+    measured_um: tuple[complex, ...]
+    voltage_v: tuple[complex, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BoardTime:
+    """Answer to a time request: the host's stamp given back, and the board's clock at receipt and at reply."""
+
+    t_host_ns: int
+    t_received_us: int
+    t_sent_us: int
+
+
+BoardMessage = BoardHello | BoardStatus | BoardTime

@@ -1,0 +1,1 @@
+"""Bytes to values and back. Sans-I/O: nothing here opens, waits or decides."""

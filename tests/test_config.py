@@ -1,0 +1,87 @@
+"""A configuration is checked as a whole, and each error is one sentence that says where and what to do."""
+
+from __future__ import annotations
+
+import contextlib
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd import config
+from hapticd.errors import ConfigError
+
+
+def load(text: str, tmp_path: Path) -> config.Config:
+    path = tmp_path / "hapticd.toml"
+    path.write_text(text, encoding="utf-8")
+    return config.load(path)
+
+
+def test_an_empty_file_is_the_default_and_the_default_is_the_simulated_plate(tmp_path: Path) -> None:
+    loaded = load("", tmp_path)
+    assert loaded == config.Config()
+    assert loaded.trackpad.source == loaded.device.port == config.SIMULATED
+
+
+def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
+    changed = load('[limits]\nw_limit_um = [3.5, 2]\n[log]\nlevel = "debug"\n[sim]\nseed = 7\n', tmp_path)
+    assert load(config.render(changed), tmp_path) == changed
+    assert changed.limits.w_limit_um == (3.5, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[limits]\nw_limit = 3", "limits.w_limit: unknown key, did you mean w_limit_um?"),
+        ("[limts]\n", "unknown section [limts], did you mean limits?"),
+        ("[device]\nbaud = 'fast'", "device.baud: must be a whole number, not 'fast'"),
+        ("[device]\nbaud = 1.5", "device.baud: must be a whole number"),
+        ("[device]\nbaud = true", "device.baud: must be a whole number"),
+        ("[device]\nport = 3", "device.port: must be a text in quotes"),
+        ("[device]\nlink_ms = 400", "device.link_ms: 400 is out of bounds, it must be 0 .. 40"),
+        ("[device]\nlink_ms = nan", "device.link_ms: nan is out of bounds"),
+        ("[limits]\nw_limit_um = [4, 400]", "limits.w_limit_um: 400 is out of bounds, it must be 0.01 .. 20"),
+        ("[limits]\nw_limit_um = 4", "limits.w_limit_um: must be a list of numbers, such as [4.0, 4.0]"),
+        ("[limits]\nw_limit_um = []", "limits.w_limit_um: needs one number for each mode"),
+        ("[trackpad]\nsource = 'mouse'", "'mouse' is none of sim, hid, replay"),
+        ("[trackpad]\nsource = 'replay'", "trackpad.replay_file"),
+        ("[trackpad]\noffset_mm = [1]", "trackpad.offset_mm: needs 2 numbers, not 1"),
+        ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
+        ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
+        ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
+        ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
+        ("limits = 3", "limits is a section"),
+        ("[limits", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(text, tmp_path)
+    message = str(caught.value)
+    assert sentence in message
+    assert "hapticd.toml" in message
+    assert message.endswith(".")
+    assert "\n" not in message
+
+
+def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        config.load(tmp_path / "none.toml")
+
+
+def test_file_names_are_taken_from_the_configurations_own_folder(tmp_path: Path) -> None:
+    (tmp_path / "modes.npz").write_bytes(b"x")
+    assert load("[plate]\nmodes_file = 'modes.npz'", tmp_path).plate.modes_file == str(tmp_path / "modes.npz")
+
+
+@given(st.text(max_size=200))
+def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return
+    with contextlib.suppress(ConfigError):
+        config.from_table(table, where="x", folder=Path("/nonexistent"))

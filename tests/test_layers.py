@@ -1,0 +1,88 @@
+"""The layer diagram, held by reading the imports: who may know whom."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "hapticd"
+CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
+
+# What each part may import of ours. `config` is plain values; `machine` is the daemon without its sockets.
+ALLOWED = {
+    "values": set(),
+    "errors": set(),
+    "config": {"errors"},
+    "core": {"values", "errors", "core"},
+    "wire": {"values", "errors", "wire"},
+    "io": {"values", "errors", "io"},
+    "design": {"values", "errors", "core.modes", "design"},
+    "sim": {"values", "errors", "core.modes", "wire", "design", "sim"},
+}
+# The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
+ALLOWED_FOR_FILE = {"sim/lockstep.py": {"machine", "config", "core"}, "sim/scenarios.py": set(), "sim/rig.py": set()}
+FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "pathlib", "threading", "random", "zmq", "serial"}
+# `core.modes` reads and writes mode-shape files: `.load(path)` and `.save(path)` are names that others call.
+EXCUSED_IN_CORE = {"core/modes.py": {"pathlib"}}
+
+
+def imported_names(path: Path) -> set[str]:
+    """Absolute dotted names of all imports in a file; relative ones are resolved within hapticd."""
+    relative = path.relative_to(PACKAGE.parent).with_suffix("")
+    package = list(relative.parts[:-1])
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level > 0 else []
+            stem = ".".join([*base, *([node.module] if node.module else [])])
+            names.add(stem)
+            names.update(f"{stem}.{alias.name}" for alias in node.names)
+    return names
+
+
+def ours(names: set[str]) -> set[str]:
+    return {name.removeprefix("hapticd.") for name in names if name.startswith("hapticd.")}
+
+
+def layer_files() -> list[Path]:
+    files = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0] in {*ALLOWED}]
+    return files + [PACKAGE / f"{name}.py" for name in ("values", "errors", "config")]
+
+
+@pytest.mark.parametrize("path", layer_files(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_a_layer_imports_only_what_it_may_know(path: Path) -> None:
+    relative = path.relative_to(PACKAGE)
+    allowed = ALLOWED[relative.parts[0].removesuffix(".py")] | ALLOWED_FOR_FILE.get(str(relative), set())
+    for name in ours(imported_names(path)):
+        assert any(name == part or name.startswith(part + ".") or part.startswith(name + ".") for part in allowed), (
+            f"{relative} imports {name}"
+        )
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "core").glob("*.py")), ids=lambda path: path.name)
+def test_the_core_knows_no_clock_socket_file_or_log(path: Path) -> None:
+    roots = {name.split(".")[0] for name in imported_names(path)}
+    excused = EXCUSED_IN_CORE.get(str(path.relative_to(PACKAGE)), set())
+    assert not roots & (FORBIDDEN_IN_CORE - excused)
+
+
+def test_the_client_shares_no_code_with_the_daemon() -> None:
+    files = list(CLIENT.glob("*.py"))
+    assert files
+    for path in files:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imports = [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
+        for node in imports:
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+            assert not any(module == "hapticd" or module.startswith("hapticd.") for module in modules), path
+
+
+def test_the_touch_path_never_imports_scipy() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] == "bench":
+            continue
+        assert "scipy" not in {name.split(".")[0] for name in imported_names(path)}, path
