@@ -1,0 +1,167 @@
+"""Where simulated fingers are: pure functions of time, from rest to restless strokes.
+
+A path gives `position_mm(t_s (T,)) -> (T, 2)`, NaN where the finger is not on the plate. Times are seconds from the
+run's start; the same path gives the same positions whatever was asked before. `Strokes` are the everyday case.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .strokes import Strokes, require_positive, strokes_pair, tremor_mm
+
+__all__ = ["Circle", "Line", "Path", "Reach", "Rest", "Strokes", "Touch", "Touches", "crossing_pair", "strokes_pair"]
+
+Array = npt.NDArray[np.float64]
+Point = tuple[float, float]
+
+
+class Path(Protocol):
+    """One finger's way over the plate."""
+
+    def position_mm(self, t_s: Array) -> Array:
+        """Positions (T, 2) at times (T,); NaN where the finger is not on the plate."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A finger that lies still at a point, but for a tremor of `tremor_mm` on each axis."""
+
+    point_mm: Point
+    tremor_mm: float = 0.0
+    seed: int = 0
+
+    def position_mm(self, t_s: Array) -> Array:
+        return np.asarray(self.point_mm) + tremor_mm(t_s, self.tremor_mm, self.seed)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Back and forth between two points at a constant speed, turning in `turnaround_s` as a half cosine of speed.
+
+    The points are the outermost ones; time 0 is the middle of the turn at `start_mm`. ValueError if the two turns
+    do not fit between them.
+    """
+
+    start_mm: Point
+    end_mm: Point
+    speed_mm_s: float = 100.0
+    turnaround_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_positive("speed_mm_s", self.speed_mm_s)
+        needed_mm = 2 * self._turn_mm
+        if not needed_mm < math.dist(self.start_mm, self.end_mm) < math.inf:
+            raise ValueError(f"the points of a line must be more than {needed_mm:.3g} mm apart for the finger to turn")
+
+    @property
+    def _turn_mm(self) -> float:
+        """How far a half turn goes."""
+        return self.speed_mm_s * self.turnaround_s / math.pi
+
+    def position_mm(self, t_s: Array) -> Array:
+        length_mm = math.dist(self.start_mm, self.end_mm)
+        pass_s = (length_mm - 2 * self._turn_mm) / self.speed_mm_s + self.turnaround_s
+        since_turn_s = _back_and_forth(t_s, pass_s)
+        is_nearer_start = since_turn_s < pass_s / 2
+        from_end_mm = self._leave_turn_mm(np.where(is_nearer_start, since_turn_s, pass_s - since_turn_s))
+        way_mm = np.where(is_nearer_start, from_end_mm, length_mm - from_end_mm)
+        return _between(self.start_mm, self.end_mm, way_mm / length_mm)
+
+    def _leave_turn_mm(self, t_s: Array) -> Array:
+        """Way made since the middle of a turn."""
+        half_s = self.turnaround_s / 2
+        turned = np.minimum(t_s / half_s, 1.0) if half_s > 0 else np.ones_like(t_s)
+        return self._turn_mm * (1 - np.cos(turned * math.pi / 2)) + self.speed_mm_s * np.maximum(t_s - half_s, 0.0)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Minimum-jerk reaches between two points and back, `duration_s` each, with a rest of `hold_s` after each.
+
+    The quintic of Flash and Hogan, J. Neurosci. 5 (1985): the peak speed is 1.875 times the mean.
+    """
+
+    start_mm: Point
+    end_mm: Point
+    duration_s: float = 0.45
+    hold_s: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_positive("duration_s", self.duration_s)
+
+    def position_mm(self, t_s: Array) -> Array:
+        cycle_s = self.duration_s + self.hold_s
+        phase_s = np.mod(t_s, 2 * cycle_s)
+        is_return = phase_s >= cycle_s
+        part = np.minimum(np.where(is_return, phase_s - cycle_s, phase_s) / self.duration_s, 1.0)
+        way = part**3 * (10 - part * (15 - 6 * part))
+        return _between(self.start_mm, self.end_mm, np.where(is_return, 1 - way, way))
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Round and round at a constant speed, anticlockwise; a negative speed goes clockwise."""
+
+    centre_mm: Point
+    radius_mm: float
+    speed_mm_s: float = 100.0
+    start_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("radius_mm", self.radius_mm)
+
+    def position_mm(self, t_s: Array) -> Array:
+        angle_rad = self.start_rad + np.asarray(t_s) * (self.speed_mm_s / self.radius_mm)
+        return np.asarray(self.centre_mm) + self.radius_mm * np.stack((np.cos(angle_rad), np.sin(angle_rad)), axis=-1)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A path that is only walked on the plate from `down_s` until, not including, `up_s`."""
+
+    path: Path
+    down_s: float = 0.0
+    up_s: float = math.inf
+
+    def position_mm(self, t_s: Array) -> Array:
+        t_s = np.asarray(t_s, dtype=np.float64)
+        is_down = (self.down_s <= t_s) & (t_s < self.up_s)
+        return np.where(is_down[:, np.newaxis], self.path.position_mm(t_s), np.nan)
+
+
+@dataclass(frozen=True)
+class Touches:
+    """One finger that lands several times: where touches overlap, the first of them counts."""
+
+    touches: tuple[Path, ...]
+
+    def position_mm(self, t_s: Array) -> Array:
+        positions = np.full((len(t_s), 2), np.nan)
+        for touch in self.touches:
+            positions = np.where(np.isnan(positions), touch.position_mm(t_s), positions)
+        return positions
+
+
+def crossing_pair(gap_mm: float = 12.0, half_length_mm: float = 40.0, speed_mm_s: float = 100.0) -> tuple[Line, Line]:
+    """Two fingers that pass each other over and over at the centre, `gap_mm` apart: do their ids stay their own?"""
+    return (
+        Line((-half_length_mm, -gap_mm / 2), (half_length_mm, -gap_mm / 2), speed_mm_s),
+        Line((half_length_mm, gap_mm / 2), (-half_length_mm, gap_mm / 2), speed_mm_s),
+    )
+
+
+def _back_and_forth(t_s: Array, pass_s: float) -> Array:
+    """Time folded onto one pass."""
+    phase_s = np.mod(t_s, 2 * pass_s)
+    return np.minimum(phase_s, 2 * pass_s - phase_s)
+
+
+def _between(start_mm: Point, end_mm: Point, part: Array) -> Array:
+    start: Array = np.asarray(start_mm, dtype=np.float64)
+    return start + part[:, np.newaxis] * (np.asarray(end_mm) - start)

@@ -1,0 +1,192 @@
+"""A finger that wanders over the plate for ever in straight strokes, as people do who explore a surface.
+
+Speed ramps of 100 ms are a hand's; the tremor of some 0.04 mm at 8 to 9 Hz is physiological (Elble and Koller,
+"Tremor", 1990).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Strokes", "require_positive", "strokes_pair", "tremor_mm"]
+
+Array = npt.NDArray[np.float64]
+
+_TREMOR_HZ = (8.0, 9.0)
+_WOBBLE_HZ = 2.0
+_CANDIDATES = 32
+
+
+@dataclass(frozen=True)
+class Strokes:
+    """Straight strokes between random points, for ever, and always within +-`half_size_mm` of the centre.
+
+    Speed rises to `speed_mm_s` and falls again along raised cosines of `ramp_s`; after a stroke the finger waits up
+    to `pause_s`. Sideways it wobbles by `wobble_mm` at 2 Hz, in proportion to its speed, and it trembles all along.
+    Where `avoid` is given, strokes are chosen, as far as they can be, that keep `gap_mm` from that finger.
+    """
+
+    seed: int
+    speed_mm_s: float = 100.0
+    half_size_mm: float = 58.0
+    ramp_s: float = 0.1
+    pause_s: float = 0.15
+    wobble_mm: float = 0.4
+    tremor_mm: float = 0.04
+    min_stroke_mm: float = 30.0
+    avoid: Strokes | None = None
+    gap_mm: float = 18.0
+
+    def __post_init__(self) -> None:
+        require_positive("speed_mm_s", self.speed_mm_s)
+        require_positive("ramp_s", self.ramp_s)
+        require_positive("min_stroke_mm", self.min_stroke_mm)
+        if not self.min_stroke_mm <= self.reach_mm:
+            raise ValueError(f"strokes of {self.min_stroke_mm} mm do not fit within +-{self.reach_mm:.3g} mm")
+
+    @property
+    def reach_mm(self) -> float:
+        """How far from the centre a stroke may end, so that wobble and tremor stay inside too."""
+        return self.half_size_mm - self.wobble_mm - self.tremor_mm
+
+    @cached_property
+    def _wobble_phase_rad(self) -> float:
+        return float(np.random.default_rng([self.seed, 2]).uniform(0, 2 * math.pi))
+
+    @cached_property
+    def _table(self) -> _StrokeTable:
+        return _StrokeTable(self)
+
+    def position_mm(self, t_s: Array) -> Array:
+        t_s = np.asarray(t_s, dtype=np.float64)
+        if not np.all(np.isfinite(t_s)):
+            raise ValueError("strokes are defined for finite times only")
+        stroke = self._table.at(t_s)
+        part, speed_frac = _progress(t_s - stroke.t_begin_s, stroke, self.ramp_s)
+        wobble_mm = self.wobble_mm * (stroke.speed_mm_s / self.speed_mm_s) * speed_frac
+        sideways_mm = wobble_mm * np.sin(2 * math.pi * _WOBBLE_HZ * t_s + self._wobble_phase_rad)
+        x_mm = stroke.x_mm + part * stroke.dx_mm - sideways_mm * stroke.dy_mm / stroke.length_mm
+        y_mm = stroke.y_mm + part * stroke.dy_mm + sideways_mm * stroke.dx_mm / stroke.length_mm
+        return np.stack((x_mm, y_mm), axis=-1) + tremor_mm(t_s, self.tremor_mm, self.seed)
+
+
+def strokes_pair(seed: int, *, speed_mm_s: float = 100.0, gap_mm: float = 18.0) -> tuple[Strokes, Strokes]:
+    """Two fingers with strokes of their own, the second trying to keep `gap_mm` from the first."""
+    first = Strokes(2 * seed, speed_mm_s)
+    return first, Strokes(2 * seed + 1, speed_mm_s, avoid=first, gap_mm=gap_mm)
+
+
+class _Stroke(NamedTuple):
+    """Strokes, one an element; at `t_next_s` the finger, having waited, sets out on the next."""
+
+    t_begin_s: Array
+    x_mm: Array
+    y_mm: Array
+    dx_mm: Array
+    dy_mm: Array
+    length_mm: Array
+    speed_mm_s: Array
+    t_next_s: Array
+
+
+class _StrokeTable:
+    """The strokes so far, drawn one after the other from the seed; more are drawn when a later time is asked for."""
+
+    def __init__(self, settings: Strokes) -> None:
+        self._settings = settings
+        self._rng = np.random.default_rng([settings.seed, 0])
+        self._rows: list[Array] = []
+        self._t_next_s = 0.0
+        self._point_mm = self._first_point_mm()
+        self._draw_until(60.0)
+
+    def at(self, t_s: Array) -> _Stroke:
+        """The stroke that each time falls into; before time 0 the first."""
+        latest_s = float(np.max(t_s, initial=0.0))
+        if latest_s >= self._t_next_s:
+            self._draw_until(1.5 * latest_s)
+        which = np.searchsorted(self._columns[0], t_s, side="right") - 1
+        return _Stroke(*self._columns[:, np.maximum(which, 0)])
+
+    def _draw_until(self, t_s: float) -> None:
+        while self._t_next_s <= t_s:
+            row = self._draw()
+            self._rows.append(row)
+            self._point_mm = row[1:3] + row[3:5]
+            self._t_next_s = float(row[-1])
+        self._columns = np.array(self._rows).T
+
+    def _draw(self) -> Array:
+        """The next stroke: of some random ones the first that keeps its distance, or the one that keeps most."""
+        if self._settings.avoid is None:
+            return self._random_stroke()
+        widest, widest_mm = self._random_stroke(), -1.0
+        for _ in range(_CANDIDATES):
+            row = self._random_stroke()
+            clearance_mm = self._clearance_mm(_Stroke(*row[:, np.newaxis]), self._settings.avoid)
+            if clearance_mm > widest_mm:
+                widest, widest_mm = row, clearance_mm
+            if clearance_mm >= self._settings.gap_mm:
+                break
+        return widest
+
+    def _random_stroke(self) -> Array:
+        settings = self._settings
+        way_mm = np.zeros(2)
+        while np.hypot(*way_mm) < settings.min_stroke_mm:
+            way_mm = self._random_point_mm() - self._point_mm
+        length_mm = float(np.hypot(*way_mm))
+        speed_mm_s = min(settings.speed_mm_s, length_mm / settings.ramp_s)  # a short stroke is all ramps
+        duration_s = length_mm / speed_mm_s + settings.ramp_s
+        t_next_s = self._t_next_s + duration_s + self._rng.uniform(0, settings.pause_s)
+        return np.array((self._t_next_s, *self._point_mm, *way_mm, length_mm, speed_mm_s, t_next_s))
+
+    def _clearance_mm(self, stroke: _Stroke, other: Strokes) -> float:
+        """Least distance between the other finger and a stroke with the wait after it, wobble and tremor deducted."""
+        t_s = np.arange(float(stroke.t_begin_s[0]), float(stroke.t_next_s[0]), 0.01)
+        part, _ = _progress(t_s - stroke.t_begin_s, stroke, self._settings.ramp_s)
+        x_mm, y_mm = stroke.x_mm + part * stroke.dx_mm, stroke.y_mm + part * stroke.dy_mm
+        distance_mm = np.hypot(*(other.position_mm(t_s) - np.stack((x_mm, y_mm), axis=-1)).T)
+        return float(distance_mm.min()) - self._settings.wobble_mm - math.sqrt(2) * self._settings.tremor_mm
+
+    def _first_point_mm(self) -> Array:
+        """Of some random points the one farthest from the finger to avoid."""
+        points_mm = [self._random_point_mm() for _ in range(_CANDIDATES)]
+        if self._settings.avoid is None:
+            return points_mm[0]
+        (other_mm,) = self._settings.avoid.position_mm(np.zeros(1))
+        return max(points_mm, key=lambda point_mm: math.dist(point_mm, other_mm))
+
+    def _random_point_mm(self) -> Array:
+        return self._rng.uniform(-self._settings.reach_mm, self._settings.reach_mm, 2)
+
+
+def _progress(t_s: Array, stroke: _Stroke, ramp_s: float) -> tuple[Array, Array]:
+    """Share of a stroke's way made, and share of its speed, at times since it began."""
+    duration_s = stroke.length_mm / stroke.speed_mm_s + ramp_s
+    t_s = np.clip(t_s, 0.0, duration_s)
+    to_end_s = np.minimum(t_s, duration_s - t_s)  # of the nearer end: the stroke is symmetric in time
+    ramp_rad = np.minimum(to_end_s / ramp_s, 1.0) * math.pi
+    cruise_s = np.maximum(to_end_s - ramp_s, 0.0)
+    way_mm = stroke.speed_mm_s * (ramp_s / (2 * math.pi) * (ramp_rad - np.sin(ramp_rad)) + cruise_s)
+    part = way_mm / stroke.length_mm
+    return np.where(t_s <= duration_s / 2, part, 1 - part), (1 - np.cos(ramp_rad)) / 2
+
+
+def tremor_mm(t_s: Array, amplitude_mm: float, seed: int) -> Array:
+    """Tremor (T, 2): on each axis a sine of its own frequency and phase."""
+    rng = np.random.default_rng([seed, 1])
+    frequency_hz, phase_rad = rng.uniform(*_TREMOR_HZ, 2), rng.uniform(0, 2 * math.pi, 2)
+    tremor: Array = amplitude_mm * np.sin(2 * math.pi * frequency_hz * np.asarray(t_s)[:, np.newaxis] + phase_rad)
+    return tremor
+
+
+def require_positive(name: str, value: float) -> None:
+    if not 0 < value < math.inf:
+        raise ValueError(f"{name} must be above 0 and finite, not {value!r}")
