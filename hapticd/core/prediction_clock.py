@@ -1,0 +1,86 @@
+"""When a sample was really taken: a causal filter over the stamps of a regular sampler.
+
+A trackpad samples its glass on a regular clock, but its stamps are rounded to a millisecond or come with the bus's
+jitter. Half a millisecond is 0.17 mm at 30 cm/s, more than the sensor's own noise, so the stamps are filtered before
+any motion is estimated: a two-state Kalman filter on (sampling time, period), with a whole number of periods between
+samples. Source: the Kalman filter of a clock with phase and frequency (Kalman 1960; the standard phase-lock model);
+the slot rule is explained at `_EARLY_FRAC`.
+
+Only differences enter and leave, so nothing here depends on where time starts.
+"""
+
+from __future__ import annotations
+
+import math
+
+_PHASE_WALK_VAR_S2 = 20e-6**2  # how far the true sampling instant strays in one period
+_PERIOD_WALK_VAR_S2 = 0.1e-6**2  # how far the period itself strays in one period
+
+# A gap of m periods is read as floor(gap/period + 0.35), not rounded: real stamps have lone outliers of +4 ms, and
+# rounding takes such a late stamp for a lost frame, then loses the lock on the next one.
+_EARLY_FRAC = 0.35
+
+_RELOCK_FRAC = 0.6  # of a period: a stamp this far off belongs to a new train of samples
+_SHORTEST_FRAC = 0.4  # of a period: the least interval reported, so that no speed is made of a burst of reports
+_RELOCKS_TO_RETUNE = 3  # in a row: then the nominal period is wrong, and the last interval is a better one
+
+
+class SampleClock:
+    """Sampling times from stamps. `period_s` is the estimated period, `lag_s` = last stamp - its sampling time.
+
+    All arguments in seconds: the expected period, the standard errors of that expectation and of one stamp. A
+    `stamp_error_s` of 0 trusts every stamp as it is.
+    """
+
+    __slots__ = ("_cross", "_period_error", "_period_var", "_phase_var", "_relocks", "_stamp_var", "lag_s", "period_s")
+
+    def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float) -> None:
+        self._stamp_var = stamp_error_s * stamp_error_s
+        self._period_error = period_error_s / period_s
+        self._tune(period_s)
+        self.restart()
+
+    def _tune(self, period_s: float) -> None:
+        self.period_s = period_s
+        self._period_var = (self._period_error * period_s) ** 2
+
+    def restart(self) -> None:
+        """A train of samples begins with the stamp at hand; what is known of the period stays."""
+        self.lag_s = 0.0
+        self._phase_var = self._stamp_var
+        self._cross = 0.0
+        self._relocks = 0
+
+    def advance(self, elapsed_s: float) -> float:
+        """Take the next stamp, `elapsed_s` > 0 after the last; return the time between the two samplings, in s."""
+        period = self.period_s
+        since_sampling = elapsed_s + self.lag_s
+        periods = max(1, math.floor(since_sampling / period + _EARLY_FRAC))
+        error = since_sampling - periods * period
+        if not abs(error) <= _RELOCK_FRAC * period:
+            self._relock(elapsed_s)
+            return max(since_sampling, _SHORTEST_FRAC * period)
+
+        period_var = self._period_var
+        phase_var = self._phase_var + periods * (2.0 * self._cross + periods * period_var) + _PHASE_WALK_VAR_S2
+        cross = self._cross + periods * period_var
+        spread = phase_var + self._stamp_var
+        phase_gain = phase_var / spread
+        period_gain = cross / spread
+        untrusted = 1.0 - phase_gain
+
+        self._phase_var = untrusted * phase_var
+        self._cross = untrusted * cross
+        self._period_var = period_var + _PERIOD_WALK_VAR_S2 - period_gain * cross
+        self._relocks = 0
+        self.lag_s = untrusted * error
+        self.period_s = period + period_gain * error
+        return max(since_sampling - self.lag_s, _SHORTEST_FRAC * period)
+
+    def _relock(self, elapsed_s: float) -> None:
+        relocks = self._relocks + 1
+        self.restart()
+        self._relocks = relocks
+        if relocks >= _RELOCKS_TO_RETUNE:
+            self._tune(elapsed_s)
+            self._relocks = 0
