@@ -1,0 +1,161 @@
+"""Smooth surfaces through a grid: one bicubic polynomial per cell, twice continuously differentiable.
+
+The competitor, B-spline coefficients with weights shared by all surfaces, is built faster and evaluated in twice the
+time (2.9 against 1.2 us for two surfaces in plain Python). Cells may differ in size. Ends are "not-a-knot" (the first
+two and the last two cells of a line share one cubic): natural ends, which force the curvature to zero, err up to ten
+times more at an edge (measured on plate waves at a 2.25 mm step), and an edge is where a free plate moves most.
+
+Source: C. de Boor, A Practical Guide to Splines, ch. IV (slopes, not-a-knot) and ch. XVII (tensor products).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+Cell = tuple[tuple[float, ...], ...]
+
+_FILL_STEPS = 500  # far above what scattered gaps need; a gap too wide to converge is still filled smoothly
+
+
+class BicubicSurfaces:
+    """M surfaces over one rectangular grid, evaluated many points at a time."""
+
+    __slots__ = ("_table", "x_knots", "y_knots")
+
+    def __init__(self, x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> None:
+        """Interpolate `values` (M, ny, nx), all finite, over increasing knots (nx,), (ny,), at least 4 of each."""
+        self.x_knots, self.y_knots = x_knots, y_knots
+        along_x = np.einsum("icn,myn->myic", _cell_operator(x_knots), values, optimize=True)
+        patches = np.einsum("jdn,mnic->djcim", _cell_operator(y_knots), along_x, optimize=True)
+        # One contiguous (cells, M) block for each of the 16 powers y^d x^c, so that a batch gathers rows.
+        order = np.ascontiguousarray(patches.transpose(0, 2, 1, 3, 4))
+        self._table = order.reshape(4, 4, (y_knots.size - 1) * (x_knots.size - 1), values.shape[0])
+
+    def cells(self) -> tuple[Cell, ...]:
+        """Per cell, row by row from the lowest y, and per surface: the 16 coefficients, powers of x fastest."""
+        by_cell = self._table.transpose(2, 3, 0, 1)
+        rows: list[list[list[float]]] = by_cell.reshape(*by_cell.shape[:2], 16).tolist()
+        return tuple(tuple(tuple(surface) for surface in cell) for cell in rows)
+
+    def evaluate(self, points: FloatArray) -> FloatArray:
+        """Values (N, M) at `points` (N, 2); points outside are clamped to the edge, NaN gives zeros."""
+        cell, u, v = self._locate(points)
+        value = self._row(3, cell, u)
+        for power in (2, 1, 0):
+            value = value * v + self._row(power, cell, u)
+        return _silence_nan(value, points)
+
+    def gradient(self, points: FloatArray) -> FloatArray:
+        """Derivatives (N, M, 2) along x and y of what `evaluate` gives: zero across an edge outside of it."""
+        cell, u, v = self._locate(points)
+        along_x = self._row_slope(3, cell, u)
+        for power in (2, 1, 0):
+            along_x = along_x * v + self._row_slope(power, cell, u)
+        along_y = 3.0 * self._row(3, cell, u) * v + 2.0 * self._row(2, cell, u)
+        along_y = along_y * v + self._row(1, cell, u)
+        held = np.column_stack((_outside(points[:, 0], self.x_knots), _outside(points[:, 1], self.y_knots)))
+        return _silence_nan(np.where(held[:, None, :], 0.0, np.stack((along_x, along_y), axis=-1)), points)
+
+    def _locate(self, points: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray]:
+        """The cell of each point (N,), and its offsets (N, 1) from the cell's lower left corner."""
+        x = np.clip(points[:, 0], self.x_knots[0], self.x_knots[-1])
+        y = np.clip(points[:, 1], self.y_knots[0], self.y_knots[-1])
+        column = np.searchsorted(self.x_knots[1:-1], x, side="right")
+        row = np.searchsorted(self.y_knots[1:-1], y, side="right")
+        offsets = (x - self.x_knots[column])[:, None], (y - self.y_knots[row])[:, None]
+        return row * (self.x_knots.size - 1) + column, *offsets
+
+    def _row(self, power: int, cell: npt.NDArray[np.intp], u: FloatArray) -> FloatArray:
+        """The cubic in x that multiplies y^power, (N, M)."""
+        c0, c1, c2, c3 = self._table[power]
+        value: FloatArray = ((c3[cell] * u + c2[cell]) * u + c1[cell]) * u + c0[cell]
+        return value
+
+    def _row_slope(self, power: int, cell: npt.NDArray[np.intp], u: FloatArray) -> FloatArray:
+        _, c1, c2, c3 = self._table[power]
+        slope: FloatArray = (3.0 * c3[cell] * u + 2.0 * c2[cell]) * u + c1[cell]
+        return slope
+
+
+def fill_gaps(x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> FloatArray:
+    """`values` (M, ny, nx) with every NaN replaced so that the surface bends as evenly as it can.
+
+    What is least is the sum of the squared fourth differences along both axes (by conjugate gradients). At 6 points
+    per wavelength a lost point inside the map comes back within 1 % of the peak RMS, one on its border within 6 %.
+    Meant for a few lost points: `design.fit_cartography` uses the whole map instead.
+    """
+    rough_x, rough_y = _roughness(x_knots), _roughness(y_knots)
+    return np.stack([_fill_surface(surface, rough_x, rough_y) for surface in values])
+
+
+def _fill_surface(surface: FloatArray, rough_x: FloatArray, rough_y: FloatArray) -> FloatArray:
+    gap = np.isnan(surface)
+    filled = np.where(gap, 0.0, surface)
+    residual = -np.where(gap, filled @ rough_x + rough_y @ filled, 0.0)
+    direction, energy = residual, float(np.vdot(residual, residual))
+    goal = 1e-20 * energy
+    for _ in range(_FILL_STEPS):
+        image = np.where(gap, direction @ rough_x + rough_y @ direction, 0.0)
+        bend = float(np.vdot(direction, image))
+        if not (energy > goal and bend > 0.0):
+            break
+        step = energy / bend
+        filled, residual = filled + step * direction, residual - step * image
+        energy, last = float(np.vdot(residual, residual)), energy
+        direction = residual + energy / last * direction
+    return filled
+
+
+def _roughness(knots: FloatArray) -> FloatArray:
+    """Matrix R with z R z = sum of squared fourth (on 4 knots, third) differences of z along one line."""
+    order = min(4, knots.size - 1)
+    difference: FloatArray = np.eye(knots.size)
+    for n in range(1, order + 1):
+        # Divided differences, scaled so that equal steps give the plain ones.
+        span = (knots[n:] - knots[:-n]) / (n * float(np.mean(np.diff(knots))))
+        difference = np.diff(difference, axis=0) / span[:, None]
+    roughness: FloatArray = difference.T @ difference
+    return roughness
+
+
+def _cell_operator(knots: FloatArray) -> FloatArray:
+    """(n-1, 4, n): from values on the knots to each interval's cubic, in powers of the distance to its left knot."""
+    width = np.diff(knots)
+    secant = np.diff(np.eye(knots.size), axis=0) / width[:, None]
+    slope = _slope_operator(width, secant)
+    left, right = slope[:-1], slope[1:]
+    square = (3.0 * secant - 2.0 * left - right) / width[:, None]
+    cube = (left + right - 2.0 * secant) / (width * width)[:, None]
+    return np.stack((np.eye(knots.size)[:-1], left, square, cube), axis=1)
+
+
+def _slope_operator(width: FloatArray, secant: FloatArray) -> FloatArray:
+    """(n, n): from values to the slopes that make second (at the outer cells also third) derivatives continuous."""
+    n = width.size + 1
+    system, right = np.zeros((n, n)), np.zeros((n, n))
+    for k in range(1, n - 1):
+        before, after = width[k - 1], width[k]
+        system[k, k - 1 : k + 2] = after, 2.0 * (before + after), before
+        right[k] = 3.0 * (after * secant[k - 1] + before * secant[k])
+    system[0, :2], right[0] = _end_row(width[0], width[1], secant[0], secant[1])
+    system[-1, :-3:-1], right[-1] = _end_row(width[-1], width[-2], secant[-1], secant[-2])
+    return np.asarray(np.linalg.solve(system, right), np.float64)
+
+
+def _end_row(
+    outer: float, inner: float, outer_secant: FloatArray, inner_secant: FloatArray
+) -> tuple[tuple[float, float], FloatArray]:
+    both = outer + inner
+    return (inner, both), ((outer + 2.0 * both) * inner * outer_secant + outer * outer * inner_secant) / both
+
+
+def _outside(coordinate: FloatArray, knots: FloatArray) -> npt.NDArray[np.bool_]:
+    return np.asarray((coordinate < knots[0]) | (coordinate > knots[-1]), np.bool_)
+
+
+def _silence_nan(values: FloatArray, points: FloatArray) -> FloatArray:
+    """Zero wherever a coordinate is NaN: nobody knows where that is, and silence is the safe answer."""
+    values[np.isnan(points).any(axis=1)] = 0.0
+    return values

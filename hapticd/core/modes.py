@@ -1,0 +1,180 @@
+"""Mode shapes as the daemon uses them: from a measured map to the mode matrix Phi at the fingers (paper eq. 1-3).
+
+A map is values on a rectangular grid; between its points the shapes are bicubic splines. Two ways in: `at` gives
+one point in plain Python floats, for the tick; `evaluate` and `gradient` take arrays of points. Both do the same
+operations in the same order, so they agree to the last bit.
+
+Outside the map the shapes are those of the nearest edge point, and `inside` says so; a NaN position gives zeros.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.bicubic import BicubicSurfaces, FloatArray, fill_gaps
+from hapticd.core.modes_file import FORMATS, Grid, decode_grid, encode_grid
+from hapticd.errors import ModesError
+
+__all__ = ["BicubicSurfaces", "ModeShapes", "read_grid"]
+
+_MIN_POINTS = 4  # what a cubic through a line of the grid needs
+_MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
+_MAX_POSITION_MM, _MIN_STEP_MM, _MAX_VALUE = 1e6, 1e-6, 1e12  # wider is a damaged file, and could overflow
+_FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
+
+
+class ModeShapes:
+    """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only."""
+
+    __slots__ = ("M", "_cells", "_columns", "_surfaces", "_x_knots", "_y_knots", "_zeros", "shapes", "x_mm", "y_mm")
+
+    def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
+        """See `from_grid`."""
+        self.x_mm, self.y_mm = _axis(x_mm, "x_mm"), _axis(y_mm, "y_mm")
+        self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
+        self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
+        self.M = int(self.shapes.shape[0])
+        self._cells = self._surfaces.cells()
+        self._columns = self.x_mm.size - 1
+        self._x_knots: tuple[float, ...] = tuple(self.x_mm.tolist())
+        self._y_knots: tuple[float, ...] = tuple(self.y_mm.tolist())
+        self._zeros = (0.0,) * self.M
+
+    @classmethod
+    def from_grid(cls, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> ModeShapes:
+        """Interpolate `shapes` (M, ny, nx) over increasing axes `x_mm` (nx,), `y_mm` (ny,), at least 4 points each.
+
+        The values are kept as they are: neither smoothed nor scaled, which is the work of `design.fit_cartography`.
+        Up to a quarter of a mode's points may be NaN; they are filled as smoothly as their neighbours allow.
+        Raises ModesError when this is not a map.
+        """
+        return cls(x_mm, y_mm, shapes)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ModeShapes:
+        """Read a map from an NPZ or CSV file (`core.modes_file` tells the formats); raises ModesError."""
+        try:
+            return cls(*read_grid(path))
+        except ModesError as error:
+            raise error if str(path) in str(error) else ModesError(f"{path}: {error}") from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as NPZ or CSV, by the file's suffix; `load` gives back the same numbers."""
+        data = encode_grid((self.x_mm, self.y_mm, self.shapes), _suffix(Path(path)))
+        try:
+            Path(path).write_bytes(data)
+        except OSError as error:
+            raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+
+    def at(self, x_mm: float, y_mm: float) -> tuple[float, ...]:
+        """All M shapes at one point: the tick's way, plain floats only. Clamped outside; zeros for NaN."""
+        x_knots, y_knots = self._x_knots, self._y_knots
+        if not x_knots[0] <= x_mm <= x_knots[-1]:
+            if x_mm != x_mm:
+                return self._zeros
+            x_mm = x_knots[0] if x_mm < x_knots[0] else x_knots[-1]
+        if not y_knots[0] <= y_mm <= y_knots[-1]:
+            if y_mm != y_mm:
+                return self._zeros
+            y_mm = y_knots[0] if y_mm < y_knots[0] else y_knots[-1]
+        column = bisect_right(x_knots, x_mm, 1, self._columns) - 1
+        row = bisect_right(y_knots, y_mm, 1, len(y_knots) - 1) - 1
+        u, v = x_mm - x_knots[column], y_mm - y_knots[row]
+        phi = []
+        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in self._cells[row * self._columns + column]:
+            a = ((a3 * u + a2) * u + a1) * u + a0
+            b = ((b3 * u + b2) * u + b1) * u + b0
+            c = ((c3 * u + c2) * u + c1) * u + c0
+            d = ((d3 * u + d2) * u + d1) * u + d0
+            phi.append(((d * v + c) * v + b) * v + a)
+        return tuple(phi)
+
+    def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """The mode matrix (N, M) at `points_mm` (N, 2). Raises ValueError for any other form."""
+        points = _points(points_mm)
+        if len(points) <= _FEW_POINTS:
+            return np.array([self.at(x_mm, y_mm) for x_mm, y_mm in points.tolist()], float).reshape(-1, self.M)
+        return self._surfaces.evaluate(points)
+
+    def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """d(evaluate)/dx and /dy, (N, M, 2) in 1/mm, at `points_mm` (N, 2): outside the map, along its edge only."""
+        return self._surfaces.gradient(_points(points_mm))
+
+    def steepest_1_mm(self) -> float:
+        """The greatest slope of any mode, in 1/mm, seen at the map's points and halfway between them."""
+        x, y = (np.sort(np.concatenate((knots, (knots[1:] + knots[:-1]) / 2.0))) for knots in (self.x_mm, self.y_mm))
+        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return float(np.hypot(*np.moveaxis(self._surfaces.gradient(points), -1, 0)).max())
+
+    def inside(self, points_mm: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether each of `points_mm` (N, 2) lies on the map, edge included (N,): if not, its shapes are clamped."""
+        x, y = _points(points_mm).T
+        on_x = (x >= self.x_mm[0]) & (x <= self.x_mm[-1])
+        return np.asarray(on_x & (y >= self.y_mm[0]) & (y <= self.y_mm[-1]), np.bool_)
+
+
+def read_grid(path: str | Path) -> Grid:
+    """`x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) of a map file, NaN where it has no value.
+
+    This is what a fit wants to see: `ModeShapes.load` mends the gaps instead. Raises ModesError.
+    """
+    path = Path(path)
+    suffix = _suffix(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
+    try:
+        return decode_grid(data, suffix)
+    except ModesError as error:
+        raise ModesError(f"{path}: {error}") from error
+
+
+def _suffix(path: Path) -> str:
+    if path.suffix.lower() not in FORMATS:
+        raise ModesError(f"{path}: the suffix tells no known format; name the file {' or '.join(FORMATS)}.")
+    return path.suffix.lower()
+
+
+def _points(points_mm: npt.ArrayLike) -> FloatArray:
+    points = np.asarray(points_mm, np.float64)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
+    return points
+
+
+def _axis(values_mm: npt.ArrayLike, name: str) -> FloatArray:
+    axis = np.array(values_mm, np.float64)
+    if axis.ndim != 1 or axis.size < _MIN_POINTS:
+        raise ModesError(f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} positions in one row.")
+    if not (np.isfinite(axis).all() and (np.diff(axis) > 0.0).all()):
+        raise ModesError(f"{name} does not increase from each position to the next; sort it and remove doubles.")
+    if not (np.abs(axis).max() <= _MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
+        raise ModesError(f"{name} holds positions that no plate has; check that they are in mm.")
+    axis.setflags(write=False)
+    return axis
+
+
+def _whole_shapes(x_mm: FloatArray, y_mm: FloatArray, values: npt.ArrayLike) -> FloatArray:
+    shapes = np.array(values, np.float64)
+    if shapes.ndim != 3 or shapes.shape[0] < 1 or shapes.shape[1:] != (y_mm.size, x_mm.size):
+        raise ModesError(
+            f"the shapes are {shapes.shape} where the axes ask for (modes, {y_mm.size}, {x_mm.size}); "
+            "order them as mode, y, x."
+        )
+    if (np.abs(shapes) > _MAX_VALUE).any():
+        raise ModesError("a shape is infinite or absurdly large somewhere; measure that point again or leave it empty.")
+    missing_frac = np.isnan(shapes).mean(axis=(1, 2))
+    worst = int(np.argmax(missing_frac))
+    if missing_frac[worst] > _MAX_MISSING_FRAC:
+        raise ModesError(
+            f"mode {worst + 1} has no value at {100.0 * missing_frac[worst]:.0f} % of its points, more than can be "
+            f"filled in; measure them again or fit the map first."
+        )
+    shapes = fill_gaps(x_mm, y_mm, shapes)
+    shapes.setflags(write=False)
+    return shapes

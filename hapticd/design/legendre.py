@@ -1,0 +1,34 @@
+"""Orthonormal Legendre polynomials on [-1, 1]: the basis of the plate theory and of the cartography fit.
+
+They are complete, well conditioned up to high degrees and indifferent to what happens at the edges. Free-beam
+functions, the usual basis of plate theory, need differences of huge cosh and sinh terms beyond the tenth.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import legendre
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:
+    """Derivatives of `order` of the polynomials 0..degree at s (N,), as (N, degree + 1)."""
+    raised = np.linalg.matrix_power(_derivative(degree), order)
+    result: FloatArray = legendre.legvander(s, degree) @ raised * np.sqrt(np.arange(degree + 1) + 0.5)
+    return result
+
+
+def overlap(degree: int, order_left: int, order_right: int) -> FloatArray:
+    """Integrals over [-1, 1] of the products of two derivatives, (degree + 1, degree + 1); exact (Gauss)."""
+    nodes, weights = legendre.leggauss(degree + 1)
+    left = values(nodes, degree, order_left)
+    result: FloatArray = (left * weights[:, None]).T @ values(nodes, degree, order_right)
+    return result
+
+
+def _derivative(degree: int) -> FloatArray:
+    """Column n holds P_n' in Legendre polynomials: (2k + 1) P_k for k = n-1, n-3, ..."""
+    k, n = np.indices((degree + 1, degree + 1))
+    return np.where((k < n) & ((n - k) % 2 == 1), 2.0 * k + 1.0, 0.0)

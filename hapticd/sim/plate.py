@@ -1,0 +1,167 @@
+"""The truth of the simulated plate: what the plate does, as against what the daemon knows of it.
+
+Its P = 4 modes, in this order: X and Y, which are driven, and the pair that theory puts 84 Hz above them (9 x 6
+nodal lines), which nobody asked for. In the rotating frame of the drive each follows
+
+    dW/dt = (-decay + j detuning) W - j gain V - (what the fingers take)
+
+with V (M,) the complex actuator voltages. The daemon never sees any of this: it gets `cartography`, a noisy scan of
+X and Y with the usual fit, and what the sensors show, which is not quite W either.
+
+Left out: every other mode (the nearest lies 154 Hz above: 11 x 1 lines), other modes showing in the vibrometer's
+scan of X and Y, what glued actuators and supports do to the shapes, hysteresis and heating of the actuators, and a
+finger's inertia and stiffness (it damps and couples modes, it does not detune them).
+
+Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.free_plate` for the shapes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.modes import BicubicSurfaces, ModeShapes
+from hapticd.design import ModeShape, fit_cartography, free_plate_modes, sample_cartography
+
+FloatArray = npt.NDArray[np.float64]
+
+DRIVEN_MODES = ("11x0", "0x11")  # X and Y: the shapes vary along x and along y
+NEIGHBOUR_MODES = ("9x6", "6x9")
+_TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
+_POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
+_POSITIVE |= {"cartography_step_mm"}
+_NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "cartography_noise_frac"}
+
+
+@dataclass(frozen=True, slots=True)
+class PlateSettings:
+    """The simulated plate, as built (first two groups) and as it is on the day (third).
+
+    `finger_decay_1_s` is what one finger adds to a mode's decay rate times the square of the shape under it: at
+    230 1/s a finger where phi^2 = 0.3 raises the reference decay of 183 1/s to 1.38 times, one on an antinode
+    inside the plate (phi^2 = 0.4) to 1.5 times, one anywhere (phi^2 = 0.125 on average) to 1.16 times.
+    `neighbour_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
+    """
+
+    f_x_hz: float = 29195.0
+    f_y_hz: float = 29215.0
+    drive_hz: float = 29205.0
+    q_factor: float = 500.0
+    neighbour_offset_hz: float | None = None
+    finger_decay_1_s: float = 230.0
+
+    w_limit_um: float = 4.0
+    v_limit_v: float = 150.0
+    neighbour_coupling: float = 0.02  # of each actuator into each neighbour mode, as a share of its own mode's gain
+    sensor_crosstalk: float = 0.01  # of Y in the sensor of X, and the other way round
+    neighbour_pickup: float = 0.01  # of each neighbour mode in each sensor
+    sensor_noise_um: float = 0.0006
+
+    detune_hz: float = 0.0  # all modes drift together, as with temperature
+    damping_factor: float = 1.0
+
+    cartography_step_mm: float = 4.5
+    cartography_noise_frac: float = 0.02
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None and field.name == "neighbour_offset_hz":
+                continue
+            if not math.isfinite(value):
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give a finite number.")
+            if field.name in _POSITIVE and not value > 0.0:
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give a positive number.")
+            if field.name in _NOT_NEGATIVE and not value >= 0.0:
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give zero or a positive number.")
+
+
+class PlateTruth:
+    """The plate's own modes for the board model: arrays for P = 4 modes and M = 2 actuators and sensors, read-only.
+
+    `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
+    `gain_um_per_v_s` (P, M): such that, undamped by fingers and not drifted, `v_limit_v` just holds `w_limit_um`.
+    `sensor` (M, P): what each sensor shows of each mode.
+    """
+
+    def __init__(self, settings: PlateSettings | None = None) -> None:
+        self.settings = settings = PlateSettings() if settings is None else settings
+        offset_hz = settings.neighbour_offset_hz
+        offset_hz = _theory_offset_hz() if offset_hz is None else offset_hz
+        # What splits the first pair (the plate is not quite square) splits the second as well.
+        pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
+        built_hz = np.concatenate((pair_hz, pair_hz + offset_hz))
+        self.frequency_hz = _read_only(built_hz + settings.detune_hz)
+        self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
+        self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
+        self.gain_um_per_v_s = _read_only(_gain_um_per_v_s(settings, pair_hz))
+        self.sensor = _read_only(_sensor(settings))
+        self._surfaces = _true_surfaces()
+
+    def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """All modes (..., P) at points (..., 2): the plate's edge beyond it, zeros where a coordinate is NaN."""
+        points = np.asarray(points_mm, np.float64)
+        return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
+
+    def finger_decay_1_s(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """What fingers at (..., N, 2) add to the decay: a matrix (..., P, P), for a finger also couples the modes.
+
+        An absent finger (NaN) adds nothing.
+        """
+        phi = self.shapes(points_mm)
+        matrix: FloatArray = self.settings.finger_decay_1_s * np.einsum("...np,...nq->...pq", phi, phi)
+        return matrix
+
+    def cartography(self, seed: int) -> ModeShapes:
+        """The map of X and Y that the daemon gets: a scan with the noise of `seed`, then `design.fit_cartography`.
+
+        The scan's own scale is kept: the sensors tell W while the vibrometer reads, so their ratio is the shape.
+        """
+        return _cartography(self.settings.cartography_step_mm, self.settings.cartography_noise_frac, seed)
+
+
+def _gain_um_per_v_s(settings: PlateSettings, pair_hz: FloatArray) -> FloatArray:
+    """g = w_limit |decay - j detuning| / v_limit on the driven modes; a share of it leaks into the neighbours."""
+    decay_1_s = math.pi * pair_hz / settings.q_factor
+    detuning_rad_s = 2.0 * math.pi * (pair_hz - settings.drive_hz)
+    own = settings.w_limit_um * np.hypot(decay_1_s, detuning_rad_s) / settings.v_limit_v
+    return np.vstack((np.diag(own), settings.neighbour_coupling * own, settings.neighbour_coupling * own))
+
+
+def _sensor(settings: PlateSettings) -> FloatArray:
+    driven = np.full((2, 2), settings.sensor_crosstalk)
+    np.fill_diagonal(driven, 1.0)
+    return np.hstack((driven, np.full((2, 2), settings.neighbour_pickup)))
+
+
+@lru_cache(maxsize=1)
+def _theory() -> dict[str, tuple[float, ModeShape]]:
+    return {shape.name: (frequency_hz, shape) for frequency_hz, shape in free_plate_modes()}
+
+
+def _theory_offset_hz() -> float:
+    return _theory()[NEIGHBOUR_MODES[0]][0] - _theory()[DRIVEN_MODES[0]][0]
+
+
+@lru_cache(maxsize=1)
+def _true_surfaces() -> BicubicSurfaces:
+    """The four shapes, tabulated: summing their Legendre series at every point takes several times as long."""
+    shapes = [_theory()[name][1] for name in (*DRIVEN_MODES, *NEIGHBOUR_MODES)]
+    x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
+    return BicubicSurfaces(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]))
+
+
+@lru_cache(maxsize=8)
+def _cartography(step_mm: float, noise_frac: float, seed: int) -> ModeShapes:
+    driven = [_theory()[name][1] for name in DRIVEN_MODES]
+    x_mm, y_mm, shapes = sample_cartography(driven, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
+    return fit_cartography(x_mm, y_mm, shapes, size_mm=driven[0].size_mm, normalise=False).modes
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,196 @@
+"""The fit of a scan, judged against the truth it was sampled from, on the whole plate and in the margin."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hapticd.design import (
+    CartographyFit,
+    ModeShape,
+    fit_cartography,
+    free_plate_modes,
+    sample_cartography,
+)
+from hapticd.errors import ModesError
+
+FINE_MM = np.linspace(-68.75, 68.75, 276)
+SCAN_MM = 4.5 * np.arange(-15, 16)
+MARGIN = np.maximum(*np.abs(np.meshgrid(FINE_MM, FINE_MM))) > 67.5
+
+
+@cache
+def driven_modes() -> list[ModeShape]:
+    by_name = {shape.name: shape for _, shape in free_plate_modes()}
+    return [by_name["11x0"], by_name["0x11"]]
+
+
+@cache
+def truth() -> np.ndarray:
+    return np.stack([mode.on_grid(FINE_MM, FINE_MM) for mode in driven_modes()])
+
+
+@cache
+def reference_fit(seed: int) -> CartographyFit:
+    return fit_cartography(*sample_cartography(driven_modes(), seed=seed), normalise=False)
+
+
+def on_fine_grid(fit: CartographyFit) -> np.ndarray:
+    points = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)
+    return fit.modes.evaluate(points).T.reshape(-1, FINE_MM.size, FINE_MM.size)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def test_a_scan_is_what_a_vibrometer_gives() -> None:
+    x_mm, y_mm, shapes = sample_cartography(driven_modes(), seed=7, missing_frac=0.1)
+    error = shapes - np.stack([mode.on_grid(x_mm, y_mm) for mode in driven_modes()])
+
+    np.testing.assert_allclose(x_mm, SCAN_MM, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(y_mm, SCAN_MM, rtol=0.0, atol=1e-12)
+    lost = np.isnan(shapes)
+    np.testing.assert_array_equal(lost[0], lost[1])
+    assert 0.07 < lost.mean() < 0.13
+    assert np.nanstd(error) == pytest.approx(0.02, rel=0.05)
+    np.testing.assert_array_equal(sample_cartography(driven_modes(), seed=7, missing_frac=0.1)[2], shapes)
+    assert not np.array_equal(sample_cartography(driven_modes(), seed=8)[2], shapes)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_map_errs_by_less_than_half_the_scan_s_noise(seed: int) -> None:
+    for error in on_fine_grid(reference_fit(seed)) - truth():
+        assert rms(error) < 0.010  # over the whole plate; the noise is 0.020
+        assert rms(error[~MARGIN]) < 0.009
+        assert rms(error[MARGIN]) < 0.025  # where there is no measurement at all
+        assert np.abs(error).max() < 0.12
+
+
+def test_lost_points_cost_little() -> None:
+    fit = fit_cartography(*sample_cartography(driven_modes(), seed=1, missing_frac=0.2), normalise=False)
+
+    for error in on_fine_grid(fit) - truth():
+        assert rms(error) < 0.0115
+
+
+def test_the_fit_tells_its_own_noise_and_error_and_the_wavelength() -> None:
+    fit = reference_fit(1)
+    error = on_fine_grid(fit) - truth()
+
+    np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.1)
+    np.testing.assert_allclose(fit.map_error_rms, [rms(mode) for mode in error], rtol=0.35)
+    assert (fit.residual_rms < fit.noise_rms).all()
+    assert (fit.noise_rms < fit.prediction_rms).all()
+    assert ((fit.freedom > 60.0) & (fit.freedom < 250.0)).all()
+    assert fit.wavelength_mm == pytest.approx(26.2, rel=0.01)
+
+
+def test_a_shape_that_is_no_free_plate_mode_is_fitted_as_well() -> None:
+    # Waves of one length in random directions, and one that clings to the right edge: no free edge makes this.
+    random = np.random.default_rng(4)
+    direction, phase = random.uniform(0.0, 2.0 * math.pi, (2, 12))
+    wave_rad_mm = 2.0 * math.pi / 27.0
+
+    def shape(axis_mm: np.ndarray) -> np.ndarray:
+        x, y = np.meshgrid(axis_mm, axis_mm)
+        along = x[..., None] * np.cos(direction) + y[..., None] * np.sin(direction)
+        waves = np.cos(wave_rad_mm * along + phase).sum(axis=-1)
+        clinging_rad_mm = math.hypot(wave_rad_mm, 0.1)
+        return (waves + 3.0 * np.exp(-clinging_rad_mm * (68.75 - x)) * np.cos(0.1 * y)) / 8.0
+
+    scan = shape(SCAN_MM) + 0.02 * random.standard_normal((31, 31))
+    fit = fit_cartography(SCAN_MM, SCAN_MM, scan[None], normalise=False)
+
+    assert rms(on_fine_grid(fit)[0] - shape(FINE_MM)) < 0.010
+    assert fit.wavelength_mm == pytest.approx(27.0, rel=0.01)
+
+
+def test_where_the_plate_equation_does_not_hold_the_map_is_no_worse_than_the_scan() -> None:
+    # Two wavelengths at once, as no plate makes: the weight must fall by itself.
+    x, y = np.meshgrid(SCAN_MM, SCAN_MM)
+    odd = np.cos(0.24 * x + 0.3) + np.cos(0.10 * y)
+    noise = 0.02 * np.random.default_rng(5).standard_normal(odd.shape)
+    fit = fit_cartography(SCAN_MM, SCAN_MM, (odd + noise)[None], normalise=False)
+
+    x, y = np.meshgrid(FINE_MM, FINE_MM)
+    assert rms(on_fine_grid(fit)[0] - np.cos(0.24 * x + 0.3) - np.cos(0.10 * y)) < 0.020
+
+
+def test_a_scan_without_noise_is_met_far_closer() -> None:
+    fit = fit_cartography(*sample_cartography(driven_modes(), noise_frac=0.0), normalise=False)
+
+    assert rms(on_fine_grid(fit) - truth()) < 1.5e-3
+
+
+def test_the_map_covers_the_whole_plate_in_small_steps() -> None:
+    modes = reference_fit(1).modes
+
+    assert (modes.x_mm[0], modes.x_mm[-1], modes.y_mm[0], modes.y_mm[-1]) == (-68.75, 68.75, -68.75, 68.75)
+    assert np.diff(modes.x_mm).max() <= 1.375 + 1e-9
+    assert np.isfinite(modes.shapes).all()
+
+
+def test_readings_in_nanometres_are_scaled_to_a_peak_of_one() -> None:
+    x_mm, y_mm, shapes = sample_cartography(driven_modes(), seed=2)
+    fit = fit_cartography(x_mm, y_mm, 740.0 * shapes)
+    points = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)
+
+    np.testing.assert_allclose(np.abs(fit.modes.evaluate(points)).max(axis=0), 1.0, rtol=0.0, atol=2e-3)
+    np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.15)  # in units of the map, not of the readings
+
+
+def test_the_scale_does_not_depend_on_the_map_s_step() -> None:
+    scan = sample_cartography(driven_modes(), seed=2)
+    fine, coarse = (fit_cartography(*scan, step_mm=step_mm).modes.shapes for step_mm in (1.0, 4.3))
+
+    np.testing.assert_allclose(coarse[:, ::32, ::32], fine[:, ::138, ::138], rtol=1e-3)  # the plate's corners
+
+
+def test_the_plate_need_not_be_square() -> None:
+    frequency_hz, mode = free_plate_modes((120.0, 80.0), band_hz=(20000.0, 24000.0))[0]
+    x_mm, y_mm, shapes = sample_cartography([mode], seed=3)
+    fit = fit_cartography(x_mm, y_mm, shapes, size_mm=(120.0, 80.0), normalise=False)
+
+    fine_x_mm, fine_y_mm = np.linspace(-60.0, 60.0, 121), np.linspace(-40.0, 40.0, 81)
+    points = np.stack(np.meshgrid(fine_x_mm, fine_y_mm), axis=-1).reshape(-1, 2)
+    error = fit.modes.evaluate(points)[:, 0] - mode.evaluate(points)
+
+    assert frequency_hz > 20000.0
+    assert rms(error) < 0.013  # a third of the points of the reference scan, and more of them near an edge
+
+
+SCAN = np.cos(0.24 * SCAN_MM)[None, None, :] * np.ones((1, 31, 1))
+HALF_LOST = np.where(np.arange(31)[:, None] % 5 < 3, np.nan, SCAN)
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm", "shapes", "what"),
+    [
+        (SCAN_MM[:7], SCAN_MM, SCAN[..., :7], "at least 8"),
+        (SCAN_MM[::-1], SCAN_MM, SCAN, "increasing"),
+        (np.where(SCAN_MM == 0.0, np.nan, SCAN_MM), SCAN_MM, SCAN, "increasing"),
+        (SCAN_MM + 67.5, SCAN_MM, SCAN, "off a plate of 137.5 mm"),
+        (SCAN_MM, SCAN_MM, SCAN[0], "order them as mode, y, x"),
+        (SCAN_MM, SCAN_MM, SCAN[:0], "order them as mode, y, x"),
+        (SCAN_MM, SCAN_MM, np.where(SCAN > 0.99, np.inf, SCAN), "infinite"),
+        (SCAN_MM, SCAN_MM, HALF_LOST, "more than half"),
+        (SCAN_MM, SCAN_MM, np.concatenate((SCAN, 0.0 * SCAN)), "mode 2 is zero everywhere"),
+        (SCAN_MM, SCAN_MM, np.ones((1, 31, 31)) + 0.01 * SCAN_MM**2, "no plate wave"),
+    ],
+)
+def test_what_is_no_scan_of_a_plate_is_refused_in_a_sentence(
+    x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
+) -> None:
+    with pytest.raises(ModesError, match=what) as refusal:
+        fit_cartography(x_mm, y_mm, shapes)
+    assert str(refusal.value).endswith(".")
+
+
+@pytest.mark.parametrize("step_mm", [0.0, -1.0, math.nan, math.inf])
+def test_a_map_without_steps_is_refused(step_mm: float) -> None:
+    with pytest.raises(ValueError, match="step_mm"):
+        fit_cartography(SCAN_MM, SCAN_MM, SCAN, step_mm=step_mm)

@@ -1,0 +1,206 @@
+"""Free-plate modes: against published values, the plate equation, and the facts known of the reference plate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hapticd.design import ModeShape, free_plate_modes, legendre
+from hapticd.design import free_plate as theory
+
+AXIS_MM = np.linspace(-68.75, 68.75, 221)
+
+
+@pytest.fixture(scope="module")
+def by_name() -> dict[str, tuple[float, ModeShape]]:
+    return {shape.name: (frequency_hz, shape) for frequency_hz, shape in free_plate_modes()}
+
+
+def numbered(frequency_hz: float, poisson: float) -> float:
+    """omega a^2 sqrt(rho h / D) of the reference plate."""
+    stiffness = 72.5e9 * 0.002**3 / (12.0 * (1.0 - poisson**2))
+    return 2.0 * math.pi * frequency_hz * 0.1375**2 * math.sqrt(2500.0 * 0.002 / stiffness)
+
+
+def test_the_lowest_modes_are_the_published_ones() -> None:
+    # Completely free square plate, nu = 0.3: 13.468, 19.596, 24.270, 34.801 (twice), 61.093 (twice).
+    # K. M. Liew, K. Y. Lam and S. T. Chow, Computers & Structures 34 (1990) 79; Leissa, J. Sound Vib. 31 (1973) 257.
+    modes = free_plate_modes(poisson=0.3, band_hz=(1.0, 2000.0))
+    published = (13.468, 19.596, 24.270, 34.801, 34.801, 61.093, 61.093)
+
+    found = [numbered(frequency_hz, 0.3) for frequency_hz, _ in modes[: len(published)]]
+
+    assert found == pytest.approx(published, rel=1e-4)
+    assert [shape.name for _, shape in modes[:5]] == ["1x1", "2x0-0x2", "2x0+0x2", "1x2", "2x1"]
+
+
+def test_a_plate_without_constraints_moves_and_turns_for_nothing() -> None:
+    modes = free_plate_modes(band_hz=(0.0, 100.0))
+
+    assert sorted(shape.name for _, shape in modes) == ["0x0", "0x1", "1x0"]
+    assert all(frequency_hz < 1.0 for frequency_hz, _ in modes)
+
+
+def test_a_long_plate_bends_like_a_beam() -> None:
+    # Free-free beam, (k L)^2 = 22.373 and 61.673, with the plate's EI for nu = 0: the strip of a strip.
+    modes = free_plate_modes((200.0, 4.0), 2.0, 72.5, 0.0, 2500.0, (1.0, 1500.0))
+    beam_hz = math.sqrt(72.5e9 * 0.002**2 / 12.0 / 2500.0) / (2.0 * math.pi * 0.2**2)
+
+    bending = [frequency_hz for frequency_hz, shape in modes if shape.nodal_lines[1] == 0]
+
+    assert bending[:2] == pytest.approx([22.3733 * beam_hz, 61.6728 * beam_hz], rel=1e-5)
+
+
+def test_the_reference_plate_has_its_pair_with_eleven_nodal_lines(by_name: dict[str, tuple[float, ModeShape]]) -> None:
+    (x_hz, x_shape), (y_hz, y_shape) = by_name["11x0"], by_name["0x11"]
+
+    assert x_hz == y_hz == pytest.approx(29150.0, rel=5e-4)
+    assert (x_shape.nodal_lines, y_shape.nodal_lines) == ((11, 0), (0, 11))
+    middle = x_shape.on_grid(AXIS_MM + 1e-3, [0.0])[0]
+    assert np.count_nonzero(np.diff(np.sign(middle))) == 11
+
+
+def test_another_pair_lies_eighty_four_hertz_above(by_name: dict[str, tuple[float, ModeShape]]) -> None:
+    assert by_name["9x6"][0] == by_name["6x9"][0]
+    assert by_name["9x6"][0] - by_name["11x0"][0] == pytest.approx(83.7, abs=0.1)
+
+
+def test_the_x_shape_is_no_product_of_beams(by_name: dict[str, tuple[float, ModeShape]]) -> None:
+    shape = by_name["11x0"][1].on_grid(AXIS_MM, AXIS_MM)
+    inner = np.abs(AXIS_MM) < 60.0
+
+    along_y = np.abs(shape[:, inner]).max(axis=1)[inner]
+    singular = np.linalg.svd(shape, compute_uv=False)
+
+    assert along_y.min() / along_y.max() < 0.7
+    assert singular[1] / singular[0] > 0.3
+
+
+def test_the_pairs_are_aligned_to_the_axes_and_turn_into_each_other(
+    by_name: dict[str, tuple[float, ModeShape]],
+) -> None:
+    for one, other in (("11x0", "0x11"), ("9x6", "6x9")):
+        shape = by_name[one][1].on_grid(AXIS_MM, AXIS_MM)
+        np.testing.assert_allclose(shape, -shape[:, ::-1], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(shape, shape[::-1], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(by_name[other][1].on_grid(AXIS_MM, AXIS_MM), shape.T, rtol=0.0, atol=1e-12)
+
+
+def test_single_modes_keep_or_change_sign_when_the_axes_are_exchanged(
+    by_name: dict[str, tuple[float, ModeShape]],
+) -> None:
+    for name, sign in (("10x4-4x10", -1.0), ("10x4+4x10", 1.0), ("11x1-1x11", -1.0), ("11x1+1x11", 1.0)):
+        shape = by_name[name][1].on_grid(AXIS_MM, AXIS_MM)
+        np.testing.assert_allclose(shape.T, sign * shape, rtol=0.0, atol=1e-8)
+
+
+def test_modes_come_lowest_first_and_within_the_band() -> None:
+    frequencies_hz = [frequency_hz for frequency_hz, _ in free_plate_modes()]
+
+    assert frequencies_hz == sorted(frequencies_hz)
+    assert all(28000.0 <= frequency_hz <= 30500.0 for frequency_hz in frequencies_hz)
+    assert free_plate_modes(band_hz=(28300.0, 29000.0)) != []
+    assert free_plate_modes(band_hz=(28600.0, 29000.0)) == []
+
+
+def test_more_terms_change_no_frequency_by_a_millionth(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = free_plate_modes(band_hz=(28000.0, 29500.0))
+    monkeypatch.setattr(theory, "_TERMS_FOR_EDGES", 20)
+    theory._modes_in_band.cache_clear()
+    many = free_plate_modes(band_hz=(28000.0, 29500.0))
+    theory._modes_in_band.cache_clear()
+
+    for (few_hz, few_shape), (many_hz, many_shape) in zip(few, many, strict=True):
+        assert few_hz == pytest.approx(many_hz, rel=1e-6)
+        np.testing.assert_allclose(
+            few_shape.on_grid(AXIS_MM, AXIS_MM), many_shape.on_grid(AXIS_MM, AXIS_MM), rtol=0.0, atol=1e-4
+        )
+
+
+def test_the_shape_obeys_the_plate_equation_and_the_free_edge(by_name: dict[str, tuple[float, ModeShape]]) -> None:
+    frequency_hz, shape = by_name["11x0"]
+    degree = shape.coefficients.shape[0] - 1
+    wave_4 = numbered(frequency_hz, 0.22) ** 2 / 16.0  # k^4 with half the edge as unit
+
+    def derivative(s: np.ndarray, t: np.ndarray, order_x: int, order_y: int) -> np.ndarray:
+        along_x, along_y = legendre.values(s, degree, order_x), legendre.values(t, degree, order_y)
+        return along_x @ shape.coefficients @ along_y.T
+
+    inner, edge = np.linspace(-0.8, 0.8, 41), np.ones(1)
+    bending = derivative(inner, inner, 4, 0) + 2 * derivative(inner, inner, 2, 2) + derivative(inner, inner, 0, 4)
+    np.testing.assert_allclose(bending, wave_4 * derivative(inner, inner, 0, 0), rtol=0.0, atol=1e-4 * wave_4)
+
+    moment = derivative(edge, inner, 2, 0) + 0.22 * derivative(edge, inner, 0, 2)
+    shear = derivative(edge, inner, 3, 0) + (2.0 - 0.22) * derivative(edge, inner, 1, 2)
+    assert np.abs(moment).max() < 1e-3 * wave_4**0.5
+    assert np.abs(shear).max() < 1e-3 * wave_4**0.75
+
+
+def test_every_shape_peaks_at_one_with_its_sign_fixed() -> None:
+    for _, shape in free_plate_modes():
+        finely = np.linspace(-68.75, 68.75, 1001)
+        assert np.abs(shape.on_grid(finely, finely)).max() == pytest.approx(1.0, abs=2e-4)
+        assert np.abs(shape.on_grid(finely, finely)).max() <= 1.0 + 1e-9
+        across = theory._beam_modes(shape.coefficients.shape[0] - 1)[shape.nodal_lines[0]]
+        along = theory._beam_modes(shape.coefficients.shape[1] - 1)[shape.nodal_lines[1]]
+        assert across @ shape.coefficients @ along > 0.0
+
+
+def test_points_grid_and_gradient_agree(by_name: dict[str, tuple[float, ModeShape]]) -> None:
+    shape = by_name["9x6"][1]
+    points = np.random.default_rng(1).uniform(-68.0, 68.0, (50, 2))
+    step_mm = 1e-4
+
+    np.testing.assert_allclose(
+        shape.evaluate(points), np.diag(shape.on_grid(points[:, 0], points[:, 1])), rtol=0.0, atol=1e-12
+    )
+    np.testing.assert_array_equal(shape(points), shape.evaluate(points))
+    for axis in (0, 1):
+        shift = np.eye(2)[axis] * step_mm
+        slope = (shape.evaluate(points + shift) - shape.evaluate(points - shift)) / (2.0 * step_mm)
+        np.testing.assert_allclose(shape.gradient(points)[:, axis], slope, rtol=0.0, atol=1e-7)
+
+
+def test_beyond_the_edge_the_shape_is_the_edge_s(by_name: dict[str, tuple[float, ModeShape]]) -> None:
+    shape = by_name["11x0"][1]
+
+    np.testing.assert_array_equal(shape.evaluate([[90.0, 10.0]]), shape.evaluate([[68.75, 10.0]]))
+    assert np.isnan(shape.evaluate([[math.nan, 0.0]])).all()
+    with pytest.raises(ValueError, match=r"\(N, 2\)"):
+        shape.evaluate([1.0, 2.0])
+
+
+def test_a_turned_plate_has_the_turned_modes() -> None:
+    lying = free_plate_modes((150.0, 100.0), band_hz=(5000.0, 7000.0))
+    standing = free_plate_modes((100.0, 150.0), band_hz=(5000.0, 7000.0))
+    axis_mm = np.linspace(-75.0, 75.0, 31)
+
+    assert len(lying) > 3
+    for (lying_hz, lying_shape), (standing_hz, standing_shape) in zip(lying, standing, strict=True):
+        assert lying_hz == pytest.approx(standing_hz, rel=1e-9)
+        assert lying_shape.nodal_lines == standing_shape.nodal_lines[::-1]
+        np.testing.assert_allclose(
+            lying_shape.on_grid(axis_mm, axis_mm), standing_shape.on_grid(axis_mm, axis_mm).T, rtol=0.0, atol=1e-6
+        )
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"size_mm": (0.0, 100.0)},
+        {"size_mm": (100.0, math.nan)},
+        {"thickness_mm": -2.0},
+        {"young_gpa": math.inf},
+        {"poisson": 0.6},
+        {"poisson": math.nan},
+        {"density_kg_m3": 0.0},
+        {"band_hz": (2.0, 1.0)},
+        {"band_hz": (0.0, math.nan)},
+        {"band_hz": (0.0, 1e9)},
+    ],
+)
+def test_a_plate_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong)).split("[")[0]):
+        free_plate_modes(**wrong)  # type: ignore[arg-type]
