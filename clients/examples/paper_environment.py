@@ -1,0 +1,54 @@
+"""The paper's environment on both halves of the plate: left fingers slip on 1 um, right ones stick on still glass.
+
+A finger keeps what the side it landed on gave it, so that two fingers may cross and still feel different.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from hapticd_client import Client, HapticdError, RefusedError
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: hapticd run --sim &  python paper_environment.py --slippery-um 1.5",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--slippery-um", type=float, default=1.0, help="amplitude on the left (%(default)s um)")
+    parser.add_argument("--endpoint", help="the daemon's runtime directory")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
+    options = parser.parse_args(arguments)
+
+    try:
+        with Client(options.endpoint) as plate:
+            serve(plate, options.slippery_um, time.monotonic() + options.seconds)
+    except KeyboardInterrupt:
+        pass
+    except HapticdError as error:
+        parser.exit(1, f"{error}\n")
+
+
+def serve(plate: Client, slippery_um: float, end_s: float) -> None:
+    """Give each finger that lands the friction of its side."""
+    landed = set()
+    for state in plate.states():
+        for finger in state.fingers:
+            if finger.virtual or (state.instance, finger.id) in landed:
+                continue
+            landed.add((state.instance, finger.id))
+            amplitude_um = slippery_um if finger.x_mm < 0 else 0.0
+            try:
+                plate.set(finger, amplitude_um=amplitude_um)
+                print(f"finger {finger.id} landed at x = {finger.x_mm:+.1f} mm: {amplitude_um:g} um")
+            except RefusedError as refusal:
+                print(refusal)
+        if time.monotonic() > end_s:
+            break
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""Requests to the daemon and their replies: one at a time, each with an id, so that a late reply is not mistaken."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import zmq
+
+from .errors import DaemonGoneError
+from .messages import encode_request, read_reply
+
+MAX_REQUEST_ID = 2**32 - 1
+
+
+class Control:
+    """The `control` socket of one client."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
+        self._directory = directory
+        self._request_id = 0
+        self._socket = context.socket(zmq.DEALER)
+        self._socket.linger = 0
+        self._socket.immediate = True  # a request waits for a daemon here, where it can time out, not in a queue
+        self._socket.connect(f"ipc://{directory / 'control'}")
+
+    def request(self, op: str, body: Mapping[str, object] | None = None, *, timeout_s: float) -> dict[str, Any]:
+        """The body of the reply. Raises RefusedError with the daemon's sentence, DaemonGoneError after the timeout."""
+        deadline_s = time.monotonic() + timeout_s
+        self._request_id = self._request_id % MAX_REQUEST_ID + 1
+        if self._ready(zmq.POLLOUT, deadline_s):
+            self._socket.send(encode_request(op, self._request_id, body), zmq.NOBLOCK)
+        while self._ready(zmq.POLLIN, deadline_s):
+            reply = read_reply(self._socket.recv(), self._request_id)
+            if reply is not None:
+                return reply
+        raise DaemonGoneError(
+            f"No hapticd answers at {self._directory}: start one (`hapticd run --sim` needs no hardware), "
+            "or name its directory in HAPTICD_RUNTIME_DIR."
+        )
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _ready(self, event: int, deadline_s: float) -> bool:
+        left_s = max(deadline_s - time.monotonic(), 0.0)
+        return self._socket.poll(math.ceil(left_s * 1000), event) != 0

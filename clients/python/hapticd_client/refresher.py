@@ -1,0 +1,109 @@
+"""Repeats what the client wants, so that it outlives its time to live exactly as long as the client lives.
+
+A thread with a socket of its own sends the newest message at once when it changes and three times per time to live
+after that. Nothing is queued: while no daemon listens nothing is sent, and a daemon that starts gets the newest.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zmq
+
+RETRY_S = 0.02  # while no daemon is connected
+REFRESHES_PER_TTL = 3  # so that one lost message is no gap
+RECONNECT_MS = 50
+LINGER_MS = 100  # for the last message to leave
+SETTLE_S = 0.002  # for a message to arrive; measured are 0.1 ms
+
+
+class Refresher:
+    """Sends one payload on the `targets` socket, again and again, until `stop`."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
+        self._context = context
+        self._endpoint = f"ipc://{directory / 'targets'}"
+        self._changed = threading.Condition()
+        self._payload = b""
+        self._period_s = math.inf
+        self._t_due_s = math.inf
+        self._t_sent_s = -math.inf
+        self._is_stopped = False
+        self._thread = threading.Thread(target=self._run, name="hapticd-refresher", daemon=True)
+        self._thread.start()
+
+    def send(self, payload: bytes, ttl_s: float) -> None:
+        """Send this at once, and then three times per `ttl_s`; infinite: never again."""
+        self._replace(payload, ttl_s, delay_s=0.0)
+
+    def keep(self, payload: bytes, ttl_s: float) -> None:
+        """The same for what the daemon has been told already: the next refresh will do."""
+        self._replace(payload, ttl_s, delay_s=ttl_s / REFRESHES_PER_TTL)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Nothing is sent inside, and what was sent before has arrived.
+
+        Requests take another socket. A refresh that they overtake would undo them, if only for a moment.
+        """
+        with self._changed:
+            time.sleep(max(self._t_sent_s + SETTLE_S - time.monotonic(), 0.0))
+            yield
+
+    @property
+    def is_current_thread(self) -> bool:
+        """The caller runs on the refresher's own thread, and must not wait for it."""
+        return threading.current_thread() is self._thread
+
+    def stop(self) -> None:
+        """Send what is due, then end the thread."""
+        with self._changed:
+            self._is_stopped = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _replace(self, payload: bytes, ttl_s: float, delay_s: float) -> None:
+        with self._changed:
+            self._payload = payload
+            self._period_s = ttl_s / REFRESHES_PER_TTL
+            self._t_due_s = time.monotonic() + delay_s
+            self._changed.notify()
+
+    def _run(self) -> None:
+        socket = self._context.socket(zmq.PUSH)
+        socket.linger = LINGER_MS
+        socket.immediate = True
+        socket.sndhwm = 2
+        socket.reconnect_ivl = RECONNECT_MS
+        socket.connect(self._endpoint)
+        with self._changed:
+            while True:
+                left_s = self._t_due_s - time.monotonic()
+                if left_s <= 0:
+                    self._refresh(socket)
+                elif self._is_stopped:
+                    break
+                else:
+                    self._changed.wait(min(left_s, threading.TIMEOUT_MAX))
+        socket.close()
+
+    def _refresh(self, socket: zmq.Socket[bytes]) -> None:
+        is_sent = _sent(socket, self._payload)
+        now_s = time.monotonic()
+        self._t_due_s = now_s + (self._period_s if is_sent else RETRY_S)
+        if is_sent:
+            self._t_sent_s = now_s
+
+
+def _sent(socket: zmq.Socket[bytes], payload: bytes) -> bool:
+    """Whether a daemon was there to take it."""
+    try:
+        socket.send(payload, zmq.NOBLOCK)
+    except zmq.Again:
+        return False
+    return True

@@ -1,0 +1,136 @@
+"""What a finger may be asked to feel, checked here as the daemon will check it.
+
+A value that the daemon refuses would take the client's other fingers with it, as all go in one message.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol, SupportsIndex
+
+from .errors import RefusedError
+
+Fields = dict[str, object]
+
+MAX_AMPLITUDE_UM = 1000.0
+MAX_MAP_SIDE = 128
+MAX_PATH_POINTS = 64
+MAX_POSITION_MM = 1000.0
+MAX_SPEED_MM_S = 2000.0
+MIN_TTL_S, MAX_TTL_S = 0.02, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Grating:
+    """Stripes across `angle_rad` (anticlockwise from +x), with a crest of `high_um` through the plate's centre.
+
+    A sine between the two amplitudes, or a square wave where `duty_frac` says how much of the period is high.
+    """
+
+    period_mm: float
+    high_um: float
+    low_um: float = 0.0
+    angle_rad: float = 0.0
+    duty_frac: float = 0.0
+
+    def fields(self) -> Fields:
+        """As sent. Raises RefusedError."""
+        return {
+            "period_mm": number("period_mm", self.period_mm, 0.1, 1000.0),
+            "high_um": number("high_um", self.high_um, 0.0, MAX_AMPLITUDE_UM),
+            "low_um": number("low_um", self.low_um, 0.0, MAX_AMPLITUDE_UM),
+            "angle_rad": number("angle_rad", self.angle_rad, -2 * math.pi, 2 * math.pi),
+            "duty_frac": number("duty_frac", self.duty_frac, 0.0, 1.0),
+        }
+
+
+class Row(Protocol):
+    """A row of levels: a list, bytes, or one of an array's."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[SupportsIndex]: ...
+
+
+class Rows(Protocol):
+    """Equally long rows: nested lists, or an array of two dimensions."""
+
+    def __iter__(self) -> Iterator[Row]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """An image over the whole plate. `rows` run from the top (+y) down and hold levels 0 .. 255, from left to right.
+
+    Level 0 is `low_um`, 255 is `high_um`; between pixels the amplitude is interpolated. At most 128 x 128. A numpy
+    array of uint8 will do.
+    """
+
+    rows: Rows
+    high_um: float
+    low_um: float = 0.0
+
+    def fields(self) -> Fields:
+        """As sent. Raises RefusedError."""
+        rows = list(self.rows)
+        height, width = len(rows), len(rows[0]) if rows else 0
+        if not (1 <= width <= MAX_MAP_SIDE and 1 <= height <= MAX_MAP_SIDE):
+            raise RefusedError(f"map: {width} x {height} pixels, each side must have 1 .. {MAX_MAP_SIDE}.")
+        if any(len(row) != width for row in rows):
+            raise RefusedError("map: all rows must be equally long.")
+        try:
+            levels = bytes(level for row in rows for level in row)
+        except (TypeError, ValueError):
+            raise RefusedError("map: levels are whole numbers from 0 to 255.") from None
+        return {
+            "width": width,
+            "height": height,
+            "levels": levels,
+            "low_um": number("low_um", self.low_um, 0.0, MAX_AMPLITUDE_UM),
+            "high_um": number("high_um", self.high_um, 0.0, MAX_AMPLITUDE_UM),
+        }
+
+
+def target_fields(
+    *, friction: float | None, amplitude_um: float | None, grating: Grating | None, image: Map | None
+) -> Fields:
+    """The one of the four that is given, as sent. Raises RefusedError."""
+    given: Fields = {}
+    if friction is not None:
+        given["friction"] = number("friction", friction, 0.0, 1.0)
+    if amplitude_um is not None:
+        given["amplitude_um"] = number("amplitude_um", amplitude_um, 0.0, MAX_AMPLITUDE_UM)
+    if grating is not None:
+        given["grating"] = grating.fields()
+    if image is not None:
+        given["map"] = image.fields()
+    if len(given) != 1:
+        raise RefusedError("set: give exactly one of friction, amplitude_um, grating, map.")
+    return given
+
+
+def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: bool) -> Fields:
+    """A virtual finger's path, as sent. Raises RefusedError."""
+    points = [[number("position", value, -MAX_POSITION_MM, MAX_POSITION_MM) for value in point] for point in points_mm]
+    if not 1 <= len(points) <= MAX_PATH_POINTS:
+        raise RefusedError(f"path_mm: has {len(points)} points, it must have 1 .. {MAX_PATH_POINTS}.")
+    if any(len(point) != 2 for point in points):
+        raise RefusedError("path_mm: a point has two numbers, x and y.")
+    speed = number("speed_mm_s", speed_mm_s, 0.0, MAX_SPEED_MM_S)
+    return {"path_mm": points, "speed_mm_s": speed, "loop": bool(loop)}
+
+
+def number(name: str, value: float, low: float, high: float) -> float:
+    """A number within low .. high; NaN is not."""
+    if low <= value <= high:
+        return float(value)
+    raise RefusedError(f"{name}: {value:g} is out of bounds, it must be {low:g} .. {high:g}.")
+
+
+def label(name: str, value: str) -> str:
+    """A name of 1 .. 32 printable characters."""
+    if 1 <= len(value) <= 32 and value.isprintable():
+        return value
+    raise RefusedError(f"{name}: must have 1 .. 32 printable characters.")

@@ -1,0 +1,54 @@
+"""The newest state of the plate: older ones are dropped where they arrive, so a slow reader is never behind."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import zmq
+
+from .errors import DaemonGoneError
+from .messages import PlateState, decode_state
+
+FRESH_S = 0.25  # the daemon sends a state at least ten times a second
+
+
+class Telemetry:
+    """The `telemetry` socket of one client, connected from its first use: until then the daemon builds no states."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
+        self._directory = directory
+        self._socket = context.socket(zmq.SUB)
+        self._socket.linger = 0
+        self._socket.conflate = True
+        self._is_connected = False
+        self._t_last_s = -math.inf
+        self._last: PlateState | None = None
+
+    def next(self, timeout_s: float) -> PlateState:
+        """The newest state not yet seen. Raises DaemonGoneError where none comes in time."""
+        if not self._is_connected:
+            self._socket.subscribe(b"")
+            self._socket.connect(f"ipc://{self._directory / 'telemetry'}")
+            self._is_connected = True
+        if self._socket.poll(math.ceil(timeout_s * 1000)) == 0:
+            raise DaemonGoneError(
+                f"No state came from {self._directory} for {timeout_s:g} s: is hapticd still running?"
+            )
+        self._last = decode_state(self._socket.recv())
+        self._t_last_s = time.monotonic()
+        return self._last
+
+    def current(self, timeout_s: float) -> PlateState:
+        """The newest state, seen or not. What waited unread for long may be of a daemon long gone: it is skipped."""
+        is_fresh = time.monotonic() - self._t_last_s < FRESH_S
+        if self._is_connected and self._socket.poll(0) != 0:
+            self.next(0)
+        if is_fresh and self._last is not None:
+            return self._last
+        return self.next(timeout_s)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

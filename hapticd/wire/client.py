@@ -1,0 +1,209 @@
+"""What clients and the daemon say to each other, one MessagePack map per message. The contract is clients/PROTOCOL.md.
+
+    targets    client -> daemon   decode_targets    all that one client wants now
+    control    client -> daemon   decode_request    a request with an id; encode_reply or encode_error answers it
+    telemetry  daemon -> clients  encode_state      what every finger gets
+
+Decoders raise RequestError, with one sentence for the sender, and nothing else, whatever the bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import msgpack
+
+from ..errors import RequestError
+from ..values import ClientTargets
+from .fields import MAX_PAYLOAD_BYTES, Fields, unpack
+from .targets import (
+    MAX_MAP_SIDE,
+    MAX_PATH_POINTS,
+    MAX_TARGETS,
+    MAX_TTL_S,
+    MAX_VIRTUALS,
+    MIN_TTL_S,
+    read_finger_key,
+    read_targets,
+)
+
+PROTOCOL_VERSION = 1
+OPS = ("hello", "capabilities", "set", "release", "status", "clear_fault")
+
+MAX_REQUEST_ID = 2**32 - 1
+UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be read
+
+CAPABILITIES: Mapping[str, object] = {
+    "protocol": PROTOCOL_VERSION,
+    "ops": OPS,
+    "targets": ("amplitude_um", "friction", "grating", "map"),
+    "max_targets": MAX_TARGETS,
+    "max_virtuals": MAX_VIRTUALS,
+    "max_path_points": MAX_PATH_POINTS,
+    "max_map_side": MAX_MAP_SIDE,
+    "max_message_bytes": MAX_PAYLOAD_BYTES,
+    "ttl_s": (MIN_TTL_S, MAX_TTL_S),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """Give up one finger (its id, or a virtual finger's name), or with None all that the client holds."""
+
+    client: str
+    finger: int | str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One control request. `body` is ClientTargets for "set", Release for "release", else None."""
+
+    op: str
+    id: int
+    body: ClientTargets | Release | None
+
+
+@dataclass(frozen=True, slots=True)
+class FingerState:
+    """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants."""
+
+    id: int | str
+    x_mm: float
+    y_mm: float
+    predicted_x_mm: float | None
+    predicted_y_mm: float | None
+    target_um: float | None
+    achieved_um: float | None
+    virtual: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PlateState:
+    """One telemetry message. `instance` changes with every start of the daemon; `seq` counts its messages.
+
+    `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
+    mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
+    """
+
+    instance: int
+    seq: int
+    t_ns: int
+    state: str
+    fingers: tuple[FingerState, ...]
+    modal_um: tuple[float, ...]
+    limited: bool
+    condition: float | None
+    age_ms: float
+    horizon_ms: float
+
+
+# --- targets ----------------------------------------------------------------------------------------------------
+
+
+def decode_targets(payload: bytes) -> ClientTargets:
+    """A message of the `targets` socket. Raises RequestError."""
+    fields = Fields(unpack(payload))
+    _check_version(fields)
+    return read_targets(fields)
+
+
+def _check_version(fields: Fields) -> None:
+    version = fields.whole("v", 0, MAX_REQUEST_ID)
+    if version != PROTOCOL_VERSION:
+        older = "client" if version < PROTOCOL_VERSION else "daemon"
+        raise RequestError(
+            f"The message is of protocol version {version}, the daemon speaks {PROTOCOL_VERSION}: update the {older}."
+        )
+
+
+# --- control ----------------------------------------------------------------------------------------------------
+
+
+def decode_request(payload: bytes) -> Request:
+    """A message of the `control` socket. Raises RequestError; `answer` keeps the request's id when it does."""
+    fields = Fields(unpack(payload))
+    return _request(fields, fields.whole("id", 1, MAX_REQUEST_ID))
+
+
+def answer(payload: bytes, handle: Callable[[Request], Mapping[str, object]]) -> bytes:
+    """The reply to a control message: what `handle` returns, or the sentence of the RequestError on the way."""
+    request_id = UNREAD_REQUEST_ID
+    try:
+        fields = Fields(unpack(payload))
+        request_id = fields.whole("id", 1, MAX_REQUEST_ID)
+        return encode_reply(request_id, handle(_request(fields, request_id)))
+    except RequestError as error:
+        return encode_error(request_id, str(error))
+
+
+def encode_reply(request_id: int, body: Mapping[str, object]) -> bytes:
+    """The answer to a request that was carried out. `body` holds plain values, lists and maps."""
+    return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": True, "body": dict(body)}))
+
+
+def encode_error(request_id: int, sentence: str) -> bytes:
+    """The answer to a request that was refused."""
+    return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": False, "error": sentence}))
+
+
+def _request(fields: Fields, request_id: int) -> Request:
+    _check_version(fields)
+    op = fields.label("op")
+    if op not in OPS:
+        raise RequestError(f"op: {op!r} is none of {', '.join(OPS)}.")
+    body: ClientTargets | Release | None = None
+    if op == "set":
+        body = read_targets(Fields(fields.take("body"), "body"))
+    elif op == "release":
+        body = _release(Fields(fields.take("body"), "body"))
+    fields.end()
+    return Request(op, request_id, body)
+
+
+def _release(fields: Fields) -> Release:
+    release = Release(fields.label("client"), read_finger_key(fields) if "finger" in fields else None)
+    fields.end()
+    return release
+
+
+# --- telemetry --------------------------------------------------------------------------------------------------
+
+
+def encode_state(state: PlateState) -> bytes:
+    """A message of the `telemetry` socket. What is not finite is sent as nil, so that any language can read it."""
+    return bytes(
+        msgpack.packb(
+            {
+                "v": PROTOCOL_VERSION,
+                "instance": state.instance,
+                "seq": state.seq,
+                "t_ns": state.t_ns,
+                "state": state.state,
+                "fingers": [_finger_fields(finger) for finger in state.fingers],
+                "modal_um": [_finite(w_um) for w_um in state.modal_um],
+                "limited": state.limited,
+                "condition": _finite(state.condition),
+                "age_ms": _finite(state.age_ms),
+                "horizon_ms": _finite(state.horizon_ms),
+            }
+        )
+    )
+
+
+def _finger_fields(finger: FingerState) -> dict[str, object]:
+    return {
+        "id": finger.id,
+        "x_mm": _finite(finger.x_mm),
+        "y_mm": _finite(finger.y_mm),
+        "predicted_x_mm": _finite(finger.predicted_x_mm),
+        "predicted_y_mm": _finite(finger.predicted_y_mm),
+        "target_um": _finite(finger.target_um),
+        "achieved_um": _finite(finger.achieved_um),
+        "virtual": finger.virtual,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

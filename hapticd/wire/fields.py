@@ -1,0 +1,159 @@
+"""MessagePack from strangers: unpacked within limits, then read field by field; what was not asked for is refused.
+
+Everything wrong ends in RequestError with one sentence that names the field. Received values are never printed
+whole: a hostile one may be deep, long or unprintable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgpack
+
+from ..errors import RequestError
+
+MAX_PAYLOAD_BYTES = 65536
+MAX_ENTRIES = 64  # of a list or a map: a path's points are the longest list
+MAX_TEXT_BYTES = 128  # 32 characters of four bytes
+MAX_BINARY_BYTES = 128 * 128  # an amplitude map
+
+_KINDS = {dict: "a map", list: "a list", str: "a text", bytes: "bytes", bool: "a truth value", int: "a whole number"}
+_KINDS |= {float: "a number", type(None): "nil"}
+
+
+def unpack(payload: bytes) -> object:
+    """The one MessagePack value in `payload`. Maps have distinct keys; lengths are within this module's limits."""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise RequestError(f"The message has {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are read.")
+    try:
+        return msgpack.unpackb(
+            payload,
+            raw=False,
+            strict_map_key=True,
+            object_pairs_hook=_distinct,
+            max_str_len=MAX_TEXT_BYTES,
+            max_bin_len=MAX_BINARY_BYTES,
+            max_array_len=MAX_ENTRIES,
+            max_map_len=MAX_ENTRIES,
+            max_ext_len=0,
+        )
+    except RequestError:
+        raise
+    except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
+        reason = str(error).rstrip(".") or type(error).__name__
+        raise RequestError(f"The message ({len(payload)} bytes) is not acceptable MessagePack: {reason}.") from None
+
+
+def _distinct(pairs: list[tuple[object, object]]) -> dict[object, object]:
+    """A map whose keys differ: with duplicates, two readers may see two different messages."""
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        raise RequestError("The message holds a map with the same key twice.")
+    return table
+
+
+class Fields:
+    """The fields of one received map, taken one by one; `end` refuses those that nobody took.
+
+    `where` is the map's own place in the message, for the sentences: "" is the message itself.
+    """
+
+    __slots__ = ("_left", "where")
+
+    def __init__(self, value: object, where: str = "") -> None:
+        if not isinstance(value, dict):
+            raise RequestError(f"{where or 'The message'}: must be a map, not {_kind(value)}.")
+        self._left: dict[object, object] = value.copy()
+        self.where = where
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._left
+
+    def place(self, name: str) -> str:
+        """Where the field stands in the message, such as `targets[2].grating.period_mm`."""
+        return f"{self.where}.{name}" if self.where else name
+
+    def end(self) -> None:
+        """Nothing may be left: a misspelt field would otherwise be ignored in silence."""
+        for name in self._left:
+            raise RequestError(f"{self.place(str(name)[:32])!r}: unknown field, see clients/PROTOCOL.md.")
+
+    def take(self, name: str) -> object:
+        """The field as received; refused where it is missing."""
+        if name not in self._left:
+            raise RequestError(f"{self.place(name)}: is missing.")
+        return self._left.pop(name)
+
+    def number(self, name: str, low: float, high: float, default: float | None = None) -> float:
+        """A finite number within low .. high, with `default` where it is missing."""
+        if default is not None and name not in self._left:
+            return default
+        return bounded(self.take(name), low, high, self.place(name))
+
+    def whole(self, name: str, low: int, high: int) -> int:
+        """A whole number within low .. high."""
+        return whole(self.take(name), low, high, self.place(name))
+
+    def truth(self, name: str, default: bool) -> bool:
+        """True or false."""
+        value = self._left.pop(name, default)
+        if not isinstance(value, bool):
+            raise RequestError(f"{self.place(name)}: must be true or false, not {_kind(value)}.")
+        return value
+
+    def label(self, name: str) -> str:
+        """A name of 1 .. 32 printable characters."""
+        return label(self.take(name), self.place(name))
+
+    def binary(self, name: str, length: int) -> bytes:
+        """Exactly `length` bytes."""
+        value = self.take(name)
+        if not isinstance(value, bytes):
+            raise RequestError(f"{self.place(name)}: must be bytes, not {_kind(value)}.")
+        if len(value) != length:
+            raise RequestError(f"{self.place(name)}: has {len(value)} bytes, it must have {length}.")
+        return value
+
+    def sequence(self, name: str, longest: int) -> Sequence[object]:
+        """A list of at most `longest` items; empty where it is missing."""
+        return items(self._left.pop(name, []), longest, self.place(name))
+
+
+def items(value: object, longest: int, where: str) -> Sequence[object]:
+    """A list of at most `longest` items."""
+    if not isinstance(value, list):
+        raise RequestError(f"{where}: must be a list, not {_kind(value)}.")
+    if len(value) > longest:
+        raise RequestError(f"{where}: has {len(value)} items, at most {longest} are allowed.")
+    return value
+
+
+def bounded(value: object, low: float, high: float, where: str) -> float:
+    """A number within low .. high; NaN and infinities are outside, whatever the bounds."""
+    if type(value) is not float and type(value) is not int:
+        raise RequestError(f"{where}: must be a number, not {_kind(value)}.")
+    if not low <= value <= high:
+        raise RequestError(f"{where}: {value:g} is out of bounds, it must be {low:g} .. {high:g}.")
+    return float(value)
+
+
+def whole(value: object, low: int, high: int, where: str) -> int:
+    """A whole number within low .. high."""
+    if type(value) is not int:
+        raise RequestError(f"{where}: must be a whole number, not {_kind(value)}.")
+    if not low <= value <= high:
+        raise RequestError(f"{where}: {value} is out of bounds, it must be {low} .. {high}.")
+    return value
+
+
+def label(value: object, where: str) -> str:
+    """A name of 1 .. 32 printable characters."""
+    if not isinstance(value, str):
+        raise RequestError(f"{where}: must be a name, not {_kind(value)}.")
+    if not (1 <= len(value) <= 32 and value.isprintable()):
+        raise RequestError(f"{where}: a name has 1 .. 32 printable characters.")
+    return value
+
+
+def _kind(value: object) -> str:
+    return _KINDS.get(type(value), "a MessagePack extension")

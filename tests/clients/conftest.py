@@ -1,0 +1,23 @@
+"""The client library lives beside the daemon, not in it: both are put on the path here, for these tests only."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT / "clients" / "python"), str(Path(__file__).parent)]
+
+from fake_daemon import FakeDaemon  # noqa: E402
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
+    """A daemon that serves `tmp_path` with an empty plate."""
+    running = FakeDaemon(tmp_path)
+    running.start()
+    yield running
+    running.stop()

@@ -1,0 +1,113 @@
+"""A daemon without a plate: the real sockets, the real decoder and the real scene, on a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from hapticd.core.scene import Scene
+from hapticd.errors import RequestError
+from hapticd.io.server import ClientServer
+from hapticd.values import ClientTargets
+from hapticd.wire import client as wire
+
+TICK_S = 0.005
+
+
+class FakeDaemon:
+    """Fingers lie where `fingers` says, and get exactly what the scene wants for them."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.fingers: dict[int, tuple[float, float]] = {}
+        self.protocol = wire.PROTOCOL_VERSION
+        self.scene = Scene(w_limit_um=4.0)
+        self.server = ClientServer(directory)
+        self.messages = 0
+        self.refusals: list[str] = []
+        self.released: list[int | str] = []
+        self.fault_cleared = False
+        self._instance = 0
+        self._seq = 0
+
+    def start(self) -> None:
+        """Begin to serve, as a new instance with an empty scene."""
+        self._instance += 1
+        self.scene = Scene(w_limit_um=4.0)
+        self.server = ClientServer(self.directory)
+        self._loop = asyncio.new_event_loop()
+        ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, args=(ready,))
+        self._thread.start()
+        assert ready.wait(5.0)
+
+    def stop(self) -> None:
+        """Stop as if killed: nobody is told."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(5.0)
+
+    def _serve(self, ready: threading.Event) -> None:
+        asyncio.set_event_loop(self._loop)
+        self.server.start(self._loop, self._on_message, lambda payload: wire.answer(payload, self._handle))
+        self._loop.call_soon(self._tick)
+        ready.set()
+        self._loop.run_forever()
+        self.server.close()
+        self._loop.close()
+
+    def _tick(self) -> None:
+        self.server.sweep()
+        self.released += self.scene.expire(time.monotonic_ns())
+        if self.server.has_subscribers:
+            self.server.publish(wire.encode_state(self._state(time.monotonic_ns())))
+        self._loop.call_later(TICK_S, self._tick)
+
+    def _on_message(self, payload: bytes) -> None:
+        self.messages += 1
+        try:
+            self.refusals += self._apply(wire.decode_targets(payload))
+        except RequestError as error:
+            self.refusals.append(str(error))
+
+    def _apply(self, targets: ClientTargets) -> tuple[str, ...]:
+        t_ns = time.monotonic_ns()
+        refusals = self.scene.apply(targets, t_ns)
+        self.released += self.scene.expire(t_ns)
+        return refusals
+
+    def _handle(self, request: wire.Request) -> Mapping[str, object]:
+        match request.op, request.body:
+            case "hello", _:
+                return {"protocol": self.protocol, "version": "0.0", "instance": self._instance}
+            case "capabilities", _:
+                return wire.CAPABILITIES
+            case "status", _:
+                return {"messages": self.messages}
+            case "clear_fault", _:
+                self.fault_cleared = True
+            case "set", ClientTargets() as targets:
+                refusals = self._apply(targets)
+                if refusals:
+                    raise RequestError(" ".join(refusals))
+            case "release", wire.Release(client, finger):
+                if finger is None:
+                    self.scene.release_client(client)
+                return {"released": finger is None or self.scene.release(client, finger)}
+        return {}
+
+    def _state(self, t_ns: int) -> wire.PlateState:
+        self._seq += 1
+        places: dict[int | str, tuple[float, float]] = dict(self.fingers.items())
+        for name in self.scene.virtual_names(t_ns):
+            places[name] = self.scene.virtual_position_mm(name, t_ns)
+        fingers = []
+        for key, (x_mm, y_mm) in places.items():
+            wanted_um = self.scene.amplitude_um(key, x_mm, y_mm)
+            fingers.append(wire.FingerState(key, x_mm, y_mm, x_mm, y_mm, wanted_um, wanted_um, isinstance(key, str)))
+        return wire.PlateState(
+            self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 3.5, 10.0, 16.0
+        )

@@ -1,0 +1,409 @@
+"""Both sides of the contract in one process: the client library against the daemon's sockets, decoder and scene."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_daemon import FakeDaemon
+
+from hapticd_client import (
+    Client,
+    DaemonGoneError,
+    FingerState,
+    Grating,
+    HapticdError,
+    Map,
+    PlateState,
+    RefusedError,
+    refresher,
+)
+
+LIBRARY = Path(__file__).parents[2] / "clients" / "python"
+PATIENCE_S = 5.0
+
+
+def state_when(client: Client, is_so: Callable[[PlateState], bool]) -> PlateState:
+    """The first state for which something holds."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    for state in client.states(timeout_s=PATIENCE_S):
+        if is_so(state):
+            return state
+        assert time.monotonic() < give_up_s, state
+    raise AssertionError("states ended")
+
+
+def finger_of(state: PlateState, finger_id: int | str) -> FingerState | None:
+    return next((finger for finger in state.fingers if finger.id == finger_id), None)
+
+
+def target_um(state: PlateState, finger_id: int | str) -> float | None:
+    finger = finger_of(state, finger_id)
+    return None if finger is None else finger.target_um
+
+
+# --- asking -----------------------------------------------------------------------------------------------------
+
+
+def test_fingers_are_those_on_the_plate_and_not_the_virtual_ones(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (-20.0, 5.0), 2: (30.0, -5.0)}
+    with Client(daemon.directory) as client:
+        client.virtual("ghost", position_mm=(0, 0))
+        state = state_when(client, lambda state: len(state.fingers) == 3)
+        assert [(finger.id, finger.x_mm, finger.y_mm) for finger in client.fingers()] == [
+            (1, -20.0, 5.0),
+            (2, 30.0, -5.0),
+        ]
+        assert [finger.virtual for finger in state.fingers] == [False, False, True]
+
+
+def test_an_empty_plate_has_no_fingers(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        assert client.fingers() == []
+
+
+def test_each_finger_gets_what_was_set_by_the_time_set_returns(daemon: FakeDaemon) -> None:
+    daemon.fingers = dict.fromkeys(range(1, 6), (0.0, 0.0))
+    with Client(daemon.directory) as client:
+        one, *_ = client.fingers()
+        client.set(one, amplitude_um=1.25)
+        client.set(2, friction=1.0)
+        client.set(3, friction=0.0)
+        client.set(4, grating=Grating(period_mm=8.0, high_um=3.0, low_um=1.0))
+        client.set(5, map=Map([[0, 255], [255, 0]], high_um=2.0))
+        at_centre_um = [daemon.scene.amplitude_um(n, 0.0, 0.0) for n in range(1, 6)]
+        assert at_centre_um == [1.25, 0.0, 2.0, 3.0, pytest.approx(1.0)]
+
+
+def test_a_map_may_be_an_array(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.set(1, map=Map(np.array([[0, 51], [102, 255]], dtype=np.uint8), high_um=2.55))
+        assert daemon.scene.amplitude_um(1, 68.75, 68.75) == pytest.approx(0.51)
+        assert daemon.scene.amplitude_um(1, 68.75, -68.75) == pytest.approx(2.55)
+
+
+def test_streaming_ends_with_the_newest(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with Client(daemon.directory) as client:
+        for n in range(1000):
+            client.set(1, amplitude_um=n / 1000, wait=False)
+        state_when(client, lambda state: target_um(state, 1) == 0.999)
+        assert daemon.messages < 1000  # what came too fast was never sent
+        assert daemon.refusals == []
+
+
+def test_no_refresh_undoes_a_later_request(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        for n in range(150):
+            client.set(1 + n % 15, amplitude_um=n / 100, wait=n % 2 == 0, ttl_s=0.3)
+        client.set(16, friction=1.0)
+        assert [daemon.scene.owner_of(n) for n in range(1, 17)] == [client.name] * 16
+        assert daemon.released == []
+
+
+def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0)
+        with pytest.raises(RefusedError, match="finger 1 cannot have 5 um: ask for at most 4 um"):
+            client.set(1, amplitude_um=5.0)
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
+
+
+def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, name="first") as first, Client(daemon.directory) as second:
+        first.set(1, friction=0.5)
+        with pytest.raises(RefusedError, match="held by 'first'"):
+            second.set(1, friction=0.2)
+        second.set(2, friction=0.2)
+        first.release(1)
+        second.set(1, friction=0.2)
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [
+        {},
+        {"friction": 0.5, "amplitude_um": 1.0},
+        {"friction": 1.5},
+        {"friction": math.nan},
+        {"amplitude_um": -1.0},
+        {"amplitude_um": 1.0, "ttl_s": 0.001},
+        {"grating": Grating(period_mm=0.0, high_um=1.0)},
+        {"map": Map([], high_um=1.0)},
+        {"map": Map([[1, 2], [3]], high_um=1.0)},
+        {"map": Map([[256]], high_um=1.0)},
+        {"map": Map(np.array([[0.5]]), high_um=1.0)},
+        {"map": Map([[0] * 129], high_um=1.0)},
+    ],
+)
+def test_a_bad_wish_is_refused_even_without_waiting_and_spares_the_other_fingers(
+    daemon: FakeDaemon, wish: dict[str, Any]
+) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0)
+        with pytest.raises(RefusedError):
+            client.set(2, **wish, wait=False)
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
+        assert daemon.refusals == []
+
+
+def test_more_maps_than_a_message_holds_are_refused_before_they_cost_the_connection(daemon: FakeDaemon) -> None:
+    large = Map([[7] * 128] * 128, high_um=1.0)
+    with Client(daemon.directory) as client:
+        for finger in (1, 2, 3):
+            client.set(finger, map=large)
+        with pytest.raises(RefusedError, match="use smaller maps"):
+            client.set(4, map=large)
+        assert daemon.scene.owner_of(3) == client.name
+
+
+# --- virtual fingers --------------------------------------------------------------------------------------------
+
+
+def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.virtual("ghost", path_mm=[(-40, 20), (40, 20)], speed_mm_s=2000)
+        client.set("ghost", amplitude_um=0.0)
+        first = finger_of(state_when(client, lambda state: target_um(state, "ghost") == 0.0), "ghost")
+        assert first is not None
+        state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)  # type: ignore[union-attr]
+        client.release("ghost")
+        state_when(client, lambda state: finger_of(state, "ghost") is None)
+
+
+def test_a_target_for_an_unknown_virtual_finger_is_refused(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        with pytest.raises(RefusedError, match="no virtual finger 'nobody'"):
+            client.set("nobody", friction=1.0)
+        client.set(1, friction=1.0)
+
+
+def test_a_virtual_finger_needs_a_place_or_a_path(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        bad: list[dict[str, Any]] = [
+            {},
+            {"position_mm": (0, 0), "path_mm": [(0, 0)]},
+            {"path_mm": []},
+            {"path_mm": [(0, 0)] * 65},
+            {"position_mm": (0, math.nan)},
+            {"position_mm": (0, 0, 0)},
+        ]
+        for wish in bad:
+            with pytest.raises(RefusedError):
+                client.virtual("ghost", **wish)
+
+
+# --- time to live -----------------------------------------------------------------------------------------------
+
+
+def test_a_target_outlives_its_time_to_live_while_its_client_lives(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0, ttl_s=0.15)
+        start = state_when(client, lambda state: target_um(state, 1) == 1.0)
+        state_when(client, lambda state: state.t_ns > start.t_ns + 500_000_000 and target_um(state, 1) == 1.0)
+        assert daemon.messages >= 4
+
+
+def test_leaving_the_client_releases_its_fingers_at_once(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0, ttl_s=5.0)
+        assert daemon.scene.owner_of(1) == client.name
+    assert daemon.scene.owner_of(1) is None
+    with Client(daemon.directory) as successor:
+        successor.set(1, amplitude_um=2.0)
+
+
+SET_AND = """
+import sys
+from hapticd_client import Client
+client = Client(sys.argv[1], name="child")
+client.set(1, amplitude_um=1.0, ttl_s=float(sys.argv[2]))
+print("set", flush=True)
+"""
+
+
+@contextmanager
+def child(daemon: FakeDaemon, program: str, ttl_s: float) -> Iterator[subprocess.Popen[str]]:
+    """A program of its own that has set finger 1. Its standard input stays open until it is left to itself."""
+    environ = {**os.environ, "PYTHONPATH": str(LIBRARY)}
+    command = [sys.executable, "-c", program, str(daemon.directory), str(ttl_s)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, env=environ, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "set\n"
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_program_that_just_ends_releases_its_fingers(daemon: FakeDaemon) -> None:
+    with child(daemon, SET_AND, ttl_s=5.0) as process:
+        assert process.wait(PATIENCE_S) == 0
+    assert daemon.scene.owner_of(1) is None
+
+
+def test_a_killed_program_loses_its_fingers_when_its_time_is_up(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with child(daemon, SET_AND + "sys.stdin.read()", ttl_s=0.2) as process, Client(daemon.directory) as client:
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
+        process.send_signal(signal.SIGKILL)
+        process.wait(PATIENCE_S)
+        killed_ns = time.monotonic_ns()
+        state = state_when(client, lambda state: target_um(state, 1) is None)
+        assert state.t_ns - killed_ns < 1_000_000_000
+
+
+def test_a_forgotten_client_releases_its_fingers(daemon: FakeDaemon) -> None:
+    client = Client(daemon.directory)
+    client.set(1, amplitude_um=1.0, ttl_s=5.0)
+    del client
+    assert daemon.scene.owner_of(1) is None
+
+
+def test_a_client_that_becomes_garbage_on_its_own_thread_releases_its_fingers(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holder = [Client(daemon.directory)]
+    holder[0].set(1, amplitude_um=1.0, ttl_s=5.0)
+    sent = refresher._sent
+
+    def forgetting(socket: Any, payload: bytes) -> bool:
+        holder.clear()
+        return sent(socket, payload)
+
+    with Client(daemon.directory) as watch:
+        monkeypatch.setattr(refresher, "_sent", forgetting)
+        holder[0].set(2, amplitude_um=1.0, ttl_s=5.0)
+        state_when(watch, lambda _: daemon.scene.next_expiry_ns is None)
+
+
+def test_a_lifted_finger_is_not_asked_for_any_longer(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0), 2: (1.0, 1.0)}
+    with Client(daemon.directory) as client:
+        for finger in client.fingers():
+            client.set(finger, amplitude_um=1.0)
+        del daemon.fingers[1]
+        state_when(client, lambda state: finger_of(state, 1) is None)
+        state_when(client, lambda _: daemon.scene.owner_of(1) is None)
+        assert daemon.scene.owner_of(2) == client.name
+
+
+def test_a_day_of_new_fingers_never_fills_the_client(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        for n in range(1, 40):
+            daemon.fingers = {n: (0.0, 0.0)}
+            state_when(client, lambda state, n=n: finger_of(state, n) is not None)  # type: ignore[misc]
+            client.set(n, friction=0.5)
+
+
+def test_releasing_everything_leaves_the_client_usable(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.virtual("ghost", position_mm=(1, 2))
+        client.set(1, friction=0.5)
+        client.release()
+        assert daemon.scene.next_expiry_ns is None
+        client.set(1, friction=0.7)
+        assert daemon.scene.owner_of(1) == client.name
+
+
+# --- daemons that are not there ---------------------------------------------------------------------------------
+
+
+def test_without_a_daemon_the_error_says_where_it_was_sought_and_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(DaemonGoneError, match=f"No hapticd answers at {tmp_path}: start one") as caught:
+        Client(tmp_path, timeout_s=0.05)
+    assert isinstance(caught.value, ConnectionError)
+    with pytest.raises(HapticdError, match="cannot be the daemon's directory"):
+        Client(tmp_path / ("d" * 100), timeout_s=0.05)
+
+
+def test_states_end_with_an_error_when_the_daemon_is_gone(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, timeout_s=0.2) as client:
+        states = client.states(timeout_s=0.2)
+        next(states)
+        daemon.stop()
+        with pytest.raises(DaemonGoneError, match="No state came from"):
+            for _ in states:
+                pass
+        with pytest.raises(DaemonGoneError):
+            client.status()
+        with pytest.raises(DaemonGoneError):
+            client.fingers(timeout_s=0.1)
+
+
+def test_a_restarted_daemon_gets_every_target_again(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0)
+        client.virtual("ghost", position_mm=(3, 4))
+        before = state_when(client, lambda state: target_um(state, 1) == 1.0)
+        daemon.stop()
+        daemon.start()
+        after = state_when(client, lambda state: state.instance != before.instance and target_um(state, 1) == 1.0)
+        assert finger_of(after, "ghost") is not None
+        client.set(1, amplitude_um=2.0)
+
+
+def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
+    daemon.protocol = 2
+    with pytest.raises(HapticdError, match="speaks protocol version 2, this library 1"):
+        Client(daemon.directory)
+
+
+def test_telemetry_is_only_built_for_those_who_read_it(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.set(1, friction=0.5)
+        client.status()
+        assert not daemon.server.has_subscribers
+        client.fingers()
+        assert daemon.server.has_subscribers
+
+
+def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        assert client.hello["protocol"] == 1
+        assert "grating" in client.capabilities()["targets"]
+        client.set(1, friction=0.5)
+        assert client.status().keys() == {"messages"}
+        client.clear_fault()
+        assert daemon.fault_cleared
+
+
+def test_a_closed_client_says_so(daemon: FakeDaemon) -> None:
+    client = Client(f"ipc://{daemon.directory}")
+    states = client.states()
+    next(states)
+    client.close()
+    client.close()
+    for use in (
+        lambda: client.set(1, friction=0.5),
+        lambda: client.set(1, friction=0.5, wait=False),
+        client.status,
+        client.fingers,
+        lambda: next(states),
+        client.release,
+    ):
+        with pytest.raises(HapticdError, match="This client is closed"):
+            use()
+
+
+def test_a_slow_reader_sees_the_newest_state_and_not_the_oldest(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client, Client(daemon.directory) as watch:
+        states = client.states()
+        first = next(states)
+        state_when(watch, lambda state: state.seq > first.seq + 40)
+        assert next(states).seq > first.seq + 30

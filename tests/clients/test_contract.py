@@ -1,0 +1,233 @@
+"""The contract, from three sides: its text, the daemon's decoder and the library must not disagree."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import socket
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.errors import RequestError
+from hapticd.wire import client as wire
+from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, wanted
+from hapticd_client.endpoint import default_directory, directory
+from hapticd_client.targets import label, number, path_fields, target_fields
+
+TEXT = (Path(__file__).parents[2] / "clients" / "PROTOCOL.md").read_text(encoding="utf-8")
+EXAMPLES = [(kind, json.loads(body)) for kind, body in re.findall(r"```json (\w+)\n(.*?)```", TEXT, re.DOTALL)]
+
+
+def examples(kind: str) -> list[dict[str, Any]]:
+    found = [body for of_kind, body in EXAMPLES if of_kind == kind]
+    assert found
+    return found
+
+
+def understood(targets: list[dict[str, Any]], virtuals: list[dict[str, Any]] | None = None, **fields: Any) -> bool:
+    """Whether the daemon takes a message."""
+    try:
+        wire.decode_targets(
+            msgpack.packb({"v": 1, "client": "c", "targets": targets, "virtuals": virtuals or [], **fields})
+        )
+    except RequestError:
+        return False
+    return True
+
+
+# --- the text ---------------------------------------------------------------------------------------------------
+
+
+def test_the_texts_targets_are_understood() -> None:
+    for example in examples("targets"):
+        message = wire.decode_targets(msgpack.packb(example))
+        assert len(message.targets) == len(example["targets"])
+
+
+def test_the_texts_requests_are_understood() -> None:
+    for example in examples("control"):
+        assert wire.decode_request(msgpack.packb(example)).op == example["op"]
+
+
+def test_the_texts_reply_is_what_the_daemon_sends_and_what_the_library_raises() -> None:
+    for example in examples("reply"):
+        payload = wire.encode_error(example["id"], example["error"])
+        assert msgpack.unpackb(payload) == example
+        with pytest.raises(RefusedError, match="held by 'other'"):
+            messages.read_reply(payload, example["id"])
+
+
+def test_the_texts_state_has_the_fields_that_the_daemon_sends_and_the_library_reads() -> None:
+    for example in examples("telemetry"):
+        state = messages.decode_state(msgpack.packb(example))
+        fingers = tuple(wire.FingerState(**finger) for finger in example["fingers"])
+        fields = {name: value for name, value in example.items() if name not in ("v", "fingers", "modal_um")}
+        sent = wire.encode_state(wire.PlateState(**fields, fingers=fingers, modal_um=tuple(example["modal_um"])))
+        assert msgpack.unpackb(sent) == example
+        assert messages.decode_state(sent) == state
+
+
+def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> None:
+    for op in wire.OPS:
+        assert f"| `{op}` |" in TEXT
+    capabilities = dict(wire.CAPABILITIES)
+    for name in ("targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
+        assert f"`{name}`" in TEXT
+    for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):  # type: ignore[misc]
+        assert f"{value:g}" in TEXT or str(value) in TEXT
+
+
+# --- the library and the daemon ---------------------------------------------------------------------------------
+
+edges = st.sampled_from(
+    [-1e-9, 0.0, 1e-9, 0.02, 0.0199, 0.1, 0.0999, 1.0, 1.0001, 5.0, 5.01, 1000.0, 1000.1, 2000.0, 2001.0]
+)
+any_number = edges | st.floats() | st.sampled_from([2 * math.pi, -2 * math.pi, 6.2832, math.nan, math.inf, -math.inf])
+
+
+def offered(make: Any) -> dict[str, Any] | None:
+    """What the library would send, or None where it refuses."""
+    try:
+        return dict(make())
+    except RefusedError:
+        return None
+
+
+@given(any_number)
+@settings(deadline=None, max_examples=200)
+def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> None:
+    for name in ("friction", "amplitude_um"):
+        wish = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
+        fields = offered(lambda wish=wish: target_fields(**wish))
+        assert (fields is not None) == understood([{"finger": 1, name: value}])
+
+
+@given(st.sampled_from(["period_mm", "high_um", "low_um", "angle_rad", "duty_frac"]), any_number)
+@settings(deadline=None, max_examples=300)
+def test_gratings_have_the_same_bounds_on_both_sides(name: str, value: float) -> None:
+    raw = {"period_mm": 5.0, "high_um": 2.0, "low_um": 1.0, "angle_rad": 0.5, "duty_frac": 0.5} | {name: value}
+    fields = offered(Grating(**raw).fields)
+    assert (fields is not None) == understood([{"finger": 1, "grating": raw}])
+
+
+@given(st.lists(st.lists(st.integers(-1, 256), max_size=3), max_size=3), any_number)
+@settings(deadline=None, max_examples=200)
+def test_what_the_library_takes_for_a_map_the_daemon_takes_too(rows: list[list[int]], high: float) -> None:
+    fields = offered(Map(rows, high_um=high).fields)
+    good = len(rows) > 0 and len(rows[0]) > 0 and len({len(row) for row in rows}) == 1
+    good = good and all(0 <= level <= 255 for row in rows for level in row) and 0 <= high <= 1000
+    assert (fields is not None) == good
+    if fields is not None:
+        assert understood([{"finger": 1, "map": fields}])
+
+
+@given(st.lists(st.tuples(any_number, any_number), max_size=3), any_number, st.booleans())
+@settings(deadline=None, max_examples=200)
+def test_paths_have_the_same_bounds_on_both_sides(points: list[tuple[float, float]], speed: float, loop: bool) -> None:
+    fields = offered(lambda: path_fields(points, speed, loop))
+    raw = {"name": "ghost", "path_mm": points, "speed_mm_s": speed, "loop": loop}
+    assert (fields is not None) == understood([], [raw])
+
+
+@given(any_number, st.text(max_size=34))
+@settings(deadline=None, max_examples=200)
+def test_names_and_times_to_live_have_the_same_bounds_on_both_sides(ttl_s: float, name: str) -> None:
+    def offered_name() -> dict[str, Any]:
+        return {"client": label("name", name)}
+
+    def offered_ttl() -> dict[str, Any]:
+        return {"ttl_s": number("ttl_s", ttl_s, 0.02, 5.0)}
+
+    assert (offered(offered_ttl) is not None) == understood([], ttl_s=ttl_s)
+    if offered(offered_name) is not None:
+        assert understood([], client=name)
+
+
+def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent() -> None:
+    full = wanted.Wanted()
+    for n in range(wanted.MAX_TARGETS):
+        full = full.with_target(n + 1, {"friction": 0.5}, ttl_s=0.1 * (n + 1))
+        full = full.with_virtual(f"v{n}", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
+    message = wire.decode_targets(full.payload("c"))
+    assert (len(message.targets), len(message.virtuals)) == (16, 16)
+    assert message.ttl_ns == 100_000_000  # the shortest asked for
+    with pytest.raises(RefusedError, match="release one first"):
+        full.with_target(99, {"friction": 0.5}, ttl_s=0.5)
+    with pytest.raises(RefusedError, match="release one first"):
+        full.with_virtual("more", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
+    assert full.without(*full.targets, *full.virtuals).is_empty
+
+
+def test_what_the_library_just_takes_still_fits_a_request() -> None:
+    want = wanted.Wanted()
+    for n in range(3):
+        want = want.with_target(n + 1, target_fields(
+            friction=None, amplitude_um=None, grating=None, image=Map([[0] * 128] * 128, high_um=1.0)
+        ), ttl_s=0.5)  # fmt: skip
+    room = wanted.MAX_MESSAGE_BYTES - 100 - len(want.payload("c" * 32))
+    side = math.isqrt(room - 120)
+    want = want.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
+    assert len(want.payload("c" * 32)) > wanted.MAX_MESSAGE_BYTES - 600
+    request = messages.encode_request("set", 2**32 - 1, want.fields("c" * 32))
+    assert wire.decode_request(request).op == "set"
+
+
+# --- what comes back --------------------------------------------------------------------------------------------
+
+
+@given(
+    st.binary(max_size=60) | st.recursive(st.integers() | st.text(), st.lists, max_leaves=4).map(repr).map(str.encode)
+)
+@settings(deadline=None, max_examples=200)
+def test_a_stranger_on_the_endpoint_is_an_error_of_ours(payload: bytes) -> None:
+    for read in (messages.decode_state, lambda data: messages.read_reply(data, 1)):
+        with pytest.raises(HapticdError):
+            read(payload)
+
+
+@pytest.mark.parametrize("change", [{"fingers": 3}, {"fingers": [3]}, {"modal_um": None}, {"condition": ...}, {"v": 2}])
+def test_a_state_that_is_not_of_this_version_is_an_error(change: dict[str, Any]) -> None:
+    (example,) = examples("telemetry")
+    changed = {name: value for name, value in (example | change).items() if value is not ...}
+    with pytest.raises(HapticdError):
+        messages.decode_state(msgpack.packb(changed))
+
+
+def test_fields_of_a_newer_daemon_are_ignored() -> None:
+    (example,) = examples("telemetry")
+    newer = example | {"mood": "good", "fingers": [finger | {"pressure": 1} for finger in example["fingers"]]}
+    assert messages.decode_state(msgpack.packb(newer)) == messages.decode_state(msgpack.packb(example))
+
+
+def test_a_late_reply_is_not_mistaken_for_another() -> None:
+    assert messages.read_reply(wire.encode_reply(7, {"a": 1}), 8) is None
+    assert messages.read_reply(wire.encode_error(7, "late"), 8) is None
+    assert messages.read_reply(wire.encode_reply(8, {"a": 1}), 8) == {"a": 1}
+    with pytest.raises(RefusedError, match="unreadable"):
+        messages.read_reply(wire.encode_error(wire.UNREAD_REQUEST_ID, "unreadable"), 8)
+
+
+# --- where the daemon is ----------------------------------------------------------------------------------------
+
+
+def test_an_endpoint_is_a_directory_with_or_without_ipc(tmp_path: Path) -> None:
+    assert directory(tmp_path, {}) == directory(f"ipc://{tmp_path}", {}) == directory(str(tmp_path), {}) == tmp_path
+
+
+def test_the_daemon_is_found_where_its_sockets_are(tmp_path: Path) -> None:
+    mine, systems = tmp_path / "user" / "hapticd", tmp_path / "system"
+    environ = {"XDG_RUNTIME_DIR": str(tmp_path / "user"), "RUNTIME_DIRECTORY": f"{systems}:/other"}
+    assert default_directory(environ) == systems  # nowhere: the first place to look
+    mine.mkdir(parents=True)
+    with socket.socket(socket.AF_UNIX) as control:
+        control.bind(str(mine / "control"))
+        assert default_directory(environ) == mine
+    assert default_directory(environ | {"HAPTICD_RUNTIME_DIR": "/there"}) == Path("/there")
+    assert default_directory({}) in (Path(f"/tmp/hapticd-{os.getuid()}"), Path("/run/hapticd"))

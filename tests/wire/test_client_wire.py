@@ -1,0 +1,365 @@
+"""Whatever bytes a client sends, the daemon either understands all of them or refuses with one sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import random
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.errors import RequestError
+from hapticd.values import (
+    AmplitudeTarget,
+    ClientTargets,
+    FrictionTarget,
+    GratingTarget,
+    MapTarget,
+    VirtualPath,
+)
+from hapticd.wire import client, targets
+from hapticd.wire.fields import MAX_PAYLOAD_BYTES
+
+FULL: dict[str, Any] = {
+    "v": 1,
+    "client": "study-7",
+    "ttl_s": 0.25,
+    "targets": [
+        {"finger": 3, "amplitude_um": 1.5},
+        {"finger": 4, "friction": 1},
+        {
+            "finger": "ghost",
+            "grating": {"period_mm": 5, "angle_rad": 0.5, "low_um": 0.1, "high_um": 2.0, "duty_frac": 0.25},
+        },
+        {"finger": 6, "map": {"width": 2, "height": 3, "levels": b"\x00\x10\x20\x30\x40\xff", "high_um": 3.0}},
+    ],
+    "virtuals": [
+        {"name": "ghost", "path_mm": [[-40, 20], [40.5, 20]], "speed_mm_s": 80, "loop": False},
+        {"name": "post", "path_mm": [[0, 0]]},
+    ],
+}
+
+
+def packed(**changes: object) -> bytes:
+    return bytes(msgpack.packb({**FULL, **changes}))
+
+
+def with_target(**target: object) -> bytes:
+    return packed(targets=[{"finger": 1, **target}])
+
+
+def refusal(payload: bytes) -> str:
+    with pytest.raises(RequestError) as caught:
+        client.decode_targets(payload)
+    return str(caught.value)
+
+
+# --- what is understood -----------------------------------------------------------------------------------------
+
+
+def test_a_full_message_is_read_to_the_last_field() -> None:
+    assert client.decode_targets(packed()) == ClientTargets(
+        client="study-7",
+        ttl_ns=250_000_000,
+        targets={
+            3: AmplitudeTarget(1.5),
+            4: FrictionTarget(1.0),
+            "ghost": GratingTarget(period_mm=5.0, angle_rad=0.5, low_um=0.1, high_um=2.0, duty_frac=0.25),
+            6: MapTarget(width=2, height=3, levels=b"\x00\x10\x20\x30\x40\xff", low_um=0.0, high_um=3.0),
+        },
+        virtuals={
+            "ghost": VirtualPath(points_mm=((-40.0, 20.0), (40.5, 20.0)), speed_mm_s=80.0, loop=False),
+            "post": VirtualPath(points_mm=((0.0, 0.0),), speed_mm_s=50.0, loop=True),
+        },
+    )
+
+
+def test_the_smallest_message_wants_nothing_for_half_a_second() -> None:
+    payload = bytes(msgpack.packb({"v": 1, "client": "c"}))
+    assert client.decode_targets(payload) == ClientTargets("c", 500_000_000, {}, {})
+
+
+def test_whole_numbers_become_floats_and_stay_exact() -> None:
+    (target,) = client.decode_targets(with_target(amplitude_um=3)).targets.values()
+    assert isinstance(target, AmplitudeTarget)
+    assert type(target.amplitude_um) is float
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        with_target(amplitude_um=0),
+        with_target(amplitude_um=targets.MAX_AMPLITUDE_UM),
+        with_target(friction=0.0),
+        packed(ttl_s=targets.MIN_TTL_S),
+        packed(ttl_s=targets.MAX_TTL_S),
+        packed(client="é" * 32),
+        packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(targets.MAX_TARGETS)]),
+        packed(targets=[], virtuals=[{"name": str(n), "path_mm": [[0, 0]]} for n in range(targets.MAX_VIRTUALS)]),
+        packed(targets=[], virtuals=[{"name": "a", "path_mm": [[-1000, 1000]] * targets.MAX_PATH_POINTS}]),
+        with_target(map={"width": 128, "height": 128, "levels": bytes(128 * 128), "high_um": 1}),
+    ],
+)
+def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
+    client.decode_targets(payload)
+
+
+# --- what is refused --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("payload", "sentence"),
+    [
+        (packed(v=2), "The message is of protocol version 2, the daemon speaks 1: update the daemon."),
+        (packed(v=0), "update the client"),
+        (packed(v="1"), "v: must be a whole number, not a text."),
+        (packed(client=""), "client: a name has 1 .. 32 printable characters."),
+        (packed(client="a" * 33), "client: a name has"),
+        (packed(client="a\nb"), "client: a name has"),
+        (packed(client=7), "client: must be a name, not a whole number."),
+        (packed(ttl_s=0.019), "ttl_s: 0.019 is out of bounds, it must be 0.02 .. 5."),
+        (packed(ttl_s=True), "ttl_s: must be a number, not a truth value."),
+        (packed(ttl_ms=3), "'ttl_ms': unknown field"),
+        (packed(targets={}), "targets: must be a list, not a map."),
+        (packed(targets=[7]), "targets[0]: must be a map, not a whole number."),
+        (packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(17)]), "targets: has 17 items, at most 16"),
+        (packed(targets=[{"finger": 1, "friction": 0.5}] * 2), "targets[1].finger: 1 is there twice."),
+        (packed(targets=[{"friction": 0.5}]), "targets[0].finger: is missing."),
+        (packed(targets=[{"finger": 0, "friction": 0.5}]), "targets[0].finger: 0 is out of bounds"),
+        (
+            packed(targets=[{"finger": 1.5, "friction": 0.5}]),
+            "targets[0].finger: must be a whole number, not a number.",
+        ),
+        (packed(targets=[{"finger": "nobody", "friction": 0.5}]), "there is no virtual finger 'nobody'"),
+        (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map."),
+        (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
+        (with_target(friction=0.5, fiction=1), "'targets[0].fiction': unknown field"),
+        (with_target(friction=1.01), "targets[0].friction: 1.01 is out of bounds, it must be 0 .. 1."),
+        (with_target(amplitude_um=-1e-9), "targets[0].amplitude_um: -1e-09 is out of bounds"),
+        (with_target(amplitude_um=math.nan), "targets[0].amplitude_um: nan is out of bounds"),
+        (with_target(amplitude_um=math.inf), "targets[0].amplitude_um: inf is out of bounds"),
+        (with_target(grating={"period_mm": 0, "high_um": 1}), "targets[0].grating.period_mm: 0 is out of bounds"),
+        (with_target(grating={"period_mm": 5}), "targets[0].grating.high_um: is missing."),
+        (with_target(grating={"period_mm": 5, "high_um": 1, "hue": 2}), "'targets[0].grating.hue': unknown field"),
+        (
+            with_target(map={"width": 2, "height": 2, "levels": b"abc", "high_um": 1}),
+            "levels: has 3 bytes, it must have 4",
+        ),
+        (with_target(map={"width": 129, "height": 1, "levels": b"", "high_um": 1}), "width: 129 is out of bounds"),
+        (with_target(map={"width": 1, "height": 1, "levels": "x", "high_um": 1}), "levels: must be bytes, not a text."),
+        (packed(virtuals=[{"name": "a", "path_mm": []}]), "virtuals[0].path_mm: needs at least one point."),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "exceeds max_array_len"),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0]]}]), "virtuals[0].path_mm[0]: a point has two numbers"),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 1001]]}]), "virtuals[0].path_mm[0]: 1001 is out of bounds"),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "speed_mm_s": 2001}]), "speed_mm_s: 2001 is out of"),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "loop": 1}]), "loop: must be true or false"),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is there twice."),
+    ],
+)
+def test_a_refusal_says_where_and_what(payload: bytes, sentence: str) -> None:
+    assert sentence in refusal(payload)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\x01",
+        b"\xc1",
+        b"\xa1\xff",
+        b"\x81\x01\x01",
+        b"\x81\x80\x01",
+        b"\x81\xc4\x01v\x01",
+        b"\x82\xa1v\x01\xa1v\x01",
+        b"\xdd\xff\xff\xff\xff",
+        b"\xdf\xff\xff\xff\xff",
+        b"\xdb\xff\xff\xff\xff",
+        b"\xc9\xff\xff\xff\xff\x05",
+        b"\xd6\xff\x00\x00\x00\x00",
+        b"\xc7\x00\x05",
+        b"\x91" * 1000 + b"\x01",
+        b"\x91" * 60_000,
+        b"\x81\xa1v" * 20_000,
+        packed() + b"\x00",
+        packed()[:-1],
+        bytes(MAX_PAYLOAD_BYTES + 1),
+        packed(client=msgpack.ExtType(5, b"x")),
+        packed(ttl_s=msgpack.Timestamp(0, 0)),
+        packed(client=b"\xff"),
+        packed(v=2**64 - 1),
+        packed(ttl_s=2**64 - 1),
+        packed(targets=[[[[[]]]]]),
+    ],
+)
+def test_hostile_bytes_end_in_one_short_printable_sentence(payload: bytes) -> None:
+    sentence = refusal(payload)
+    assert sentence.endswith(".")
+    assert sentence.isprintable()
+    assert len(sentence) < 250
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_no_field_takes_a_number_that_is_not_finite(bad: float) -> None:
+    def spoilt(value: object) -> list[object]:
+        """The message with each of its numbers replaced in turn."""
+        if isinstance(value, dict):
+            return [{**value, key: other} for key in value for other in spoilt(value[key])]
+        if isinstance(value, list):
+            return [[*value[:i], other, *value[i + 1 :]] for i in range(len(value)) for other in spoilt(value[i])]
+        return [bad] if isinstance(value, int | float) and not isinstance(value, bool) else []
+
+    messages = spoilt(FULL)
+    assert len(messages) > 15
+    for message in messages:
+        refusal(bytes(msgpack.packb(message)))
+
+
+@given(st.binary(max_size=200))
+@settings(deadline=None, max_examples=300)
+def test_random_bytes_never_raise_anything_else(payload: bytes) -> None:
+    for decode in (client.decode_targets, client.decode_request):
+        with pytest.raises(RequestError):
+            decode(payload)
+
+
+@given(st.integers(0, 2**32), st.integers(1, 6))
+@settings(deadline=None, max_examples=400)
+def test_a_damaged_message_is_refused_or_is_within_all_bounds(seed: int, damages: int) -> None:
+    rng = random.Random(seed)
+    payload = bytearray(packed())
+    for _ in range(damages):
+        payload[rng.randrange(len(payload))] = rng.randrange(256)
+    try:
+        message = client.decode_targets(bytes(payload))
+    except RequestError:
+        return
+    assert 20_000_000 <= message.ttl_ns <= 5_000_000_000
+    for target in message.targets.values():
+        for name in ("amplitude_um", "friction_frac", "low_um", "high_um", "period_mm"):
+            assert 0 <= getattr(target, name, 0.0) <= 1000
+
+
+plain = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats()
+    | st.text(max_size=9)
+    | st.binary(max_size=9),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    max_leaves=8,
+)
+
+
+@given(st.sampled_from([*FULL, "other"]), plain)
+@settings(deadline=None, max_examples=300)
+def test_any_value_in_any_field_is_refused_or_read(name: str, value: object) -> None:
+    try:
+        payload = packed(**{name: value})
+    except UnicodeEncodeError:  # a lone surrogate cannot be sent
+        return
+    with contextlib.suppress(RequestError):
+        assert isinstance(client.decode_targets(payload), ClientTargets)
+
+
+# --- requests and replies ---------------------------------------------------------------------------------------
+
+
+def request(op: str, request_id: object = 7, **fields: object) -> bytes:
+    return bytes(msgpack.packb({"v": 1, "id": request_id, "op": op, **fields}))
+
+
+def test_each_request_is_read_with_its_body() -> None:
+    body = {name: value for name, value in FULL.items() if name != "v"}
+    expected = client.decode_targets(packed())
+    assert client.decode_request(request("set", body=body)) == client.Request("set", 7, expected)
+    one, everything = {"client": "a", "finger": 3}, {"client": "a"}
+    assert client.decode_request(request("release", body=one)).body == client.Release("a", 3)
+    assert client.decode_request(request("release", body=everything)).body == client.Release("a", None)
+    for op in ("hello", "capabilities", "status", "clear_fault"):
+        assert client.decode_request(request(op)) == client.Request(op, 7, None)
+
+
+def test_an_answer_carries_what_the_handler_returned() -> None:
+    reply = msgpack.unpackb(client.answer(request("status"), lambda got: {"op": got.op, "nested": {"a": [1, 2.5]}}))
+    assert reply == {"v": 1, "id": 7, "ok": True, "body": {"op": "status", "nested": {"a": [1, 2.5]}}}
+
+
+@pytest.mark.parametrize(
+    ("payload", "request_id", "sentence"),
+    [
+        (b"\xc1", 0, "not acceptable MessagePack"),
+        (request("status", 0), 0, "id: 0 is out of bounds"),
+        (request("status", v=2), 7, "update the daemon"),
+        (request("explode"), 7, "op: 'explode' is none of hello,"),
+        (request("set"), 7, "body: is missing."),
+        (request("set", body={"client": "a", "targets": [{"finger": 1}]}), 7, "body.targets[0]: needs exactly one"),
+        (request("hello", extra=1), 7, "'extra': unknown field"),
+    ],
+)
+def test_a_refused_request_is_answered_with_its_id_wherever_it_could_be_read(
+    payload: bytes, request_id: int, sentence: str
+) -> None:
+    reply = msgpack.unpackb(client.answer(payload, lambda _: pytest.fail("a refused request was handled")))
+    assert (reply["v"], reply["id"], reply["ok"]) == (1, request_id, False)
+    assert sentence in reply["error"]
+
+
+def test_a_handler_refuses_by_raising() -> None:
+    def handle(_: client.Request) -> dict[str, object]:
+        raise RequestError("finger 3 is held by 'other'.")
+
+    reply = msgpack.unpackb(client.answer(request("status"), handle))
+    assert reply == {"v": 1, "id": 7, "ok": False, "error": "finger 3 is held by 'other'."}
+
+
+# --- telemetry --------------------------------------------------------------------------------------------------
+
+
+def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
+    state = client.PlateState(
+        instance=99,
+        seq=12,
+        t_ns=2**40,
+        state="ACTIVE",
+        fingers=(client.FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True),),
+        modal_um=(1.0, -4.0),
+        limited=True,
+        condition=math.inf,
+        age_ms=10.5,
+        horizon_ms=16.0,
+    )
+    assert msgpack.unpackb(client.encode_state(state)) == {
+        "v": 1,
+        "instance": 99,
+        "seq": 12,
+        "t_ns": 2**40,
+        "state": "ACTIVE",
+        "fingers": [
+            {
+                "id": "ghost",
+                "x_mm": 1.0,
+                "y_mm": 2.0,
+                "predicted_x_mm": 1.5,
+                "predicted_y_mm": 2.5,
+                "target_um": None,
+                "achieved_um": None,
+                "virtual": True,
+            }
+        ],
+        "modal_um": [1.0, -4.0],
+        "limited": True,
+        "condition": None,
+        "age_ms": 10.5,
+        "horizon_ms": 16.0,
+    }
+
+
+def test_the_capabilities_can_be_sent_as_they_are() -> None:
+    reply = msgpack.unpackb(client.encode_reply(1, client.CAPABILITIES))
+    assert reply["body"]["ops"] == list(client.OPS)
+    assert reply["body"]["max_message_bytes"] == MAX_PAYLOAD_BYTES
