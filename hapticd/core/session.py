@@ -1,0 +1,185 @@
+"""The conversation with the board: handshake, clocks, numbered frames, keep-alives, and the ledger of their latency.
+
+Pure: messages and instants in, commands out. The board is greeted when its link comes up and again when it stays
+silent or reboots; references are only sent once its hello was accepted and its clock is known.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from ..values import (
+    BoardCommand,
+    BoardHello,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    HelloRequest,
+    KeepAlive,
+    ReferenceFrame,
+    SafeDrive,
+    SelectController,
+    Tick,
+    TimeRequest,
+)
+from .clocksync import BoardClock, LinkLatency
+from .limits import silence
+
+GREET_EVERY_NS = 250_000_000
+SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
+TIME_EVERY_NS = 500_000_000
+KEEP_ALIVE_EVERY_NS = 20_000_000  # the board's dead-man waits 50 ms
+ARM_EVERY_NS = 10_000_000  # the board trusts a host again after three good references
+SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
+LEDGER_LENGTH = 512
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerLine:
+    """One reference frame's life: the age of the sample it was made from, the horizon it aimed at, and by how much
+    the board applied it later than intended."""
+
+    seq: int
+    t_sent_ns: int
+    age_ns: int
+    horizon_ns: int
+    link_ns: int
+    late_ns: int
+
+
+@dataclass(slots=True)
+class Interval:
+    """Something done every so often."""
+
+    every_ns: int
+    t_last_ns: int = 0
+
+    def restart(self, t_now_ns: int) -> None:
+        """It was just done."""
+        self.t_last_ns = t_now_ns
+
+    def due(self, t_now_ns: int) -> bool:
+        """Whether it is time; then the interval starts anew."""
+        if t_now_ns - self.t_last_ns < self.every_ns:
+            return False
+        self.t_last_ns = t_now_ns
+        return True
+
+
+class BoardSession:
+    """One board, from one link-up to the next link-down."""
+
+    def __init__(self, *, link_start_ns: int, controller: str) -> None:
+        self.hello: BoardHello | None = None
+        self.status: BoardStatus | None = None
+        self.clock = BoardClock()
+        self.latency = LinkLatency(link_start_ns)
+        self.ledger: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
+        self.reboots = 0
+        self._controller = controller
+        self._linked = False
+        self._seq = 0
+        self._in_flight: dict[int, tuple[int, int, Tick]] = {}
+        self._t_heard_ns = 0
+        self._greeting = Interval(GREET_EVERY_NS)
+        self._asking_time = Interval(SETTLE_TIME_EVERY_NS)
+        self._keeping_alive = Interval(KEEP_ALIVE_EVERY_NS)
+        self._arming = Interval(ARM_EVERY_NS)
+
+    @property
+    def ready(self) -> bool:
+        """The board answered the handshake and its clock is known: references may be sent."""
+        return self._linked and self.hello is not None and self.clock.ready
+
+    @property
+    def fault_code(self) -> int:
+        """The board's latched fault, 0 where there is none."""
+        return self.status.fault_code if self.status is not None and self.status.state is BoardState.FAULT else 0
+
+    def link_up(self, t_now_ns: int) -> list[BoardCommand]:
+        """The port is open: greet."""
+        self.link_down()
+        self._linked = True
+        self._t_heard_ns = t_now_ns
+        self._greeting.restart(t_now_ns)
+        return [HelloRequest()]
+
+    def link_down(self) -> None:
+        """The port is gone, and with it all that was known of the board."""
+        self._linked = False
+        self.hello = self.status = None
+        self.clock.reset()
+        self._in_flight.clear()
+
+    def receive_hello(self, hello: BoardHello, t_now_ns: int) -> list[BoardCommand]:
+        """The board's accepted answer (its protocol and limits were checked): choose its controller, ask its time."""
+        if self.hello is not None and self.hello.boot_id != hello.boot_id:
+            self.reboots += 1
+            self.clock.reset()
+        self.hello = hello
+        self._t_heard_ns = t_now_ns
+        self._asking_time.restart(t_now_ns)
+        self._in_flight.clear()
+        return [SelectController(self._controller), TimeRequest(self.clock.request(t_now_ns))]
+
+    def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
+        """A time reply; one that went astray is ignored."""
+        self._t_heard_ns = t_now_ns
+        self.clock.update(reply, t_now_ns)
+
+    def receive_status(self, status: BoardStatus, t_now_ns: int) -> None:
+        """Book the frame it acknowledges: link delay, and how late its first knot took effect."""
+        self._t_heard_ns = t_now_ns
+        self.status = status
+        if not status.applied or not self.clock.ready:
+            return
+        sent = self._in_flight.pop(status.seq, None)
+        if sent is None:
+            return
+        t_sent_ns, t_apply_ns, tick = sent
+        link_ns = self.clock.to_host_ns(status.t_received_us, near=t_now_ns) - t_sent_ns
+        late_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns) - t_apply_ns
+        self.latency.update(link_ns)
+        self.ledger.append(LedgerLine(status.seq, t_sent_ns, tick.age_ns, tick.horizon_ns, link_ns, late_ns))
+        self._drop_unanswered(t_now_ns)
+
+    def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
+        """Number a drive and lay it on the board's clock; nothing while the board is not ready."""
+        if not self.ready:
+            return []
+        commands = self._numbered(drive, t_now_ns)
+        self._in_flight[self._seq] = (t_now_ns, drive.t_apply_ns, tick)
+        return commands
+
+    def timer(self, t_now_ns: int) -> list[BoardCommand]:
+        """What is due: greetings, time requests, keep-alives, and zero frames until the board trusts this host."""
+        if not self._linked:
+            return []
+        if self.hello is not None and t_now_ns - self._t_heard_ns > SILENT_AFTER_NS:
+            self.hello = self.status = None  # it hung or was replaced: start over
+        if self.hello is None:
+            return [HelloRequest()] if self._greeting.due(t_now_ns) else []
+        commands: list[BoardCommand] = []
+        self._asking_time.every_ns = TIME_EVERY_NS if self.clock.ready else SETTLE_TIME_EVERY_NS
+        if self._asking_time.due(t_now_ns):
+            commands.append(TimeRequest(self.clock.request(t_now_ns)))
+        if not self.clock.ready or self.status is None:
+            return commands
+        if self.status.state is BoardState.QUIET and self._arming.due(t_now_ns):
+            zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
+            commands += self._numbered(zero, t_now_ns)
+        elif self._keeping_alive.due(t_now_ns):
+            commands.append(KeepAlive(self._seq))
+        return commands
+
+    def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
+        self._seq = (self._seq + 1) & 0xFFFF
+        self._keeping_alive.restart(t_now_ns)
+        self._arming.restart(t_now_ns)
+        return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive)]
+
+    def _drop_unanswered(self, t_now_ns: int) -> None:
+        old = [seq for seq, (t_sent_ns, _, _) in self._in_flight.items() if t_now_ns - t_sent_ns > SILENT_AFTER_NS]
+        for seq in old:
+            del self._in_flight[seq]

@@ -1,0 +1,56 @@
+"""The solver's shared arithmetic: what is noise, what is out of range, and scaling it back in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+Row = tuple[float, ...]
+Pair = tuple[float, float]
+
+NOISE = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
+_REACH_CAP = 1e30  # a target so many times out of reach acts like any farther one
+
+
+def normalised(
+    size: float, targets: Sequence[float], limits: Sequence[float], effort: float
+) -> tuple[list[float], tuple[float, ...], float, float]:
+    """Targets, limits and effort for rows divided by `size` and a largest limit of 1, and what to multiply W by.
+
+    A target that is out of reach by more than `_REACH_CAP` is brought to it, the others in proportion: the solution
+    is the same to rounding.
+    """
+    reach = max(limits) if max(limits) < math.inf else 1.0
+    peak = max(targets)
+    scaled_peak = min(peak / size / reach, _REACH_CAP)
+    return (
+        [target / peak * scaled_peak for target in targets],
+        tuple([limit / reach for limit in limits]),
+        min(effort / size / size, _REACH_CAP),
+        reach,
+    )
+
+
+def within(modal: Pair, limits: Pair) -> Pair:
+    """Shaves off what rounding left beyond a limit."""
+    return clamped(modal[0], limits[0]), clamped(modal[1], limits[1])
+
+
+def clamped(value: float, limit: float) -> float:
+    if -limit <= value <= limit:
+        return value
+    return math.copysign(limit, value) if value == value else 0.0
+
+
+def cross_terms(one: Row, other: Row) -> Pair:
+    """x1 y2 and x2 y1 of two rows, each scaled to a largest entry of 1."""
+    size, other_size = max(abs(one[0]), abs(one[1])), max(abs(other[0]), abs(other[1]))
+    if not (size > 0.0 and other_size > 0.0):
+        return 0.0, 0.0
+    x, y = one[0] / size, one[1] / size
+    other_x, other_y = other[0] / other_size, other[1] / other_size
+    return x * other_y, other_x * y
+
+
+def dot(one: Sequence[float], other: Sequence[float]) -> float:
+    return sum([u * v for u, v in zip(one, other, strict=True)])

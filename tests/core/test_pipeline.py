@@ -1,0 +1,251 @@
+"""A touch's way through the core, on a plate whose shapes are sines and with fingers that move as they are told."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hapticd.core.modes import ModeShapes
+from hapticd.core.pipeline import Pipeline, PipelineSettings
+from hapticd.core.prediction import make_predictor
+from hapticd.core.scene import Scene
+from hapticd.values import AmplitudeTarget, ClientTargets, Contact, Target, Tick, TouchFrame, VirtualPath
+
+MS = 1_000_000
+PERIOD_NS = 11_250_000
+LINK_NS = 5 * MS
+START_NS = 77_000_000_000
+FOREVER_NS = 10**15
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 111)
+    wave = np.sin(2 * np.pi * axis_mm / 27.0)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
+
+
+PLATE = sine_plate()
+
+
+class Bench:
+    """A pipeline, its scene, and a pad that says what it is told."""
+
+    def __init__(self, **settings: object) -> None:
+        self.scene = Scene(w_limit_um=4.0)
+        chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": make_predictor, **settings}
+        self.pipeline = Pipeline(PLATE, self.scene, PipelineSettings(**chosen))  # type: ignore[arg-type]
+        self.t_ns = START_NS
+
+    def want(self, targets: dict[int | str, Target], virtuals: dict[str, VirtualPath] | None = None) -> None:
+        message = ClientTargets("test", FOREVER_NS, targets, virtuals or {})
+        assert self.scene.apply(message, self.t_ns) == ()
+
+    def report(self, *positions_mm: tuple[float, float]) -> Tick:
+        contacts = tuple(
+            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0)
+            for index, (x_mm, y_mm) in enumerate(positions_mm)
+        )
+        self.t_ns += PERIOD_NS
+        self.pipeline.touch(TouchFrame(self.t_ns - 10 * MS, contacts, False), self.t_ns)
+        return self.pipeline.drive(self.t_ns, LINK_NS)
+
+    def hold(self, reports: int, *positions_mm: tuple[float, float]) -> list[Tick]:
+        return [self.report(*positions_mm) for _ in range(reports)]
+
+
+def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
+    assert tick.drive is not None
+    shapes = PLATE.at(*at_mm)
+    return abs(sum(phi * w_um.real for phi, w_um in zip(shapes, tick.drive.knots[knot].modal_um, strict=True)))
+
+
+SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)
+
+
+def test_one_finger_slips_while_the_other_sticks() -> None:
+    bench = Bench()
+    bench.report(SLIPPERY, STICKY)
+    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+    tick = bench.report(SLIPPERY, STICKY)
+    assert [point.target_um for point in tick.points] == [1.0, 0.0]
+    for knot in (0, -1):
+        assert amplitude_um(tick, knot, SLIPPERY) == pytest.approx(1.0, abs=1e-9)
+        assert amplitude_um(tick, knot, STICKY) < 1e-12
+
+
+def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_lost_report() -> None:
+    bench = Bench(cover_ns=17 * MS, loop_delay_ns=2 * MS)
+    bench.report(SLIPPERY)
+    bench.want({1: AmplitudeTarget(1.0)})
+    tick = bench.report(SLIPPERY)
+    assert tick.drive is not None
+    assert tick.drive.t_apply_ns == bench.t_ns + LINK_NS
+    assert tick.drive.knots[0].dt_ns == 0
+    assert tick.drive.knots[-1].dt_ns == 17 * MS
+    assert tick.age_ns == 10 * MS
+    assert tick.horizon_ns == 10 * MS + LINK_NS + 2 * MS
+
+
+def test_no_finger_is_one_zero_frame_and_then_nothing() -> None:
+    bench = Bench()
+    bench.report(SLIPPERY)
+    bench.want({1: AmplitudeTarget(1.0)})
+    assert bench.report(SLIPPERY).drive is not None
+    lifted = bench.report()
+    assert lifted.drive is not None
+    assert [knot.modal_um for knot in lifted.drive.knots] == [(0.0, 0.0)]
+    assert [tick.drive for tick in bench.hold(5)] == [None] * 5
+    assert bench.pipeline.counters.skipped_no_finger == 6
+
+
+def test_no_target_is_nothing_to_solve() -> None:
+    bench = Bench()
+    assert [tick.drive for tick in bench.hold(5, SLIPPERY)] == [None] * 5
+    assert bench.pipeline.counters.skipped_no_target == 5
+    assert bench.pipeline.counters.solves == 0
+
+
+def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down() -> None:
+    bench = Bench()
+    bench.report(SLIPPERY, STICKY)
+    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(1.0)})
+    bench.report(SLIPPERY, STICKY)
+    bench.want({1: AmplitudeTarget(1.0)})
+    bench.pipeline.release(bench.scene.expire(bench.t_ns))
+    tick = bench.report(SLIPPERY, STICKY)
+    assert [(point.key, point.target_um) for point in tick.points] == [(1, 1.0), (2, 0.0)]
+    bench.scene.release_client("test")
+    bench.pipeline.release(bench.scene.expire(bench.t_ns))
+    tick = bench.report(SLIPPERY, STICKY)
+    assert tick.drive is not None
+    assert not any(any(knot.modal_um) for knot in tick.drive.knots)
+
+
+def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_would_say() -> None:
+    bench, never = Bench(), Bench(tolerance_um=1e-12)
+    for each in (bench, never):
+        each.report(SLIPPERY, STICKY)
+        each.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+    standing, solved = bench.hold(40, SLIPPERY, STICKY), never.hold(40, SLIPPERY, STICKY)
+    assert standing[-1].drive is None
+    assert bench.pipeline.counters.skipped_standing > 20
+    assert standing[-1].points == standing[5].points
+    stands = next(tick.drive for tick in reversed(standing) if tick.drive is not None)
+    would = next(tick.drive for tick in reversed(solved) if tick.drive is not None)
+    for w_um, exact_um in zip(stands.knots[-1].modal_um, would.knots[-1].modal_um, strict=True):
+        assert abs(w_um - exact_um) <= 0.01
+
+
+@pytest.mark.parametrize("change", ["moves", "target", "lands", "forgotten"])
+def test_whatever_changes_ends_the_standing(change: str) -> None:
+    bench = Bench()
+    bench.report(SLIPPERY, STICKY)
+    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0), 3: AmplitudeTarget(0.0)})
+    assert bench.hold(30, SLIPPERY, STICKY)[-1].drive is None
+    positions = [SLIPPERY, STICKY]
+    if change == "moves":
+        positions[0] = (SLIPPERY[0] + 2.0, SLIPPERY[1])
+    elif change == "target":
+        bench.want({1: AmplitudeTarget(0.9), 2: AmplitudeTarget(0.0)})
+    elif change == "lands":
+        positions.append((0.0, 40.0))
+    else:
+        bench.pipeline.forget_standing()
+    assert bench.report(*positions).drive is not None
+
+
+def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the_tolerance() -> None:
+    counts = []
+    for speed_mm_s in (0.0, 50.0, 100.0, 200.0):
+        path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), speed_mm_s, loop=True)
+        bench = Bench(tolerance_um=0.005)
+        bench.want({"walker": AmplitudeTarget(1.0)}, {"walker": path})
+        bench.t_ns += 150 * MS
+        tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
+        assert tick.drive is not None
+        knots = tick.drive.knots
+        counts.append(len(knots))
+        t_plate_ns = tick.drive.t_apply_ns + bench.pipeline._settings.loop_delay_ns
+        for before, after in pairwise(knots):
+            middle_ns = (before.dt_ns + after.dt_ns) // 2
+            here_mm = bench.scene.virtual_position_mm("walker", t_plate_ns + middle_ns)
+            between = [(a + b) / 2 for a, b in zip(before.modal_um, after.modal_um, strict=True)]
+            got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), between, strict=True)))
+            assert abs(got_um - 1.0) < 3 * 0.005 or tick.limited
+    assert counts == sorted(counts)
+    assert counts[0] == 2
+    assert counts[-1] > 4
+
+
+def test_a_virtual_finger_takes_part_where_it_will_be() -> None:
+    bench = Bench()
+    path = VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 80.0, loop=True)
+    bench.report(SLIPPERY)
+    bench.want({1: AmplitudeTarget(1.0), "still": AmplitudeTarget(0.0)}, {"still": path})
+    tick = bench.report(SLIPPERY)
+    point = tick.points[1]
+    assert point.key == "still"
+    since_s = (bench.t_ns - (bench.t_ns - PERIOD_NS) + LINK_NS + bench.pipeline._settings.loop_delay_ns) * 1e-9
+    assert point.x_mm == pytest.approx(-40.0 + 80.0 * since_s, abs=1e-6)
+    assert amplitude_um(tick, 0, (point.x_mm, point.y_mm)) < 1e-12
+
+
+def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
+    ours, paper = Bench(max_knots=2), Bench(max_knots=2, policy="paper")
+    largest = {}
+    for name, bench in (("ours", ours), ("paper", paper)):
+        path = VirtualPath(((-30.0, 3.0), (-10.0, 3.0)), 100.0, loop=False)  # crosses a singular position
+        still = VirtualPath(((5.0, 8.0),), 0.0, loop=False)
+        bench.want({"a": AmplitudeTarget(1.0), "b": AmplitudeTarget(0.0)}, {"a": path, "b": still})
+        first_um = []
+        for _ in range(190):
+            bench.t_ns += MS
+            tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
+            if tick.drive is not None:
+                first_um.append(np.array(tick.drive.knots[0].modal_um).real)
+        largest[name] = max(float(np.abs(after - before).max()) for before, after in pairwise(first_um))
+    assert largest["paper"] > 4.0
+    assert largest["ours"] < largest["paper"] / 3
+
+
+def test_positions_off_the_plate_or_not_finite_never_break_the_limit() -> None:
+    bench = Bench()
+    bench.report(SLIPPERY, STICKY)
+    bench.want({1: AmplitudeTarget(4.0), 2: AmplitudeTarget(0.0)})
+    for x_mm in (500.0, -1e9, math.nan, math.inf, 12.0):
+        tick = bench.report((x_mm, 3.0), STICKY)
+        for knot in tick.drive.knots if tick.drive is not None else ():
+            assert all(abs(w_um) <= 4.0 for w_um in knot.modal_um)
+
+
+def test_a_frame_out_of_order_says_nothing_new() -> None:
+    bench = Bench()
+    bench.hold(3, SLIPPERY)
+    before = bench.pipeline.fingers
+    old = TouchFrame(bench.t_ns - 200 * MS, (), False)
+    bench.pipeline.touch(old, bench.t_ns)
+    assert bench.pipeline.fingers == before
+
+
+def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers() -> None:
+    bench = Bench()
+    bench.hold(3, SLIPPERY)
+    assert not bench.pipeline.sensor_is_silent(bench.t_ns + 40 * MS)
+    assert bench.pipeline.sensor_is_silent(bench.t_ns + 41 * MS)
+    bench.pipeline.sensor_lost()
+    assert bench.pipeline.fingers == ()
+    assert not bench.pipeline.sensor_is_silent(bench.t_ns + 1000 * MS)
+    assert bench.report(SLIPPERY).drive is None  # a new finger, that nobody wants
+
+
+def test_the_same_calls_give_the_same_drives() -> None:
+    def play() -> list[Tick]:
+        bench = Bench()
+        bench.report(SLIPPERY, STICKY)
+        bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        return [bench.report((SLIPPERY[0] + step, SLIPPERY[1]), STICKY) for step in range(40)]
+
+    assert play() == play()
