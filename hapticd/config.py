@@ -66,7 +66,7 @@ class DeviceConfig:
     port: str = _key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
     baud: int = _key(921600, "serial speed", low=9600, high=5250000)
     link_ms: float = _key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
-    loop_delay_ms: float = _key(1.0, "by how much the plate follows its reference late", low=0, high=20)
+    loop_delay_ms: float = _key(0.0, "by how much the plate follows its reference late", low=0, high=20)
     controller: str = _key("pi_ff", "control law on the board", choices=("pi", "pi_ff"))
 
 
@@ -93,7 +93,7 @@ class SolverConfig:
     policy: str = _key(
         "keep_zero", "what gives way at the limit", choices=("keep_zero", "keep_ratio", "least_squares", "paper")
     )
-    effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
+    effort: float = _key(0.008, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
     tolerance_um: float = _key(
         0.01, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
     )
@@ -113,6 +113,7 @@ class SimConfig:
 
     scenario: str = _key("strokes", "what the simulated fingers do; see `hapticd simulate --help`")
     seed: int = _key(1, "of fingers, noise and cartography", low=0, high=2**31 - 1)
+    rig_dir: str = _key("", "directory of a rig that runs already; empty: the daemon starts one")
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +163,16 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
     config = Config(**sections)
     _check_together(config, where)
     return _with_files(config, where, folder)
+
+
+def simulated(config: Config) -> Config:
+    """The same on the simulated plate, with its own mode shapes."""
+    return replace(
+        config,
+        plate=replace(config.plate, modes_file=""),
+        trackpad=replace(config.trackpad, source=SIMULATED, model="auto"),
+        device=replace(config.device, port=SIMULATED),
+    )
 
 
 def render(config: Config) -> str:

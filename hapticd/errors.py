@@ -2,11 +2,15 @@
 
 
 class HapticdError(Exception):
-    """Root of all errors that hapticd raises for its user."""
+    """Root of all errors that hapticd raises for its user. `exit_code` is the process's (sysexits.h)."""
+
+    exit_code = 1
 
 
 class ConfigError(HapticdError):
     """A configuration file has an unknown key, a wrong type, a value out of bounds or names a missing file."""
+
+    exit_code = 78  # EX_CONFIG
 
 
 class ModesError(HapticdError):
@@ -23,6 +27,8 @@ class TrackpadError(HapticdError):
 
 class AlreadyRunningError(HapticdError):
     """Another daemon holds the runtime directory."""
+
+    exit_code = 75  # EX_TEMPFAIL: try again when the other one has ended
 
 
 class RequestError(HapticdError):

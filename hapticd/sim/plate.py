@@ -33,7 +33,7 @@ DRIVEN_MODES = ("11x0", "0x11")  # X and Y: the shapes vary along x and along y
 NEIGHBOUR_MODES = ("9x6", "6x9")
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
-_POSITIVE |= {"cartography_step_mm"}
+_POSITIVE |= {"cartography_step_mm", "sized_for_damping"}
 _NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "cartography_noise_frac"}
 
 
@@ -41,10 +41,12 @@ _NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "cartography_noise_frac"
 class PlateSettings:
     """The simulated plate, as built (first two groups) and as it is on the day (third).
 
-    `finger_decay_1_s` is what one finger adds to a mode's decay rate times the square of the shape under it: at
-    230 1/s a finger where phi^2 = 0.3 raises the reference decay of 183 1/s to 1.38 times, one on an antinode
-    inside the plate (phi^2 = 0.4) to 1.5 times, one anywhere (phi^2 = 0.125 on average) to 1.16 times.
-    `neighbour_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
+    `finger_decay_1_s` is what one finger adds to a mode's decay rate times the square of the shape under it. At
+    115 1/s two fingers, both on antinodes inside the plate (phi^2 = 0.4), raise the reference decay of 183 1/s to 1.5
+    times, the most that the firmware's control is specified for; two fingers anywhere (phi^2 = 0.124 on average) to
+    1.16 times. No measurement of this plate exists.
+    `sized_for_damping` follows the paper, which found W_LIM = 4 um to be what its amplifiers give *in use*, with a
+    finger on the plate; 1 sizes them for the bare plate. `neighbour_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
     """
 
     f_x_hz: float = 29195.0
@@ -52,10 +54,11 @@ class PlateSettings:
     drive_hz: float = 29205.0
     q_factor: float = 500.0
     neighbour_offset_hz: float | None = None
-    finger_decay_1_s: float = 230.0
+    finger_decay_1_s: float = 115.0
 
     w_limit_um: float = 4.0
     v_limit_v: float = 150.0
+    sized_for_damping: float = 1.5  # `v_limit_v` holds `w_limit_um` at this many times the undamped plate's decay
     neighbour_coupling: float = 0.02  # of each actuator into each neighbour mode, as a share of its own mode's gain
     sensor_crosstalk: float = 0.01  # of Y in the sensor of X, and the other way round
     neighbour_pickup: float = 0.01  # of each neighbour mode in each sensor
@@ -84,7 +87,9 @@ class PlateTruth:
     """The plate's own modes for the board model: arrays for P = 4 modes and M = 2 actuators and sensors, read-only.
 
     `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
-    `gain_um_per_v_s` (P, M): such that, undamped by fingers and not drifted, `v_limit_v` just holds `w_limit_um`.
+    `gain_um_per_v_s` (P, M): such that, damped as it is sized for and not drifted, `v_limit_v` just holds `w_limit_um`.
+    `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): what a sweep of the bare plate finds
+    of the driven modes, and the board's firmware is told.
     `sensor` (M, P): what each sensor shows of each mode.
     """
 
@@ -100,6 +105,9 @@ class PlateTruth:
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
         self.gain_um_per_v_s = _read_only(_gain_um_per_v_s(settings, pair_hz))
         self.sensor = _read_only(_sensor(settings))
+        self.nominal_decay_1_s = _read_only(math.pi * pair_hz / settings.q_factor)
+        self.nominal_detuning_rad_s = _read_only(2.0 * math.pi * (pair_hz - settings.drive_hz))
+        self.nominal_gain_um_per_v_s = _read_only(np.diag(self.gain_um_per_v_s).copy())
         self._surfaces = _true_surfaces()
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
@@ -126,7 +134,7 @@ class PlateTruth:
 
 def _gain_um_per_v_s(settings: PlateSettings, pair_hz: FloatArray) -> FloatArray:
     """g = w_limit |decay - j detuning| / v_limit on the driven modes; a share of it leaks into the neighbours."""
-    decay_1_s = math.pi * pair_hz / settings.q_factor
+    decay_1_s = settings.sized_for_damping * math.pi * pair_hz / settings.q_factor
     detuning_rad_s = 2.0 * math.pi * (pair_hz - settings.drive_hz)
     own = settings.w_limit_um * np.hypot(decay_1_s, detuning_rad_s) / settings.v_limit_v
     return np.vstack((np.diag(own), settings.neighbour_coupling * own, settings.neighbour_coupling * own))

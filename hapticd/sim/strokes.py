@@ -1,7 +1,8 @@
 """A finger that wanders over the plate for ever in straight strokes, as people do who explore a surface.
 
-Speed ramps of 100 ms are a hand's; the tremor of some 0.04 mm at 8 to 9 Hz is physiological (Elble and Koller,
-"Tremor", 1990).
+Speed ramps of 0.3 s give an 80 mm stroke the peak acceleration of a minimum-jerk reach of the same length and duration
+(Flash and Hogan, J. Neurosci. 5, 1985), which is how hands move when nothing stops them. The tremor of some 0.04 mm at
+8 to 9 Hz is physiological (Elble and Koller, "Tremor", 1990).
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ class Strokes:
     seed: int
     speed_mm_s: float = 100.0
     half_size_mm: float = 58.0
-    ramp_s: float = 0.1
-    pause_s: float = 0.15
+    ramp_s: float = 0.3
+    pause_s: float = 0.05
     wobble_mm: float = 0.4
-    tremor_mm: float = 0.04
-    min_stroke_mm: float = 30.0
+    tremor_mm: float = 0.02
+    min_stroke_mm: float = 55.0
     avoid: Strokes | None = None
     gap_mm: float = 18.0
 

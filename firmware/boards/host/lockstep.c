@@ -1,0 +1,208 @@
+#include "lockstep.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core.h"
+#include "plate.h"
+
+/* From the end of a measured tick to the new voltage: one 100 us chunk of the output's buffer at 2 kHz. */
+#define OUTPUT_DELAY_FRAC 0.2
+
+struct hd_board {
+    hd_core_t core;
+    hd_plate_t plate;
+    uint64_t t_start_us;
+    uint64_t tick;
+    double tick_us;
+    double complex voltage_v[HD_MODES];         /* the core's last answer */
+    double complex applied_v[HD_MODES];         /* on the plate: the same, but for the first part of a tick */
+    double complex mean_um[HD_PLATE_MODES_MAX]; /* over the tick just ended */
+    double complex measured_um[HD_MODES];
+    double complex fake_um[HD_MODES];
+    bool faked;
+    double complex asked_um[HD_MODES][2]; /* what the control law was given at the last two ticks */
+};
+
+int32_t hd_board_modes(void)
+{
+    return HD_MODES;
+}
+
+size_t hd_board_setup_size(void)
+{
+    return sizeof(hd_board_setup_t);
+}
+
+static void set_up_plate(hd_plate_t *plate, const hd_board_setup_t *setup)
+{
+    plate->modes = setup->plate_modes;
+    plate->noise_um = setup->noise_um;
+    plate->amplifier_limit_v = setup->amplifier_limit_v;
+    plate->random = setup->seed;
+    for (int p = 0; p < plate->modes; p++) {
+        plate->decay_1_s[p] = setup->decay_1_s[p];
+        plate->detuning_rad_s[p] = setup->detuning_rad_s[p];
+        for (int k = 0; k < HD_MODES; k++) {
+            plate->gain_um_per_v_s[p][k] = setup->gain_um_per_v_s[p * HD_MODES + k];
+            plate->sensor[k][p] = setup->sensor[k * plate->modes + p];
+        }
+    }
+}
+
+static hd_config_t core_config(const hd_board_setup_t *setup)
+{
+    hd_config_t config = {
+        .boot_id = setup->boot_id,
+        .control_hz = (float)setup->control_hz,
+        .drive_hz = (float)setup->drive_hz,
+        .v_limit_v = (float)setup->v_limit_v,
+        .gains = {(uint8_t)setup->law, (float)setup->bandwidth_1_s, (float)setup->integral_time_s},
+        .output_delay_frac = (float)OUTPUT_DELAY_FRAC,
+        .latch_repeated_trips = setup->latch_repeated_trips != 0,
+    };
+    for (int k = 0; k < HD_MODES; k++) {
+        config.w_limit_um[k] = (float)setup->w_limit_um[k];
+        config.model[k] = (hd_mode_model_t){
+            (float)setup->nominal_decay_1_s[k],
+            (float)setup->nominal_detuning_rad_s[k],
+            (float)setup->nominal_gain_um_per_v_s[k],
+        };
+    }
+    return config;
+}
+
+hd_board_t *hd_board_new(const hd_board_setup_t *setup)
+{
+    hd_board_t *board = calloc(1, sizeof *board);
+    if (board == NULL) {
+        return NULL;
+    }
+    hd_config_t config = core_config(setup);
+    bool valid = setup->plate_modes >= 1 && setup->plate_modes <= HD_PLATE_MODES_MAX;
+    if (!valid || !hd_init(&board->core, &config, (uint32_t)setup->t_start_us)) {
+        free(board);
+        return NULL;
+    }
+    set_up_plate(&board->plate, setup);
+    board->t_start_us = setup->t_start_us;
+    board->tick_us = 1e6 / setup->control_hz;
+    return board;
+}
+
+void hd_board_free(hd_board_t *board)
+{
+    free(board);
+}
+
+uint64_t hd_board_t_us(const hd_board_t *board)
+{
+    return board->t_start_us + (uint64_t)llround((double)board->tick * board->tick_us);
+}
+
+void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us)
+{
+    hd_receive(&board->core, bytes, n, (uint32_t)at_us);
+}
+
+size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint64_t at_us)
+{
+    return hd_transmit(&board->core, (uint32_t)at_us, out, capacity);
+}
+
+void hd_board_fake_measurement(hd_board_t *board, const double *measured_um)
+{
+    board->faked = measured_um != NULL;
+    for (int k = 0; board->faked && k < HD_MODES; k++) {
+        board->fake_um[k] = CMPLX(measured_um[2 * k], measured_um[2 * k + 1]);
+    }
+}
+
+static double complex complex_of(hd_phasor_t phasor)
+{
+    return CMPLX((double)phasor.d, (double)phasor.q);
+}
+
+/* A law may be given its reference ahead of time; what was asked for at the tick itself then lies between the last
+ * two. */
+static void reference_at_tick(hd_board_t *board, double complex reference_um[HD_MODES])
+{
+    bool ahead = hd_control_lookahead_s(&board->core.control) > 0.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        double complex *asked_um = board->asked_um[k];
+        double complex newest_um = complex_of(board->core.asked_um[k]);
+        double complex between_um = (1.0 - OUTPUT_DELAY_FRAC) * asked_um[0] + OUTPUT_DELAY_FRAC * asked_um[1];
+        reference_um[k] = ahead ? between_um : newest_um;
+        asked_um[1] = asked_um[0];
+        asked_um[0] = newest_um;
+    }
+}
+
+static void plate_tick(hd_board_t *board, const hd_contact_t *contact)
+{
+    double tick_s = board->tick_us * 1e-6;
+    double complex integral_um_s[HD_PLATE_MODES_MAX] = {0};
+    hd_plate_advance(&board->plate, contact, board->applied_v, OUTPUT_DELAY_FRAC * tick_s, integral_um_s);
+    memcpy(board->applied_v, board->voltage_v, sizeof board->applied_v);
+    hd_plate_advance(&board->plate, contact, board->applied_v, (1.0 - OUTPUT_DELAY_FRAC) * tick_s, integral_um_s);
+    for (int p = 0; p < board->plate.modes; p++) {
+        board->mean_um[p] = integral_um_s[p] / tick_s;
+    }
+    board->tick++;
+}
+
+static void measure(hd_board_t *board)
+{
+    hd_plate_measure(&board->plate, board->mean_um, board->measured_um);
+    if (board->faked) {
+        memcpy(board->measured_um, board->fake_um, sizeof board->measured_um);
+    }
+}
+
+static void control_tick(hd_board_t *board)
+{
+    hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
+    for (int k = 0; k < HD_MODES; k++) {
+        measured_um[k] = (hd_phasor_t){(float)creal(board->measured_um[k]), (float)cimag(board->measured_um[k])};
+    }
+    hd_tick(&board->core, (uint32_t)hd_board_t_us(board), measured_um, voltage_v);
+    for (int k = 0; k < HD_MODES; k++) {
+        board->voltage_v[k] = complex_of(voltage_v[k]);
+    }
+}
+
+static void put(double *rows, size_t row, int columns, const double complex *values)
+{
+    memcpy(rows + 2 * row * (size_t)columns, values, 2 * (size_t)columns * sizeof *rows);
+}
+
+static void record(hd_board_t *board, const hd_board_trace_t *trace, size_t row)
+{
+    double complex reference_um[HD_MODES];
+    reference_at_tick(board, reference_um);
+    put(trace->reference_um, row, HD_MODES, reference_um);
+    put(trace->measured_um, row, HD_MODES, board->measured_um);
+    put(trace->plate_um, row, board->plate.modes, board->plate.w_um);
+    put(trace->voltage_v, row, HD_MODES, board->voltage_v);
+    trace->flags[row] = board->core.tick_flags;
+}
+
+size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const double *phi,
+                    const double *contact_decay_1_s, const hd_board_trace_t *trace, size_t offset,
+                    int32_t stop_on_transmit)
+{
+    size_t shapes = (size_t)fingers * (size_t)board->plate.modes;
+    for (size_t i = 0; i < ticks; i++) {
+        hd_contact_t contact = hd_plate_contact(&board->plate, fingers, phi + i * shapes,
+                                                contact_decay_1_s + i * (size_t)fingers);
+        plate_tick(board, &contact);
+        measure(board);
+        control_tick(board);
+        record(board, trace, offset + i);
+        if (stop_on_transmit && board->core.pending != 0) {
+            return i + 1;
+        }
+    }
+    return ticks;
+}

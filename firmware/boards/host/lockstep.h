@@ -1,0 +1,73 @@
+/* The firmware's core and a simulated plate in one virtual time, as a flat C interface for a foreign caller.
+ *
+ * The board stands at an instant: the last tick's. Bytes come and go then or before the next one; hd_board_run moves
+ * the plate on by a tick and performs the tick at its end, again and again. Same calls, same results, to the last bit.
+ * Arrays are C-contiguous doubles, complex numbers stand as (real, imaginary) pairs.
+ */
+#ifndef HD_LOCKSTEP_H
+#define HD_LOCKSTEP_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "protocol.h"
+
+typedef struct hd_board hd_board_t;
+
+typedef struct {
+    /* the plate's truth */
+    int32_t plate_modes;
+    const double *decay_1_s;       /* (P,) */
+    const double *detuning_rad_s;  /* (P,) */
+    const double *gain_um_per_v_s; /* (P, HD_MODES) */
+    const double *sensor;          /* (HD_MODES, P) */
+    double noise_um;
+    double amplifier_limit_v;
+    uint64_t seed;
+    /* the board's configuration */
+    uint64_t t_start_us;
+    uint32_t boot_id;
+    double control_hz;
+    double drive_hz;
+    double v_limit_v;
+    const double *w_limit_um;               /* (HD_MODES,) */
+    const double *nominal_decay_1_s;        /* (HD_MODES,) */
+    const double *nominal_detuning_rad_s;   /* (HD_MODES,) */
+    const double *nominal_gain_um_per_v_s;  /* (HD_MODES,) */
+    int32_t law;
+    double bandwidth_1_s;
+    double integral_time_s;
+    int32_t latch_repeated_trips;
+} hd_board_setup_t;
+
+/* One row per tick. */
+typedef struct {
+    double *reference_um; /* (T, HD_MODES) complex: what was asked for at the tick, after ramps and limits */
+    double *measured_um;  /* (T, HD_MODES) complex: what the core was given */
+    double *plate_um;     /* (T, P) complex: the truth at the tick */
+    double *voltage_v;    /* (T, HD_MODES) complex: what the core answered */
+    uint8_t *flags;       /* (T,) enum hd_tick_flag */
+} hd_board_trace_t;
+
+int32_t hd_board_modes(void);
+size_t hd_board_setup_size(void); /* for the caller to compare with its own idea of the structure */
+
+/* NULL if memory is short or the setup makes no sense. */
+hd_board_t *hd_board_new(const hd_board_setup_t *setup);
+void hd_board_free(hd_board_t *board);
+
+uint64_t hd_board_t_us(const hd_board_t *board); /* not wrapped */
+void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us);
+size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint64_t at_us);
+
+/* Performs up to `ticks` ticks; row i of phi (ticks, fingers, P) and contact_decay_1_s (ticks, fingers) holds for the
+ * time that leads to tick i. Writes trace rows from `offset` on. With `stop_on_transmit`, ends after the tick that has
+ * something to send. Returns the ticks performed. */
+size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const double *phi,
+                    const double *contact_decay_1_s, const hd_board_trace_t *trace, size_t offset,
+                    int32_t stop_on_transmit);
+
+/* Overwrites what the sensors say from now on; NaN is a value like any other. NULL listens to the plate again. */
+void hd_board_fake_measurement(hd_board_t *board, const double *measured_um);
+
+#endif

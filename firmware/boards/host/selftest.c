@@ -1,0 +1,206 @@
+/* The firmware against a simulated plate, in C alone: what `make check` runs under the sanitizers. */
+#include <complex.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "codec.h"
+#include "core.h"
+#include "lockstep.h"
+
+#define ROWS 400
+#define TICK_US 500
+
+static const double LIMIT_V = 150.0;
+static const double LIMIT_UM = 4.0;
+
+typedef struct {
+    hd_board_t *board;
+    uint16_t seq;
+    double complex reference_um[ROWS * HD_MODES], measured_um[ROWS * HD_MODES];
+    double complex plate_um[ROWS * HD_MODES], voltage_v[ROWS * HD_MODES];
+    uint8_t flags[ROWS];
+} bench_t;
+
+static void expect(bool condition, const char *what)
+{
+    if (!condition) {
+        printf("selftest, %d modes: NOT TRUE: %s\n", HD_MODES, what);
+        exit(1);
+    }
+}
+
+static void start(bench_t *bench, uint64_t t_start_us)
+{
+    double decay[HD_MODES], detuning[HD_MODES], gain[HD_MODES * HD_MODES] = {0}, sensor[HD_MODES * HD_MODES] = {0};
+    double nominal_gain[HD_MODES], limit_um[HD_MODES];
+    for (int k = 0; k < HD_MODES; k++) {
+        decay[k] = 183.5;
+        detuning[k] = 62.8 * (k % 2 == 0 ? -1.0 : 1.0);
+        nominal_gain[k] = gain[k * HD_MODES + k] = 5.17;
+        sensor[k * HD_MODES + k] = 1.0;
+        limit_um[k] = LIMIT_UM;
+    }
+    hd_board_setup_t setup = {
+        .plate_modes = HD_MODES, .decay_1_s = decay, .detuning_rad_s = detuning, .gain_um_per_v_s = gain,
+        .sensor = sensor, .noise_um = 0.0006, .amplifier_limit_v = LIMIT_V, .seed = 7,
+        .t_start_us = t_start_us, .boot_id = 1, .control_hz = 1e6 / TICK_US, .drive_hz = 29205.0, .v_limit_v = LIMIT_V,
+        .w_limit_um = limit_um, .nominal_decay_1_s = decay, .nominal_detuning_rad_s = detuning,
+        .nominal_gain_um_per_v_s = nominal_gain, .law = HD_LAW_PI_FF,
+    };
+    memset(bench, 0, sizeof *bench);
+    bench->board = hd_board_new(&setup);
+    expect(bench->board != NULL, "a board starts with a sensible setup");
+}
+
+static void run(bench_t *bench, size_t ticks, size_t row)
+{
+    hd_board_trace_t trace = {
+        (double *)bench->reference_um, (double *)bench->measured_um, (double *)bench->plate_um,
+        (double *)bench->voltage_v, bench->flags,
+    };
+    hd_board_run(bench->board, ticks, 0, NULL, NULL, &trace, row, 0);
+}
+
+static void send(bench_t *bench, uint8_t type, const void *payload, size_t n)
+{
+    uint8_t line[HD_LINE_SIZE(HD_FRAME_MAX)];
+    size_t length = hd_frame_encode(type, payload, n, line);
+    hd_board_receive(bench->board, line, length, hd_board_t_us(bench->board));
+}
+
+static void send_reference(bench_t *bench, float amplitude_um)
+{
+    struct HD_PACKED {
+        hd_wire_reference_t head;
+        hd_wire_knot_t knot;
+    } message = {{bench->seq++, (uint32_t)hd_board_t_us(bench->board), 1, HD_MODES}, {0}};
+    for (int k = 0; k < HD_MODES; k++) {
+        message.knot.modal[k].d_um = amplitude_um;
+    }
+    send(bench, HD_MSG_REFERENCE, &message, sizeof message);
+}
+
+/* A host that sends the same reference every 10 ms, three at once at first. */
+static void drive(bench_t *bench, float amplitude_um, size_t from, size_t to)
+{
+    for (size_t row = from; row < to; row += 20) {
+        for (int i = 0; i < (row == 0 ? 3 : 1); i++) {
+            send_reference(bench, amplitude_um);
+        }
+        run(bench, to - row < 20 ? to - row : 20, row);
+    }
+}
+
+static bool silent(const bench_t *bench, size_t row)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        if (cabs(bench->voltage_v[row * HD_MODES + (size_t)k]) > 0.0) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static void the_plate_follows_its_reference(uint64_t t_start_us)
+{
+    bench_t bench;
+    start(&bench, t_start_us);
+    drive(&bench, 1.0f, 0, 200);
+    drive(&bench, 2.0f, 200, ROWS);
+    for (int k = 0; k < HD_MODES; k++) {
+        expect(cabs(bench.plate_um[199 * HD_MODES + k] - 1.0) < 0.02, "1 um is reached");
+        expect(cabs(bench.plate_um[220 * HD_MODES + k] - 2.0) < 0.04, "a step to 2 um settles within 10 ms");
+    }
+    hd_board_free(bench.board);
+}
+
+static void silence_of_the_host_silences_the_plate(void)
+{
+    bench_t bench;
+    start(&bench, 0xFFFFFFFFu - 30000);
+    drive(&bench, 3.0f, 0, 100);
+    run(&bench, 200, 100);
+    size_t last_frame = 80;
+    size_t deadline = last_frame + (HD_DEADMAN_US + HD_RAMP_US) / TICK_US + 1;
+    expect((bench.flags[last_frame + 95] & HD_TICK_LIVE) != 0, "the drive stands for the dead-man's time");
+    for (size_t row = deadline; row < 300; row++) {
+        expect(silent(&bench, row), "60 ms after the last frame there is no voltage");
+    }
+    hd_board_free(bench.board);
+}
+
+static void a_sensor_that_is_not_a_number_silences_the_plate(void)
+{
+    bench_t bench;
+    start(&bench, 0);
+    drive(&bench, 3.0f, 0, 100);
+    const double broken[2 * HD_MODES] = {NAN};
+    hd_board_fake_measurement(bench.board, broken);
+    drive(&bench, 3.0f, 100, 200);
+    for (size_t row = 100; row < 200; row++) {
+        expect(silent(&bench, row), "a measurement that is not finite silences in the same tick");
+    }
+    hd_board_free(bench.board);
+}
+
+static uint32_t noise(uint32_t *state)
+{
+    *state = *state * 1664525u + 1013904223u;
+    return *state >> 8;
+}
+
+static void hostile_bytes_move_nothing(void)
+{
+    bench_t bench;
+    start(&bench, 0);
+    uint32_t state = 1;
+    for (int round = 0; round < 20000; round++) {
+        uint8_t payload[HD_REFERENCE_MAX];
+        size_t n = noise(&state) % 64;
+        for (size_t i = 0; i < n; i++) {
+            payload[i] = (uint8_t)noise(&state);
+        }
+        if (round % 2 == 0) {
+            hd_board_receive(bench.board, payload, n, 0); /* noise on the line */
+        } else {
+            send(&bench, (uint8_t)(noise(&state) % 8), payload, n); /* a sound frame with senseless contents */
+        }
+        uint8_t out[2 * HD_TRANSMIT_MIN];
+        hd_board_transmit(bench.board, out, sizeof out, 0);
+    }
+    run(&bench, 1, 0);
+    expect(silent(&bench, 0), "no noise starts the drive");
+    hd_board_free(bench.board);
+}
+
+/* Frames that fill the receiver's buffer and promise more: the sanitizers see any byte read beyond it. */
+static void a_frame_that_promises_more_than_it_has_is_refused(void)
+{
+    bench_t bench;
+    start(&bench, 0);
+    uint8_t line[HD_LINE_SIZE(HD_FRAME_MAX) + 8];
+    memset(line, 0xFF, sizeof line);
+    for (size_t n = 1; n < sizeof line; n++) {
+        const uint8_t delimiter = 0;
+        hd_board_receive(bench.board, line, n, 0);
+        hd_board_receive(bench.board, &delimiter, 1, 0);
+    }
+    uint8_t out[HD_TRANSMIT_MIN];
+    expect(hd_board_transmit(bench.board, out, sizeof out, 0) == 0, "a board answers no broken frame");
+    hd_board_free(bench.board);
+}
+
+int main(void)
+{
+    the_plate_follows_its_reference(0);
+    the_plate_follows_its_reference(0xFFFFFFFFu - 100000);
+    silence_of_the_host_silences_the_plate();
+    a_sensor_that_is_not_a_number_silences_the_plate();
+    hostile_bytes_move_nothing();
+    a_frame_that_promises_more_than_it_has_is_refused();
+    printf("selftest, %d modes: all true\n", HD_MODES);
+    return 0;
+}

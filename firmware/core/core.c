@@ -1,0 +1,224 @@
+#include "core.h"
+
+#include <string.h>
+
+#include "limiter.h"
+
+#define OVER_AMPLITUDE 1.5f /* of the limit: no controller worth its gains overshoots that far */
+#define OVER_AMPLITUDE_TICKS 8
+
+/* A broken sensor: the reference asks for a tenth of the limit, half the voltage is out, and next to nothing comes
+ * back. */
+#define NO_RESPONSE_ASKED 0.1f
+#define NO_RESPONSE_VOLTAGE 0.5f
+#define NO_RESPONSE_MEASURED 0.01f
+#define NO_RESPONSE_S 0.1f
+
+static bool positive(float value)
+{
+    return value > 0.0f && isfinite(value);
+}
+
+static bool config_valid(const hd_config_t *config)
+{
+    bool valid = config->control_hz >= 500.0f && config->control_hz <= 50000.0f && positive(config->drive_hz)
+        && positive(config->v_limit_v) && hd_gains_valid(&config->gains)
+        && config->output_delay_frac >= 0.0f && config->output_delay_frac <= 1.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        const hd_mode_model_t *model = &config->model[k];
+        valid = valid && positive(config->w_limit_um[k]) && positive(model->decay_1_s)
+            && positive(model->gain_um_per_v_s) && isfinite(model->detuning_rad_s);
+    }
+    return valid;
+}
+
+bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
+{
+    memset(core, 0, sizeof *core);
+    core->config = *config;
+    core->config.gains = hd_gains_complete(config->gains);
+    core->t_status_us = now_us;
+    core->state = HD_STATE_FAULT;
+    hd_silence(core);
+    hd_deadman_reset(&core->deadman);
+    if (!config_valid(&core->config)) {
+        core->fault = HD_FAULT_CONFIG;
+        return false;
+    }
+    core->state = HD_STATE_QUIET;
+    core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
+    core->no_response_limit_ticks = (uint16_t)(config->control_hz * NO_RESPONSE_S);
+    core->control.gains = core->config.gains;
+    core->control.plant.tick_s = 1.0f / config->control_hz;
+    core->control.plant.output_delay_frac = config->output_delay_frac;
+    memcpy(core->control.plant.model, config->model, sizeof config->model);
+    return true;
+}
+
+void hd_silence(hd_core_t *core)
+{
+    core->ramp = 0;
+    hd_timeline_clear(&core->timeline);
+    hd_control_reset(&core->control);
+    memset(core->reference_um, 0, sizeof core->reference_um);
+    memset(core->asked_um, 0, sizeof core->asked_um);
+    memset(core->voltage_v, 0, sizeof core->voltage_v);
+    memset(core->over_amplitude_ticks, 0, sizeof core->over_amplitude_ticks);
+    memset(core->no_response_ticks, 0, sizeof core->no_response_ticks);
+}
+
+static void enter(hd_core_t *core, enum hd_state state)
+{
+    if (core->state != state) {
+        core->state = (uint8_t)state;
+        core->pending |= HD_PENDING_STATUS; /* the host should not wait a tenth of a second to learn it */
+    }
+}
+
+static void fail(hd_core_t *core, enum hd_fault fault)
+{
+    if (core->state != HD_STATE_FAULT) {
+        core->fault = (uint8_t)fault;
+        enter(core, HD_STATE_FAULT);
+        hd_deadman_reset(&core->deadman);
+    }
+    hd_silence(core);
+}
+
+static void trip(hd_core_t *core, uint32_t now_us)
+{
+    core->tripped = true;
+    hd_deadman_trip(&core->deadman, now_us);
+    hd_timeline_clear(&core->timeline); /* what the host wanted then is nothing to come back to */
+    enter(core, HD_STATE_QUIET);
+    if (core->config.latch_repeated_trips && hd_deadman_repeated(&core->deadman)) {
+        fail(core, HD_FAULT_REPEATED_DEADMAN);
+    }
+}
+
+static void watch_host(hd_core_t *core, uint32_t now_us)
+{
+    hd_deadman_tick(&core->deadman, now_us);
+    if (core->state == HD_STATE_LIVE && core->deadman.starving) {
+        trip(core, now_us);
+    } else if (core->state == HD_STATE_QUIET && core->ramp == 0 && hd_deadman_armed(&core->deadman)) {
+        core->tripped = false;
+        enter(core, HD_STATE_LIVE);
+    }
+}
+
+/* Counts the ticks in a row for which a condition holds, up to the limit. */
+static bool lasts(bool condition, uint16_t *ticks, uint16_t limit)
+{
+    *ticks = !condition ? 0 : *ticks < limit ? (uint16_t)(*ticks + 1) : limit;
+    return *ticks >= limit;
+}
+
+/* Judges the measurement against the voltage and the reference of the tick before, which caused it. */
+static enum hd_fault mode_fault(hd_core_t *core, int k)
+{
+    float limit_um = core->config.w_limit_um[k];
+    float measured_um = hd_magnitude(core->measured_um[k]);
+    bool unanswered = hd_magnitude(core->asked_um[k]) > NO_RESPONSE_ASKED * limit_um
+        && hd_magnitude(core->voltage_v[k]) > NO_RESPONSE_VOLTAGE * core->config.v_limit_v
+        && measured_um < NO_RESPONSE_MEASURED * limit_um;
+    if (lasts(measured_um > OVER_AMPLITUDE * limit_um, &core->over_amplitude_ticks[k], OVER_AMPLITUDE_TICKS)) {
+        return HD_FAULT_OVER_AMPLITUDE;
+    }
+    return lasts(unanswered, &core->no_response_ticks[k], core->no_response_limit_ticks) ? HD_FAULT_NO_RESPONSE
+                                                                                         : HD_FAULT_NONE;
+}
+
+static void watch_plate(hd_core_t *core, const hd_phasor_t measured_um[HD_MODES])
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        bool finite = hd_finite(measured_um[k]);
+        core->measured_um[k] = finite ? measured_um[k] : (hd_phasor_t){0.0f, 0.0f};
+        enum hd_fault fault = finite ? mode_fault(core, k) : HD_FAULT_MEASUREMENT_NOT_FINITE;
+        if (fault != HD_FAULT_NONE) {
+            fail(core, fault);
+        }
+    }
+}
+
+/* A reference has taken effect at the first tick that is not before its first knot. */
+static void acknowledge(hd_core_t *core, uint32_t now_us)
+{
+    hd_polyline_t *line = hd_timeline_running(&core->timeline);
+    if (line == NULL || line->acknowledged || hd_before(now_us, line->t_start_us)) {
+        return;
+    }
+    line->acknowledged = true;
+    core->applied = (hd_receipt_t){line->seq, true, line->t_received_us, now_us};
+    if (core->newest.seq == line->seq) {
+        core->newest = core->applied;
+    }
+    core->acknowledge = true;
+    core->pending |= HD_PENDING_STATUS;
+}
+
+static void follow_timeline(hd_core_t *core, uint32_t now_us)
+{
+    uint32_t lookahead_us = (uint32_t)(hd_control_lookahead_s(&core->control) * 1e6f + 0.5f);
+    hd_phasor_t planned_um[HD_MODES];
+    hd_timeline_evaluate(&core->timeline, now_us + lookahead_us, planned_um);
+    if (core->state == HD_STATE_LIVE) {
+        memcpy(core->reference_um, planned_um, sizeof planned_um);
+    }
+    acknowledge(core, now_us);
+}
+
+static float ramp_frac(hd_core_t *core)
+{
+    if (core->state == HD_STATE_LIVE && core->ramp < core->ramp_ticks) {
+        core->ramp++;
+    } else if (core->state != HD_STATE_LIVE && core->ramp > 0) {
+        core->ramp--;
+    }
+    return core->ramp > 0 ? (float)core->ramp / (float)core->ramp_ticks : 0.0f;
+}
+
+/* The ramp bounds the voltage as well as the reference: silence comes in time whatever the sensors say. */
+static bool drive(hd_core_t *core, float ramp)
+{
+    if (ramp == 0.0f) {
+        hd_control_reset(&core->control);
+        memset(core->asked_um, 0, sizeof core->asked_um);
+        memset(core->voltage_v, 0, sizeof core->voltage_v);
+        return false;
+    }
+    for (int k = 0; k < HD_MODES; k++) {
+        core->asked_um[k] = hd_scale(ramp, core->reference_um[k]);
+    }
+    float v_limit_v = ramp * core->config.v_limit_v;
+    return hd_control_step(&core->control, core->asked_um, core->measured_um, v_limit_v, core->voltage_v);
+}
+
+static void note_flags(hd_core_t *core, bool saturated)
+{
+    const hd_polyline_t *line = hd_timeline_running(&core->timeline);
+    bool live = core->state == HD_STATE_LIVE;
+    bool limited = live && line != NULL && line->limited;
+    core->tick_flags = (uint8_t)((saturated ? HD_TICK_SATURATED : 0) | (limited ? HD_TICK_LIMITED : 0)
+                                 | (live ? HD_TICK_LIVE : 0) | (core->tripped ? HD_TICK_DEADMAN : 0));
+    core->status_flags |= (uint8_t)((saturated ? HD_STATUS_SATURATED : 0) | (limited ? HD_STATUS_LIMITED : 0));
+}
+
+void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
+{
+    watch_host(core, now_us);
+    watch_plate(core, measured_um);
+    follow_timeline(core, now_us);
+    bool saturated = drive(core, ramp_frac(core));
+
+    /* The last gate: nothing but this line writes what goes to the amplifiers. */
+    if (hd_limit_voltages(core->voltage_v, core->config.v_limit_v) == HD_LIMIT_NOT_FINITE) {
+        fail(core, HD_FAULT_CONTROL_NOT_FINITE);
+    }
+    memcpy(voltage_v, core->voltage_v, sizeof core->voltage_v);
+
+    note_flags(core, saturated);
+    if (now_us - core->t_status_us >= HD_STATUS_US) {
+        core->pending |= HD_PENDING_STATUS;
+    }
+}

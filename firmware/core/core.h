@@ -1,0 +1,112 @@
+/* The firmware's core: bytes from the host, measurements from the plate and an instant in; voltages and bytes out.
+ *
+ * No globals, no allocation, no clock: `now_us` is the board's free-running microsecond counter and may wrap at any
+ * time. All calls on one core must exclude each other; a board masks its control interrupt around the two that move
+ * bytes.
+ */
+#ifndef HD_CORE_H
+#define HD_CORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "codec.h"
+#include "control.h"
+#include "deadman.h"
+#include "phasor.h"
+#include "protocol.h"
+#include "reference.h"
+
+#define HD_FIRMWARE_VERSION "0.1.0"
+
+/* Anything a board sends fits: a buffer of this size takes at least one frame from hd_transmit. */
+#define HD_TRANSMIT_MIN HD_LINE_SIZE(1 + sizeof(hd_wire_status_t) + 2)
+
+typedef struct {
+    uint32_t boot_id; /* another one after every reset: the host notices that the board has forgotten it */
+    float control_hz;
+    float drive_hz;
+    float v_limit_v;
+    float w_limit_um[HD_MODES];
+    hd_mode_model_t model[HD_MODES];
+    hd_gains_t gains;
+    float output_delay_frac;   /* of a tick: from hd_tick to the voltage on the plate */
+    bool latch_repeated_trips; /* three dead-man trips in ten seconds become a fault */
+} hd_config_t;
+
+/* What a STATUS says of one reference frame. */
+typedef struct {
+    uint16_t seq;
+    bool applied;
+    uint32_t t_received_us;
+    uint32_t t_applied_us;
+} hd_receipt_t;
+
+enum hd_tick_flag {
+    HD_TICK_SATURATED = 0x01, /* the amplifiers cannot give what the reference needs */
+    HD_TICK_LIMITED = 0x02,   /* the running reference was above the amplitude limit and scaled */
+    HD_TICK_LIVE = 0x04,
+    HD_TICK_DEADMAN = 0x08,   /* quiet because the host fell silent */
+};
+
+typedef struct {
+    hd_config_t config;
+    hd_receiver_t receiver;
+    hd_timeline_t timeline;
+    hd_control_t control;
+    hd_deadman_t deadman;
+
+    uint8_t state; /* enum hd_state */
+    uint8_t fault; /* enum hd_fault */
+    bool tripped;
+    uint16_t ramp; /* 0 is silence, ramp_ticks full drive */
+    uint16_t ramp_ticks;
+    uint16_t no_response_limit_ticks;
+    uint16_t over_amplitude_ticks[HD_MODES];
+    uint16_t no_response_ticks[HD_MODES];
+
+    hd_phasor_t reference_um[HD_MODES]; /* last one followed; what the ramp leads away from */
+    hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: what the control law was given */
+    hd_phasor_t measured_um[HD_MODES];
+    hd_phasor_t voltage_v[HD_MODES];
+    uint8_t tick_flags;
+    uint8_t status_flags; /* all that happened since the last STATUS */
+
+    bool has_seq;
+    hd_receipt_t newest;  /* last accepted reference */
+    hd_receipt_t applied; /* last one that has taken effect */
+    uint32_t bad_frames;
+    uint32_t late_frames;
+
+    uint8_t pending; /* messages to send, one bit each: the transmit queue. A newer one of a kind replaces the older */
+    bool acknowledge; /* the pending STATUS is about `applied` */
+    uint32_t t_status_us;
+    uint64_t time_request_ns;
+    uint32_t t_time_request_us;
+} hd_core_t;
+
+/* Returns false, with the core silent for good, if the configuration makes no sense. */
+bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us);
+
+/* Takes any bytes from the line, in pieces of any size. */
+void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us);
+
+/* One control tick: the mean amplitudes over the tick just ended in, the voltages to apply out. */
+void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
+             hd_phasor_t voltage_v[HD_MODES]);
+
+/* Writes as many whole pending frames as fit and returns their length. */
+size_t hd_transmit(hd_core_t *core, uint32_t now_us, uint8_t *out, size_t capacity);
+
+/* Zero voltage now; references, trajectories and integrals are forgotten. */
+void hd_silence(hd_core_t *core);
+
+/* What `pending` holds. */
+enum hd_pending {
+    HD_PENDING_TIME = 0x01,
+    HD_PENDING_HELLO = 0x02,
+    HD_PENDING_STATUS = 0x04,
+};
+
+#endif

@@ -1,0 +1,28 @@
+/* The board's own limits, independent of the host's: on the amplitudes asked for, and on the voltages given out. */
+#ifndef HD_LIMITER_H
+#define HD_LIMITER_H
+
+#include <stdbool.h>
+
+#include "phasor.h"
+#include "protocol.h"
+
+#define HD_LIMIT_TOLERANCE 1e-6f /* what float32 may add to a reference that the host had already limited */
+
+typedef enum {
+    HD_LIMIT_UNTOUCHED,
+    HD_LIMIT_SCALED,
+    HD_LIMIT_NOT_FINITE,
+} hd_limit_t;
+
+/* Brings every |W_k| within its limit by one common factor, so that the pattern on the plate, and the node under a
+ * still finger, survive. Modal amplitudes that are not finite become zero. */
+hd_limit_t hd_limit_amplitudes(hd_phasor_t modal_um[HD_MODES], const float limit_um[HD_MODES]);
+
+/* The phasor of the same phase whose magnitude is at most `limit`. What is not finite stays so, for the gate to see. */
+hd_phasor_t hd_limit_magnitude(hd_phasor_t value, float limit);
+
+/* The last thing a voltage passes: each mode within `limit_v`, and all of them zero if any is not finite. */
+hd_limit_t hd_limit_voltages(hd_phasor_t voltage_v[HD_MODES], float limit_v);
+
+#endif

@@ -1,0 +1,52 @@
+/* A phasor W = d + j q of the rotating frame, w(t) = W_d cos(wt) - W_q sin(wt), in float32.
+ *
+ * C's own complex type is avoided: without -ffast-math its product calls a library routine that repairs infinities.
+ */
+#ifndef HD_PHASOR_H
+#define HD_PHASOR_H
+
+#include <math.h>
+#include <stdbool.h>
+
+typedef struct {
+    float d;
+    float q;
+} hd_phasor_t;
+
+static inline hd_phasor_t hd_add(hd_phasor_t a, hd_phasor_t b)
+{
+    return (hd_phasor_t){a.d + b.d, a.q + b.q};
+}
+
+static inline hd_phasor_t hd_sub(hd_phasor_t a, hd_phasor_t b)
+{
+    return (hd_phasor_t){a.d - b.d, a.q - b.q};
+}
+
+static inline hd_phasor_t hd_mul(hd_phasor_t a, hd_phasor_t b)
+{
+    return (hd_phasor_t){a.d * b.d - a.q * b.q, a.d * b.q + a.q * b.d};
+}
+
+static inline hd_phasor_t hd_scale(float factor, hd_phasor_t a)
+{
+    return (hd_phasor_t){factor * a.d, factor * a.q};
+}
+
+static inline float hd_dot(hd_phasor_t a, hd_phasor_t b)
+{
+    return a.d * b.d + a.q * b.q;
+}
+
+/* Infinite above 1.8e19: everything that compares it then takes the side of silence. */
+static inline float hd_magnitude(hd_phasor_t a)
+{
+    return sqrtf(hd_dot(a, a));
+}
+
+static inline bool hd_finite(hd_phasor_t a)
+{
+    return isfinite(a.d) && isfinite(a.q);
+}
+
+#endif

@@ -1,0 +1,207 @@
+/* What the host's messages do to the core. Of each message everything is checked before anything is changed. */
+#include <string.h>
+
+#include "core.h"
+#include "limiter.h"
+
+static void refuse(hd_core_t *core)
+{
+    core->bad_frames++;
+    hd_deadman_bad_frame(&core->deadman);
+}
+
+static hd_wire_knot_t wire_knot(const uint8_t *knots, int i)
+{
+    hd_wire_knot_t knot;
+    memcpy(&knot, knots + (size_t)i * sizeof knot, sizeof knot);
+    return knot;
+}
+
+static bool knot_finite(const hd_wire_knot_t *knot)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        if (!hd_finite((hd_phasor_t){knot->modal[k].d_um, knot->modal[k].q_um})) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool knots_valid(const uint8_t *knots, int n)
+{
+    int previous = -1;
+    for (int i = 0; i < n; i++) {
+        hd_wire_knot_t knot = wire_knot(knots, i);
+        if (knot.offset <= previous || !knot_finite(&knot)) {
+            return false;
+        }
+        previous = knot.offset;
+    }
+    return true;
+}
+
+static bool reference_valid(const hd_wire_reference_t *head, const uint8_t *knots, size_t knots_size)
+{
+    return head->modes == HD_MODES && head->knots >= 1 && head->knots <= HD_KNOTS_MAX
+        && knots_size == head->knots * sizeof(hd_wire_knot_t) && knots_valid(knots, head->knots);
+}
+
+static void store_polyline(hd_core_t *core, const hd_wire_reference_t *head, const uint8_t *knots, uint32_t now_us)
+{
+    uint32_t lead_us = (uint32_t)wire_knot(knots, 0).offset * HD_KNOT_UNIT_US;
+    hd_polyline_t *line = hd_timeline_open(&core->timeline, head->t_apply_us + lead_us);
+    line->t_received_us = now_us;
+    line->seq = head->seq;
+    line->limited = false;
+    line->acknowledged = false;
+    line->n = head->knots;
+    for (int i = 0; i < head->knots; i++) {
+        hd_wire_knot_t knot = wire_knot(knots, i);
+        line->knot[i].offset_us = (uint32_t)knot.offset * HD_KNOT_UNIT_US - lead_us;
+        for (int k = 0; k < HD_MODES; k++) {
+            line->knot[i].modal_um[k] = (hd_phasor_t){knot.modal[k].d_um, knot.modal[k].q_um};
+        }
+        hd_limit_t limit = hd_limit_amplitudes(line->knot[i].modal_um, core->config.w_limit_um);
+        line->limited = line->limited || limit != HD_LIMIT_UNTOUCHED;
+    }
+    if (hd_before(line->t_start_us, now_us)) {
+        core->late_frames++;
+    }
+}
+
+static void take_reference(hd_core_t *core, const uint8_t *payload, size_t n, uint32_t now_us)
+{
+    hd_wire_reference_t head;
+    if (n < sizeof head) {
+        refuse(core);
+        return;
+    }
+    memcpy(&head, payload, sizeof head);
+    int32_t ahead_us = (int32_t)(head.t_apply_us - now_us);
+    if (!reference_valid(&head, payload + sizeof head, n - sizeof head) || ahead_us > HD_AHEAD_US) {
+        refuse(core);
+    } else if (core->has_seq && (int16_t)(uint16_t)(head.seq - core->newest.seq) <= 0) {
+        core->late_frames++; /* a duplicate or an older one: it changes nothing and proves nothing */
+    } else if (ahead_us < -HD_STALE_US) {
+        core->late_frames++;
+        hd_deadman_bad_frame(&core->deadman);
+    } else {
+        store_polyline(core, &head, payload + sizeof head, now_us);
+        core->has_seq = true;
+        core->newest = (hd_receipt_t){.seq = head.seq, .t_received_us = now_us};
+        hd_deadman_good_reference(&core->deadman, now_us);
+    }
+}
+
+static void take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    hd_wire_keepalive_t keepalive;
+    memcpy(&keepalive, payload, sizeof keepalive);
+    if (core->has_seq && keepalive.seq == core->newest.seq) {
+        hd_deadman_good_keepalive(&core->deadman, now_us);
+    } else {
+        core->late_frames++; /* the host believes in a reference that never came: let it notice */
+    }
+}
+
+static void take_hello_request(hd_core_t *core)
+{
+    hd_silence(core);
+    hd_deadman_reset(&core->deadman);
+    core->has_seq = false;
+    core->tripped = false;
+    core->acknowledge = false;
+    core->newest = core->applied = (hd_receipt_t){0};
+    core->state = core->state == HD_STATE_FAULT ? HD_STATE_FAULT : HD_STATE_QUIET;
+    core->pending |= HD_PENDING_HELLO;
+}
+
+static void take_clear_fault(hd_core_t *core)
+{
+    if (core->state == HD_STATE_FAULT && core->fault != HD_FAULT_CONFIG) {
+        core->state = HD_STATE_QUIET;
+        core->fault = HD_FAULT_NONE;
+        core->tripped = false;
+        hd_silence(core);
+        hd_deadman_reset(&core->deadman);
+    }
+    core->pending |= HD_PENDING_STATUS;
+}
+
+static void take_set_controller(hd_core_t *core, const uint8_t *payload)
+{
+    hd_wire_set_controller_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    hd_gains_t gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
+    if (!hd_gains_valid(&gains)) {
+        refuse(core);
+        return;
+    }
+    core->control.gains = gains;
+    hd_control_reset(&core->control); /* one law's integral is another law's error */
+    core->ramp = 0;
+}
+
+static void take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    hd_wire_time_request_t request;
+    memcpy(&request, payload, sizeof request);
+    core->time_request_ns = request.t_host_ns;
+    core->t_time_request_us = now_us;
+    core->pending |= HD_PENDING_TIME;
+}
+
+static bool fixed_size(uint8_t type, size_t n)
+{
+    switch (type) {
+    case HD_MSG_HELLO_REQUEST:
+    case HD_MSG_CLEAR_FAULT:
+        return n == 0;
+    case HD_MSG_KEEPALIVE:
+        return n == sizeof(hd_wire_keepalive_t);
+    case HD_MSG_TIME_REQUEST:
+        return n == sizeof(hd_wire_time_request_t);
+    case HD_MSG_SET_CONTROLLER:
+        return n == sizeof(hd_wire_set_controller_t);
+    default:
+        return false;
+    }
+}
+
+static void take_frame(hd_core_t *core, const uint8_t *frame, size_t frame_n, uint32_t now_us)
+{
+    uint8_t type = frame[0];
+    const uint8_t *payload = frame + 1;
+    if (type == HD_MSG_REFERENCE) {
+        take_reference(core, payload, frame_n - 1, now_us);
+    } else if (!fixed_size(type, frame_n - 1)) {
+        refuse(core);
+    } else if (type == HD_MSG_KEEPALIVE) {
+        take_keepalive(core, payload, now_us);
+    } else if (type == HD_MSG_TIME_REQUEST) {
+        take_time_request(core, payload, now_us);
+    } else if (type == HD_MSG_SET_CONTROLLER) {
+        take_set_controller(core, payload);
+    } else if (type == HD_MSG_HELLO_REQUEST) {
+        take_hello_request(core);
+    } else {
+        take_clear_fault(core);
+    }
+}
+
+void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us)
+{
+    for (size_t i = 0; i < n; i++) {
+        size_t frame_n;
+        switch (hd_receiver_push(&core->receiver, bytes[i], &frame_n)) {
+        case HD_RX_FRAME:
+            take_frame(core, core->receiver.bytes, frame_n, now_us);
+            break;
+        case HD_RX_DAMAGED:
+            refuse(core);
+            break;
+        case HD_RX_PENDING:
+            break;
+        }
+    }
+}

@@ -1,0 +1,144 @@
+"""The command line: `hapticd demo | run | simulate | bench | doctor`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from . import __version__, config
+from .errors import HapticdError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code. Errors of hapticd's own end in one sentence on stderr."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.command(options) or 0)
+    except HapticdError as error:
+        print(f"hapticd: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="hapticd", description="Every finger on one vibrating glass plate gets its own friction."
+    )
+    parser.add_argument("--version", action="version", version=f"hapticd {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_demo(commands)
+    _add_run(commands)
+    _add_simulate(commands)
+    return parser
+
+
+def _command(commands: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary,
+        description=summary[0].upper() + summary[1:] + ".",
+        epilog=f"example: {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    return parser
+
+
+# --- demo -------------------------------------------------------------------------------------------------------
+
+
+def _add_demo(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "demo",
+        "run everything on the simulated plate and show it",
+        "hapticd demo --seconds 10 --out demo.png",
+    )
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long the fingers move (default 10)")
+    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and cartography (default 1)")
+    parser.add_argument("--out", type=Path, default=Path("demo.png"), help="where the picture goes (default demo.png)")
+    parser.set_defaults(command=_demo)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from .demo import show
+
+    return show(options.seconds, options.seed, options.out)
+
+
+# --- run --------------------------------------------------------------------------------------------------------
+
+
+def _add_run(commands: Any) -> None:
+    parser = _command(commands, "run", "run the service in the foreground", "hapticd run --config hapticd.toml")
+    parser.add_argument("--config", type=Path, help="TOML file; without it the defaults run the simulated plate")
+    parser.add_argument("--sim", action="store_true", help="take the simulated plate, whatever the configuration says")
+    parser.add_argument("--print-config", action="store_true", help="print the configuration in force, and end")
+    parser.set_defaults(command=_run)
+
+
+def _run(options: argparse.Namespace) -> None:
+    loaded = config.load(options.config) if options.config is not None else config.Config()
+    if options.sim:
+        loaded = config.simulated(loaded)
+    if options.print_config:
+        print(config.render(loaded), end="")
+        return
+    from . import daemon
+
+    # The journal adds time and priority itself; a person at a terminal wants them too, and this suits both.
+    logging.basicConfig(
+        level=loaded.log.level.upper(), format="%(asctime)s %(levelname)s %(message)s", datefmt="%H:%M:%S"
+    )
+    daemon.run(loaded)
+
+
+# --- simulate ---------------------------------------------------------------------------------------------------
+
+
+def _add_simulate(commands: Any) -> None:
+    from .sim.scenarios import SCENARIOS
+
+    parser = _command(
+        commands,
+        "simulate",
+        "play a scenario in virtual time and judge it",
+        "hapticd simulate strokes --seed 3 --json - --out strokes.npz\n\nscenarios:\n"
+        + "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values()),
+    )
+    parser.add_argument("scenario", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
+    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and cartography (default 1)")
+    parser.add_argument("--seconds", type=float, help="how long (default: the scenario's own)")
+    parser.add_argument("--speed", type=float, default=100.0, metavar="MM_S", help="of the fingers (default 100)")
+    parser.add_argument("--noise", type=float, default=0.05, metavar="MM", help="of the sensor (default 0.05)")
+    parser.add_argument("--alone", action="store_true", help="leave out the paper's scheme and perfect knowledge")
+    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
+    parser.set_defaults(command=_simulate)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from .sim import lockstep, report
+
+    settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
+    t_start_s = time.perf_counter()
+    played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+    took_s = time.perf_counter() - t_start_s
+    figures = report.figures(played, compare=not options.alone)
+    print(report.table(figures), file=sys.stderr)
+    print(f"{played.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
+    if options.json is not None:
+        text = json.dumps(figures, indent=2) + "\n"
+        sys.stdout.write(text) if options.json == "-" else Path(options.json).write_text(text, encoding="utf-8")
+    if options.out is not None:
+        report.save(played, options.out)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""The demo: everything of hapticd at once, in real time and in separate processes, watched from a client.
+
+    simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
+
+The client asks for a slippery and a sticky finger, a live view shows what they get, and at the end the plate's true
+motion is judged beside the paper's scheme on the same fingers.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .config import LimitsConfig
+from .errors import HapticdError
+from .sim import lockstep
+from .sim.picture import Film, draw
+from .sim.rigprocess import RigProcess
+from .sim.scenarios import SCENARIOS, SPEED_MM_S
+from .sim.score import Score, score
+from .sim.scripted import ScriptedClient
+from .values import AmplitudeTarget
+from .view import LiveView
+
+if TYPE_CHECKING:
+    from hapticd_client import Client
+
+SCENARIO = "strokes"
+FINGERS = 2
+DAEMON_WITHIN_S = 15.0
+FINGERS_WITHIN_S = 10.0
+PICTURE_S = 2.5
+
+
+def show(seconds: float, seed: int, out: Path) -> int:
+    """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code."""
+    try:
+        import hapticd_client
+    except ImportError:
+        raise HapticdError("The demo is a client too: install it with `pip install clients/python`.") from None
+    with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
+        record = Path(folder, "plate.npz")
+        with RigProcess(SCENARIO, seed, record=record) as rig, _Daemon(Path(folder), rig) as runtime_dir:
+            with hapticd_client.Client(runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
+                t_asked_s = _ask(client, rig, seed)
+                status = _watch(client, seconds)
+            t_end_s = time.monotonic() - rig.t_start_s
+        with np.load(record) as arrays:
+            ours = _film(dict(arrays), "hapticd").between(t_asked_s, t_end_s)
+    played = lockstep.run(SCENARIO, settings=lockstep.paper(lockstep.Settings()), seed=seed, seconds=t_end_s)
+    paper = Film.of(played, "the paper's scheme").between(t_asked_s, t_end_s)
+    draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
+    print(summary(ours.score, paper.score, status))
+    print(f"picture: {out.resolve()}")
+    return 0
+
+
+def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
+    """What the demo showed, in a few lines."""
+    latency = status["latency_ms"]
+    lines = [
+        "",
+        f"{'':<24}{'hapticd':>10}{'the paper':>12}",
+        f"{'sticky finger, um RMS':<24}{ours.leak_um:>10.3f}{paper.leak_um:>12.3f}",
+        f"{'slippery, um RMS off':<24}{ours.slip_error_um:>10.3f}{paper.slip_error_um:>12.3f}",
+        f"{'slippery, of target':<24}{ours.slip_frac:>10.1%}{paper.slip_frac:>12.1%}",
+        "",
+        f"The sticky finger gets {paper.leak_um / ours.leak_um:.1f} times less vibration than under the paper's.",
+    ]
+    if latency:
+        lines.append(
+            f"{latency['frames_hz']:.0f} frames/s; the sample is {latency['age']['p50']:.1f} ms old, the link takes "
+            f"{latency['link']['p50']:.1f} ms: fingers are predicted {latency['horizon']['p50']:.1f} ms ahead."
+        )
+    return "\n".join(lines)
+
+
+class _Daemon:
+    """`hapticd run` as a process, on a rig that already runs; gives the runtime directory of its endpoints."""
+
+    def __init__(self, folder: Path, rig: RigProcess) -> None:
+        self._runtime_dir = folder / "run"
+        self._config = folder / "hapticd.toml"
+        self._config.write_text(
+            f'[sim]\nrig_dir = "{rig.directory}"\n[client]\nruntime_dir = "{self._runtime_dir}"\n'
+            '[log]\nlevel = "warning"\n',
+            encoding="utf-8",
+        )
+
+    def __enter__(self) -> Path:
+        command = [sys.executable, "-m", "hapticd", "run", "--config", str(self._config)]
+        self._process = subprocess.Popen(command, start_new_session=True)
+        return self._runtime_dir
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait()
+
+
+def _ask(client: Client, rig: RigProcess, seed: int) -> float:
+    """Ask for what each of the scenario's fingers should feel. Returns when, in the rig's time."""
+    person = ScriptedClient(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S))
+    t_give_up_s = time.monotonic() + FINGERS_WITHIN_S
+    for state in client.states(timeout_s=FINGERS_WITHIN_S):
+        fingers = [(finger.id, finger.x_mm, finger.y_mm) for finger in state.fingers if isinstance(finger.id, int)]
+        if len(fingers) == FINGERS:
+            t_s = time.monotonic() - rig.t_start_s
+            wanted = person.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
+            assert wanted is not None, "the first thing a person wants is news"
+            for finger, target in wanted.targets.items():
+                assert isinstance(target, AmplitudeTarget)
+                client.set(finger, amplitude_um=target.amplitude_um)
+            return time.monotonic() - rig.t_start_s
+        if time.monotonic() > t_give_up_s:
+            break
+    raise HapticdError("The simulated fingers did not land: try `hapticd run --sim` and read what it says.")
+
+
+def _watch(client: Client, seconds: float) -> dict[str, Any]:
+    """Show the live view for `seconds`; returns the daemon's status at its end."""
+    view = LiveView(sys.stdout)
+    t_end_s = time.monotonic() + seconds
+    for state in client.states(timeout_s=2.0):
+        t_now_s = time.monotonic()
+        view.update(state, t_now_s)
+        if t_now_s >= t_end_s:
+            break
+    view.close()
+    return client.status()
+
+
+def _film(arrays: dict[str, Any], title: str) -> Film:
+    empty = np.zeros(len(arrays["t_s"]), dtype=bool)
+    judged = score(arrays["t_s"], arrays["target_um"], arrays["truth_um"], arrays["reference_um"], empty)
+    names = ("t_s", "target_um", "reference_um", "modal_um", "truth_um")
+    return Film(title, *(arrays[name] for name in names), judged)

@@ -1,0 +1,133 @@
+"""The serial link to the board: opens it, moves bytes, notices that it is gone, opens it again.
+
+pyserial sets the port up and holds it exclusively; then the descriptor is non-blocking and the loop watches it, which
+halves the cost of a write against pyserial's own. A write that the port does not take at once is dropped and the
+output flushed: a stalled board must never find a queue of stale frames.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import termios
+from collections.abc import Callable
+
+import serial
+
+FIRST_RETRY_S = 0.25
+LAST_RETRY_S = 2.0
+READ_SIZE = 4096
+
+
+class SerialLink:
+    """One serial port, reopened for ever until closed. Callbacks run on the loop."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        self.port = port
+        self.dropped_writes = 0
+        self._baud = baud
+        self._serial: serial.Serial | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._retry_s = FIRST_RETRY_S
+        self._said_missing = False
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_bytes: Callable[[bytes], None],
+        on_link: Callable[[bool, str], None],
+    ) -> None:
+        """Open now, or as soon as the port is there. `on_link(up, reason)` tells each change once."""
+        self._loop, self._on_bytes, self._on_link = loop, on_bytes, on_link
+        self._open()
+
+    def write(self, data: bytes) -> bool:
+        """Hand `data` to the port whole, or drop it."""
+        if self._serial is None:
+            return False
+        try:
+            written = os.write(self._serial.fd, data)
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            self._lost(f"write failed: {error.strerror}")
+            return False
+        if written == len(data):
+            return True
+        self.dropped_writes += 1
+        with contextlib.suppress(termios.error):
+            termios.tcflush(self._serial.fd, termios.TCOFLUSH)
+        return False
+
+    async def drained(self, within_s: float) -> None:
+        """Wait until the port has sent what was written, at most `within_s`."""
+        deadline_s = self._loop.time() + within_s
+        while self._serial is not None and self._loop.time() < deadline_s:
+            try:
+                if self._serial.out_waiting == 0:
+                    return
+            except OSError:
+                return
+            await asyncio.sleep(0.002)
+
+    def close(self) -> None:
+        """Close for good."""
+        if self._retry is not None:
+            self._retry.cancel()
+            self._retry = None
+        self._release()
+
+    def _open(self) -> None:
+        self._retry = None
+        try:
+            self._serial = serial.Serial(self.port, self._baud, timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:
+            if not self._said_missing:
+                self._on_link(False, f"{self.port} cannot be opened: {_cause(error)}")
+                self._said_missing = True
+            self._try_again()
+            return
+        self._said_missing = False
+        self._retry_s = FIRST_RETRY_S
+        os.set_blocking(self._serial.fd, False)
+        self._loop.add_reader(self._serial.fd, self._readable)
+        self._on_link(True, f"{self.port} open at {self._baud} baud")
+
+    def _readable(self) -> None:
+        assert self._serial is not None
+        try:
+            data = os.read(self._serial.fd, READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(f"read failed: {error.strerror}")
+            return
+        if not data:
+            self._lost("end of file")
+            return
+        self._on_bytes(data)
+
+    def _lost(self, reason: str) -> None:
+        self._release()
+        self._said_missing = True
+        self._on_link(False, f"{self.port} lost: {reason}")
+        self._try_again()
+
+    def _release(self) -> None:
+        if self._serial is None:
+            return
+        self._loop.remove_reader(self._serial.fd)
+        with contextlib.suppress(OSError):
+            self._serial.close()
+        self._serial = None
+
+    def _try_again(self) -> None:
+        self._retry = self._loop.call_later(self._retry_s, self._open)
+        self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
+
+
+def _cause(error: Exception) -> str:
+    """The operating system's own words where pyserial wraps them."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error)

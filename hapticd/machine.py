@@ -1,0 +1,278 @@
+"""The daemon without its sockets: bytes in, bytes out, time as an argument.
+
+It wires decoders, core and encoders for both the service (`daemon.py`) and the lock-step simulation
+(`sim/lockstep.py`), so that what is tested in virtual time is what runs. It decides nothing that `core` could decide.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+from . import __version__, status
+from .config import Config
+from .core.modes import ModeShapes
+from .core.pipeline import Pipeline, PipelineSettings
+from .core.prediction import PREDICTORS, make_predictor
+from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve, Scene
+from .core.session import BoardSession
+from .core.supervisor import Event, State, Supervisor
+from .errors import DeviceError, RequestError
+from .values import (
+    AffineMap,
+    BoardCommand,
+    BoardHello,
+    BoardMessage,
+    BoardStatus,
+    BoardTime,
+    ClearFault,
+    ClientTargets,
+    RawReport,
+    Tick,
+)
+from .wire import client as client_wire
+from .wire import device as device_wire
+from .wire import trackpad as trackpad_wire
+from .wire.commands import encode
+
+log = logging.getLogger("hapticd")
+
+TIMER_NS = 10_000_000  # how often `timer` wants to be called
+REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
+FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
+COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
+
+
+class Machine:
+    """All of hapticd between the trackpad's bytes, the board's bytes and the clients' bytes."""
+
+    def __init__(
+        self,
+        config: Config,
+        modes: ModeShapes,
+        *,
+        write_board: Callable[[bytes], bool],
+        publish: Callable[[bytes], None] | None = None,
+        instance: int = 1,
+    ) -> None:
+        """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next."""
+        self.config = config
+        self.instance = instance
+        self.supervisor = Supervisor()
+        self.scene = Scene(
+            w_limit_um=max(config.limits.w_limit_um),
+            friction_curve=_friction_curve(config),
+            plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
+        )
+        self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config))
+        self.session = BoardSession(
+            link_start_ns=round(config.device.link_ms * 1e6), controller=config.device.controller
+        )
+        model = "mt2-usb" if config.trackpad.model == "auto" else config.trackpad.model
+        self.trackpad = trackpad_wire.Decoder(model, _plate_from_pad(config))
+        self.board = device_wire.Decoder()
+        self.last_tick: Tick | None = None
+        self.published = 0
+        self.messages_refused = 0
+        self.last_refusal = ""
+        self.publish = publish
+        self._write_board = write_board
+        self._refused_board = ""
+        self._t_reports_ns = 0
+
+    # --- the touch ---
+
+    def reports(self, batch: Sequence[RawReport], t_now_ns: int) -> None:
+        """All reports that were waiting, newest last: every one is tracked, one pass is made."""
+        for report in batch:
+            for frame in self.trackpad.decode(report.data, report.t_host_ns):
+                self.pipeline.touch(frame, report.t_host_ns)
+        self._t_reports_ns = t_now_ns
+        self._pass(t_now_ns)
+
+    def _pass(self, t_now_ns: int) -> None:
+        """Predict, solve and send, if the supervisor lets the plate be driven."""
+        wanted = len(self.pipeline.wanted(t_now_ns)) > 0
+        self._supervise(Event.TOUCHED if wanted else Event.RELEASED, "", t_now_ns)
+        ahead_ns = COMPUTE_NS + self.session.latency.link_ns
+        if self.supervisor.may_drive:
+            tick = self.pipeline.drive(t_now_ns, ahead_ns)
+        else:
+            tick = self.pipeline.rest(t_now_ns, ahead_ns)
+        self.last_tick = tick
+        if tick.drive is not None:
+            self._say(self.session.reference(tick.drive, tick, t_now_ns))
+        if self.publish is not None:
+            self.published += 1
+            self.publish(status.telemetry(self, tick))
+
+    def timer(self, t_now_ns: int) -> None:
+        """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
+        report makes a pass, virtual fingers walk on."""
+        self.pipeline.release(self.scene.expire(t_now_ns))
+        if self.pipeline.sensor_is_silent(t_now_ns):
+            log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
+            self.pipeline.sensor_lost()
+        self._say(self.session.timer(t_now_ns))
+        self._supervise(Event.LINK_UP if self.session.ready else Event.LINK_DOWN, "board", t_now_ns)
+        if t_now_ns - self._t_reports_ns >= REPORTS_ENDED_NS:
+            self._pass(t_now_ns)
+
+    def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, model: str | None = None) -> None:
+        """The trackpad came or went; `model` says which one it is, where that was not configured."""
+        log.log(logging.INFO if up else logging.WARNING, "trackpad: %s", reason)
+        if model is not None and model != self.trackpad.model:
+            self.trackpad = trackpad_wire.Decoder(model, _plate_from_pad(self.config))
+        self.trackpad.reset()
+        self.pipeline.sensor_lost()
+        self._supervise(Event.SENSOR_UP if up else Event.SENSOR_DOWN, reason, t_now_ns)
+        self._pass(t_now_ns)
+
+    # --- the board ---
+
+    def board_link(self, up: bool, reason: str, t_now_ns: int) -> None:
+        """The serial port came or went."""
+        log.log(logging.INFO if up else logging.WARNING, "board: %s", reason)
+        self.board = device_wire.Decoder()
+        if up:
+            self._say(self.session.link_up(t_now_ns))
+        else:
+            self.session.link_down()
+            self._supervise(Event.LINK_DOWN, reason, t_now_ns)
+
+    def board_bytes(self, data: bytes, t_now_ns: int) -> None:
+        """What the board said."""
+        for message in self.board.feed(data):
+            self._hear(message, t_now_ns)
+
+    def _hear(self, message: BoardMessage, t_now_ns: int) -> None:
+        if isinstance(message, BoardTime):
+            self.session.receive_time(message, t_now_ns)
+        elif isinstance(message, BoardHello):
+            self._greet(message, t_now_ns)
+        else:
+            self._take_status(message, t_now_ns)
+
+    def _greet(self, hello: BoardHello, t_now_ns: int) -> None:
+        try:
+            device_wire.check_hello(
+                hello, modes=len(self.config.limits.w_limit_um), w_limit_um=self.config.limits.w_limit_um
+            )
+        except DeviceError as error:
+            if str(error) != self._refused_board:
+                log.error("board refused: %s", error)
+                self._refused_board = str(error)
+            return
+        self._refused_board = ""
+        log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
+        self._say(self.session.receive_hello(hello, t_now_ns))
+        self.pipeline.forget_standing()
+
+    def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
+        was_faulty = self.session.fault_code != 0
+        self.session.receive_status(message, t_now_ns)
+        if self.session.fault_code != 0 and not was_faulty:
+            self._supervise(Event.BOARD_FAULT, f"board fault {message.fault_code}", t_now_ns)
+        elif was_faulty and self.session.fault_code == 0:
+            self._supervise(Event.CLEARED, "board fault cleared", t_now_ns)
+
+    def stop(self, t_now_ns: int) -> None:
+        """Leave a quiet plate: the last thing that is said."""
+        self._supervise(Event.STOP, "stopping", t_now_ns)
+        tick = self.pipeline.rest(t_now_ns, 0)
+        if tick.drive is not None:
+            self._say(self.session.reference(tick.drive, tick, t_now_ns))
+
+    def _say(self, commands: Sequence[BoardCommand]) -> None:
+        for command in commands:
+            self._write_board(encode(command))
+
+    def _supervise(self, event: Event, reason: str, t_now_ns: int) -> None:
+        before = self.supervisor.state
+        after = self.supervisor.handle(event, reason, t_now_ns)
+        if after is not before:
+            severity = logging.WARNING if after is State.FAULT else logging.INFO
+            log.log(severity, "%s -> %s%s", before.name, after.name, f": {reason}" if reason else "")
+
+    # --- the clients ---
+
+    def targets(self, payload: bytes, t_now_ns: int) -> None:
+        """A message of the targets socket; what is wrong with it is counted and kept for `status`."""
+        try:
+            refusals = self.want(client_wire.decode_targets(payload), t_now_ns)
+        except RequestError as error:
+            refusals = (str(error),)
+        if refusals:
+            self.messages_refused += 1
+            self.last_refusal = refusals[0]
+
+    def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
+        """Put a client's targets in force; sentences for what it may not have."""
+        return self.scene.apply(message, t_now_ns)
+
+    def request(self, payload: bytes, t_now_ns: int) -> bytes:
+        """Answer a message of the control socket."""
+        return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns))
+
+    def _carry_out(self, request: client_wire.Request, t_now_ns: int) -> Mapping[str, object]:
+        if isinstance(request.body, ClientTargets):
+            refusals = self.want(request.body, t_now_ns)
+            if refusals:
+                raise RequestError(" ".join(refusals))
+            return {}
+        if isinstance(request.body, client_wire.Release):
+            return {"released": self._release(request.body)}
+        if request.op == "clear_fault":
+            self._say([ClearFault()])
+            return {}
+        if request.op == "status":
+            return self.report_status(t_now_ns)
+        return {"version": __version__, "instance": self.instance, **client_wire.CAPABILITIES}
+
+    def _release(self, release: client_wire.Release) -> bool:
+        if release.finger is None:
+            self.scene.release_client(release.client)
+            return True
+        return self.scene.release(release.client, release.finger)
+
+    def report_status(self, t_now_ns: int) -> dict[str, object]:
+        """What `hapticd`'s clients see of its inner life."""
+        return status.collect(self, t_now_ns)
+
+
+def _pipeline_settings(config: Config) -> PipelineSettings:
+    prediction = config.prediction
+    wanted = {
+        "period_ms": prediction.period_ms,
+        "noise_mm": prediction.noise_mm,
+        "stamp_error_ms": FILTERED_STAMP_ERROR_MS,
+    }
+    known = PREDICTORS[prediction.name].defaults  # not every predictor has a model of the noise
+    return PipelineSettings(
+        w_limit_um=config.limits.w_limit_um,
+        make_predictor=partial(
+            make_predictor, prediction.name, **{name: value for name, value in wanted.items() if name in known}
+        ),
+        policy=config.solver.policy,
+        effort=config.solver.effort,
+        tolerance_um=config.solver.tolerance_um,
+        max_knots=config.solver.max_knots,
+        sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
+        loop_delay_ns=round(config.device.loop_delay_ms * 1e6),
+        cover_ns=round(1.5e6 * prediction.period_ms),
+        silence_ns=round(config.trackpad.silence_ms * 1e6),
+    )
+
+
+def _friction_curve(config: Config) -> FrictionCurve:
+    if not config.plate.friction_curve:
+        return DEFAULT_FRICTION_CURVE
+    return FrictionCurve.from_amplitudes(config.plate.friction_curve)
+
+
+def _plate_from_pad(config: Config) -> AffineMap:
+    pad = config.trackpad
+    return AffineMap.from_placement(
+        (pad.offset_mm[0], pad.offset_mm[1]), pad.rotation_deg, (pad.scale[0], pad.scale[1])
+    )

@@ -1,0 +1,283 @@
+"""The board in the loop: the firmware's own C core with a plate behind its amplifiers, in virtual time.
+
+Nothing here reads a clock or draws from a global generator: the same calls give the same bytes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .firmware import Setup, Trace, doubles, load
+
+FLAG_SATURATED: Final = 0x01
+FLAG_LIMITED: Final = 0x02
+FLAG_LIVE: Final = 0x04
+FLAG_DEADMAN: Final = 0x08
+
+PLATE_MODES_MAX: Final = 8
+
+_LAWS: Final = {"pi": 0, "pi_ff": 1}
+_TRANSMIT_BYTES: Final = 512  # all pending messages of three modes together need less
+
+
+@dataclass(frozen=True, slots=True)
+class PlateModel:
+    """The simulated truth: P plate modes driven by M amplifiers and seen by M sensors.
+
+    `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode against the drive, `gain_um_per_v_s` (P, M) of each amplifier
+    on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick.
+    """
+
+    decay_1_s: npt.NDArray[np.float64]
+    detuning_rad_s: npt.NDArray[np.float64]
+    gain_um_per_v_s: npt.NDArray[np.float64]
+    sensor: npt.NDArray[np.float64]
+    noise_um: float
+    amplifier_limit_v: float
+
+    def __post_init__(self) -> None:
+        p, m = self.plate_modes, self.modes
+        if not 1 <= p <= PLATE_MODES_MAX:
+            raise ValueError(f"A plate model has 1 to {PLATE_MODES_MAX} modes, not {p}.")
+        shapes = {"detuning_rad_s": (p,), "gain_um_per_v_s": (p, m), "sensor": (m, p)}
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"{name} has shape {np.shape(getattr(self, name))}, not {shape}.")
+        for name in ("decay_1_s", *shapes, "noise_um", "amplifier_limit_v"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise ValueError(f"{name} is not finite.")
+        if not (np.all(self.decay_1_s > 0) and self.noise_um >= 0 and self.amplifier_limit_v > 0):
+            raise ValueError("Decay rates and the amplifier limit are positive, the noise is not negative.")
+
+    @property
+    def plate_modes(self) -> int:
+        return int(np.shape(self.decay_1_s)[0])
+
+    @property
+    def modes(self) -> int:
+        return int(np.shape(self.gain_um_per_v_s)[1])
+
+
+def reference_decay_1_s(quality: float = 500.0) -> tuple[float, float]:
+    """sigma = pi f0 / Q of the reference plate's two modes, 29 195 and 29 215 Hz."""
+    return math.pi * 29195.0 / quality, math.pi * 29215.0 / quality
+
+
+def reference_gain_um_per_v_s(quality: float = 500.0) -> float:
+    """g of the reference plate: 150 V hold 4 um, 10 Hz beside the resonance."""
+    return 4.0 / 150.0 * math.hypot(math.pi * 29205.0 / quality, 2.0 * math.pi * 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BoardConfig:
+    """What the board believes and allows; the defaults are the reference plate's, Q = 500.
+
+    `controller` "pi" is the founding paper's four independent PI, "pi_ff" adds coupling compensation and feed-forward;
+    gains left at None are the firmware's tested ones.
+    """
+
+    w_limit_um: tuple[float, ...] = (4.0, 4.0)
+    v_limit_v: float = 150.0
+    control_hz: float = 2000.0
+    drive_hz: float = 29205.0
+    decay_1_s: tuple[float, ...] = field(default_factory=reference_decay_1_s)
+    detuning_rad_s: tuple[float, ...] = (-20.0 * math.pi, 20.0 * math.pi)
+    gain_um_per_v_s: tuple[float, ...] = field(default_factory=lambda: (reference_gain_um_per_v_s(),) * 2)
+    controller: str = "pi_ff"
+    bandwidth_1_s: float | None = None
+    integral_time_s: float | None = None
+    latch_repeated_trips: bool = False
+
+    def __post_init__(self) -> None:
+        m = len(self.w_limit_um)
+        for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s"):
+            if len(getattr(self, name)) != m:
+                raise ValueError(f"{name} has {len(getattr(self, name))} values for {m} modes.")
+        if self.controller not in _LAWS:
+            raise ValueError(f"controller is {self.controller!r}, not one of {', '.join(_LAWS)}.")
+
+
+class BoardTrace:
+    """One row per tick, preallocated: what was asked for, measured, true and put out at it, and its flags.
+
+    `reference_um` `measured_um` `voltage_v` (T, M) and `plate_um` (T, P) complex128, `flags` (T,) uint8. The
+    measurement is the mean over the tick just ended; the voltage acts from a fifth of a tick later.
+    """
+
+    __slots__ = ("flags", "measured_um", "plate_um", "reference_um", "voltage_v")
+
+    def __init__(self, ticks: int, modes: int, plate_modes: int) -> None:
+        self.reference_um = np.zeros((ticks, modes), dtype=np.complex128)
+        self.measured_um = np.zeros((ticks, modes), dtype=np.complex128)
+        self.plate_um = np.zeros((ticks, plate_modes), dtype=np.complex128)
+        self.voltage_v = np.zeros((ticks, modes), dtype=np.complex128)
+        self.flags = np.zeros(ticks, dtype=np.uint8)
+
+    def __len__(self) -> int:
+        return len(self.flags)
+
+    @property
+    def modes(self) -> int:
+        return self.reference_um.shape[1]
+
+    @property
+    def plate_modes(self) -> int:
+        return self.plate_um.shape[1]
+
+
+class Board:
+    """A running board. It stands at an instant, the last tick's; `run` moves it on.
+
+    `t_start_us` is the instant of its boot on a clock that does not wrap, one tick before its first tick; what the
+    board sees and says is that clock modulo 2^32.
+    """
+
+    def __init__(
+        self,
+        model: PlateModel,
+        *,
+        config: BoardConfig | None = None,
+        seed: int = 0,
+        boot_id: int = 1,
+        t_start_us: int = 0,
+    ) -> None:
+        config = BoardConfig() if config is None else config
+        if len(config.w_limit_um) != model.modes:
+            raise ValueError(
+                f"The board is configured for {len(config.w_limit_um)} modes, its plate has {model.modes}."
+            )
+        self.model = model
+        self.config = config
+        self._library = load(model.modes)
+        self._board = self._library.hd_board_new(ctypes.byref(_setup(model, config, seed, boot_id, t_start_us)))
+        if not self._board:
+            raise ValueError(
+                "The firmware refuses its configuration: rates, limits and gains are positive and bounded."
+            )
+        self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
+
+    def __del__(self) -> None:
+        if getattr(self, "_board", None):
+            self._library.hd_board_free(self._board)
+
+    @property
+    def unwrapped_us(self) -> int:
+        """The instant of the last tick on a clock that never wraps."""
+        return int(self._library.hd_board_t_us(self._board))
+
+    @property
+    def t_us(self) -> int:
+        """The same on the board's own 32-bit clock."""
+        return self.unwrapped_us & 0xFFFFFFFF
+
+    @property
+    def t_ns(self) -> int:
+        return self.unwrapped_us * 1000
+
+    def receive(self, data: bytes, at_us: int | None = None) -> None:
+        """Bytes come in now, or at an instant `at_us` before the next tick."""
+        self._library.hd_board_receive(self._board, data, len(data), self.unwrapped_us if at_us is None else at_us)
+
+    def transmit(self, at_us: int | None = None) -> bytes:
+        """The bytes that the board wants to send, taken from it now or at `at_us`, which its messages then bear."""
+        t_us = self.unwrapped_us if at_us is None else at_us
+        n = self._library.hd_board_transmit(self._board, self._out, _TRANSMIT_BYTES, t_us)
+        return self._out.raw[:n]
+
+    def run(
+        self,
+        ticks: int,
+        phi: npt.NDArray[np.float64],
+        contact_decay_1_s: npt.NDArray[np.float64],
+        out: BoardTrace,
+        offset: int = 0,
+        *,
+        stop_on_transmit: bool = False,
+    ) -> int:
+        """Performs up to `ticks` ticks and writes their rows from `offset` on; returns how many were performed.
+
+        Row i of `phi` (ticks, F, P) and `contact_decay_1_s` (ticks, F) holds for the time that leads to tick i; a
+        finger that does not touch has decay 0, whatever its shapes. With `stop_on_transmit` the run ends after the
+        tick that has something to send.
+        """
+        fingers = self._check_rows(ticks, phi, contact_decay_1_s, out, offset)
+        columns = (out.reference_um, out.measured_um, out.plate_um, out.voltage_v, out.flags)
+        trace = Trace(*(column.ctypes.data for column in columns))
+        return int(
+            self._library.hd_board_run(
+                self._board,
+                ticks,
+                fingers,
+                phi.ctypes.data,
+                contact_decay_1_s.ctypes.data,
+                ctypes.byref(trace),
+                offset,
+                stop_on_transmit,
+            )
+        )
+
+    def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
+        """From now on the sensors say `measured_um` (M,), which may be NaN; None lets them see the plate again."""
+        if measured_um is None:
+            self._library.hd_board_fake_measurement(self._board, None)
+            return
+        values = np.ascontiguousarray(measured_um, dtype=np.complex128)
+        if values.shape != (self.model.modes,):
+            raise ValueError(f"measured_um has shape {values.shape}, not {(self.model.modes,)}.")
+        self._library.hd_board_fake_measurement(self._board, values.ctypes.data)
+
+    def _check_rows(
+        self,
+        ticks: int,
+        phi: npt.NDArray[np.float64],
+        contact_decay_1_s: npt.NDArray[np.float64],
+        out: BoardTrace,
+        offset: int,
+    ) -> int:
+        """C writes where it is told: every size is checked here. Returns the number of fingers."""
+        p, m = self.model.plate_modes, self.model.modes
+        fingers = int(phi.shape[1]) if phi.ndim == 3 else 0
+        for name, rows, row in (("phi", phi, (fingers, p)), ("contact_decay_1_s", contact_decay_1_s, (fingers,))):
+            if rows.shape[1:] != row or len(rows) < ticks or rows.dtype != np.float64 or not rows.flags.c_contiguous:
+                raise ValueError(
+                    f"{name} is {rows.dtype} of shape {rows.shape}: "
+                    f"it must have {ticks} C-contiguous float64 rows of shape {row}."
+                )
+        if (out.modes, out.plate_modes) != (m, p) or not 0 <= offset <= offset + ticks <= len(out):
+            raise ValueError(
+                f"Rows {offset} to {offset + ticks} of {m} modes and {p} plate modes do not fit a trace of {len(out)} "
+                f"rows, {out.modes} modes and {out.plate_modes} plate modes."
+            )
+        return fingers
+
+
+def _setup(model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int) -> Setup:
+    return Setup(
+        plate_modes=model.plate_modes,
+        decay_1_s=doubles(model.decay_1_s),
+        detuning_rad_s=doubles(model.detuning_rad_s),
+        gain_um_per_v_s=doubles(model.gain_um_per_v_s),
+        sensor=doubles(model.sensor),
+        noise_um=model.noise_um,
+        amplifier_limit_v=model.amplifier_limit_v,
+        seed=seed,
+        t_start_us=t_start_us,
+        boot_id=boot_id,
+        control_hz=config.control_hz,
+        drive_hz=config.drive_hz,
+        v_limit_v=config.v_limit_v,
+        w_limit_um=doubles(config.w_limit_um),
+        nominal_decay_1_s=doubles(config.decay_1_s),
+        nominal_detuning_rad_s=doubles(config.detuning_rad_s),
+        nominal_gain_um_per_v_s=doubles(config.gain_um_per_v_s),
+        law=_LAWS[config.controller],
+        bandwidth_1_s=0.0 if config.bandwidth_1_s is None else config.bandwidth_1_s,
+        integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,
+        latch_repeated_trips=config.latch_repeated_trips,
+    )

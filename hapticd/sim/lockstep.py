@@ -1,0 +1,301 @@
+"""The whole of hapticd against the simulated plate in virtual time: deterministic, and many times faster than real.
+
+Events (a report arrives, bytes reach the board or the host, a timer is due) lie in one queue; between them the board's
+firmware and plate run tick by tick. The daemon's part is `machine.Machine`, the same as in the service.
+
+What this leaves out of reality: the daemon's run time is a constant, clocks do not drift, and the link loses nothing
+and takes the same time both ways (half of any difference would shift the board's clock unseen).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..config import Config
+from ..core.solver import solve
+from ..machine import TIMER_NS, Machine
+from ..values import RawReport, Tick
+from .plate import PlateSettings, PlateTruth
+from .scenarios import SCENARIOS, SPEED_MM_S, Actor
+from .score import Score, score
+from .scripted import ScriptedClient, virtual_name
+from .sensor import SensorModel, SensorSettings
+from .world import World
+
+T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
+BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
+CLIENT_TTL_NS = 500_000_000
+CLIENT_REFRESH_NS = 150_000_000
+SCHEMES = ("hapticd", "paper")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a simulated run is made of; the daemon's own side is in `config`."""
+
+    scheme: str = "hapticd"
+    speed_mm_s: float = SPEED_MM_S
+    noise_mm: float = 0.05
+    stamp_jitter_ms: float = 1.0
+    report_period_ms: float = 11.25
+    sensor_latency_ms: float = 10.0
+    link_ms: float = 5.0
+    plate: PlateSettings = field(default_factory=PlateSettings)
+    config: Config = field(default_factory=Config)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A finished run. Arrays over the T control ticks, N fingers (NaN while absent), M modes; units in the names.
+
+    `modal_um` is what the plate's own modes do, `truth_um` what each finger gets at its true position, from all of
+    the plate's modes; `finger_predicted_mm` is where the reference in force took the finger to be.
+    """
+
+    scenario: str
+    seed: int
+    settings: Settings
+    t_s: npt.NDArray[np.float64]
+    finger_true_mm: npt.NDArray[np.float64]
+    finger_predicted_mm: npt.NDArray[np.float64]
+    target_um: npt.NDArray[np.float64]
+    reference_um: npt.NDArray[np.complex128]
+    modal_um: npt.NDArray[np.complex128]
+    truth_um: npt.NDArray[np.complex128]
+    limited: npt.NDArray[np.bool_]
+    score: Score
+    status: dict[str, Any]
+
+
+def run(
+    scenario: str,
+    *,
+    settings: Settings | Mapping[str, Any] | None = None,
+    seed: int = 1,
+    seconds: float | None = None,
+) -> Run:
+    """Play `scenario` for `seconds` of virtual time. The same arguments give the same arrays, byte for byte.
+
+    `settings` may be a mapping of some of Settings' fields. Raises ValueError for an unknown scenario or setting.
+    """
+    if scenario not in SCENARIOS:
+        raise ValueError(f"there is no scenario {scenario!r}: choose one of {', '.join(SCENARIOS)}")
+    chosen = _settings(settings)
+    played = SCENARIOS[scenario]
+    simulation = Simulation(played.build(seed, chosen.speed_mm_s), chosen, seed)
+    simulation.run(played.seconds if seconds is None else seconds)
+    return simulation.result(scenario)
+
+
+def perfect(played: Run, every: int = 4) -> Score:
+    """The same fingers under perfect knowledge: true positions and shapes, a loop without delay. Judged each `every`
+    ticks."""
+    part = slice(None, None, every)
+    truth = PlateTruth(played.settings.plate)
+    target_um = played.target_um[part]
+    phi = truth.shapes(played.finger_true_mm[part])[..., : played.modal_um.shape[1]]
+    modal_um = np.zeros((len(target_um), phi.shape[2]))
+    limited = np.zeros(len(target_um), dtype=bool)
+    previous = None
+    for index, wanted in enumerate(target_um):
+        present = np.isfinite(wanted)
+        solution = solve(
+            phi[index][present], wanted[present], played.settings.config.limits.w_limit_um, previous_um=previous
+        )
+        modal_um[index] = previous = solution.modal_um
+        limited[index] = solution.limited
+    got_um = np.einsum("tnm,tm->tn", phi, modal_um).astype(np.complex128)
+    return score(played.t_s[part], target_um, got_um, modal_um.astype(np.complex128), limited)
+
+
+class Simulation:
+    """One run in the making: the world, the machine, and the events between them."""
+
+    def __init__(self, actors: tuple[Actor, ...], settings: Settings, seed: int) -> None:
+        self.settings = settings
+        self.seed = seed
+        self.actors = actors
+        self._config = _scheme_config(settings)
+        plate = PlateTruth(settings.plate)
+        self.world = World(
+            actors,
+            plate,
+            w_limit_um=self._config.limits.w_limit_um,
+            seed=seed,
+            boot_id=seed + 1,
+            board_start_us=BOARD_START_US,
+        )
+        self.machine = Machine(self._config, plate.cartography(seed), write_board=self._to_board)
+        self._sensor = SensorModel(
+            SensorSettings(
+                model=self.machine.trackpad.model,
+                period_s=settings.report_period_ms * 1e-3,
+                latency_s=settings.sensor_latency_ms * 1e-3,
+                noise_mm=settings.noise_mm,
+                stamp_jitter_ms=settings.stamp_jitter_ms,
+            ),
+            seed,
+        )
+        self._events: list[tuple[int, int, str, bytes]] = []
+        self._pushed = 0
+        self._t_ns = T_START_NS
+        self._client = ScriptedClient(actors)
+        self._ticks: list[tuple[Tick, dict[int | str, int]]] = []
+
+    def run(self, seconds: float) -> None:
+        """Play from the start for `seconds`."""
+        t_end_ns = T_START_NS + round(seconds * 1e9)
+        paths = [actor.path for actor in self.actors if actor.path is not None]
+        for report in self._sensor.reports(paths, seconds):
+            self._push(T_START_NS + round(report.t_arrive_s * 1e9), "report", report.data)
+        for t_ns in range(T_START_NS, t_end_ns, TIMER_NS):
+            self._push(t_ns, "timer", b"")
+        self.machine.trackpad_link(True, "simulated", T_START_NS)
+        self.machine.board_link(True, "simulated", T_START_NS)
+        while self._events and self._events[0][0] <= t_end_ns:
+            said = self.world.advance((self._events[0][0] - T_START_NS) * 1e-9)
+            if said:
+                self._push(T_START_NS + round(self.world.t_s * 1e9) + round(self.settings.link_ms * 1e6), "host", said)
+                continue
+            t_ns, _, kind, data = heapq.heappop(self._events)
+            self._t_ns = t_ns
+            self._handle(kind, data, t_ns)
+        while self.world.advance(seconds):
+            pass  # nobody listens after the end
+
+    def _handle(self, kind: str, data: bytes, t_ns: int) -> None:
+        if kind == "board":
+            self.world.receive(data, (t_ns - T_START_NS) * 1e-9)
+        elif kind == "host":
+            self.machine.board_bytes(data, t_ns)
+        elif kind == "timer":
+            self._ask(t_ns)
+            self.machine.timer(t_ns)
+        else:
+            self.machine.reports((RawReport(t_ns, data),), t_ns)
+            self._ask(t_ns)
+        tick = self.machine.last_tick
+        if tick is not None and tick.t_now_ns == t_ns and tick.drive is not None:
+            self._ticks.append((tick, dict(self._client.actor_of)))
+
+    def _ask(self, t_ns: int) -> None:
+        fingers = [(finger.finger_id, finger.x_mm, finger.y_mm) for finger in self.machine.pipeline.fingers]
+        sampled_s = (t_ns - T_START_NS) * 1e-9 - self.settings.sensor_latency_ms * 1e-3
+        message = self._client.wants((t_ns - T_START_NS) * 1e-9, sampled_s, fingers)
+        if message is not None:
+            self.machine.want(message, t_ns)
+
+    def _to_board(self, data: bytes) -> bool:
+        self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)
+        return True
+
+    def _push(self, t_ns: int, kind: str, data: bytes) -> None:
+        self._pushed += 1
+        heapq.heappush(self._events, (t_ns, self._pushed, kind, data))
+
+    # --- what came of it ---
+
+    def result(self, scenario: str) -> Run:
+        """The run so far as arrays, judged."""
+        recording = self.world.recording()
+        t_s = recording.t_s
+        true_mm = self._true_mm(t_s)
+        target_um = np.stack([actor.target_um(t_s) for actor in self.actors], axis=1)
+        target_um[~np.isfinite(true_mm[..., 0])] = np.nan
+        truth_um = np.einsum("tnp,tp->tn", self.world.plate.shapes(true_mm), recording.plate_um)
+        truth_um[~np.isfinite(true_mm[..., 0])] = np.nan
+        limited = self._limited(t_s)
+        return Run(
+            scenario=scenario,
+            seed=self.seed,
+            settings=self.settings,
+            t_s=t_s,
+            finger_true_mm=true_mm,
+            finger_predicted_mm=self._predicted_mm(t_s),
+            target_um=target_um,
+            reference_um=recording.reference_um,
+            modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
+            truth_um=truth_um,
+            limited=limited,
+            score=score(t_s, target_um, truth_um, recording.reference_um, limited),
+            status=self.machine.report_status(self._t_ns),
+        )
+
+    def _true_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        true_mm = np.full((len(t_s), len(self.actors), 2), np.nan)
+        for index, actor in enumerate(self.actors):
+            if actor.path is not None:
+                true_mm[:, index] = actor.path.position_mm(t_s)
+                continue
+            name = virtual_name(index)
+            t_ns = T_START_NS + np.round(t_s * 1e9).astype(np.int64)
+            true_mm[:, index] = [self.machine.scene.virtual_position_mm(name, int(instant)) for instant in t_ns]
+        return true_mm
+
+    def _predicted_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Where the polyline in force at each instant took each actor to be."""
+        predicted_mm = np.full((len(t_s), len(self.actors), 2), np.nan)
+        delay_s = self._config.device.loop_delay_ms * 1e-3
+        for (tick, actor_of), part in self._in_force(t_s, delay_s):
+            assert tick.drive is not None
+            span_s = max(tick.drive.knots[-1].dt_ns * 1e-9, 1e-9)
+            since_s = t_s[part] - delay_s - (tick.drive.t_apply_ns - T_START_NS) * 1e-9
+            share = np.clip(since_s / span_s, 0.0, 1.0)[:, None]
+            for point in tick.points:
+                start, end = np.array([point.x_mm, point.y_mm]), np.array([point.end_x_mm, point.end_y_mm])
+                predicted_mm[part, actor_of[point.key]] = start + share * (end - start)
+        return predicted_mm
+
+    def _limited(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        limited = np.zeros(len(t_s), dtype=bool)
+        for (tick, _), part in self._in_force(t_s, 0.0):
+            limited[part] = tick.limited
+        return limited
+
+    def _in_force(
+        self, t_s: npt.NDArray[np.float64], delay_s: float
+    ) -> list[tuple[tuple[Tick, dict[int | str, int]], slice]]:
+        """Each pass that sent a drive, with the ticks during which it ruled."""
+        starts_s = [
+            (tick.drive.t_apply_ns - T_START_NS) * 1e-9 + delay_s for tick, _ in self._ticks if tick.drive is not None
+        ]
+        bounds = [*np.searchsorted(t_s, starts_s).tolist(), len(t_s)]
+        return [(tick, slice(bounds[i], bounds[i + 1])) for i, tick in enumerate(self._ticks)]
+
+
+def _settings(given: Settings | Mapping[str, Any] | None) -> Settings:
+    if given is None:
+        return Settings()
+    if isinstance(given, Settings):
+        return given
+    valid = [entry.name for entry in fields(Settings)]
+    unknown = [name for name in given if name not in valid]
+    if unknown:
+        raise ValueError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}")
+    return Settings(**given)
+
+
+def _scheme_config(settings: Settings) -> Config:
+    """The daemon's configuration for a scheme; the paper's is its Matlab loop: hold, steps, plain PI, its formula."""
+    config = settings.config
+    if settings.scheme == "paper":
+        config = replace(
+            config,
+            prediction=replace(config.prediction, name="hold"),
+            solver=replace(config.solver, policy="paper", effort=0.0, max_knots=1),
+            device=replace(config.device, controller="pi"),
+        )
+    elif settings.scheme != "hapticd":
+        raise ValueError(f"there is no scheme {settings.scheme!r}: choose one of {', '.join(SCHEMES)}")
+    return replace(config, device=replace(config.device, link_ms=settings.link_ms))
+
+
+def paper(played: Settings) -> Settings:
+    """The same run under the paper's scheme, whose sensor reports every 10 ms."""
+    return replace(played, scheme="paper", report_period_ms=10.0)

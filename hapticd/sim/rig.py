@@ -1,0 +1,194 @@
+"""The simulated rig in real time: a process that is the hardware.
+
+    python -m hapticd.sim.rig DIRECTORY [--scenario NAME] [--seed N] [--record FILE]
+
+`DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate, and
+`DIRECTORY/trackpad` a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
+The daemon cannot tell it from the real thing but by its file names. Bytes to and from the board take the link's 5 ms,
+reports the sensor's 10 ms. It prints `ready T` when both can be opened; T is its time zero on the
+host's monotonic clock. SIGTERM ends it and writes the recording, if asked.
+
+What it leaves out: the serial line's speed beyond that constant delay, and the pull of a finger on the plate's shape.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import pty
+import selectors
+import signal
+import socket
+import time
+import tty
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .plate import PlateSettings, PlateTruth
+from .scenarios import SCENARIOS, SPEED_MM_S
+from .sensor import Report, SensorModel, SensorSettings
+from .world import World
+
+LINK_S = 0.005
+STEP_S = 0.002  # the board's clock is looked at so often
+MAX_BEHIND_S = 0.5  # after a longer stall time is dropped, as a board that was stopped would
+READ_SIZE = 4096
+
+
+class Rig:
+    """Board and trackpad of one scenario, served in `directory` until told to stop; its time starts when it is made."""
+
+    def __init__(self, directory: Path, scenario: str, seed: int, *, keep: bool) -> None:
+        actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
+        self.actors = actors
+        self.plate = PlateTruth(PlateSettings())
+        self.world = World(
+            actors, self.plate, w_limit_um=(4.0, 4.0), seed=seed, boot_id=os.getpid() & 0x7FFFFFFF, keep=keep
+        )
+        paths = [actor.path for actor in actors if actor.path is not None]
+        self._scans = SensorModel(SensorSettings(), seed).scans(paths)
+        self._reports: deque[Report] = deque()
+        self._t_scan_s = 0.0
+        self._to_board: deque[tuple[float, bytes]] = deque()
+        self._to_host: deque[tuple[float, bytes]] = deque()
+        self._pads: list[socket.socket] = []
+        self._stopping = False
+        self.t_start_s = time.monotonic()
+        self._open(directory)
+
+    def stop(self) -> None:
+        """Leave `serve` soon."""
+        self._stopping = True
+
+    def serve(self) -> None:
+        """Be the hardware, until `stop`."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._master, selectors.EVENT_READ, self._from_host)
+            selector.register(self._listener, selectors.EVENT_READ, self._accept)
+            while not self._stopping:
+                for key, _ in selector.select(self._wait_s()):
+                    key.data()
+                self._advance(self._now_s())
+
+    def close(self) -> None:
+        """Pull both plugs."""
+        for endpoint in (*self._pads, self._listener):
+            endpoint.close()
+        os.close(self._master)
+        os.close(self._slave)
+        for link in self._links:
+            link.unlink(missing_ok=True)
+
+    def _open(self, directory: Path) -> None:
+        self._master, self._slave = pty.openpty()  # our own hold on the slave: a daemon that leaves is no hang-up
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._links = (directory / "board", directory / "trackpad")
+        for link in self._links:
+            link.unlink(missing_ok=True)
+        self._links[0].symlink_to(os.ttyname(self._slave))
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listener.setblocking(False)
+        self._listener.bind(str(self._links[1]))
+        self._listener.listen()
+
+    def _now_s(self) -> float:
+        now_s = time.monotonic() - self.t_start_s
+        if now_s - self.world.t_s > MAX_BEHIND_S:
+            self.t_start_s += now_s - self.world.t_s
+            now_s = self.world.t_s
+        return now_s
+
+    def _wait_s(self) -> float:
+        due_s = [self.world.t_s + STEP_S, *(report.t_arrive_s for report in self._reports)]
+        due_s += [queue[0][0] for queue in (self._to_board, self._to_host) if queue]
+        return max(min(due_s) - self._now_s(), 0.0)
+
+    def _advance(self, now_s: float) -> None:
+        while self._to_board and self._to_board[0][0] <= now_s:
+            due_s, data = self._to_board.popleft()
+            self._run_to(due_s)
+            self.world.receive(data, due_s)
+        self._run_to(now_s)
+        while self._to_host and self._to_host[0][0] <= now_s:
+            with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line loses it too
+                os.write(self._master, self._to_host.popleft()[1])
+        self._scan(now_s)
+        while self._reports and self._reports[0].t_arrive_s <= now_s:
+            self._tell(self._reports.popleft().data)
+
+    def _scan(self, now_s: float) -> None:
+        """Sense up to now: reports wait in `_reports` for as long as the pad takes to send them."""
+        while self._t_scan_s <= now_s:
+            scan = next(self._scans)
+            self._t_scan_s = scan.t_sample_s
+            self._reports += scan.reports
+
+    def _run_to(self, t_s: float) -> None:
+        while said := self.world.advance(t_s):
+            self._to_host.append((self.world.t_s + LINK_S, said))
+
+    def _from_host(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._to_board.append((self._now_s() + LINK_S, os.read(self._master, READ_SIZE)))
+
+    def _accept(self) -> None:
+        endpoint, _ = self._listener.accept()
+        endpoint.setblocking(False)
+        self._pads.append(endpoint)
+
+    def _tell(self, report: bytes) -> None:
+        for endpoint in tuple(self._pads):
+            try:
+                endpoint.send(report)
+            except BlockingIOError:
+                continue  # a reader that stalls loses reports, as from the kernel's ring
+            except OSError:
+                endpoint.close()
+                self._pads.remove(endpoint)
+
+    def save(self, path: Path) -> None:
+        """Write what the plate did, and what each finger got, as the arrays of `sim.run`."""
+        recording = self.world.recording()
+        target_um = np.stack([actor.target_um(recording.t_s) for actor in self.actors], axis=1)
+        absent = ~np.isfinite(recording.finger_mm[..., 0])
+        target_um[absent] = np.nan
+        truth_um = np.einsum("tnp,tp->tn", self.plate.shapes(recording.finger_mm), recording.plate_um)
+        truth_um[absent] = np.nan
+        np.savez_compressed(
+            path,
+            t_s=recording.t_s,
+            finger_true_mm=recording.finger_mm,
+            target_um=target_um,
+            reference_um=recording.reference_um,
+            modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
+            truth_um=truth_um,
+        )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The process: serve until SIGTERM or SIGINT."""
+    parser = argparse.ArgumentParser(prog="hapticd.sim.rig", description="The simulated rig in real time.")
+    parser.add_argument("directory", type=Path, help="where board and trackpad appear")
+    parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--record", type=Path, help="write what the plate did (NPZ) at the end")
+    options = parser.parse_args(arguments)
+    rig = Rig(options.directory, options.scenario, options.seed, keep=options.record is not None)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: rig.stop())
+    print(f"ready {rig.t_start_s}", flush=True)
+    try:
+        rig.serve()
+    finally:
+        rig.close()
+    if options.record is not None:
+        rig.save(options.record)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+"""Starts the simulated rig as a process of its own, and ends it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from ..errors import DeviceError
+
+END_WITHIN_S = 10.0
+
+
+class RigProcess:
+    """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock."""
+
+    def __init__(self, scenario: str, seed: int, *, record: Path | None = None) -> None:
+        self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
+        self.directory = Path(self._directory.name)
+        command = [
+            sys.executable,
+            "-m",
+            "hapticd.sim.rig",
+            str(self.directory),
+            "--scenario",
+            scenario,
+            "--seed",
+            str(seed),
+        ]
+        if record is not None:
+            command += ["--record", str(record)]
+        # Its own session: a Ctrl-C meant for the daemon must not unplug the hardware first.
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        assert self.process.stdout is not None
+        told = self.process.stdout.readline().split()
+        if len(told) != 2 or told[0] != "ready":
+            self.close()
+            raise DeviceError("The simulated rig did not start: its own message above says why.")
+        self.t_start_s = float(told[1])
+
+    def __enter__(self) -> RigProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the rig; it writes its recording first."""
+        self.process.terminate()
+        try:
+            self.process.wait(END_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+        self._directory.cleanup()

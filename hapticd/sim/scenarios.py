@@ -1,0 +1,146 @@
+"""What simulated fingers do and should feel: each scenario is a row of actors, built from a seed.
+
+`hapticd simulate` and the simulated rig of `hapticd run` and `hapticd demo` play the same scenarios.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..values import VirtualPath
+from .fingers import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
+
+SLIPPERY_UM = 1.0  # the paper's W1
+STICKY_UM = 0.0
+LAND_S = 0.4  # fingers land after the handshake
+SPEED_MM_S = 100.0  # the paper's 10 cm/s
+
+
+@dataclass(frozen=True, slots=True)
+class Actor:
+    """One finger: where it is (or, virtual, where the client says it is), and what it wants from which instant on."""
+
+    wants_um: tuple[tuple[float, float], ...]
+    path: Path | None = None
+    virtual: VirtualPath | None = None
+
+    def target_um(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The amplitude wanted at each instant (T,); NaN before the first want."""
+        starts = np.array([start_s for start_s, _ in self.wants_um])
+        levels = np.array([np.nan, *(level_um for _, level_um in self.wants_um)])
+        return levels[np.searchsorted(starts, t_s, side="right")]
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A named row of actors. `build(seed, speed_mm_s)` makes them."""
+
+    name: str
+    summary: str
+    seconds: float
+    build: Callable[[int, float], tuple[Actor, ...]]
+
+
+def _always(amplitude_um: float) -> tuple[tuple[float, float], ...]:
+    return ((0.0, amplitude_um),)
+
+
+def _landed(path: Path) -> Touch:
+    return Touch(path, LAND_S)
+
+
+def _strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """The finger that lands further left is the slippery one, as in the examples of `clients/`."""
+    landing_s = np.array([LAND_S])
+    pair = strokes_pair(seed, speed_mm_s=speed_mm_s)
+    slippery, sticky = sorted(pair, key=lambda path: float(path.position_mm(landing_s)[0, 0]))
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(slippery)),
+        Actor(_always(STICKY_UM), path=_landed(sticky)),
+    )
+
+
+def _circles(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    phase_rad = 0.7 * seed
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(Circle((-28.0, 4.0), 20.0, speed_mm_s, phase_rad))),
+        Actor(_always(STICKY_UM), path=_landed(Circle((30.0, -6.0), 15.0, -speed_mm_s, 2 * phase_rad))),
+    )
+
+
+def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    del speed_mm_s
+    x_mm, y_mm = np.random.default_rng(seed).uniform(-50, 50, (2, 2))
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(Rest((-abs(x_mm[0]) - 5.0, y_mm[0])))),
+        Actor(_always(STICKY_UM), path=_landed(Rest((abs(x_mm[1]) + 5.0, y_mm[1])))),
+    )
+
+
+def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """The fingers cross close to each other; one lifts and lands again; half-way their roles change."""
+    del seed
+    over = Line((-45.0, -6.0), (45.0, 6.0), speed_mm_s)
+    under = Line((45.0, -6.0), (-45.0, 6.0), speed_mm_s)
+    return (
+        Actor(((0.0, SLIPPERY_UM), (4.0, STICKY_UM)), path=_landed(over)),
+        Actor(((0.0, STICKY_UM), (4.0, SLIPPERY_UM)), path=Touches((Touch(under, LAND_S, 2.5), Touch(under, 3.0)))),
+    )
+
+
+def _virtual_finger(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """The paper's study: a finger explores, a virtual one walks a straight line back and forth."""
+    slippery, _ = strokes_pair(seed, speed_mm_s=speed_mm_s)
+    line = VirtualPath(((-40.0, 25.0), (40.0, -15.0)), 40.0, loop=True)
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(slippery)),
+        Actor(_always(STICKY_UM), virtual=line),
+    )
+
+
+def _two_virtual(
+    first: tuple[tuple[float, float], ...], second: tuple[tuple[float, float], ...], speed_mm_s: float
+) -> tuple[Actor, ...]:
+    return (
+        Actor(_always(SLIPPERY_UM), virtual=VirtualPath(first, speed_mm_s, loop=True)),
+        Actor(_always(STICKY_UM), virtual=VirtualPath(second, speed_mm_s, loop=True)),
+    )
+
+
+def _paper_figure_10(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Two imposed positions that keep clear of singular ones."""
+    del seed
+    return _two_virtual(((-40.5, 6.5), (-13.5, 6.5)), ((6.5, -40.5), (6.5, -13.5)), 0.3 * speed_mm_s)
+
+
+def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Two imposed positions that pass through singular ones."""
+    del seed
+    return _two_virtual(((-50.0, -30.0), (50.0, 20.0)), ((40.0, 45.0), (-45.0, -25.0)), 0.5 * speed_mm_s)
+
+
+def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Figure 7: no load, a virtual finger on an antinode of mode X where mode Y stands still asks for 1 um at 1 s."""
+    del seed, speed_mm_s
+    return (Actor(((0.0, 0.0), (1.0, 1.0)), virtual=VirtualPath(((0.0, 0.0),), 0.0, loop=False)),)
+
+
+SCENARIOS: dict[str, Scenario] = {
+    scenario.name: scenario
+    for scenario in (
+        Scenario("strokes", "two fingers on random strokes, one slippery, one sticky", 10.0, _strokes),
+        Scenario("circles", "the same on circles", 10.0, _circles),
+        Scenario("rest", "the same at rest", 5.0, _rest),
+        Scenario("swap", "fingers cross, lift, land again and change roles", 8.0, _swap),
+        Scenario(
+            "virtual-finger", "the paper's study: a finger explores, a virtual one is sticky", 10.0, _virtual_finger
+        ),
+        Scenario("paper-figure-10", "two virtual fingers, references within the limits", 4.0, _paper_figure_10),
+        Scenario("paper-figure-11", "two virtual fingers, references at the limits", 6.0, _paper_figure_11),
+        Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
+    )
+}

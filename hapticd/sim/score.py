@@ -1,0 +1,64 @@
+"""The measure: what each finger got, at its true position, with the plate's true motion (DESIGN's `leak`).
+
+    leak        RMS |W_i| of the fingers that should be still
+    slip error  RMS (|W_i| - a_i) of the others
+    slip        mean |W_i| / a_i of the others
+
+A finger counts from 0.1 s after it landed or after its target changed: nothing could have known of it before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+SETTLE_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """One run's figures; NaN where no finger was in that part."""
+
+    leak_um: float
+    slip_error_um: float
+    slip_frac: float
+    limited_frac: float
+    largest_reference_um: float
+
+
+def score(
+    t_s: npt.NDArray[np.float64],
+    target_um: npt.NDArray[np.float64],
+    truth_um: npt.NDArray[np.complex128],
+    reference_um: npt.NDArray[np.complex128],
+    limited: npt.NDArray[np.bool_],
+) -> Score:
+    """Judge a run: t_s (T,), target_um and truth_um (T,N), NaN where a finger is absent, reference_um (T,M)."""
+    counts = settled(t_s, target_um)
+    got_um = np.abs(truth_um)
+    still = counts & (target_um == 0)
+    slipping = counts & (target_um > 0)
+    return Score(
+        leak_um=_rms(got_um[still]),
+        slip_error_um=_rms(got_um[slipping] - target_um[slipping]),
+        slip_frac=float(np.mean(got_um[slipping] / target_um[slipping])) if slipping.any() else float("nan"),
+        limited_frac=float(np.mean(limited)),
+        largest_reference_um=float(np.abs(reference_um).max(initial=0.0)),
+    )
+
+
+def settled(t_s: npt.NDArray[np.float64], target_um: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Where a finger counts (T,N): its target was the same for the last SETTLE_S."""
+    steps = round(SETTLE_S / (t_s[1] - t_s[0]))
+    changed = np.ones(target_um.shape, dtype=bool)
+    changed[1:] = target_um[1:] != target_um[:-1]  # NaN differs from itself, so an absent finger never settles
+    since = np.arange(len(t_s))[:, None] - np.maximum.accumulate(
+        np.where(changed, np.arange(len(t_s))[:, None], 0), axis=0
+    )
+    return np.asarray((since >= steps) & np.isfinite(target_um))
+
+
+def _rms(values: npt.NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -1,0 +1,114 @@
+"""What the daemon tells of itself: the telemetry message of each pass, and the `status` answer."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from .values import Tick, TouchPoint
+from .wire.client import FingerState, PlateState, encode_state
+
+if TYPE_CHECKING:
+    from .core.session import LedgerLine
+    from .machine import Machine
+
+
+def telemetry(machine: Machine, tick: Tick) -> bytes:
+    """The telemetry message of one pass: every finger seen or virtual, with what it should get and gets."""
+    points = {point.key: point for point in tick.points}
+    fingers = [
+        _finger_state(finger.finger_id, finger.x_mm, finger.y_mm, points.pop(finger.finger_id, None))
+        for finger in machine.pipeline.fingers
+    ]
+    fingers += [_finger_state(key, point.x_mm, point.y_mm, point) for key, point in points.items()]
+    return encode_state(
+        PlateState(
+            instance=machine.instance,
+            seq=machine.published,
+            t_ns=tick.t_now_ns,
+            state=machine.supervisor.state.name,
+            fingers=tuple(fingers),
+            modal_um=machine.pipeline.modal_um,
+            limited=tick.limited,
+            condition=None,
+            age_ms=tick.age_ns * 1e-6,
+            horizon_ms=tick.horizon_ns * 1e-6,
+        )
+    )
+
+
+def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | None) -> FingerState:
+    return FingerState(
+        id=key,
+        x_mm=x_mm,
+        y_mm=y_mm,
+        predicted_x_mm=None if point is None else point.x_mm,
+        predicted_y_mm=None if point is None else point.y_mm,
+        target_um=None if point is None else point.target_um,
+        achieved_um=None if point is None else point.achieved_um,
+        virtual=isinstance(key, str),
+    )
+
+
+def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
+    """Rates, ages, counters and limits hit, as plain nested maps."""
+    session, supervisor = machine.session, machine.supervisor
+    return {
+        "state": supervisor.state.name,
+        "t_ns": t_now_ns,
+        "fingers": len(machine.pipeline.fingers),
+        "virtual_fingers": len(machine.scene.virtual_names(t_now_ns)),
+        "touch": dataclasses.asdict(machine.pipeline.counters),
+        "trackpad": {"model": machine.trackpad.model, "reports": dict(machine.trackpad.counters)},
+        "clients": {"refused": machine.messages_refused, "last_refusal": machine.last_refusal},
+        "board": _board(machine),
+        "latency_ms": _latency(tuple(session.ledger)),
+    }
+
+
+def _board(machine: Machine) -> dict[str, object]:
+    session = machine.session
+    hello, last = session.hello, session.status
+    said: dict[str, object] = {
+        "ready": session.ready,
+        "reboots": session.reboots,
+        "dropped": dict(machine.board.counters),
+    }
+    if hello is not None:
+        said |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
+    if last is not None:
+        said |= {
+            "state": last.state.name,
+            "fault_code": last.fault_code,
+            "saturated": last.saturated,
+            "limited": last.limited,
+            "deadman_trips": last.deadman_trips,
+            "bad_frames": last.bad_frames,
+            "late_frames": last.late_frames,
+            "measured_um": [[w_um.real, w_um.imag] for w_um in last.measured_um],
+        }
+    if session.clock.ready:
+        said |= {"round_trip_ms": session.clock.rtt_ns * 1e-6}
+    return said
+
+
+def _latency(ledger: Sequence[LedgerLine]) -> dict[str, object]:
+    """Percentiles over the ledger's frames: sample age, link, horizon, and how late frames took effect."""
+    if not ledger:
+        return {}
+    seconds = (ledger[-1].t_sent_ns - ledger[0].t_sent_ns) * 1e-9
+    return {
+        "frames": len(ledger),
+        "frames_hz": (len(ledger) - 1) / seconds if seconds > 0 else 0.0,
+        "age": _percentiles([line.age_ns for line in ledger]),
+        "link": _percentiles([line.link_ns for line in ledger]),
+        "horizon": _percentiles([line.horizon_ns for line in ledger]),
+        "late": _percentiles([line.late_ns for line in ledger]),
+    }
+
+
+def _percentiles(spans_ns: list[int]) -> dict[str, float]:
+    ordered = sorted(spans_ns)
+    last = len(ordered) - 1
+    return {f"p{percent}": ordered[round(last * percent / 100)] * 1e-6 for percent in (50, 95, 99)}

@@ -1,0 +1,97 @@
+"""The live view in a terminal: positions, targets, what is achieved, limits, latency, rates.
+
+Redrawn in place on a terminal, one line a second elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from hapticd_client import PlateState
+
+REDRAW_S = 0.1
+LINE_S = 1.0
+RATE_OVER = 64
+PLATE_MM = 137.5
+COLUMNS, ROWS = 45, 15
+CLEAR_TO_END = "\x1b[J"
+
+
+class LiveView:
+    """Draws telemetry states, as often as an eye wants them. `update` is given every state and the time."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._in_place = out.isatty()
+        self._instants_s: deque[float] = deque(maxlen=RATE_OVER)
+        self._t_drawn_s = -float("inf")
+        self._lines = 0
+        self._limited = 0
+        self._states = 0
+
+    def update(self, state: PlateState, t_now_s: float) -> None:
+        """Take a state; draw it if it is time."""
+        self._instants_s.append(t_now_s)
+        self._states += 1
+        self._limited += bool(state.limited)
+        if t_now_s - self._t_drawn_s < (REDRAW_S if self._in_place else LINE_S):
+            return
+        self._t_drawn_s = t_now_s
+        lines = self._picture(state) if self._in_place else [self._line(state)]
+        if self._in_place and self._lines > 0:
+            self._out.write(f"\x1b[{self._lines}A\r{CLEAR_TO_END}")
+        self._out.write("\n".join(lines) + "\n")
+        self._out.flush()
+        self._lines = len(lines)
+
+    def close(self) -> None:
+        """Leave the last picture standing."""
+        self._out.flush()
+
+    def _rate_hz(self) -> float:
+        if len(self._instants_s) < 2:
+            return 0.0
+        span_s = self._instants_s[-1] - self._instants_s[0]
+        return (len(self._instants_s) - 1) / span_s if span_s > 0 else 0.0
+
+    def _line(self, state: PlateState) -> str:
+        fingers = "  ".join(
+            f"{finger.id}: {_um(finger.target_um)} -> {_um(finger.achieved_um)} um" for finger in state.fingers
+        )
+        flag = "  limited" if state.limited else ""
+        return f"{state.state:<7} {self._rate_hz():5.1f}/s  horizon {state.horizon_ms:4.1f} ms  {fingers}{flag}"
+
+    def _picture(self, state: PlateState) -> list[str]:
+        lines = ["+" + "-" * COLUMNS + "+", *(f"|{row}|" for row in _plate(state)), "+" + "-" * COLUMNS + "+"]
+        lines.append(f"{'finger':<10}{'x mm':>8}{'y mm':>8}{'target um':>11}{'gets um':>9}")
+        lines += [
+            f"{finger.id!s:<10}{finger.x_mm:>8.1f}{finger.y_mm:>8.1f}"
+            f"{_um(finger.target_um):>11}{_um(finger.achieved_um):>9}"
+            for finger in state.fingers
+        ]
+        modes = "  ".join(f"W{name} {w_um:+.2f}" for name, w_um in zip("XYZ", state.modal_um, strict=False))
+        share = self._limited / self._states
+        lines.append(f"{modes} um   {'LIMITED' if state.limited else '       '} ({share:.0%} of the time)")
+        lines.append(
+            f"{state.state:<7} {self._rate_hz():5.1f} passes/s   sample {state.age_ms:4.1f} ms old   "
+            f"horizon {state.horizon_ms:4.1f} ms"
+        )
+        return lines
+
+
+def _plate(state: PlateState) -> list[str]:
+    """The plate from above: a slippery finger is drawn as o, a sticky one as #, one that nobody wants as +."""
+    rows = [[" "] * COLUMNS for _ in range(ROWS)]
+    for finger in state.fingers:
+        column = round((finger.x_mm / PLATE_MM + 0.5) * (COLUMNS - 1))
+        row = round((0.5 - finger.y_mm / PLATE_MM) * (ROWS - 1))
+        if 0 <= column < COLUMNS and 0 <= row < ROWS:
+            target_um = finger.target_um
+            rows[row][column] = "+" if target_um is None else "#" if target_um == 0 else "o"
+    return ["".join(row) for row in rows]
+
+
+def _um(amplitude_um: float | None) -> str:
+    return "-" if amplitude_um is None else f"{amplitude_um:.2f}"

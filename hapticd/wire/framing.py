@@ -1,0 +1,90 @@
+"""Frames on a serial line: COBS (Cheshire and Baker, 1999), CRC-16/CCITT-FALSE, delimiter 0x00.
+
+The CRC covers the message and follows it, little endian. COBS replaces every zero byte, so the delimiter is
+unmistakable and a damaged frame costs itself and nothing else.
+"""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+from typing import Final
+
+_CRC_START: Final = 0xFFFF
+_BLOCK_MAX: Final = 254  # bytes that a block can hold; after such a block no zero is implied
+_CODES: Final = [bytes((length + 1,)) for length in range(_BLOCK_MAX + 1)]
+
+
+def encode_frame(message: bytes) -> bytes:
+    """Message, CRC and delimiter as they go over the line."""
+    crc = crc_hqx(message, _CRC_START)
+    encoded: list[bytes] = []
+    for run in (message + crc.to_bytes(2, "little")).split(b"\0"):
+        while len(run) > _BLOCK_MAX:
+            encoded += (_CODES[_BLOCK_MAX], run[:_BLOCK_MAX])
+            run = run[_BLOCK_MAX:]
+        encoded += (_CODES[len(run)], run)
+        if len(run) == _BLOCK_MAX:
+            encoded.append(_CODES[0])  # the zero that a full block does not imply
+    if len(run) == _BLOCK_MAX:
+        encoded.pop()  # nor does one follow the last run
+    encoded.append(b"\0")
+    return b"".join(encoded)
+
+
+class FrameSplitter:
+    """Bytes in pieces of any size in, whole undamaged messages out; the rest is counted by reason in `counters`."""
+
+    def __init__(self, max_bytes: int) -> None:
+        self.counters = {"oversize": 0, "cobs": 0, "crc": 0}
+        self._max_bytes = max_bytes  # of an encoded frame: more is never kept
+        self._buffer = bytearray()
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The messages that `data` completes, without CRC, in order; each has at least one byte."""
+        messages: list[bytes] = []
+        *closed, rest = data.split(b"\0")
+        for piece in closed:
+            self._append(piece)
+            message = self._close()
+            if message is not None:
+                messages.append(message)
+        self._append(rest)
+        return messages
+
+    def _append(self, piece: bytes) -> None:
+        if len(self._buffer) + len(piece) > self._max_bytes:
+            self._skipping = True
+            self._buffer.clear()
+        if not self._skipping:
+            self._buffer += piece
+
+    def _close(self) -> bytes | None:
+        encoded, skipped = bytes(self._buffer), self._skipping
+        self._buffer.clear()
+        self._skipping = False
+        if not (encoded or skipped):
+            return None
+        message = None if skipped else _cobs_decoded(encoded)
+        if message is None or len(message) < 3:
+            self.counters["oversize" if skipped else "cobs"] += 1
+            return None
+        if crc_hqx(message[:-2], _CRC_START) != int.from_bytes(message[-2:], "little"):
+            self.counters["crc"] += 1
+            return None
+        return message[:-2]
+
+
+def _cobs_decoded(encoded: bytes) -> bytes | None:
+    """None for what COBS cannot have produced."""
+    blocks: list[bytes] = []
+    at = 0
+    while at < len(encoded):
+        end = at + encoded[at]
+        if end > len(encoded):
+            return None
+        blocks.append(encoded[at + 1 : end])
+        if encoded[at] <= _BLOCK_MAX and end < len(encoded):
+            blocks.append(b"\0")
+        at = end
+    return b"".join(blocks)

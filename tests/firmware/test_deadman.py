@@ -1,0 +1,241 @@
+"""The board must fall silent by itself: when the host does, and when the plate makes no sense."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.sim.board import FLAG_DEADMAN, FLAG_LIVE
+from hapticd.values import BoardState, BoardStatus
+from hapticd.wire import device
+
+NewBench = Callable[..., Any]
+
+
+def live(flags: np.ndarray) -> np.ndarray:
+    return (flags & FLAG_LIVE) != 0
+
+
+@pytest.mark.parametrize("t_start_us", [0, 2**32 - 30_000, 2**31 - 30_000])
+def test_a_silent_host_leads_to_a_silent_plate_within_60_ms(new_bench: NewBench, t_start_us: int) -> None:
+    bench = new_bench(t_start_us=t_start_us)
+    bench.arm(2 + 0j, 1j)
+    bench.say(bench.constant(2 + 0j, 1j))
+    trace = bench.run(160)
+    ticks_ms = 0.5 * (1 + np.arange(160))
+    assert live(trace.flags)[ticks_ms <= 50].all()
+    assert not live(trace.flags)[ticks_ms > 50].any()
+    assert (np.abs(trace.voltage_v[ticks_ms <= 50]) > 10).all()
+    assert (trace.voltage_v[ticks_ms > 60.5] == 0).all()
+    falling = np.abs(trace.reference_um[(ticks_ms > 51) & (ticks_ms < 60), 0])
+    assert (np.diff(falling) < 0).all()
+    assert (trace.flags[ticks_ms > 50] & FLAG_DEADMAN != 0).all()
+    assert bench.status().deadman_trips == 1
+
+
+def test_the_plate_follows_the_ramp_to_silence_from_its_very_limit(bench: Any) -> None:
+    bench.arm(3.9 + 0j, 1 + 0j)
+    bench.hold(80)
+    trace = bench.run(
+        117
+    )  # the last keep-alive was 20 ms ago: 50 ms of trust end after 60 ticks, then 20 ticks of ramp
+    falling = slice(62, 76)
+    assert np.abs(trace.reference_um[76, 0]) < 1.0
+    np.testing.assert_allclose(trace.plate_um[falling], trace.reference_um[falling], atol=0.02)
+
+
+def test_the_voltage_ramps_down_even_if_the_sensors_lie(bench: Any) -> None:
+    bench.arm(1 + 0j, 0j)
+    bench.board.fake_measurement(np.array([-3.0, 3.0]))
+    trace = bench.run(160)
+    bound = bench.config.v_limit_v * np.clip(1 - (np.arange(160) - 79) / 20, 0, 1)  # armed 20 ticks ago
+    assert (np.abs(trace.voltage_v).max(axis=1) <= bound + 1e-3).all()
+
+
+def test_keepalives_of_the_last_reference_keep_it_up(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    trace = bench.hold(400)
+    assert live(trace.flags).all()
+    assert abs(trace.plate_um[-1, 0] - 2) < 0.01
+
+
+def test_keepalives_of_another_reference_do_not(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    for _ in range(8):
+        bench.say(device.encode_keepalive(bench.seq + 1))
+        bench.run(20)
+    status = bench.status()
+    assert status.state is BoardState.QUIET
+    assert status.late_frames == 8
+
+
+def test_only_three_references_in_a_row_start_the_drive(bench: Any) -> None:
+    for _ in range(2):
+        bench.say(bench.constant(1 + 0j, 0j))
+    for _ in range(10):
+        bench.say(device.encode_keepalive(bench.seq))
+        assert not live(bench.run(20).flags).any()
+    bench.say(bench.constant(1 + 0j, 0j))
+    assert live(bench.run(20).flags).all()
+
+
+@pytest.mark.parametrize(
+    "between",
+    [
+        b"\x05noise\x00",
+        device.encode_set_controller("pi").replace(b"\x02\x06", b"\x02\x07"),
+    ],
+    ids=["noise", "a frame of unknown type"],
+)
+def test_a_bad_frame_between_starts_the_count_anew(bench: Any, between: bytes) -> None:
+    for _ in range(2):
+        bench.say(bench.constant(1 + 0j, 0j))
+    bench.say(between)
+    bench.say(bench.constant(1 + 0j, 0j))
+    assert not live(bench.run(1).flags).any()
+    for _ in range(2):
+        bench.say(bench.constant(1 + 0j, 0j))
+    assert live(bench.run(1).flags).all()
+
+
+def test_a_stale_reference_between_starts_the_count_anew(bench: Any) -> None:
+    bench.run(200)
+    for late_us in (0, 0, 60_000, 0):
+        bench.say(bench.polyline((0, (1 + 0j, 0j)), t_apply_us=bench.board.t_us - late_us))
+    assert not live(bench.run(1).flags).any()
+
+
+def test_a_gap_between_starts_the_count_anew(bench: Any) -> None:
+    for _ in range(6):
+        bench.say(bench.constant(1 + 0j, 0j))
+        assert not live(bench.run(102).flags).any()
+
+
+def test_after_a_trip_three_fresh_references_ramp_the_drive_in_again(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    bench.run(200)
+    bench.say(device.encode_keepalive(bench.seq))
+    assert not live(bench.run(20).flags).any()
+    for _ in range(3):
+        bench.say(bench.constant(2 + 0j, 0j))
+    trace = bench.run(60)
+    assert live(trace.flags).all()
+    assert (np.diff(np.abs(trace.reference_um[:20, 0])) > 0).all()
+    assert abs(trace.plate_um[-1, 0] - 2) < 0.01
+    assert not (trace.flags & FLAG_DEADMAN).any()
+
+
+def test_what_the_host_wanted_before_a_trip_does_not_come_back(bench: Any) -> None:
+    bench.arm(3 + 0j, 0j)
+    t0 = bench.board.t_us
+    bench.say(bench.polyline((0, (3 + 0j, 0j)), t_apply_us=t0 + 300_000))
+    bench.run(300)
+    for _ in range(3):
+        bench.say(bench.polyline((0, (0j, 0j)), t_apply_us=t0 + 600_000))
+    trace = bench.hold(1000)
+    assert live(trace.flags).all()
+    assert (trace.reference_um == 0).all()
+
+
+def test_references_that_come_back_during_the_ramp_wait_for_its_end(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    bench.run(90)
+    for _ in range(3):
+        bench.say(bench.constant(-2 + 0j, 0j))
+    trace = bench.run(40)
+    silent = np.flatnonzero((trace.voltage_v == 0).all(axis=1))
+    assert len(silent) > 0
+    assert not live(trace.flags[: silent[0]]).any()
+    assert (trace.reference_um[: silent[0], 0].real >= 0).all()
+    assert live(trace.flags[silent[-1] + 1 :]).all()
+
+
+def test_three_trips_in_ten_seconds_latch_only_if_asked_to(new_bench: NewBench) -> None:
+    for latch, state in ((False, BoardState.QUIET), (True, BoardState.FAULT)):
+        bench = new_bench(latch_repeated_trips=latch)
+        for _ in range(3):
+            bench.arm(1 + 0j, 0j)
+            bench.run(200)
+        last = [m for m in bench.messages if isinstance(m, BoardStatus)][-1]
+        assert (last.state, last.deadman_trips, last.fault_code) == (state, 3, 5 if latch else 0)
+
+
+def test_three_trips_in_more_than_ten_seconds_do_not_latch(new_bench: NewBench) -> None:
+    bench = new_bench(latch_repeated_trips=True)
+    for _ in range(3):
+        bench.arm(1 + 0j, 0j)
+        bench.run(10_100)
+    states = [m.state for m in bench.messages if isinstance(m, BoardStatus)]
+    assert states.count(BoardState.LIVE) >= 3
+    assert BoardState.FAULT not in states
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_measurement_that_is_not_finite_is_silence_in_the_same_tick(bench: Any, value: float) -> None:
+    bench.arm(2 + 0j, 0j)
+    bench.board.fake_measurement(np.array([1.0, complex(0, value)]))
+    assert (bench.run(50).voltage_v == 0).all()
+    last = [m for m in bench.messages if isinstance(m, BoardStatus)][-1]
+    assert (last.state, last.fault_code) == (BoardState.FAULT, 1)
+
+
+def test_a_voltage_that_is_not_finite_is_silence_in_the_same_tick(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    bench.board.fake_measurement(np.array([3e38, 0.0]))  # finite, but not after the controller's gain
+    assert (bench.run(50).voltage_v == 0).all()
+    last = [m for m in bench.messages if isinstance(m, BoardStatus)][-1]
+    assert (last.state, last.fault_code) == (BoardState.FAULT, 2)
+
+
+def test_an_amplitude_far_above_its_limit_is_a_fault(bench: Any) -> None:
+    bench.arm(1 + 0j, 0j)
+    bench.board.fake_measurement(np.array([6.1, 0.0]))
+    trace = bench.run(10)
+    assert (np.abs(trace.voltage_v[:7, 0]) > 0).all()
+    assert (trace.voltage_v[7:] == 0).all()
+    assert bench.messages[-1].fault_code == 3
+
+
+def test_a_dead_sensor_is_a_fault_and_not_full_voltage_for_ever(bench: Any) -> None:
+    bench.arm(1 + 0j, 0j)
+    bench.board.fake_measurement(np.zeros(2, dtype=np.complex128))
+    trace = bench.hold(1000)
+    assert np.abs(trace.voltage_v).max() > 0.9 * bench.config.v_limit_v
+    assert (trace.voltage_v[-1] == 0).all()
+    assert bench.messages[-1].fault_code == 4
+
+
+def test_a_mode_that_should_rest_may_need_voltage_without_being_a_fault(bench: Any) -> None:
+    bench.arm(0j, 1 + 0j)
+    bench.board.fake_measurement(np.array([0.004, 1.0]))
+    bench.hold(2000)
+    assert bench.status().state is BoardState.LIVE
+
+
+def test_a_fault_stays_until_it_is_cleared(bench: Any) -> None:
+    bench.arm(1 + 0j, 0j)
+    bench.board.fake_measurement(np.array([math.nan, 0]))
+    bench.run(1)
+    bench.board.fake_measurement(None)
+    bench.say(device.encode_hello_request())
+    bench.arm(1 + 0j, 0j)
+    assert not live(bench.hold(100).flags).any()
+    assert bench.status().state is BoardState.QUIET
+    assert not live(bench.run(1).flags).any()
+    bench.arm(1 + 0j, 0j)
+    assert live(bench.run(1).flags).all()
+
+
+def test_a_new_session_starts_from_silence_and_any_sequence_number(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    bench.say(device.encode_hello_request())
+    trace = bench.run(1)
+    assert (trace.voltage_v == 0).all()
+    assert not live(trace.flags).any()
+    bench.seq = 40_000 - 3
+    bench.arm(1 + 0j, 0j)
+    assert bench.status().seq == 40_000

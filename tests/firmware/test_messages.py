@@ -1,0 +1,200 @@
+"""What the board takes from the line and what it says, byte for byte."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.sim import firmware
+from hapticd.sim.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.values import BoardHello, BoardState, BoardStatus, BoardTime, Knot, LimitReason, SafeDrive
+from hapticd.wire import device
+from hapticd.wire.framing import encode_frame
+
+NewBench = Callable[..., Any]
+PROTOCOL = Path(__file__).parents[2] / "firmware" / "PROTOCOL.md"
+EXAMPLE_DRIVE = SafeDrive(0, (Knot(0, (1 + 0j, -0.5 + 0j)), Knot(10_000_000, (1.25 + 0j, 0j))), LimitReason.NONE)
+TO_BOARD = {
+    "HELLO_REQUEST": device.encode_hello_request(),
+    "REFERENCE": device.encode_reference(7, EXAMPLE_DRIVE, 1000),
+    "KEEPALIVE": device.encode_keepalive(7),
+    "TIME_REQUEST": device.encode_time_request(123_456_789),
+    "CLEAR_FAULT": device.encode_clear_fault(),
+    "SET_CONTROLLER": device.encode_set_controller("pi"),
+}
+
+
+def new_board(**config: Any) -> Board:
+    c = BoardConfig(**config)
+    gain = np.diag(c.gain_um_per_v_s)
+    return Board(PlateModel(np.array(c.decay_1_s), np.array(c.detuning_rad_s), gain, np.eye(2), 0.0, 150.0), config=c)
+
+
+def documented() -> dict[str, bytes]:
+    lines = re.findall(r"^([A-Z_]+) +((?:[0-9a-f]{2} ?)+)$", PROTOCOL.read_text(), flags=re.MULTILINE)
+    return {name: bytes.fromhex(text) for name, text in lines}
+
+
+def test_the_examples_in_the_protocol_text_are_what_host_and_board_send(bench: Any) -> None:
+    board = bench.board
+    sent = dict(TO_BOARD)
+    board.receive(sent["HELLO_REQUEST"])
+    sent["HELLO"] = board.transmit()
+    board.receive(sent["TIME_REQUEST"], at_us=200)
+    sent["TIME"] = board.transmit(at_us=250)
+    board.receive(sent["REFERENCE"], at_us=300)
+    board.run(4, np.zeros((4, 0, 2)), np.zeros((4, 0)), BoardTrace(4, 2, 2), stop_on_transmit=True)
+    sent["STATUS"] = board.transmit()
+    assert documented() == sent
+
+
+def test_the_hello_tells_versions_limits_and_rates(bench: Any) -> None:
+    (hello,) = bench.say(device.encode_hello_request())
+    assert hello == BoardHello(
+        protocol_version=device.PROTOCOL_VERSION,
+        protocol_hash=device.PROTOCOL_HASH,
+        firmware_version="0.1.0",
+        boot_id=0x1234,
+        modes=2,
+        control_hz=2000.0,
+        drive_hz=29205.0,
+        deadman_ms=50,
+        w_limit_um=(4.0, 4.0),
+        v_limit_v=150.0,
+    )
+    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
+
+
+def test_a_time_request_comes_back_with_the_boards_clock(new_bench: NewBench) -> None:
+    bench = new_bench(t_start_us=2**32 - 50)
+    bench.board.receive(device.encode_time_request(2**63 + 5), at_us=2**32 - 20)
+    assert bench.listen(at_us=2**32 + 30) == (BoardTime(2**63 + 5, 2**32 - 20, 30),)
+
+
+def test_a_slow_line_gets_the_newest_of_each_kind_once(bench: Any) -> None:
+    for stamp in range(5):
+        bench.board.receive(device.encode_time_request(stamp) + device.encode_hello_request())
+    time, hello = bench.listen()
+    assert isinstance(hello, BoardHello)
+    assert time.t_host_ns == 4
+    assert bench.listen() == ()
+
+
+def test_a_small_buffer_gets_whole_frames_one_by_one(bench: Any) -> None:
+    bench.board.receive(TO_BOARD["TIME_REQUEST"] + TO_BOARD["HELLO_REQUEST"] + TO_BOARD["CLEAR_FAULT"])
+    library, handle = firmware.load(2), bench.board._board
+    decoder, buffer = device.Decoder(), ctypes.create_string_buffer(65 + 1)  # a STATUS of two modes, with its delimiter
+    kinds = []
+    for _ in range(4):
+        n = library.hd_board_transmit(handle, buffer, len(buffer), 0)
+        kinds += [type(message) for message in decoder.feed(buffer.raw[:n])]
+    assert kinds == [BoardTime, BoardHello, BoardStatus]
+    assert not any(decoder.counters.values())
+
+
+@pytest.mark.parametrize("name", TO_BOARD)
+def test_every_flipped_bit_is_refused_by_the_board(bench: Any, name: str) -> None:
+    line = TO_BOARD[name]
+    before = bench.status()
+    for i in range(8 * len(line)):
+        damaged = bytearray(line)
+        damaged[i // 8] ^= 1 << i % 8
+        assert bench.say(bytes(damaged) + b"\0") == ()
+        status = bench.status()
+        assert status.bad_frames > before.bad_frames
+        assert (status.seq, status.t_received_us, status.late_frames) == (0, 0, 0)
+        before = status
+
+
+@pytest.mark.parametrize("name", TO_BOARD)
+def test_every_truncation_is_refused_by_the_board(bench: Any, name: str) -> None:
+    line = TO_BOARD[name]
+    for n in range(1, len(line) - 1):
+        assert bench.say(line[:n] + b"\0") == ()
+    status = bench.status()
+    assert (status.bad_frames, status.seq, status.t_received_us) == (len(line) - 2, 0, 0)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.lists(
+        st.one_of(
+            st.binary(max_size=900),
+            st.tuples(st.integers(0, 8), st.binary(max_size=60)).map(lambda m: encode_frame(bytes((m[0],)) + m[1])),
+        ),
+        max_size=10,
+    )
+)
+def test_no_bytes_start_the_drive_or_stop_the_board_from_listening(pieces: list[bytes]) -> None:
+    board = new_board()
+    for piece in pieces:
+        board.receive(piece)
+        board.transmit()
+    trace = BoardTrace(3, 2, 2)
+    board.run(3, np.zeros((3, 0, 2)), np.zeros((3, 0)), trace)
+    assert not (trace.flags & FLAG_LIVE).any()
+    assert (trace.voltage_v == 0).all()
+    board.receive(b"\0" + device.encode_hello_request())
+    answers = device.Decoder().feed(board.transmit())
+    assert any(isinstance(answer, BoardHello) for answer in answers)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.sampled_from(sorted(TO_BOARD)), max_size=8), st.integers(1, 40))
+def test_pieces_of_any_size_do_the_same_to_the_board(names: list[str], size: int) -> None:
+    line = b"\x07\x03noise\x00" + b"".join(TO_BOARD[name] for name in names) + TO_BOARD["CLEAR_FAULT"]
+    whole, piecewise = new_board(), new_board()
+    whole.receive(line)
+    for start in range(0, len(line), size):
+        piecewise.receive(line[start : start + size])
+    assert piecewise.transmit() == whole.transmit() != b""
+
+
+@pytest.mark.parametrize("modes", [2, 3])
+def test_the_longest_frame_is_taken_and_followed(new_bench: NewBench, modes: int) -> None:
+    detuning_rad_s = (-60.0, 60.0, 0.0)[:modes]
+    nominal = {"decay_1_s": (183.0,) * modes, "detuning_rad_s": detuning_rad_s, "gain_um_per_v_s": (5.0,) * modes}
+    bench = new_bench(w_limit_um=(4.0,) * modes, **nominal)
+    bench.arm()
+    rng = np.random.default_rng(1)
+    knots = [(10 * i, rng.uniform(0.1, 1, modes) + 1j * rng.uniform(0.1, 1, modes)) for i in range(24)]
+    line = bench.polyline(*knots)
+    assert len(line) > 254  # more than one COBS block, for there is hardly a zero in it
+    bench.say(line)
+    assert bench.status().seq == bench.seq
+    np.testing.assert_allclose(bench.hold(500).plate_um[-1], knots[-1][1], atol=1e-4)
+
+
+def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Any) -> None:
+    sound = device.SET_CONTROLLER.pack(1, 900.0, 0.0025)
+    for law, bandwidth_1_s, integral_time_s in (
+        (2, 900.0, 0.0025),
+        (1, 2001.0, 0.0025),
+        (1, -900.0, 0.0025),
+        (1, float("nan"), 0.0025),
+        (1, 900.0, float("inf")),
+        (1, 900.0, 1e-4),
+    ):
+        payload = device.SET_CONTROLLER.pack(law, bandwidth_1_s, integral_time_s)
+        bench.say(encode_frame(bytes((device.MSG_SET_CONTROLLER,)) + payload))
+    assert bench.status().bad_frames == 6
+    bench.say(encode_frame(bytes((device.MSG_SET_CONTROLLER,)) + sound))
+    assert bench.status().bad_frames == 6
+
+
+def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Any) -> None:
+    bench.arm(2 + 0j, 0j)
+    bench.hold(40)
+    bench.say(device.encode_set_controller("pi"))
+    trace = bench.hold(200)
+    assert abs(trace.reference_um[0, 0]) == pytest.approx(0.1)
+    assert abs(trace.plate_um[-1, 0] - 2) < 0.01
+    assert bench.status().state is BoardState.LIVE

@@ -1,0 +1,111 @@
+"""`firmware/core/protocol.h` is the one source of the wire layout: what Python holds must follow from its text."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+
+from hapticd.values import BoardState
+from hapticd.wire import device
+
+HEADER = Path(__file__).parents[2] / "firmware" / "core" / "protocol.h"
+CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "uint64_t": "Q", "float": "f"}
+
+
+def header_text() -> str:
+    """The header without its comments."""
+    return re.sub(r"/\*.*?\*/", "", HEADER.read_text(), flags=re.DOTALL)
+
+
+def protocol_hash(text: str) -> int:
+    lines = [line for line in text.splitlines() if "define HD_PROTOCOL_HASH" not in line]
+    return zlib.crc32(re.sub(r"\s+", "", "".join(lines)).encode())
+
+
+def constant(name: str) -> float:
+    match = re.search(rf"#define {name} (\S+)", header_text())
+    assert match, name
+    return float(match[1].rstrip("f")) if "." in match[1] else int(match[1].rstrip("u"), 0)
+
+
+def enumeration(name: str) -> dict[str, int]:
+    match = re.search(rf"enum {name} \{{(.*?)\}}", header_text(), flags=re.DOTALL)
+    assert match, name
+    return {key: int(value, 0) for key, value in re.findall(r"(\w+) = (\w+)", match[1])}
+
+
+def layout(name: str, modes: int = 2) -> str:
+    """The struct format of a packed structure, nested structures spelled out."""
+    body = re.search(rf"typedef struct HD_PACKED \{{([^}}]*)\}} {name};", header_text())
+    assert body, name
+    parts: list[str] = []
+    for kind, count in re.findall(r"(\w+) \w+(?:\[(\w+)\])?;", body[1]):
+        n = {"": 1, "HD_MODES": modes}.get(count) or int(count)
+        if count == "16" and kind == "uint8_t":
+            parts.append("16s")
+        else:
+            parts.append((CODES.get(kind) or layout(kind, modes)) * n)
+    return "".join(parts)
+
+
+def test_the_hash_in_header_and_host_is_that_of_the_headers_text() -> None:
+    computed = protocol_hash(header_text())
+    assert constant("HD_PROTOCOL_HASH") == computed, f"protocol.h changed: its hash is now 0x{computed:08x}"
+    assert computed == device.PROTOCOL_HASH, f"PROTOCOL_HASH of hapticd.wire.device is now 0x{computed:08x}"
+    assert constant("HD_PROTOCOL_VERSION") == device.PROTOCOL_VERSION
+
+
+def test_the_hash_sees_a_changed_field_but_not_a_changed_comment() -> None:
+    text = header_text()
+    assert protocol_hash(text.replace("uint16_t seq", "uint32_t seq")) != protocol_hash(text)
+    assert protocol_hash(text.replace("\n", "\n\n  ")) == protocol_hash(text)
+
+
+@pytest.mark.parametrize(
+    ("packed", "host"),
+    [
+        ("hd_wire_reference_t", device.REFERENCE),
+        ("hd_wire_keepalive_t", device.KEEPALIVE),
+        ("hd_wire_time_request_t", device.TIME_REQUEST),
+        ("hd_wire_set_controller_t", device.SET_CONTROLLER),
+        ("hd_wire_time_t", device.TIME),
+    ],
+)
+def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struct.Struct) -> None:
+    assert host.format == "<" + layout(packed)
+
+
+@pytest.mark.parametrize("modes", [2, 3])
+def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes: int) -> None:
+    assert layout("hd_wire_hello_t", modes) == device.HELLO.format[1:] + "f" * modes
+    assert layout("hd_wire_status_t", modes) == device.STATUS.format[1:] + "ffff" * modes
+    knot = layout("hd_wire_knot_t", modes)
+    assert knot == "H" + "ff" * modes
+    frame = device._reference_layout(2, modes)
+    assert frame.size == 1 + device.REFERENCE.size + 2 * struct.calcsize("<" + knot)
+
+
+def test_message_ids_states_laws_and_flags_agree() -> None:
+    for name, value in enumeration("hd_message").items():
+        assert getattr(device, name.removeprefix("HD_")) == value
+    states = {name.removeprefix("HD_STATE_"): value for name, value in enumeration("hd_state").items()}
+    assert states == {state.name: state.value for state in BoardState}
+    laws = {name.removeprefix("HD_LAW_").lower(): value for name, value in enumeration("hd_law").items()}
+    assert laws == device.LAWS
+    assert set(enumeration("hd_fault").values()) == set(device.FAULTS)
+    assert enumeration("hd_status_flag") == {
+        "HD_STATUS_APPLIED": 1,
+        "HD_STATUS_SATURATED": 2,
+        "HD_STATUS_LIMITED": 4,
+    }
+
+
+def test_limits_of_a_frame_agree() -> None:
+    assert constant("HD_KNOTS_MAX") == device.KNOTS_MAX
+    assert constant("HD_KNOT_UNIT_US") * 1000 == device.KNOT_UNIT_NS
+    for name, bounds in (("BANDWIDTH_{}_1_S", device.BANDWIDTH_1_S), ("INTEGRAL_TIME_{}_S", device.INTEGRAL_TIME_S)):
+        assert tuple(constant("HD_" + name.format(end)) for end in ("MIN", "MAX")) == bounds

@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+import math
+import struct
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.errors import DeviceError
+from hapticd.values import BoardHello, BoardState, BoardStatus, BoardTime, Knot, LimitReason, SafeDrive
+from hapticd.wire import device
+from hapticd.wire.framing import FrameSplitter, encode_frame
+
+HELLO = device.HELLO.pack(
+    device.PROTOCOL_VERSION, device.PROTOCOL_HASH, 2, b"0.1.0", 77, 2000.0, 29205.0, 50, 150.0
+) + struct.pack("<ff", 4.0, 4.0)
+STATUS = device.STATUS.pack(123_456, 1, 3, 0, 2, 9, 120_000, 122_000, 1, 2, 3) + struct.pack("<8f", *range(8))
+TIME = device.TIME.pack(10**18, 4_000_000_000, 4_000_000_100)
+TO_HOST = {device.MSG_HELLO: HELLO, device.MSG_STATUS: STATUS, device.MSG_TIME: TIME}
+
+
+def frame(message_type: int, payload: bytes) -> bytes:
+    return encode_frame(bytes((message_type,)) + payload)
+
+
+def drive(*knots: Knot) -> SafeDrive:
+    return SafeDrive(0, knots, LimitReason.NONE)
+
+
+def payload_of(line: bytes) -> bytes:
+    (message,) = FrameSplitter(1000).feed(line)
+    return message[1:]
+
+
+def decoded_knots(line: bytes) -> list[tuple[int, list[complex]]]:
+    """Knots of a reference frame as a board reads them: float32."""
+    payload = payload_of(line)
+    _, _, knots, modes = device.REFERENCE.unpack_from(payload)
+    width = 2 + 8 * modes
+    rows = []
+    for i in range(knots):
+        offset, *parts = struct.unpack_from(f"<H{2 * modes}f", payload, device.REFERENCE.size + i * width)
+        rows.append((offset, [complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True)]))
+    return rows
+
+
+# --- to the board -----------------------------------------------------------------------------------------------
+
+PHASORS = st.complex_numbers(max_magnitude=1e6, allow_nan=False, allow_infinity=False)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(st.tuples(PHASORS, PHASORS), min_size=1, max_size=24))
+def test_rounding_to_float32_never_lets_a_magnitude_grow(rows: list[tuple[complex, complex]]) -> None:
+    knots = [Knot(i * 1_000_000, row) for i, row in enumerate(rows)]
+    for (_, sent), row in zip(decoded_knots(device.encode_reference(0, drive(*knots), 0)), rows, strict=True):
+        for w_sent, w in zip(sent, row, strict=True):
+            for part_sent, part in ((w_sent.real, w.real), (w_sent.imag, w.imag)):
+                if abs(part) > np.finfo(np.float32).tiny:
+                    assert abs(part_sent) <= abs(part)
+                    assert abs(part_sent - part) <= 2.0**-23 * abs(part)
+
+
+def test_what_float32_can_hold_is_sent_as_it_is() -> None:
+    values = (1.0 + 0.5j, -4.0 + 0.0j)
+    assert decoded_knots(device.encode_reference(0, drive(Knot(0, values)), 0)) == [(0, list(values))]
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.integers(0, device.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
+def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: list[int]) -> None:
+    spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= device.KNOT_UNIT_NS] or dt_ns[:1]
+    line = device.encode_reference(0, drive(*(Knot(dt, (0j,)) for dt in spread)), 0)
+    offsets = [offset for offset, _ in decoded_knots(line)]
+    assert all(a < b for a, b in pairwise(offsets))
+    assert all(abs(o * device.KNOT_UNIT_NS - dt) <= 2000 for o, dt in zip(offsets, spread, strict=True))
+
+
+def test_knots_closer_than_the_unit_are_put_one_unit_apart() -> None:
+    line = device.encode_reference(0, drive(Knot(0, (0j,)), Knot(100, (1j,)), Knot(200, (2j,))), 0)
+    assert [offset for offset, _ in decoded_knots(line)] == [0, 1, 2]
+
+
+def test_sequence_number_and_time_wrap() -> None:
+    seq, t_apply_us, *_ = device.REFERENCE.unpack_from(
+        payload_of(device.encode_reference(65537, drive(Knot(0, (0j,))), 2**32 + 5))
+    )
+    assert (seq, t_apply_us) == (1, 5)
+
+
+@pytest.mark.parametrize(
+    "knots",
+    [(), tuple(Knot(i * 10_000, (0j,)) for i in range(25)), (Knot(-1, (0j,)),), (Knot(263_000_000, (0j,)),)],
+    ids=["none", "too many", "before the frame", "too late"],
+)
+def test_a_polyline_that_does_not_fit_a_frame_is_refused(knots: tuple[Knot, ...]) -> None:
+    with pytest.raises(ValueError, match=r"\b[Kk]nots?\b"):
+        device.encode_reference(0, drive(*knots), 0)
+
+
+def test_gains_out_of_bounds_and_unknown_controllers_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"bandwidth_1_s is 5000, not within 10\.\.2000"):
+        device.encode_set_controller("pi", bandwidth_1_s=5000.0)
+    with pytest.raises(ValueError, match="integral_time_s is nan"):
+        device.encode_set_controller("pi_ff", integral_time_s=math.nan)
+    with pytest.raises(ValueError, match="no controller 'pid'"):
+        device.encode_set_controller("pid")
+
+
+# --- from the board ---------------------------------------------------------------------------------------------
+
+
+def test_each_message_becomes_its_value() -> None:
+    messages = device.Decoder().feed(b"".join(frame(kind, payload) for kind, payload in TO_HOST.items()))
+    hello, status, time = messages
+    assert hello == BoardHello(
+        device.PROTOCOL_VERSION, device.PROTOCOL_HASH, "0.1.0", 77, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0
+    )
+    assert status == BoardStatus(
+        t_board_us=123_456,
+        state=BoardState.LIVE,
+        seq=9,
+        t_received_us=120_000,
+        t_applied_us=122_000,
+        applied=True,
+        saturated=True,
+        limited=False,
+        fault_code=0,
+        deadman_trips=1,
+        bad_frames=2,
+        late_frames=3,
+        measured_um=(1j, 4 + 5j),
+        voltage_v=(2 + 3j, 6 + 7j),
+    )
+    assert time == BoardTime(10**18, 4_000_000_000, 4_000_000_100)
+
+
+@pytest.mark.parametrize("kind", TO_HOST)
+def test_every_flipped_bit_is_refused(kind: int) -> None:
+    line = frame(kind, TO_HOST[kind])
+    for i in range(8 * len(line)):
+        damaged = bytearray(line)
+        damaged[i // 8] ^= 1 << i % 8
+        decoder = device.Decoder()
+        assert decoder.feed(bytes(damaged) + b"\0") == ()
+        assert sum(decoder.counters.values()) >= 1
+
+
+@pytest.mark.parametrize("kind", TO_HOST)
+def test_every_truncation_is_refused(kind: int) -> None:
+    line = frame(kind, TO_HOST[kind])
+    for n in range(1, len(line) - 1):
+        decoder = device.Decoder()
+        assert decoder.feed(line[:n] + b"\0" + line) == decoder.feed(line) != ()
+        assert sum(decoder.counters.values()) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "payload", "reason"),
+    [
+        (0x55, b"", "type"),
+        (device.MSG_TIME, TIME + b"\0", "length"),
+        (device.MSG_STATUS, STATUS[:-1], "length"),
+        (device.MSG_STATUS, STATUS[:4] + b"\x03" + STATUS[5:], "value"),
+        (device.MSG_STATUS, STATUS[:-4] + struct.pack("<f", math.nan), "value"),
+        (device.MSG_HELLO, HELLO[:-4] + struct.pack("<f", math.inf), "value"),
+        (device.MSG_HELLO, HELLO[:7] + b"\x07" + HELLO[8:], "value"),
+        (device.MSG_HELLO, HELLO[:-4], "length"),
+    ],
+)
+def test_a_sound_frame_with_senseless_contents_is_counted_by_reason(kind: int, payload: bytes, reason: str) -> None:
+    decoder = device.Decoder()
+    assert decoder.feed(frame(kind, payload)) == ()
+    assert {key: count for key, count in decoder.counters.items() if count} == {reason: 1}
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(st.one_of(st.binary(max_size=80), st.sampled_from([frame(*m) for m in TO_HOST.items()])), max_size=8))
+def test_no_bytes_make_the_decoder_raise(pieces: list[bytes]) -> None:
+    bytewise, whole = device.Decoder(), device.Decoder()
+    line = b"".join(pieces)
+    assert [m for byte in line for m in bytewise.feed(bytes((byte,)))] == list(whole.feed(line))
+    assert bytewise.counters == whole.counters
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.sampled_from(sorted(TO_HOST)), st.binary(max_size=100))
+def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload: bytes) -> None:
+    decoder = device.Decoder()
+    assert len(decoder.feed(frame(kind, payload))) + sum(decoder.counters.values()) == 1
+
+
+# --- the handshake ----------------------------------------------------------------------------------------------
+
+
+def hello(payload: bytes = HELLO) -> BoardHello:
+    (message,) = device.Decoder().feed(frame(device.MSG_HELLO, payload))
+    assert isinstance(message, BoardHello)
+    return message
+
+
+def test_a_board_that_allows_what_is_asked_is_accepted() -> None:
+    device.check_hello(hello(), modes=2, w_limit_um=(4.0, 3.5), v_limit_v=150.0)
+
+
+def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None:
+    later = struct.pack("<H", device.PROTOCOL_VERSION + 1) + HELLO[2:] + b"new fields"
+    with pytest.raises(DeviceError, match="protocol version 2, this hapticd 1"):
+        device.check_hello(hello(later), modes=2, w_limit_um=(4.0, 4.0))
+
+
+def test_another_layout_is_refused_by_its_hash() -> None:
+    with pytest.raises(DeviceError, match="protocol hash is 00000000"):
+        device.check_hello(hello(HELLO[:2] + bytes(4) + HELLO[6:]), modes=2, w_limit_um=(4.0, 4.0))
+
+
+def test_other_modes_and_lower_limits_are_refused() -> None:
+    with pytest.raises(DeviceError, match="drives 2 modes, the mode shapes have 3"):
+        device.check_hello(hello(), modes=3, w_limit_um=(4.0, 4.0, 4.0))
+    with pytest.raises(DeviceError, match="mode 1 is set to 5 um but the board allows 4 um"):
+        device.check_hello(hello(), modes=2, w_limit_um=(4.0, 5.0))
+    with pytest.raises(DeviceError, match="mode 0 is set to nan um"):
+        device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
+    with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are set to take 100 V"):
+        device.check_hello(hello(), modes=2, w_limit_um=(4.0, 4.0), v_limit_v=100.0)
