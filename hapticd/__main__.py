@@ -36,6 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_run(commands)
     _add_simulate(commands)
+    _add_doctor(commands)
     return parser
 
 
@@ -120,6 +121,7 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--alone", action="store_true", help="leave out the paper's scheme and perfect knowledge")
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it in the manner of the paper's figures")
     parser.set_defaults(command=_simulate)
 
 
@@ -138,6 +140,27 @@ def _simulate(options: argparse.Namespace) -> None:
         sys.stdout.write(text) if options.json == "-" else Path(options.json).write_text(text, encoding="utf-8")
     if options.out is not None:
         report.save(played, options.out)
+    if options.plot is not None:
+        from .sim import picture
+
+        picture.draw_run(played, options.plot)
+
+
+# --- doctor -----------------------------------------------------------------------------------------------------
+
+
+def _add_doctor(commands: Any) -> None:
+    parser = _command(
+        commands, "doctor", "look whether everything is there, and say what mends it", "hapticd doctor --config F"
+    )
+    parser.add_argument("--config", type=Path, help="the service's configuration (default: the built-in one)")
+    parser.set_defaults(command=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from .doctor import examine
+
+    return examine(options.config)
 
 
 if __name__ == "__main__":

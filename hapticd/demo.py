@@ -136,7 +136,13 @@ def _watch(client: Client, seconds: float) -> dict[str, Any]:
 
 
 def _film(arrays: dict[str, Any], title: str) -> Film:
-    empty = np.zeros(len(arrays["t_s"]), dtype=bool)
-    judged = score(arrays["t_s"], arrays["target_um"], arrays["truth_um"], arrays["reference_um"], empty)
-    names = ("t_s", "target_um", "reference_um", "modal_um", "truth_um")
-    return Film(title, *(arrays[name] for name in names), judged)
+    nothing = np.zeros(len(arrays["t_s"]), dtype=bool)
+    return Film(
+        title=title,
+        t_s=arrays["t_s"],
+        target_um=arrays["target_um"],
+        reference_um=arrays["reference_um"],
+        modal_um=arrays["modal_um"],
+        truth_um=arrays["truth_um"],
+        score=score(arrays["t_s"], arrays["target_um"], arrays["truth_um"], arrays["reference_um"], nothing),
+    )

@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     try:
         with Client(options.endpoint) as plate:
-            plate.virtual("walker", path_mm=[(-40, 20), (40, 20)], speed_mm_s=options.speed)
+            plate.virtual("walker", path=[(-40, 20), (40, 20)], speed_mm_s=options.speed)
             plate.set("walker", amplitude_um=virtual_um)
             serve(plate, user_um, time.monotonic() + options.seconds)
     except KeyboardInterrupt:

@@ -47,7 +47,8 @@ class ScriptedClient:
             if finger_id not in self.actor_of:
                 self.actor_of[finger_id] = self._nearest(x_mm, y_mm, t_sampled_s)
         targets: dict[int | str, Target] = {}
-        for key in (*self._virtuals, *(finger_id for finger_id, _, _ in fingers)):
+        keys: list[int | str] = [*self._virtuals, *(finger_id for finger_id, _, _ in fingers)]
+        for key in keys:
             amplitude_um = float(self._actors[self.actor_of[key]].target_um(np.array([t_s]))[0])
             if math.isfinite(amplitude_um):
                 targets[key] = AmplitudeTarget(amplitude_um)

@@ -174,7 +174,7 @@ def test_more_maps_than_a_message_holds_are_refused_before_they_cost_the_connect
 
 def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(daemon: FakeDaemon) -> None:
     with Client(daemon.directory) as client:
-        client.virtual("ghost", path_mm=[(-40, 20), (40, 20)], speed_mm_s=2000)
+        client.virtual("ghost", path=[(-40, 20), (40, 20)], speed_mm_s=2000)
         client.set("ghost", amplitude_um=0.0)
         first = finger_of(state_when(client, lambda state: target_um(state, "ghost") == 0.0), "ghost")
         assert first is not None
@@ -194,9 +194,9 @@ def test_a_virtual_finger_needs_a_place_or_a_path(daemon: FakeDaemon) -> None:
     with Client(daemon.directory) as client:
         bad: list[dict[str, Any]] = [
             {},
-            {"position_mm": (0, 0), "path_mm": [(0, 0)]},
-            {"path_mm": []},
-            {"path_mm": [(0, 0)] * 65},
+            {"position_mm": (0, 0), "path": [(0, 0)]},
+            {"path": []},
+            {"path": [(0, 0)] * 65},
             {"position_mm": (0, math.nan)},
             {"position_mm": (0, 0, 0)},
         ]

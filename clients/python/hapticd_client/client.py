@@ -100,25 +100,25 @@ class Client:
     def virtual(
         self,
         name: str,
-        *,
         position_mm: Sequence[float] | None = None,
-        path_mm: Sequence[Sequence[float]] | None = None,
+        path: Sequence[Sequence[float]] | None = None,
+        *,
         speed_mm_s: float = 50.0,
         loop: bool = True,
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
     ) -> None:
-        """A finger that is not on the plate: it rests at a position, or walks a path, back and forth with `loop`.
+        """A finger that is not on the plate: it rests at a position, or walks a `path` of such, to and fro with `loop`.
 
         Give it a target with `set(name, ...)`; repeating the same path does not start it anew. Raises RefusedError.
         """
-        if position_mm is not None and path_mm is None:
-            path_mm = [position_mm]
-        elif path_mm is None or position_mm is not None:
-            raise RefusedError("virtual: give exactly one of position_mm and path_mm.")
-        path = path_fields(path_mm, speed_mm_s, loop)
+        if position_mm is not None and path is None:
+            path = [position_mm]
+        elif path is None or position_mm is not None:
+            raise RefusedError("virtual: give exactly one of position_mm and path.")
+        fields = path_fields(path, speed_mm_s, loop)
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
-        self._want(self._wanted.with_virtual(label("name", name), path, ttl_s), wait)
+        self._want(self._wanted.with_virtual(label("name", name), fields, ttl_s), wait)
 
     def release(self, finger: FingerState | Key | None = None) -> None:
         """Give up one finger, or a virtual finger by its name; without an argument, all."""

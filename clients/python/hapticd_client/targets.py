@@ -115,9 +115,9 @@ def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: b
     """A virtual finger's path, as sent. Raises RefusedError."""
     points = [[number("position", value, -MAX_POSITION_MM, MAX_POSITION_MM) for value in point] for point in points_mm]
     if not 1 <= len(points) <= MAX_PATH_POINTS:
-        raise RefusedError(f"path_mm: has {len(points)} points, it must have 1 .. {MAX_PATH_POINTS}.")
+        raise RefusedError(f"path: has {len(points)} points, it must have 1 .. {MAX_PATH_POINTS}.")
     if any(len(point) != 2 for point in points):
-        raise RefusedError("path_mm: a point has two numbers, x and y.")
+        raise RefusedError("path: a point has two numbers, x and y.")
     speed = number("speed_mm_s", speed_mm_s, 0.0, MAX_SPEED_MM_S)
     return {"path_mm": points, "speed_mm_s": speed, "loop": bool(loop)}
 
