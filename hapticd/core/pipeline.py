@@ -77,7 +77,6 @@ class PipelineCounters:
     skipped_no_finger: int = 0
     skipped_no_target: int = 0
     skipped_standing: int = 0
-    sensor_silences: int = 0
 
 
 class Pipeline:
@@ -112,12 +111,13 @@ class Pipeline:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
         self._t_read_ns = t_read_ns
-        self._t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
+        t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
         tracked = self._tracker.update(frame)
         for finger_id in tracked.lifted:
             self._forget(finger_id)
         if tracked.t_ns != frame.t_ns:
             return tracked  # an old frame: it says nothing new
+        self._t_sample_ns = t_sample_ns
         for finger in tracked.fingers:
             if finger.is_new:
                 self._predictors[finger.finger_id] = self._settings.make_predictor()

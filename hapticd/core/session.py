@@ -30,7 +30,7 @@ GREET_EVERY_NS = 250_000_000
 SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
 TIME_EVERY_NS = 500_000_000
 KEEP_ALIVE_EVERY_NS = 20_000_000  # the board's dead-man waits 50 ms
-ARM_EVERY_NS = 10_000_000  # the board trusts a host again after three good references
+ARM_EVERY_NS = 20_000_000  # slower than references come: zero frames must not come between them
 SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
 LEDGER_LENGTH = 512
 

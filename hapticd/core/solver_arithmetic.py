@@ -10,6 +10,7 @@ Pair = tuple[float, float]
 
 NOISE = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
 _REACH_CAP = 1e30  # a target so many times out of reach acts like any farther one
+_EFFORT_CAP = 1e18  # beside an effort so many times theirs the rows' own squares are below rounding
 
 
 def normalised(
@@ -17,16 +18,23 @@ def normalised(
 ) -> tuple[list[float], tuple[float, ...], float, float]:
     """Targets, limits and effort for rows divided by `size` and a largest limit of 1, and what to multiply W by.
 
-    A target that is out of reach by more than `_REACH_CAP` is brought to it, the others in proportion: the solution
-    is the same to rounding.
+    A target that is out of reach by more than `_REACH_CAP` is brought to it, the others and the effort in proportion;
+    so is an effort above `_EFFORT_CAP`. The solution is the same to rounding.
     """
     reach = max(limits) if max(limits) < math.inf else 1.0
     peak = max(targets)
-    scaled_peak = min(peak / size / reach, _REACH_CAP)
+    scaled_peak = peak / size / reach
+    scaled_effort = effort / size / size
+    if not scaled_peak <= _REACH_CAP:
+        scaled_peak = _REACH_CAP
+        scaled_effort = effort / size * (_REACH_CAP * reach / peak)
+    if not scaled_effort <= _EFFORT_CAP:
+        scaled_peak *= _EFFORT_CAP / scaled_effort if scaled_effort < math.inf else 0.0
+        scaled_effort = _EFFORT_CAP
     return (
         [target / peak * scaled_peak for target in targets],
         tuple([limit / reach for limit in limits]),
-        min(effort / size / size, _REACH_CAP),
+        scaled_effort,
         reach,
     )
 

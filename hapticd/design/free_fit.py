@@ -1,4 +1,4 @@
-"""A scan as a sum of free-plate modes: a dozen numbers instead of a hundred, where the plate is what theory takes it for.
+"""A scan as a sum of free-plate modes: a dozen numbers, not a hundred, where the plate is what theory takes it for.
 
 A mode of the real plate is a mixture of the theory's modes of nearly the same frequency. Material and thickness only
 set the scale of frequencies, so the modes are chosen by wave number, and of the material only Poisson's ratio shows.
@@ -40,7 +40,7 @@ class FreePlateModes:
         """Least squares of `values` (N, M) at points (N,), (N,); coefficients are (modes, M)."""
         points = np.stack((x_mm, y_mm), axis=-1)
         design = np.stack([shape.evaluate(points) for shape in self._shapes], axis=-1)
-        coefficients = np.linalg.lstsq(design, values, rcond=None)[0]
+        coefficients: FloatArray = np.linalg.lstsq(design, values, rcond=None)[0]
         residual_rms = np.sqrt(((values - design @ coefficients) ** 2).mean(axis=0))
         spare = 1.0 - len(self) / len(values)
         freedom = np.full(values.shape[1], float(len(self)))

@@ -42,11 +42,12 @@ class PlateSettings:
     """The simulated plate, as built (first two groups) and as it is on the day (third).
 
     `finger_decay_1_s` is what one finger adds to a mode's decay rate times the square of the shape under it. At
-    115 1/s two fingers, both on antinodes inside the plate (phi^2 = 0.4), raise the reference decay of 183 1/s to 1.5
-    times, the most that the firmware's control is specified for; two fingers anywhere (phi^2 = 0.124 on average) to
-    1.16 times. No measurement of this plate exists.
+    115 1/s two fingers, both on antinodes inside the plate (phi^2 about 0.4), raise the reference decay of 183 1/s to
+    1.5 times, the most that the firmware's control is specified for; two fingers anywhere (phi^2 = 0.124 on average)
+    to 1.16 times. No measurement of this plate exists.
     `sized_for_damping` follows the paper, which found W_LIM = 4 um to be what its amplifiers give *in use*, with a
-    finger on the plate; 1 sizes them for the bare plate. `neighbour_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
+    finger on the plate; 1 sizes them for the bare plate.
+    `neighbour_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
     """
 
     f_x_hz: float = 29195.0

@@ -62,31 +62,33 @@ def test_a_scan_is_what_a_vibrometer_gives() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_map_errs_by_less_than_half_the_scan_s_noise(seed: int) -> None:
+def test_the_map_errs_by_less_than_a_sixth_of_the_scan_s_noise(seed: int) -> None:
     for error in on_fine_grid(reference_fit(seed)) - truth():
-        assert rms(error) < 0.010  # over the whole plate; the noise is 0.020
-        assert rms(error[~MARGIN]) < 0.009
-        assert rms(error[MARGIN]) < 0.025  # where there is no measurement at all
-        assert np.abs(error).max() < 0.12
+        assert rms(error) < 0.020 / 6  # over the whole plate; the noise is 0.020
+        assert rms(error[~MARGIN]) < 0.0031
+        assert rms(error[MARGIN]) < 0.006  # where there is no measurement at all
+        assert np.abs(error).max() < 0.03
 
 
 def test_lost_points_cost_little() -> None:
     fit = fit_cartography(*sample_cartography(driven_modes(), seed=1, missing_frac=0.2), normalise=False)
 
     for error in on_fine_grid(fit) - truth():
-        assert rms(error) < 0.0115
+        assert rms(error) < 0.0035
 
 
 def test_the_fit_tells_its_own_noise_and_error_and_the_wavelength() -> None:
-    fit = reference_fit(1)
-    error = on_fine_grid(fit) - truth()
+    fits = [reference_fit(seed) for seed in (1, 2, 3)]
+    errors = np.stack([on_fine_grid(fit) - truth() for fit in fits])
 
-    np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.1)
-    np.testing.assert_allclose(fit.map_error_rms, [rms(mode) for mode in error], rtol=0.35)
-    assert (fit.residual_rms < fit.noise_rms).all()
-    assert (fit.noise_rms < fit.prediction_rms).all()
-    assert ((fit.freedom > 60.0) & (fit.freedom < 250.0)).all()
-    assert fit.wavelength_mm == pytest.approx(26.2, rel=0.01)
+    told = np.sqrt(np.mean([fit.map_error_rms**2 for fit in fits]))
+    assert told == pytest.approx(rms(errors), rel=0.2)  # six surfaces of 14 parameters: good to a tenth
+    for fit in fits:
+        np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.1)
+        assert (fit.residual_rms < fit.noise_rms).all()
+        assert (fit.noise_rms < fit.prediction_rms).all()
+        assert (fit.freedom == 14.0).all()  # free-plate modes whose frequency is within 8 % of X and Y
+        assert fit.wavelength_mm == pytest.approx(26.2, rel=0.01)
 
 
 def test_a_shape_that_is_no_free_plate_mode_is_fitted_as_well() -> None:
@@ -123,7 +125,7 @@ def test_where_the_plate_equation_does_not_hold_the_map_is_no_worse_than_the_sca
 def test_a_scan_without_noise_is_met_far_closer() -> None:
     fit = fit_cartography(*sample_cartography(driven_modes(), noise_frac=0.0), normalise=False)
 
-    assert rms(on_fine_grid(fit) - truth()) < 1.5e-3
+    assert rms(on_fine_grid(fit) - truth()) < 5e-5  # what interpolation leaves
 
 
 def test_the_map_covers_the_whole_plate_in_small_steps() -> None:
