@@ -24,6 +24,7 @@ from .values import (
     BoardCommand,
     BoardHello,
     BoardMessage,
+    BoardState,
     BoardStatus,
     BoardTime,
     ClearFault,
@@ -41,6 +42,7 @@ log = logging.getLogger("hapticd")
 TIMER_NS = 10_000_000  # how often `timer` wants to be called
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
+CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
 COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
 
 
@@ -78,8 +80,10 @@ class Machine:
         self.last_refusal = ""
         self.publish = publish
         self._write_board = write_board
-        self._refused_board = ""
-        self._t_reports_ns = 0
+        self.unsent = 0
+        self.refused_board = ""
+        self.t_reports_ns: int | None = None
+        self._t_clear_until_ns: int | None = None
 
     # --- the touch ---
 
@@ -88,7 +92,7 @@ class Machine:
         for report in batch:
             for frame in self.trackpad.decode(report.data, report.t_host_ns):
                 self.pipeline.touch(frame, report.t_host_ns)
-        self._t_reports_ns = t_now_ns
+        self.t_reports_ns = t_now_ns
         self._pass(t_now_ns)
 
     def _pass(self, t_now_ns: int) -> None:
@@ -114,9 +118,15 @@ class Machine:
         if self.pipeline.sensor_is_silent(t_now_ns):
             log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
             self.pipeline.sensor_lost()
+        was_accepted = self.session.hello is not None
         self._say(self.session.timer(t_now_ns))
-        self._supervise(Event.LINK_UP if self.session.ready else Event.LINK_DOWN, "board", t_now_ns)
-        if t_now_ns - self._t_reports_ns >= REPORTS_ENDED_NS:
+        if was_accepted and self.session.hello is None:
+            log.warning("board: it has fallen silent; it is greeted until it answers")
+        if self.session.ready:
+            self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
+        else:
+            self._supervise(Event.LINK_DOWN, "the board does not answer", t_now_ns)
+        if self.t_reports_ns is None or t_now_ns - self.t_reports_ns >= REPORTS_ENDED_NS:
             self._pass(t_now_ns)
 
     def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, model: str | None = None) -> None:
@@ -135,6 +145,7 @@ class Machine:
         """The serial port came or went."""
         log.log(logging.INFO if up else logging.WARNING, "board: %s", reason)
         self.board = device_wire.Decoder()
+        self.refused_board = ""
         if up:
             self._say(self.session.link_up(t_now_ns))
         else:
@@ -160,22 +171,28 @@ class Machine:
                 hello, modes=len(self.config.limits.w_limit_um), w_limit_um=self.config.limits.w_limit_um
             )
         except DeviceError as error:
-            if str(error) != self._refused_board:
+            if str(error) != self.refused_board:
                 log.error("board refused: %s", error)
-                self._refused_board = str(error)
+                self.refused_board = str(error)
             return
-        self._refused_board = ""
+        self.refused_board = ""
         log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
         self._say(self.session.receive_hello(hello, t_now_ns))
         self.pipeline.forget_standing()
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
-        was_faulty = self.session.fault_code != 0
         self.session.receive_status(message, t_now_ns)
-        if self.session.fault_code != 0 and not was_faulty:
-            self._supervise(Event.BOARD_FAULT, f"board fault {message.fault_code}", t_now_ns)
-        elif was_faulty and self.session.fault_code == 0:
-            self._supervise(Event.CLEARED, "board fault cleared", t_now_ns)
+        status_now = self.session.status
+        if status_now is None:
+            return
+        if status_now.state is not BoardState.LIVE:
+            self.pipeline.forget_standing()  # it follows nothing: what stood must be said again
+        if status_now.state is BoardState.FAULT:
+            cause = device_wire.FAULTS.get(status_now.fault_code, f"its code is {status_now.fault_code}")
+            self._supervise(Event.BOARD_FAULT, cause, t_now_ns)
+        elif self._t_clear_until_ns is not None and t_now_ns <= self._t_clear_until_ns:
+            self._t_clear_until_ns = None
+            self._supervise(Event.CLEARED, "a client cleared it", t_now_ns)
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last thing that is said."""
@@ -186,14 +203,21 @@ class Machine:
 
     def _say(self, commands: Sequence[BoardCommand]) -> None:
         for command in commands:
-            self._write_board(encode(command))
+            if not self._write_board(encode(command)):
+                self.unsent += 1
+                self.pipeline.forget_standing()
 
     def _supervise(self, event: Event, reason: str, t_now_ns: int) -> None:
         before = self.supervisor.state
         after = self.supervisor.handle(event, reason, t_now_ns)
-        if after is not before:
-            severity = logging.WARNING if after is State.FAULT else logging.INFO
-            log.log(severity, "%s -> %s%s", before.name, after.name, f": {reason}" if reason else "")
+        if after is before:
+            return
+        if after is State.FAULT:
+            log.error("board fault: %s; the plate stays quiet until a client clears it", reason)
+        elif event is Event.CLEARED:
+            log.info("board fault left: %s", reason)
+        else:  # each touch is one, and what matters of the others was said where it happened
+            log.debug("%s -> %s%s", before.name, after.name, f": {reason}" if reason else "")
 
     # --- the clients ---
 
@@ -224,11 +248,19 @@ class Machine:
         if isinstance(request.body, client_wire.Release):
             return {"released": self._release(request.body)}
         if request.op == "clear_fault":
-            self._say([ClearFault()])
+            self._clear_fault(t_now_ns)
             return {}
         if request.op == "status":
             return self.report_status(t_now_ns)
         return {"version": __version__, "instance": self.instance, **client_wire.CAPABILITIES}
+
+    def _clear_fault(self, t_now_ns: int) -> None:
+        if self.supervisor.state is not State.FAULT:
+            return
+        if not self.session.ready:
+            raise RequestError("The board does not answer, so its fault cannot be cleared: connect it first.")
+        self._t_clear_until_ns = t_now_ns + CLEAR_WITHIN_NS
+        self._say([ClearFault()])
 
     def _release(self, release: client_wire.Release) -> bool:
         if release.finger is None:
@@ -256,6 +288,7 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         ),
         policy=config.solver.policy,
         effort=config.solver.effort,
+        fade=config.solver.fade,
         tolerance_um=config.solver.tolerance_um,
         max_knots=config.solver.max_knots,
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),

@@ -11,7 +11,11 @@ from .wire.client import FingerState, PlateState, encode_state
 
 if TYPE_CHECKING:
     from .core.session import LedgerLine
+    from .core.supervisor import Supervisor
     from .machine import Machine
+
+RECENT_NS = 10_000_000_000  # frames older than this say nothing of now
+CHANGES_SHOWN = 5
 
 
 def telemetry(machine: Machine, tick: Tick) -> bytes:
@@ -56,15 +60,33 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
     session, supervisor = machine.session, machine.supervisor
     return {
         "state": supervisor.state.name,
+        "state_changes": _changes(supervisor, t_now_ns),
         "t_ns": t_now_ns,
         "fingers": len(machine.pipeline.fingers),
         "virtual_fingers": len(machine.scene.virtual_names(t_now_ns)),
         "touch": dataclasses.asdict(machine.pipeline.counters),
-        "trackpad": {"model": machine.trackpad.model, "reports": dict(machine.trackpad.counters)},
+        "trackpad": {
+            "model": machine.trackpad.model,
+            "silent_ms": _ago_ms(machine.t_reports_ns, t_now_ns),
+            "reports": dict(machine.trackpad.counters),
+        },
         "clients": {"refused": machine.messages_refused, "last_refusal": machine.last_refusal},
         "board": _board(machine),
-        "latency_ms": _latency(tuple(session.ledger)),
+        "latency_ms": _latency([line for line in session.ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),
     }
+
+
+def _changes(supervisor: Supervisor, t_now_ns: int) -> list[dict[str, object]]:
+    """How the state came to be, newest first."""
+    newest = list(supervisor.history)[: -CHANGES_SHOWN - 1 : -1]
+    return [
+        {"to": change.after.name, "ago_ms": _ago_ms(change.t_ns, t_now_ns), "why": change.reason or change.event.value}
+        for change in newest
+    ]
+
+
+def _ago_ms(t_ns: int | None, t_now_ns: int) -> float | None:
+    return None if t_ns is None else (t_now_ns - t_ns) * 1e-6
 
 
 def _board(machine: Machine) -> dict[str, object]:
@@ -73,8 +95,11 @@ def _board(machine: Machine) -> dict[str, object]:
     said: dict[str, object] = {
         "ready": session.ready,
         "reboots": session.reboots,
+        "unsent": machine.unsent,
         "dropped": dict(machine.board.counters),
     }
+    if machine.refused_board:
+        said |= {"refused": machine.refused_board}
     if hello is not None:
         said |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
     if last is not None:
@@ -94,7 +119,7 @@ def _board(machine: Machine) -> dict[str, object]:
 
 
 def _latency(ledger: Sequence[LedgerLine]) -> dict[str, object]:
-    """Percentiles over the ledger's frames: sample age, link, horizon, and how late frames took effect."""
+    """Percentiles over the newest frames: sample age, link, horizon, and how late frames took effect."""
     if not ledger:
         return {}
     seconds = (ledger[-1].t_sent_ns - ledger[0].t_sent_ns) * 1e-9

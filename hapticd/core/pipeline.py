@@ -40,6 +40,7 @@ class Predictor(Protocol):
 class PipelineSettings:
     """What the pipeline is told once.
 
+    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `_faded`).
     `cover_ns` is how long one frame must carry the plate: one and a half report periods, so that one lost report
     leaves it on known ground. `loop_delay_ns` is by how much the plate follows its reference late.
     """
@@ -48,6 +49,7 @@ class PipelineSettings:
     make_predictor: Callable[[], Predictor]
     policy: str = "keep_zero"
     effort: float = 0.0
+    fade: float = 0.0
     tolerance_um: float = 0.01
     max_knots: int = 16
     sensor_latency_ns: int = 10_000_000
@@ -251,6 +253,8 @@ class Pipeline:
             previous_um, limited = solve_fast(
                 rows, targets_um, settings.w_limit_um, previous_um, settings.policy, settings.effort
             )
+            if limited and settings.fade > 0.0:
+                previous_um = _faded(rows, targets_um, previous_um, settings.fade)
             modal_um.append(previous_um)
             any_limited |= limited
         self.counters.solves += len(modal_um)
@@ -280,6 +284,26 @@ class Pipeline:
     def _forget(self, finger_id: int) -> None:
         self._predictors.pop(finger_id, None)
         self._released.discard(finger_id)
+
+
+def _faded(
+    rows: Sequence[Sequence[float]], targets_um: Sequence[float], modal_um: tuple[float, ...], fade: float
+) -> tuple[float, ...]:
+    """Less amplitude where the limit leaves a slippery finger only a share of its target: that share to `fade`.
+
+    Near a singular position the slippery finger gets next to nothing from modes at their limits, and the sticky one
+    pays for it: what it feels of a position's error grows with the amplitude. All modes are scaled together, so the
+    zero stays; where targets are met nothing changes.
+    """
+    if 0.0 not in targets_um:
+        return modal_um
+    shares = [
+        abs(sum(phi * w_um for phi, w_um in zip(row, modal_um, strict=True))) / target_um
+        for row, target_um in zip(rows, targets_um, strict=True)
+        if target_um > 0.0
+    ]
+    scale = min(min(shares, default=1.0), 1.0) ** fade
+    return tuple(w_um * scale for w_um in modal_um)
 
 
 def _settles_ns(drive: SafeDrive, tolerance_um: float) -> int:

@@ -29,7 +29,7 @@ from .limits import silence
 GREET_EVERY_NS = 250_000_000
 SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
 TIME_EVERY_NS = 500_000_000
-KEEP_ALIVE_EVERY_NS = 20_000_000  # the board's dead-man waits 50 ms
+KEEP_ALIVE_AFTER_NS = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20, and the board waits 50
 ARM_EVERY_NS = 20_000_000  # slower than references come: zero frames must not come between them
 SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
 LEDGER_LENGTH = 512
@@ -79,12 +79,13 @@ class BoardSession:
         self.reboots = 0
         self._controller = controller
         self._linked = False
+        self._boot_id: int | None = None
         self._seq = 0
         self._in_flight: dict[int, tuple[int, int, Tick]] = {}
         self._t_heard_ns = 0
         self._greeting = Interval(GREET_EVERY_NS)
         self._asking_time = Interval(SETTLE_TIME_EVERY_NS)
-        self._keeping_alive = Interval(KEEP_ALIVE_EVERY_NS)
+        self._keeping_alive = Interval(KEEP_ALIVE_AFTER_NS)
         self._arming = Interval(ARM_EVERY_NS)
 
     @property
@@ -108,16 +109,18 @@ class BoardSession:
     def link_down(self) -> None:
         """The port is gone, and with it all that was known of the board."""
         self._linked = False
-        self.hello = self.status = None
+        self.hello = self.status = self._boot_id = None
         self.clock.reset()
+        self.latency.reset()
         self._in_flight.clear()
 
     def receive_hello(self, hello: BoardHello, t_now_ns: int) -> list[BoardCommand]:
         """The board's accepted answer (its protocol and limits were checked): choose its controller, ask its time."""
-        if self.hello is not None and self.hello.boot_id != hello.boot_id:
+        if self._boot_id not in (None, hello.boot_id):
             self.reboots += 1
             self.clock.reset()
-        self.hello = hello
+        self.hello, self._boot_id = hello, hello.boot_id
+        self.status = None  # what was said before the greeting holds no more
         self._t_heard_ns = t_now_ns
         self._asking_time.restart(t_now_ns)
         self._in_flight.clear()
@@ -130,6 +133,8 @@ class BoardSession:
 
     def receive_status(self, status: BoardStatus, t_now_ns: int) -> None:
         """Book the frame it acknowledges: link delay, and how late its first knot took effect."""
+        if self.hello is None:
+            return  # who has not been accepted is not believed
         self._t_heard_ns = t_now_ns
         self.status = status
         if not status.applied or not self.clock.ready:
@@ -142,13 +147,13 @@ class BoardSession:
         late_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns) - t_apply_ns
         self.latency.update(link_ns)
         self.ledger.append(LedgerLine(status.seq, t_sent_ns, tick.age_ns, tick.horizon_ns, link_ns, late_ns))
-        self._drop_unanswered(t_now_ns)
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
         """Number a drive and lay it on the board's clock; nothing while the board is not ready."""
         if not self.ready:
             return []
         commands = self._numbered(drive, t_now_ns)
+        self._drop_unanswered(t_now_ns)
         self._in_flight[self._seq] = (t_now_ns, drive.t_apply_ns, tick)
         return commands
 
@@ -180,6 +185,8 @@ class BoardSession:
         return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive)]
 
     def _drop_unanswered(self, t_now_ns: int) -> None:
-        old = [seq for seq, (t_sent_ns, _, _) in self._in_flight.items() if t_now_ns - t_sent_ns > SILENT_AFTER_NS]
-        for seq in old:
-            del self._in_flight[seq]
+        while self._in_flight:
+            oldest = next(iter(self._in_flight))
+            if t_now_ns - self._in_flight[oldest][0] <= SILENT_AFTER_NS:
+                return
+            del self._in_flight[oldest]

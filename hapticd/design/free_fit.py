@@ -40,7 +40,7 @@ class FreePlateModes:
         """Least squares of `values` (N, M) at points (N,), (N,); coefficients are (modes, M)."""
         points = np.stack((x_mm, y_mm), axis=-1)
         design = np.stack([shape.evaluate(points) for shape in self._shapes], axis=-1)
-        coefficients: FloatArray = np.linalg.lstsq(design, values, rcond=None)[0]
+        coefficients = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], np.float64)
         residual_rms = np.sqrt(((values - design @ coefficients) ** 2).mean(axis=0))
         spare = 1.0 - len(self) / len(values)
         freedom = np.full(values.shape[1], float(len(self)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import termios
 from collections.abc import Callable
@@ -62,6 +63,8 @@ class SerialLink:
 
     async def drained(self, within_s: float) -> None:
         """Wait until the port has sent what was written, at most `within_s`."""
+        if self._serial is None:
+            return
         deadline_s = self._loop.time() + within_s
         while self._serial is not None and self._loop.time() < deadline_s:
             try:
@@ -82,7 +85,7 @@ class SerialLink:
         self._retry = None
         try:
             self._serial = serial.Serial(self.port, self._baud, timeout=0, exclusive=True)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, termios.error) as error:
             if not self._said_missing:
                 self._on_link(False, f"{self.port} cannot be opened: {_cause(error)}")
                 self._said_missing = True
@@ -129,5 +132,7 @@ class SerialLink:
 
 def _cause(error: Exception) -> str:
     """The operating system's own words where pyserial wraps them."""
-    number = getattr(error, "errno", None)
+    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
+    if number == errno.EWOULDBLOCK:
+        return "another program holds it"
     return os.strerror(number) if isinstance(number, int) else str(error)

@@ -288,7 +288,7 @@ def _scheme_config(settings: Settings) -> Config:
         config = replace(
             config,
             prediction=replace(config.prediction, name="hold"),
-            solver=replace(config.solver, policy="paper", effort=0.0, max_knots=1),
+            solver=replace(config.solver, policy="paper", effort=0.0, fade=0.0, max_knots=1),
             device=replace(config.device, controller="pi"),
         )
     elif settings.scheme != "hapticd":

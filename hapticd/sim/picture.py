@@ -64,6 +64,12 @@ def draw(films: list[Film], path: Path, *, w_limit_um: float, seconds: float | N
     figure.savefig(path, dpi=110)
 
 
+def draw_run(run: Run, path: Path) -> None:
+    """Write a PNG of one lock-step run, from when its first finger was down."""
+    film = Film.of(run, f"{run.scenario}, seed {run.seed}: {run.settings.scheme}")
+    draw([film], path, w_limit_um=max(run.settings.config.limits.w_limit_um))
+
+
 def _canvas(columns: int) -> tuple[Any, Any]:
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -18,6 +18,9 @@ SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0
 LAND_S = 0.4  # fingers land after the handshake
 SPEED_MM_S = 100.0  # the paper's 10 cm/s
+STEP_S = 1.0
+STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
+STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps to 1 um
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +127,10 @@ def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
 
 
 def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Figure 7: no load, a virtual finger on an antinode of mode X where mode Y stands still asks for 1 um at 1 s."""
+    """Figure 7: no load, and a virtual finger where only mode X moves asks at 1 s for what makes W_X 1 um."""
     del seed, speed_mm_s
-    return (Actor(((0.0, 0.0), (1.0, 1.0)), virtual=VirtualPath(((0.0, 0.0),), 0.0, loop=False)),)
+    wants = ((0.0, 0.0), (STEP_S, STEP_TARGET_UM))
+    return (Actor(wants, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
 
 
 SCENARIOS: dict[str, Scenario] = {

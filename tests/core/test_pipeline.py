@@ -249,3 +249,31 @@ def test_the_same_calls_give_the_same_drives() -> None:
         return [bench.report((SLIPPERY[0] + step, SLIPPERY[1]), STICKY) for step in range(40)]
 
     assert play() == play()
+
+
+@pytest.mark.parametrize("fade", [0.0, 0.25, 1.0])
+def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_fades_and_the_zero_stays(fade: float) -> None:
+    riding, fading = Bench(max_knots=2), Bench(max_knots=2, fade=fade)
+    nearly_singular = (STICKY[0] - 27.3, STICKY[1])  # a wavelength on: nearly the same shapes
+    ticks = []
+    for bench in (riding, fading):
+        bench.report(nearly_singular, STICKY)
+        bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        ticks.append(bench.report(nearly_singular, STICKY))
+    assert ticks[0].limited
+    assert ticks[1].limited
+    share = amplitude_um(ticks[0], 0, nearly_singular)
+    assert 0.0 < share < 1.0
+    assert amplitude_um(ticks[1], 0, nearly_singular) == pytest.approx(share * share**fade, rel=1e-9)
+    assert amplitude_um(ticks[1], 0, STICKY) < 1e-12
+
+
+def test_fading_changes_nothing_where_targets_are_met_or_nobody_sticks() -> None:
+    for targets in ((1.0, 0.0), (4.0, 4.0)):
+        ticks = []
+        for fade in (0.0, 1.0):
+            bench = Bench(max_knots=2, fade=fade)
+            bench.report(SLIPPERY, STICKY)
+            bench.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(targets)})
+            ticks.append(bench.report(SLIPPERY, STICKY))
+        assert ticks[0] == ticks[1]

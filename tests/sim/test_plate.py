@@ -111,7 +111,7 @@ def test_a_finger_damps_where_it_can_feel_and_nowhere_else(truth: PlateTruth) ->
     np.testing.assert_allclose(np.trace(added, axis1=1, axis2=2), each_1_s * (phi**2).sum(axis=(1, 2)))
 
 
-def test_two_fingers_on_antinodes_raise_the_damping_to_about_what_the_amplifiers_are_sized_for(truth: PlateTruth) -> None:
+def test_two_fingers_on_antinodes_damp_about_what_the_amplifiers_are_sized_for(truth: PlateTruth) -> None:
     points = np.random.default_rng(4).uniform(-68.75, 68.75, (40000, 2))
     squares = truth.shapes(points)[:, :2] ** 2
     share = truth.settings.finger_decay_1_s / truth.nominal_decay_1_s

@@ -1,0 +1,159 @@
+"""The fit by free-plate modes: far better where the plate is free, and out of the way where it is not."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes
+from hapticd.design.free_fit import FreePlateModes
+from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
+
+WAVE_RAD_MM = 2.0 * math.pi / 26.2
+NOISE = 0.02
+SQUARE_MM = (137.5, 137.5)
+OBLONG_MM = (120.0, 80.0)
+
+
+@cache
+def neighbours(size_mm: tuple[float, float], band_hz: tuple[float, float]) -> list[ModeShape]:
+    return [shape for _, shape in free_plate_modes(size_mm, band_hz=band_hz)]
+
+
+def scan_axis_mm(edge_mm: float) -> np.ndarray:
+    count = math.floor(edge_mm / 2.0 / 4.5)
+    return 4.5 * np.arange(-count, count + 1)
+
+
+def mixture(shapes: list[ModeShape], x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """Two surfaces as a real plate has them: every mode of nearly one frequency has a share, of either sign."""
+    shares = np.random.default_rng(11).uniform(-0.3, 0.3, (2, len(shapes)))
+    return np.tensordot(shares, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]), axes=1)
+
+
+def noisy(surfaces: np.ndarray, seed: int = 1) -> np.ndarray:
+    return surfaces + NOISE * np.random.default_rng(seed).standard_normal(surfaces.shape)
+
+
+def map_error(fit: CartographyFit, truth: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray) -> float:
+    points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    error = fit.modes.evaluate(points).T.reshape(truth.shape) - truth
+    return float(np.sqrt((error**2).mean()))
+
+
+def smoothing_error(size_mm: tuple[float, float], wave_rad_mm: float, surfaces: np.ndarray, truth: np.ndarray) -> float:
+    """What the plate equation alone makes of the same scan."""
+    x_mm, y_mm = (scan_axis_mm(edge_mm) for edge_mm in size_mm)
+    basis = PlateBasis((x_mm.size - 1, y_mm.size - 1), (size_mm[0] / 2.0, size_mm[1] / 2.0))
+    columns, rows = (axis.ravel() for axis in np.meshgrid(x_mm, y_mm))
+    scan = ScatteredData(basis, columns, rows, surfaces.reshape(len(surfaces), -1).T)
+    smooth = scan.smooth(plate_equation(basis, wave_rad_mm) + 1e-3 * third_derivatives(basis, wave_rad_mm))
+    fine_x_mm, fine_y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, truth.shape[-1]) for edge_mm in size_mm)
+    error = basis.on_grid(smooth.coefficients, fine_x_mm, fine_y_mm) - truth
+    return float(np.sqrt((error**2).mean()))
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "band_hz"), [(SQUARE_MM, (28500.0, 30000.0)), (OBLONG_MM, (22000.0, 23200.0))], ids=["square", "oblong"]
+)
+def test_a_noisy_mixture_of_free_plate_modes_is_met_with_far_less_error(
+    size_mm: tuple[float, float], band_hz: tuple[float, float]
+) -> None:
+    shapes = neighbours(size_mm, band_hz)
+    assert len(shapes) >= 3
+    scan = noisy(mixture(shapes, *(scan_axis_mm(edge_mm) for edge_mm in size_mm)))
+    fine_mm = [np.linspace(-edge_mm / 2.0, edge_mm / 2.0, 151) for edge_mm in size_mm]
+    truth = mixture(shapes, fine_mm[0], fine_mm[1])
+
+    fit = fit_cartography(*(scan_axis_mm(edge_mm) for edge_mm in size_mm), scan, size_mm=size_mm, normalise=False)
+
+    assert (fit.freedom < 30.0).all()
+    error = map_error(fit, truth, fine_mm[0], fine_mm[1])
+    assert error < smoothing_error(size_mm, 2.0 * math.pi / fit.wavelength_mm, scan, truth) / 2.0
+    assert error < NOISE / 4.0
+
+
+def clamped_corner(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """A plate wave with no free edge: it runs slantwise, and beside the right edge something heavy sits."""
+    x, y = np.meshgrid(x_mm, y_mm)
+    wave = np.cos(WAVE_RAD_MM * (0.8 * x + 0.6 * y)) + np.cos(WAVE_RAD_MM * (0.6 * x - 0.8 * y) + 1.0)
+    return 0.5 * wave[None] + 0.3 * np.exp(-math.hypot(WAVE_RAD_MM, 0.1) * (68.75 - x)) * np.cos(0.1 * y)
+
+
+def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
+    axis_mm, fine_mm = scan_axis_mm(137.5), np.linspace(-68.75, 68.75, 151)
+    truth = clamped_corner(fine_mm, fine_mm)
+    scan = noisy(clamped_corner(axis_mm, axis_mm))
+
+    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+
+    assert (fit.freedom > 60.0).all()
+    error = map_error(fit, truth, fine_mm, fine_mm)
+    assert error < NOISE / 2.0
+    assert error == pytest.approx(smoothing_error(SQUARE_MM, 2.0 * math.pi / fit.wavelength_mm, scan, truth), rel=0.02)
+
+
+def test_one_mode_that_is_not_free_makes_the_choice_for_all() -> None:
+    axis_mm = scan_axis_mm(137.5)
+    free = neighbours(SQUARE_MM, (29100.0, 29200.0))[0].on_grid(axis_mm, axis_mm)[None]
+    scan = noisy(np.concatenate((free, clamped_corner(axis_mm, axis_mm))))
+
+    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+
+    assert (fit.freedom > 60.0).all()
+
+
+class TooShortWaves(FreePlateModes):
+    def __init__(self, _size_mm: tuple[float, float], wave_rad_mm: float) -> None:
+        super().__init__((900.0, 900.0), wave_rad_mm)
+
+
+class Crowded(FreePlateModes):
+    def __len__(self) -> int:
+        return 31 * 31 // 4
+
+
+@pytest.mark.parametrize("unusable", [TooShortWaves, Crowded])
+def test_where_theory_has_too_many_modes_or_none_the_smoothing_fit_stands(
+    unusable: type[FreePlateModes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    axis_mm = scan_axis_mm(137.5)
+    scan = noisy(mixture(neighbours(SQUARE_MM, (28500.0, 30000.0)), axis_mm, axis_mm))
+    monkeypatch.setattr("hapticd.design.cartography.FreePlateModes", unusable)
+
+    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+
+    assert (fit.freedom > 60.0).all()
+
+
+def test_the_basis_holds_the_modes_near_the_wave_number_and_no_others() -> None:
+    frequencies_hz = [f for f, _ in free_plate_modes(SQUARE_MM, band_hz=(20000.0, 40000.0))]
+    wanted_hz = 29200.0
+    wave_rad_mm = WAVE_RAD_MM * math.sqrt(wanted_hz / wave_frequency_hz(WAVE_RAD_MM))
+
+    count = len(FreePlateModes(SQUARE_MM, wave_rad_mm))
+
+    assert count == sum(0.92 * wanted_hz <= f <= 1.08 * wanted_hz for f in frequencies_hz)
+    assert 10 <= count <= 20
+
+
+def wave_frequency_hz(wave_rad_mm: float) -> float:
+    """Of a plane wave in the reference plate: w = k^2 sqrt(D / rho h)."""
+    stiffness_nm = 72.5e9 * 0.002**3 / (12.0 * (1.0 - 0.22**2))
+    return (wave_rad_mm * 1e3) ** 2 * math.sqrt(stiffness_nm / (2500.0 * 0.002)) / (2.0 * math.pi)
+
+
+def test_exact_values_give_the_exact_shares() -> None:
+    modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
+    shares = np.random.default_rng(3).normal(size=(len(modes), 2))
+    axis_mm = scan_axis_mm(137.5)
+    columns, rows = (axis.ravel() for axis in np.meshgrid(axis_mm, axis_mm))
+
+    fit = modes.fit(columns, rows, modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
+
+    np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)
+    assert (fit.residual_rms < 1e-12).all()
+    np.testing.assert_array_equal(fit.freedom, [len(modes)] * 2)
