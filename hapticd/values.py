@@ -87,7 +87,7 @@ class Contact:
 class TouchFrame:
     """All contacts of one report. `t_ns` is the device's own time stamp, unwrapped and laid on the host's axis.
 
-    The device clock drifts against the host's: `core.clocksync.SensorClock` turns `t_ns` into host time.
+    The device clock drifts against the host's: `core.sensor_clock.SensorClock` turns `t_ns` into host time.
     """
 
     t_ns: int

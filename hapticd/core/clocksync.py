@@ -1,140 +1,21 @@
-"""Three clocks on one axis: the trackpad's stamps and the board's counter, in host nanoseconds.
+"""The board's clock against the host's, and how long a frame takes to get there.
 
-Each clock is a slope near 1 and an offset, seen through delays that can only be late. What arrives least late is
-nearest the truth: for the trackpad, whose delays cannot be measured, a low quantile of (arrival - stamp); for the
-board, which answers, the exchanges with the shortest round trip (Cristian 1989; the clock filter of NTP, RFC 5905
+The board's counter is a slope near 1 and an offset, seen through delays that can only be late. The board answers, so
+the exchanges with the shortest round trip are nearest the truth (Cristian 1989; the clock filter of NTP, RFC 5905
 section 10). Instants are integer nanoseconds, so nothing depends on the origin; floats only hold differences.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..values import BoardTime
-from .prediction_clock import SampleClock
+from .rolling_quantile import RollingQuantile
 
 _WRAP_US = 2**32  # the board's counter: 71.6 min
-
-
-class RollingQuantile:
-    """The `share` quantile (lower) of the last `size` values."""
-
-    def __init__(self, size: int, share: float) -> None:
-        self._size = size
-        self._share = share
-        self._arrived: deque[int] = deque()
-        self._sorted: list[int] = []
-
-    def __len__(self) -> int:
-        return len(self._arrived)
-
-    def push(self, value: int) -> None:
-        """Take a value; the oldest goes when there are too many."""
-        if len(self._arrived) == self._size:
-            self.drop_oldest()
-        self._arrived.append(value)
-        insort(self._sorted, value)
-
-    def drop_oldest(self) -> None:
-        """Forget the value that has been there longest."""
-        del self._sorted[bisect_left(self._sorted, self._arrived.popleft())]
-
-    def clear(self) -> None:
-        """Forget all values."""
-        self._arrived.clear()
-        self._sorted.clear()
-
-    @property
-    def value(self) -> int:
-        """The quantile; IndexError while there is no value."""
-        return self._sorted[int(self._share * (len(self._sorted) - 1))]
-
-
-class SensorClock:
-    """The trackpad's stamps on the host's axis, less the pad's own latency.
-
-    Report i arrives at t_host = t_device + offset + lateness, and its stamp may itself be off by a millisecond. The
-    pad samples regularly, so its stamps are filtered first (`prediction_clock`): then only lateness is left to
-    tell from the offset, and a low quantile of (t_host - t_device) does, where the minimum would chase the worst of
-    what the filter leaves. A window of 128 reports (1.4 s) follows a drift of 200 ppm 0.15 ms behind.
-    """
-
-    _WINDOW = 128
-    _LOW = 1 / 16
-    _MAX_AGE_NS = 10_000_000_000  # over a pause a drifting clock becomes a stranger
-    _MOST_EARLY_NS = 5_000_000  # no jitter makes a report this early: the clock stepped
-    _MOST_LATE_NS = 250_000_000  # a stalled host makes reports late, but not this late
-    _LATE_IN_A_ROW = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
-    _LONGEST_TRAIN_NS = 60_000_000  # after a longer gap the pad's samples are a new train
-    _PERIOD_S, _PERIOD_ERROR_S = 0.01125, 0.001  # of a Magic Trackpad 2; other pads are found within some reports
-    _STAMP_ERROR_S = 0.0006  # +-1 ms, uniform
-
-    def __init__(self, latency_ns: int) -> None:
-        self.relocks = 0
-        self._latency_ns = latency_ns
-        self._differences = RollingQuantile(self._WINDOW, self._LOW)
-        self._t_arrivals_ns: deque[int] = deque()
-        self._t_device_ns = 0
-        self._late_in_a_row = 0
-        self._samples = SampleClock(self._PERIOD_S, self._PERIOD_ERROR_S, self._STAMP_ERROR_S)
-
-    def update(self, t_device_ns: int, t_host_ns: int) -> int:
-        """When the report stamped `t_device_ns`, read at `t_host_ns`, was sampled; never later than it was read.
-
-        A step of the device's clock shows as a stamp that goes back, a report that is early, or lasting lateness;
-        the clock is then locked anew, on this report.
-        """
-        difference_ns = t_host_ns - t_device_ns
-        self._forget_old(t_host_ns)
-        if len(self._differences) > 0 and self._has_stepped(t_device_ns, difference_ns):
-            self.reset()
-            self.relocks += 1
-        t_filtered_ns = self._filtered_ns(t_device_ns)
-        if len(self._differences) == self._WINDOW:
-            self._t_arrivals_ns.popleft()
-        self._t_arrivals_ns.append(t_host_ns)
-        self._differences.push(t_host_ns - t_filtered_ns)
-        return min(t_filtered_ns + self.offset_ns, t_host_ns - self._latency_ns)
-
-    @property
-    def offset_ns(self) -> int:
-        """Sampling instant less stamp; IndexError before the first report."""
-        return self._differences.value - self._latency_ns
-
-    def reset(self) -> None:
-        """Forget the clock: the next report locks it anew."""
-        self._differences.clear()
-        self._t_arrivals_ns.clear()
-        self._late_in_a_row = 0
-
-    def _filtered_ns(self, t_device_ns: int) -> int:
-        """The stamp as a regular sampler would have given it."""
-        elapsed_ns = t_device_ns - self._t_device_ns
-        if len(self._differences) == 0 or not 0 <= elapsed_ns <= self._LONGEST_TRAIN_NS:
-            self._samples.restart()
-        elif elapsed_ns > 0:
-            self._samples.advance(elapsed_ns * 1e-9)
-        self._t_device_ns = t_device_ns
-        return t_device_ns - round(self._samples.lag_s * 1e9)
-
-    def _forget_old(self, t_host_ns: int) -> None:
-        while self._t_arrivals_ns and not 0 <= t_host_ns - self._t_arrivals_ns[0] <= self._MAX_AGE_NS:
-            self._t_arrivals_ns.popleft()
-            self._differences.drop_oldest()
-
-    def _has_stepped(self, t_device_ns: int, difference_ns: int) -> bool:
-        late_ns = difference_ns - self._differences.value
-        is_late = late_ns > self._MOST_EARLY_NS
-        self._late_in_a_row = self._late_in_a_row + 1 if is_late else 0
-        return (
-            t_device_ns < self._t_device_ns - self._MOST_EARLY_NS
-            or not -self._MOST_EARLY_NS <= late_ns <= self._MOST_LATE_NS
-            or self._late_in_a_row >= self._LATE_IN_A_ROW
-        )
 
 
 class Exchange(NamedTuple):

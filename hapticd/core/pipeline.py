@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
-from .clocksync import SensorClock
 from .limits import gate, silence
 from .modes import ModeShapes
 from .scene import Scene
+from .sensor_clock import SensorClock
 from .solver import solve_fast
 from .tracking import Tracker
 
