@@ -23,6 +23,7 @@ from .sensor_clock import SensorClock
 from .solver import solve_fast
 from .tracking import Tracker
 
+OLD_IN_A_ROW = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
 MAX_HORIZON_NS = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
 
 
@@ -94,6 +95,8 @@ class Pipeline:
         self._sensor_clock = SensorClock(settings.sensor_latency_ns)
         self._predictors: dict[int, Predictor] = {}
         self._released: set[int] = set()
+        self._t_frame_ns = 0
+        self._old_in_a_row = 0
         self._t_sample_ns = 0
         self._t_read_ns = 0
         self._steepness_1_mm = modes.steepest_1_mm()
@@ -113,12 +116,16 @@ class Pipeline:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
         self._t_read_ns = t_read_ns
+        self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self._t_frame_ns else 0
+        if self._old_in_a_row == OLD_IN_A_ROW:
+            self.sensor_lost()
         t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
         tracked = self._tracker.update(frame)
         for finger_id in tracked.lifted:
             self._forget(finger_id)
         if tracked.t_ns != frame.t_ns:
             return tracked  # an old frame: it says nothing new
+        self._t_frame_ns = frame.t_ns
         self._t_sample_ns = t_sample_ns
         for finger in tracked.fingers:
             if finger.is_new:
@@ -134,6 +141,7 @@ class Pipeline:
         self.fingers = ()
         self._tracker.reset()
         self._sensor_clock.reset()
+        self._t_frame_ns = self._old_in_a_row = 0
 
     def sensor_is_silent(self, t_now_ns: int) -> bool:
         """Fingers are down and no report came for too long (then call `sensor_lost`)."""

@@ -26,6 +26,7 @@ STAMP_WRAP_MS = 1 << 21
 _USB, _BLUETOOTH, _MT1, _MT1_PAIR, _MOUSE = 0x02, 0x31, 0x28, 0xF7, 0x02
 _MOUSE_LENGTHS = range(3, 10)  # what a pad sends before the multitouch enable, or after losing it
 _MT1_TIMEOUT_NS = 100_000_000  # nine frames: an MT1 contact that is not mentioned for so long has gone
+_MT1_PERIOD_NS = 11_250_000  # as the later models' frames; a pair's first frame waited for so long
 _STEP_NS = 2_000_000_000  # beyond the 0.7 s that 63 reports in the kernel's ring can be late
 _BACKWARDS_MS = 100
 _DRIFT = 1000  # one part in a thousand: no quartz is that wrong
@@ -108,7 +109,8 @@ class Decoder:
         """The frames of one report (report id first, as hidraw gives it): one, two from a 0xF7, none if refused.
 
         `t_ns` of a frame is the device's millisecond stamp, unwrapped and anchored to the host time of the first
-        report; on the Magic Trackpad 1, whose stamp is not understood, it is `t_host_ns`.
+        report; on the Magic Trackpad 1, whose stamp is not understood, it is `t_host_ns`, less one period for the
+        first of a pair.
         """
         try:
             frames = self._layout.decode(report, t_host_ns)
@@ -182,7 +184,11 @@ class _Mt1Layout:
 
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
         parsed = [self._parse(part) for part in _mt1_parts(report)]  # the whole report is sound before any is taken
-        return tuple(TouchFrame(t_host_ns, self._merge(seen, t_host_ns), button) for seen, button in parsed)
+        first_ns = t_host_ns - _MT1_PERIOD_NS * (len(parsed) - 1)
+        return tuple(
+            TouchFrame(first_ns + index * _MT1_PERIOD_NS, self._merge(seen, t_host_ns), button)
+            for index, (seen, button) in enumerate(parsed)
+        )
 
     def _parse(self, part: bytes) -> tuple[tuple[Contact, ...], bool]:
         contacts = tuple(map(self._contact, _records(part, _MT1, 4)))

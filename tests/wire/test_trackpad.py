@@ -85,6 +85,13 @@ def test_a_pair_gives_two_frames_and_the_second_keeps_what_it_does_not_mention()
     assert all(c.touching for c in frames[1].contacts)
 
 
+def test_the_first_frame_of_a_pair_is_a_period_older_than_the_second() -> None:
+    frame = bytes((0x28, 0, 0, 0))
+    first, second = Decoder("mt1").decode(bytes((0xF7, len(frame))) + frame + frame, 10**9)
+    assert second.t_ns == 10**9
+    assert second.t_ns - first.t_ns == 11_250_000
+
+
 def test_a_pair_with_a_torn_second_half_moves_nothing() -> None:
     decoder = Decoder("mt1")
     first = mt1(mt1_record(3))

@@ -1,0 +1,137 @@
+"""The service files: systemd accepts the unit, little is left to it, and rules and configuration fit the program."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hapticd import config
+from hapticd.io.trackpad import PADS
+
+FOLDER = Path(__file__).parents[2] / "systemd"
+UNIT = FOLDER / "hapticd.service"
+RULES = FOLDER / "71-hapticd.rules"
+CONFIGURATION = FOLDER / "hapticd.toml"
+
+MAX_EXPOSURE = 1.0  # of 10; bare units have 9.6
+BLUETOOTH_BUS = 2  # hidapi's name for it; the kernel's is 0005
+
+needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+
+
+def directives(name: str) -> list[str]:
+    """The values of one key of the unit, in order."""
+    return re.findall(rf"^{name}=(.*)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.fixture
+def installed_unit(tmp_path: Path) -> Path:
+    """The unit with a program that exists on every machine, for systemd looks whether it does."""
+    text = UNIT.read_text(encoding="utf-8")
+    unit = tmp_path / UNIT.name
+    unit.write_text(re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", text, flags=re.MULTILINE), encoding="utf-8")
+    return unit
+
+
+def analyze(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["systemd-analyze", "--no-pager", *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@needs_systemd
+def test_systemd_accepts_the_unit_without_a_word(installed_unit: Path) -> None:
+    verified = analyze("verify", installed_unit)
+    assert (verified.returncode, verified.stderr) == (0, "")  # an unknown key is only a line on stderr
+
+
+@needs_systemd
+def test_the_service_is_left_with_next_to_nothing(installed_unit: Path) -> None:
+    judged = analyze("security", "--offline=true", f"--threshold={round(MAX_EXPOSURE * 10)}", installed_unit)
+    assert judged.returncode == 0, judged.stdout[-300:]
+
+
+def test_the_unit_starts_the_program_with_the_configuration_that_is_installed() -> None:
+    assert directives("ExecStart") == ["/opt/hapticd/bin/hapticd run --config /etc/hapticd/hapticd.toml"]
+    assert directives("Type") == ["exec"]
+    assert directives("WatchdogSec") == []
+
+
+def test_the_unit_may_open_what_the_daemon_opens_and_nothing_else() -> None:
+    assert directives("DevicePolicy") == ["closed"]
+    assert set(directives("DeviceAllow")) == {
+        "char-hidraw rw",
+        "char-ttyACM rw",
+        "char-ttyUSB rw",
+        "/dev/ptmx rw",
+        "char-pts rw",
+    }
+    assert set(directives("RestrictAddressFamilies")) == {"AF_UNIX AF_NETLINK"}
+
+
+def test_every_user_and_group_named_is_made_by_sysusers() -> None:
+    sysusers = (FOLDER / "hapticd.sysusers.conf").read_text(encoding="utf-8")
+    made = set(re.findall(r"^[ug] (\S+)", sysusers, re.MULTILINE))
+    owners = set(re.findall(r'GROUP="([^"]+)"', RULES.read_text(encoding="utf-8")))
+    assert owners == {"hapticd-dev"}
+    assert owners | set(directives("User")) | set(directives("SupplementaryGroups")) == made
+
+
+def rule_lines() -> list[str]:
+    lines = RULES.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def test_rules_are_lists_of_matches_and_assignments() -> None:
+    term = r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"'
+    assert rule_lines()
+    for line in rule_lines():
+        assert re.fullmatch(rf"{term}(, {term})*", line), line
+        assert 'MODE="0660"' in line
+        assert 'TAG+="uaccess"' in line
+    assert RULES.name < "73-seat-late.rules"  # which acts on the tag
+
+
+def test_rules_open_the_trackpads_that_the_daemon_looks_for_and_no_others() -> None:
+    usb, bluetooth = set(), set()
+    for line in rule_lines():
+        if (vendor := re.search(r'ATTRS\{idVendor\}=="(\w+)"', line)) and "hidraw" in line:
+            products = re.search(r'ATTRS\{idProduct\}=="([^"]+)"', line)
+            assert products is not None
+            usb |= {(int(vendor[1], 16), int(product, 16)) for product in products[1].split("|")}
+        for kernel_name in re.findall(
+            r"0005:[0-9A-F]{4}:[0-9A-F]{4}\.\*", line
+        ):  # the kernel writes them in upper case
+            bluetooth.add((int(kernel_name[5:9], 16), int(kernel_name[10:14], 16)))
+    known = {(pad.bus == BLUETOOTH_BUS, (pad.vendor_id, pad.product_id)) for pad in PADS}
+    assert usb == {ids for is_bluetooth, ids in known if not is_bluetooth}
+    assert bluetooth == {ids for is_bluetooth, ids in known if is_bluetooth}
+
+
+def test_modem_manager_leaves_the_board_alone() -> None:
+    boards = [line for line in rule_lines() if "ttyACM" in line]
+    assert len(boards) == 1
+    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in boards[0]
+
+
+def test_the_configuration_runs_the_simulated_plate_as_it_stands() -> None:
+    loaded = config.load(CONFIGURATION)
+    assert (loaded.trackpad.source, loaded.device.port) == (config.SIMULATED, config.SIMULATED)
+    assert loaded == config.Config()
+
+
+def test_the_configuration_s_lines_for_a_real_plate_are_valid_too(tmp_path: Path) -> None:
+    text = CONFIGURATION.read_text(encoding="utf-8")
+    text = re.sub(r'^(source|port) = "sim"\n', "", text, flags=re.MULTILINE)
+    text = re.sub(r"^# (\w+ = )", r"\1", text, flags=re.MULTILINE)
+    (tmp_path / "modes.npz").touch()
+    (tmp_path / "hapticd.toml").write_text(text, encoding="utf-8")
+    loaded = config.load(tmp_path / "hapticd.toml")
+    assert (loaded.trackpad.source, loaded.device.port) == ("hid", "/dev/ttyACM0")
+    table = tomllib.loads(text)
+    assert all(table[section] for section in table)
