@@ -95,7 +95,7 @@ class SolverConfig:
     )
     effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
     fade: float = _key(
-        0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0 rides the limit", low=0, high=4
+        0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0: not", low=0, high=4
     )
     tolerance_um: float = _key(
         0.01, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1

@@ -33,3 +33,9 @@ class AlreadyRunningError(HapticdError):
 
 class RequestError(HapticdError):
     """A client's message was refused; the text is sent back to it."""
+
+
+class SimulationError(HapticdError, ValueError):
+    """A simulated run is asked for that cannot be: unknown scenario or setting, or a value out of bounds."""
+
+    exit_code = 64  # EX_USAGE

@@ -39,6 +39,9 @@ _MIN_STEP_MM = 0.1
 _MAX_DEGREE = 40  # per axis: 861 products, a second of work; enough for seven wavelengths across the plate
 _SMOOTHING = 1e-3  # share of the third derivatives; from 1e-4 to 1e-2 the map's error changes by a sixth
 _START_WAVE_RAD_MM = 0.1  # only sets the scale of the weights in the first fit
+_MOST_THEORY_RAD = (
+    66.0  # k times the longer edge, twice the reference plate's: theory's work grows with its sixth power
+)
 _WAVES_FROM = 0.8  # share of the plate, about its centre, where the wave number is read: clear of the edges
 _FINER = 4  # the peak is looked for in steps this much smaller than the map's: 0.1 % at worst
 
@@ -135,7 +138,9 @@ def sample_cartography(
 def _free_plate_fit(
     size_mm: tuple[float, float], wave_rad_mm: float, x_mm: FloatArray, y_mm: FloatArray, values: FloatArray
 ) -> tuple[FreePlateModes, Smoothed] | None:
-    """None where theory has no modes for this plate, or more than the scan can tell apart."""
+    """None where theory has no modes for this plate, would take long, or has more modes than the scan can tell apart."""
+    if wave_rad_mm * max(size_mm) > _MOST_THEORY_RAD:
+        return None
     try:
         modes = FreePlateModes(size_mm, wave_rad_mm)
     except ValueError:

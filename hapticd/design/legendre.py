@@ -6,6 +6,8 @@ functions, the usual basis of plate theory, need differences of huge cosh and si
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
@@ -20,11 +22,13 @@ def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:
     return result
 
 
+@lru_cache(maxsize=128)
 def overlap(degree: int, order_left: int, order_right: int) -> FloatArray:
-    """Integrals over [-1, 1] of the products of two derivatives, (degree + 1, degree + 1); exact (Gauss)."""
+    """Integrals over [-1, 1] of the products of two derivatives, (degree + 1, degree + 1); exact (Gauss), read-only."""
     nodes, weights = legendre.leggauss(degree + 1)
     left = values(nodes, degree, order_left)
     result: FloatArray = (left * weights[:, None]).T @ values(nodes, degree, order_right)
+    result.setflags(write=False)
     return result
 
 

@@ -10,6 +10,7 @@ and takes the same time both ways (half of any difference would shift the board'
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -19,8 +20,10 @@ import numpy.typing as npt
 
 from ..config import Config
 from ..core.solver import solve
+from ..errors import SimulationError
 from ..machine import TIMER_NS, Machine
-from ..values import RawReport, Tick
+from ..values import RawReport
+from .inforce import Passes
 from .plate import PlateSettings, PlateTruth
 from .scenarios import SCENARIOS, SPEED_MM_S, Actor
 from .score import Score, score
@@ -30,9 +33,10 @@ from .world import World
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
-CLIENT_TTL_NS = 500_000_000
-CLIENT_REFRESH_NS = 150_000_000
+LEAST_S = 0.01  # a shorter run holds nothing to judge
 SCHEMES = ("hapticd", "paper")
+_POSITIVE = ("speed_mm_s", "report_period_ms")
+_NOT_NEGATIVE = ("noise_mm", "stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,16 @@ class Settings:
     link_ms: float = 5.0
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)
+
+    def __post_init__(self) -> None:
+        """Raises SimulationError, a ValueError, for what cannot be simulated."""
+        if self.scheme not in SCHEMES:
+            raise SimulationError(f"there is no scheme {self.scheme!r}: choose one of {', '.join(SCHEMES)}.")
+        for name in (*_POSITIVE, *_NOT_NEGATIVE):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and (value > 0 or (value == 0 and name in _NOT_NEGATIVE))):
+                wanted = "0 or more" if name in _NOT_NEGATIVE else "above 0"
+                raise SimulationError(f"the setting {name} is {value}: give a finite number, {wanted}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +96,24 @@ def run(
 ) -> Run:
     """Play `scenario` for `seconds` of virtual time. The same arguments give the same arrays, byte for byte.
 
-    `settings` may be a mapping of some of Settings' fields. Raises ValueError for an unknown scenario or setting.
+    `settings` may be a mapping of some of Settings' fields. Raises SimulationError, a ValueError, for an unknown
+    scenario or setting and for values out of bounds.
     """
     if scenario not in SCENARIOS:
-        raise ValueError(f"there is no scenario {scenario!r}: choose one of {', '.join(SCENARIOS)}")
-    chosen = _settings(settings)
+        raise SimulationError(f"there is no scenario {scenario!r}: choose one of {', '.join(SCENARIOS)}.")
     played = SCENARIOS[scenario]
-    simulation = Simulation(played.build(seed, chosen.speed_mm_s), chosen, seed)
-    simulation.run(played.seconds if seconds is None else seconds)
+    seconds = played.seconds if seconds is None else seconds
+    if not LEAST_S <= seconds < math.inf:
+        raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
+    if seed < 0:
+        raise SimulationError(f"the seed is {seed}: give 0 or more.")
+    chosen = _chosen(settings)
+    try:
+        actors = played.build(seed, chosen.speed_mm_s)
+    except ValueError as error:
+        raise SimulationError(f"{scenario} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
+    simulation = Simulation(actors, chosen, seed)
+    simulation.run(seconds)
     return simulation.result(scenario)
 
 
@@ -146,7 +170,7 @@ class Simulation:
         self._pushed = 0
         self._t_ns = T_START_NS
         self._client = ScriptedClient(actors)
-        self._ticks: list[tuple[Tick, dict[int | str, int]]] = []
+        self._passes = Passes(T_START_NS)
 
     def run(self, seconds: float) -> None:
         """Play from the start for `seconds`."""
@@ -181,8 +205,8 @@ class Simulation:
             self.machine.reports((RawReport(t_ns, data),), t_ns)
             self._ask(t_ns)
         tick = self.machine.last_tick
-        if tick is not None and tick.t_now_ns == t_ns and tick.drive is not None:
-            self._ticks.append((tick, dict(self._client.actor_of)))
+        if tick is not None and tick.t_now_ns == t_ns:
+            self._passes.add(tick, self._client.actor_of)
 
     def _ask(self, t_ns: int) -> None:
         fingers = [(finger.finger_id, finger.x_mm, finger.y_mm) for finger in self.machine.pipeline.fingers]
@@ -210,14 +234,16 @@ class Simulation:
         target_um[~np.isfinite(true_mm[..., 0])] = np.nan
         truth_um = np.einsum("tnp,tp->tn", self.world.plate.shapes(true_mm), recording.plate_um)
         truth_um[~np.isfinite(true_mm[..., 0])] = np.nan
-        limited = self._limited(t_s)
+        limited = self._passes.limited(t_s)
         return Run(
             scenario=scenario,
             seed=self.seed,
             settings=self.settings,
             t_s=t_s,
             finger_true_mm=true_mm,
-            finger_predicted_mm=self._predicted_mm(t_s),
+            finger_predicted_mm=self._passes.predicted_mm(
+                t_s, len(self.actors), self._config.device.loop_delay_ms * 1e-3
+            ),
             target_um=target_um,
             reference_um=recording.reference_um,
             modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
@@ -238,38 +264,9 @@ class Simulation:
             true_mm[:, index] = [self.machine.scene.virtual_position_mm(name, int(instant)) for instant in t_ns]
         return true_mm
 
-    def _predicted_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Where the polyline in force at each instant took each actor to be."""
-        predicted_mm = np.full((len(t_s), len(self.actors), 2), np.nan)
-        delay_s = self._config.device.loop_delay_ms * 1e-3
-        for (tick, actor_of), part in self._in_force(t_s, delay_s):
-            assert tick.drive is not None
-            span_s = max(tick.drive.knots[-1].dt_ns * 1e-9, 1e-9)
-            since_s = t_s[part] - delay_s - (tick.drive.t_apply_ns - T_START_NS) * 1e-9
-            share = np.clip(since_s / span_s, 0.0, 1.0)[:, None]
-            for point in tick.points:
-                start, end = np.array([point.x_mm, point.y_mm]), np.array([point.end_x_mm, point.end_y_mm])
-                predicted_mm[part, actor_of[point.key]] = start + share * (end - start)
-        return predicted_mm
 
-    def _limited(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-        limited = np.zeros(len(t_s), dtype=bool)
-        for (tick, _), part in self._in_force(t_s, 0.0):
-            limited[part] = tick.limited
-        return limited
-
-    def _in_force(
-        self, t_s: npt.NDArray[np.float64], delay_s: float
-    ) -> list[tuple[tuple[Tick, dict[int | str, int]], slice]]:
-        """Each pass that sent a drive, with the ticks during which it ruled."""
-        starts_s = [
-            (tick.drive.t_apply_ns - T_START_NS) * 1e-9 + delay_s for tick, _ in self._ticks if tick.drive is not None
-        ]
-        bounds = [*np.searchsorted(t_s, starts_s).tolist(), len(t_s)]
-        return [(tick, slice(bounds[i], bounds[i + 1])) for i, tick in enumerate(self._ticks)]
-
-
-def _settings(given: Settings | Mapping[str, Any] | None) -> Settings:
+def _chosen(given: Settings | Mapping[str, Any] | None) -> Settings:
+    """`given` as Settings; raises SimulationError for a name that is none of theirs."""
     if given is None:
         return Settings()
     if isinstance(given, Settings):
@@ -277,7 +274,7 @@ def _settings(given: Settings | Mapping[str, Any] | None) -> Settings:
     valid = [entry.name for entry in fields(Settings)]
     unknown = [name for name in given if name not in valid]
     if unknown:
-        raise ValueError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}")
+        raise SimulationError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}.")
     return Settings(**given)
 
 
@@ -291,8 +288,6 @@ def _scheme_config(settings: Settings) -> Config:
             solver=replace(config.solver, policy="paper", effort=0.0, fade=0.0, max_knots=1),
             device=replace(config.device, controller="pi"),
         )
-    elif settings.scheme != "hapticd":
-        raise ValueError(f"there is no scheme {settings.scheme!r}: choose one of {', '.join(SCHEMES)}")
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))
 
 

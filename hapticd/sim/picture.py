@@ -3,6 +3,7 @@ and what each finger got at its true position. Ours beside the paper's scheme, o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,12 @@ import numpy.typing as npt
 
 from ..errors import HapticdError
 from .lockstep import Run
+from .scenarios import STEP_S
 from .score import Score, score
 
 MODE_COLOURS = ("tab:blue", "tab:green")  # as in the paper: blue is mode X, green mode Y
 FINGER_COLOURS = ("tab:orange", "tab:red", "tab:purple", "tab:brown")
+STEP_WINDOW_S = (STEP_S - 0.01, STEP_S + 0.04)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +64,19 @@ def draw(films: list[Film], path: Path, *, w_limit_um: float, seconds: float | N
             axes[2, column].set_xlim(start_s, min(start_s + seconds, float(film.t_s[-1])))
     for axis in axes[:, 1:].flat:
         axis.set_ylabel("")
-    figure.savefig(path, dpi=110)
+    try:
+        figure.savefig(path, dpi=110, format="png")
+    except OSError as error:
+        raise HapticdError(f"The picture cannot be written to {path}: {error.strerror or error}.") from None
 
 
 def draw_run(run: Run, path: Path) -> None:
-    """Write a PNG of one lock-step run, from when its first finger was down."""
-    film = Film.of(run, f"{run.scenario}, seed {run.seed}: {run.settings.scheme}")
+    """Write a PNG of one lock-step run; of the step only the moments around it."""
+    title = run.scenario if run.settings.scheme == "hapticd" else f"{run.scenario}, the paper's scheme"
+    film = Film.of(run, title)
+    start_s, end_s = STEP_WINDOW_S
+    if run.scenario == "step" and run.t_s[-1] >= end_s:
+        film = film.between(start_s, end_s)
     draw([film], path, w_limit_um=max(run.settings.config.limits.w_limit_um))
 
 
@@ -84,14 +94,15 @@ def _canvas(columns: int) -> tuple[Any, Any]:
 
 def _draw_modes(axis: Any, film: Film, w_limit_um: float) -> None:
     for mode, (name, colour) in enumerate(zip("XY", MODE_COLOURS, strict=True)):
-        axis.plot(film.t_s, film.modal_um[:, mode].real, color=colour, lw=1.2, label=f"$W_{{{name}d}}$ measured")
+        axis.plot(film.t_s, film.modal_um[:, mode].real, color=colour, lw=1.2, label=f"$W_{{{name}d}}$")
         axis.plot(film.t_s, film.reference_um[:, mode].real, "--", color="black", lw=0.7)
     axis.plot([], [], "--", color="black", lw=0.7, label="references")
-    for level in (-w_limit_um, w_limit_um):
-        axis.axhline(level, color="grey", lw=0.6, ls=":")
-    axis.set_title(film.title)
+    if np.abs(film.reference_um).max(initial=0.0) > 0.5 * w_limit_um:
+        for level in (-w_limit_um, w_limit_um):
+            axis.axhline(level, color="grey", lw=0.6, ls=":")
+    axis.set_title(film.title, loc="left")
     axis.set_ylabel("modal amplitude, µm")
-    axis.legend(loc="upper right", fontsize="small", ncols=3)
+    _legend(axis)
 
 
 def _draw_quadrature(axis: Any, film: Film) -> None:
@@ -99,7 +110,7 @@ def _draw_quadrature(axis: Any, film: Film) -> None:
         axis.plot(film.t_s, film.modal_um[:, mode].imag, color=colour, lw=0.9, label=f"$W_{{{name}q}}$")
     axis.set_ylabel("quadrature, µm")
     axis.set_ylim(-1.0, 1.0)
-    axis.legend(loc="upper right", fontsize="small", ncols=2)
+    _legend(axis)
 
 
 def _draw_fingers(axis: Any, film: Film) -> None:
@@ -109,13 +120,20 @@ def _draw_fingers(axis: Any, film: Film) -> None:
         axis.plot(film.t_s, film.target_um[:, finger], "--", color=colour, lw=0.8)
     axis.set_ylabel("at the finger, µm")
     axis.set_xlabel("time, s")
-    told = film.score
-    axis.text(
-        0.01,
-        0.97,
-        f"leak {told.leak_um * 1e3:.0f} nm RMS    slip {100 * told.slip_frac:.0f} % of its target",
-        transform=axis.transAxes,
-        va="top",
-        fontsize="small",
-    )
-    axis.legend(loc="upper right", fontsize="small", ncols=2)
+    axis.set_title(_told(film.score), loc="left", fontsize="small")
+    _legend(axis)
+
+
+def _legend(axis: Any) -> None:
+    """Above the axes, on the right: nothing is hidden."""
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=4, frameon=False, borderpad=0.1)
+
+
+def _told(judged: Score) -> str:
+    """What a film is worth, as far as anybody was judged in it."""
+    parts = []
+    if math.isfinite(judged.leak_um):
+        parts.append(f"leak {judged.leak_um * 1e3:.0f} nm RMS")
+    if math.isfinite(judged.slip_frac):
+        parts.append(f"slip {100 * judged.slip_frac:.0f} % of its target")
+    return "    ".join(parts)

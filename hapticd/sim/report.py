@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import HapticdError
 from . import lockstep
 from .lockstep import Run
+from .scenarios import STEP_S
 from .score import Score
 
 ARRAYS = (
@@ -26,6 +28,8 @@ ARRAYS = (
     "limited",
 )
 SETTLED_FRAC = 0.02  # a step has settled when it stays within 2 % of its size
+FINAL_S = 0.1  # its final value is the mean over the run's end
+STEP_WATCHED_S = 0.2  # a run that ends sooner after the step has no final value
 
 
 def figures(played: Run, *, compare: bool = True) -> dict[str, Any]:
@@ -38,8 +42,8 @@ def figures(played: Run, *, compare: bool = True) -> dict[str, Any]:
         "w_limit_um": list(played.settings.config.limits.w_limit_um),
         "hapticd": _plain(played.score),
     }
-    if played.scenario == "step":
-        told["step"] = step_response(played.t_s, played.modal_um[:, 0], t_step_s=1.0)
+    if played.scenario == "step" and told["seconds"] > STEP_S + STEP_WATCHED_S:
+        told["step"] = step_response(played.t_s, played.modal_um[:, 0], t_step_s=STEP_S)
     if compare:
         baseline = lockstep.run(
             played.scenario, settings=lockstep.paper(played.settings), seed=played.seed, seconds=float(played.t_s[-1])
@@ -57,18 +61,21 @@ def step_response(
 ) -> dict[str, float]:
     """Figure 7's numbers for a step of one axis: `w_um` (T,) from 0 to its final value, asked for at `t_step_s`.
 
-    Times count from where W_d first leaves 1 % of its final value: before that lies the link's delay, not the loop's.
+    `settling_ms` counts from where W_d first leaves 1 % of its final value (before that lies the link's delay, not
+    the loop's) to where it stays within SETTLED_FRAC of it. A final W_d of either sign will do: the plate's phase is
+    free.
     """
-    part = t_s >= t_step_s
-    final_um = float(np.mean(w_um[part][-200:].real))
-    left = np.flatnonzero(w_um[part].real > 0.01 * final_um)[0]
-    away = np.flatnonzero(np.abs(w_um[part].real - final_um) > SETTLED_FRAC * final_um)
+    after_um = w_um[t_s >= t_step_s]
     period_s = float(t_s[1] - t_s[0])
+    final_um = float(np.mean(after_um[-round(FINAL_S / period_s) :].real))
+    progress = after_um.real / final_um
+    left = int(np.flatnonzero(progress > 0.01)[0])
+    settled = int(np.flatnonzero(np.abs(progress - 1) > SETTLED_FRAC)[-1]) + 1
     return {
         "final_um": final_um,
-        "settling_ms": float(away[-1] + 1 - left + 1) * period_s * 1e3,
-        "overshoot_frac": float(w_um[part].real.max() / final_um - 1),
-        "largest_q_um": float(np.abs(w_um[part].imag).max()),
+        "settling_ms": (settled - left + 1) * period_s * 1e3,
+        "overshoot_frac": float(progress.max() - 1),
+        "largest_q_um": float(np.abs(after_um.imag).max()),
     }
 
 
@@ -92,8 +99,12 @@ def table(told: Mapping[str, Any]) -> str:
 
 
 def save(played: Run, path: Path) -> None:
-    """Write the run's arrays to an NPZ file."""
-    np.savez_compressed(path, **{name: getattr(played, name) for name in ARRAYS})
+    """Write the run's arrays to an NPZ file, under exactly this name."""
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(file, **{name: getattr(played, name) for name in ARRAYS})
+    except OSError as error:
+        raise HapticdError(f"The arrays cannot be written to {path}: {error.strerror or error}.") from None
 
 
 def _plain(scored: Score) -> dict[str, float | None]:

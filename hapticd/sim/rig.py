@@ -6,7 +6,8 @@
 `DIRECTORY/trackpad` a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
 The daemon cannot tell it from the real thing but by its file names. Bytes to and from the board take the link's 5 ms,
 reports the sensor's 10 ms. It prints `ready T` when both can be opened; T is its time zero on the
-host's monotonic clock. SIGTERM ends it and writes the recording, if asked.
+host's monotonic clock. SIGTERM ends it and writes the recording, if asked; SIGUSR1 pulls the board's plug or puts it
+back, SIGUSR2 the trackpad's.
 
 What it leaves out: the serial line's speed beyond that constant delay, and the pull of a finger on the plate's shape.
 """
@@ -20,10 +21,11 @@ import pty
 import selectors
 import signal
 import socket
+import sys
 import time
 import tty
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -56,45 +58,83 @@ class Rig:
         self._to_board: deque[tuple[float, bytes]] = deque()
         self._to_host: deque[tuple[float, bytes]] = deque()
         self._pads: list[socket.socket] = []
+        self._board_link, self._pad_link = directory / "board", directory / "trackpad"
+        self._terminal: tuple[int, int] | None = None
+        self._listener: socket.socket | None = None
+        self._selector = selectors.DefaultSelector()
+        self._replugs: deque[Callable[[], None]] = deque()
         self._stopping = False
         self.t_start_s = time.monotonic()
-        self._open(directory)
+        self._replug_board()
+        self._replug_trackpad()
+
+    # What a signal handler may call: the change itself is made between two steps.
 
     def stop(self) -> None:
         """Leave `serve` soon."""
         self._stopping = True
 
-    def serve(self) -> None:
-        """Be the hardware, until `stop`."""
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._master, selectors.EVENT_READ, self._from_host)
-            selector.register(self._listener, selectors.EVENT_READ, self._accept)
-            while not self._stopping:
-                for key, _ in selector.select(self._wait_s()):
-                    key.data()
-                self._advance(self._now_s())
+    def replug_board(self) -> None:
+        """Pull the board's plug soon, or put it back. Its firmware goes on."""
+        self._replugs.append(self._replug_board)
+
+    def replug_trackpad(self) -> None:
+        """Pull the trackpad's plug soon, or put it back."""
+        self._replugs.append(self._replug_trackpad)
+
+    def serve(self, owner: int | None = None) -> None:
+        """Be the hardware, until `stop` or the end of the file `owner`."""
+        if owner is not None:
+            self._selector.register(owner, selectors.EVENT_READ, lambda: self._hear_owner(owner))
+        while not self._stopping:
+            for key, _ in self._selector.select(self._wait_s()):
+                key.data()
+            while self._replugs:
+                self._replugs.popleft()()
+            self._advance(self._now_s())
 
     def close(self) -> None:
         """Pull both plugs."""
+        if self._terminal is not None:
+            self._replug_board()
+        if self._listener is not None:
+            self._replug_trackpad()
+        self._selector.close()
+
+    def _replug_board(self) -> None:
+        self._board_link.unlink(missing_ok=True)
+        if self._terminal is None:
+            master, slave = self._terminal = pty.openpty()  # our hold on the slave: a daemon that leaves is no hang-up
+            tty.setraw(slave)
+            os.set_blocking(master, False)
+            self._selector.register(master, selectors.EVENT_READ, lambda: self._from_host(master))
+            self._board_link.symlink_to(os.ttyname(slave))
+            return
+        self._selector.unregister(self._terminal[0])
+        for end in self._terminal:
+            os.close(end)
+        self._terminal = None
+        self._to_board.clear()
+        self._to_host.clear()
+
+    def _replug_trackpad(self) -> None:
+        self._pad_link.unlink(missing_ok=True)
+        if self._listener is None:
+            self._listener = listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            listener.setblocking(False)
+            listener.bind(str(self._pad_link))
+            listener.listen()
+            self._selector.register(listener, selectors.EVENT_READ, lambda: self._accept(listener))
+            return
+        self._selector.unregister(self._listener)
         for endpoint in (*self._pads, self._listener):
             endpoint.close()
-        os.close(self._master)
-        os.close(self._slave)
-        for link in self._links:
-            link.unlink(missing_ok=True)
+        self._pads.clear()
+        self._listener = None
 
-    def _open(self, directory: Path) -> None:
-        self._master, self._slave = pty.openpty()  # our own hold on the slave: a daemon that leaves is no hang-up
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self._links = (directory / "board", directory / "trackpad")
-        for link in self._links:
-            link.unlink(missing_ok=True)
-        self._links[0].symlink_to(os.ttyname(self._slave))
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._listener.setblocking(False)
-        self._listener.bind(str(self._links[1]))
-        self._listener.listen()
+    def _hear_owner(self, owner: int) -> None:
+        if not os.read(owner, READ_SIZE):
+            self.stop()
 
     def _now_s(self) -> float:
         now_s = time.monotonic() - self.t_start_s
@@ -115,8 +155,10 @@ class Rig:
             self.world.receive(data, due_s)
         self._run_to(now_s)
         while self._to_host and self._to_host[0][0] <= now_s:
-            with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line loses it too
-                os.write(self._master, self._to_host.popleft()[1])
+            said = self._to_host.popleft()[1]
+            if self._terminal is not None:
+                with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line loses it too
+                    os.write(self._terminal[0], said)
         self._scan(now_s)
         while self._reports and self._reports[0].t_arrive_s <= now_s:
             self._tell(self._reports.popleft().data)
@@ -132,12 +174,12 @@ class Rig:
         while said := self.world.advance(t_s):
             self._to_host.append((self.world.t_s + LINK_S, said))
 
-    def _from_host(self) -> None:
+    def _from_host(self, master: int) -> None:
         with contextlib.suppress(BlockingIOError):
-            self._to_board.append((self._now_s() + LINK_S, os.read(self._master, READ_SIZE)))
+            self._to_board.append((self._now_s() + LINK_S, os.read(master, READ_SIZE)))
 
-    def _accept(self) -> None:
-        endpoint, _ = self._listener.accept()
+    def _accept(self, listener: socket.socket) -> None:
+        endpoint, _ = listener.accept()
         endpoint.setblocking(False)
         self._pads.append(endpoint)
 
@@ -152,9 +194,10 @@ class Rig:
                 self._pads.remove(endpoint)
 
     def save(self, path: Path) -> None:
-        """Write what the plate did, and what each finger got, as the arrays of `sim.run`."""
+        """Write what the plate did, and what each finger that touched it got, as the arrays of `sim.run`."""
         recording = self.world.recording()
-        target_um = np.stack([actor.target_um(recording.t_s) for actor in self.actors], axis=1)
+        wants_um = [actor.target_um(recording.t_s) for actor in self.actors if actor.path is not None]
+        target_um = np.reshape(wants_um, (len(wants_um), len(recording.t_s))).T.copy()
         absent = ~np.isfinite(recording.finger_mm[..., 0])
         target_um[absent] = np.nan
         truth_um = np.einsum("tnp,tp->tn", self.plate.shapes(recording.finger_mm), recording.plate_um)
@@ -177,13 +220,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, help="write what the plate did (NPZ) at the end")
+    parser.add_argument("--owned", action="store_true", help="end with standard input too, as when its owner dies")
     options = parser.parse_args(arguments)
     rig = Rig(options.directory, options.scenario, options.seed, keep=options.record is not None)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: rig.stop())
+    signal.signal(signal.SIGUSR1, lambda *_: rig.replug_board())
+    signal.signal(signal.SIGUSR2, lambda *_: rig.replug_trackpad())
     print(f"ready {rig.t_start_s}", flush=True)
     try:
-        rig.serve()
+        rig.serve(sys.stdin.fileno() if options.owned else None)
     finally:
         rig.close()
     if options.record is not None:

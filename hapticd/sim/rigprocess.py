@@ -27,11 +27,15 @@ class RigProcess:
             scenario,
             "--seed",
             str(seed),
+            "--owned",
         ]
         if record is not None:
             command += ["--record", str(record)]
-        # Its own session: a Ctrl-C meant for the daemon must not unplug the hardware first.
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        # Its own session: a Ctrl-C meant for the daemon must not unplug the hardware first. The pipe to its input ends
+        # with this process however that ends, and the rig with it.
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
         assert self.process.stdout is not None
         told = self.process.stdout.readline().split()
         if len(told) != 2 or told[0] != "ready":
@@ -53,6 +57,7 @@ class RigProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        if self.process.stdout is not None:
-            self.process.stdout.close()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                pipe.close()
         self._directory.cleanup()

@@ -16,7 +16,9 @@ from .fingers import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0
-LAND_S = 0.4  # fingers land after the handshake
+LAND_S = 0.4  # fingers land, and virtual ones are wanted, after the handshake
+LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is away in between
+SWAP_S = 4.0  # when the fingers of "swap" change their roles
 SPEED_MM_S = 100.0  # the paper's 10 cm/s
 STEP_S = 1.0
 STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
@@ -25,7 +27,10 @@ STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps 
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """One finger: where it is (or, virtual, where the client says it is), and what it wants from which instant on."""
+    """One finger: where it is (or, virtual, where the client says it is), and what it wants from which instant on.
+
+    `wants_um` holds (start_s, amplitude_um) in the order of time.
+    """
 
     wants_um: tuple[tuple[float, float], ...]
     path: Path | None = None
@@ -36,6 +41,14 @@ class Actor:
         starts = np.array([start_s for start_s, _ in self.wants_um])
         levels = np.array([np.nan, *(level_um for _, level_um in self.wants_um)])
         return levels[np.searchsorted(starts, t_s, side="right")]
+
+    def wants_at_um(self, t_s: float) -> float | None:
+        """The same at one instant; None before the first want."""
+        wanted = None
+        for start_s, level_um in self.wants_um:
+            if start_s <= t_s:
+                wanted = level_um
+        return wanted
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +62,7 @@ class Scenario:
 
 
 def _always(amplitude_um: float) -> tuple[tuple[float, float], ...]:
-    return ((0.0, amplitude_um),)
+    return ((LAND_S, amplitude_um),)
 
 
 def _landed(path: Path) -> Touch:
@@ -85,13 +98,17 @@ def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
 
 
 def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """The fingers cross close to each other; one lifts and lands again; half-way their roles change."""
+    """The fingers pass each other as near as two fingertips can; one lifts and lands again; half-way their roles
+    change."""
     del seed
-    over = Line((-45.0, -6.0), (45.0, 6.0), speed_mm_s)
-    under = Line((45.0, -6.0), (-45.0, 6.0), speed_mm_s)
+    over = Line((-45.0, -12.0), (45.0, -9.0), speed_mm_s)
+    under = Line((45.0, -30.0), (-45.0, -27.0), speed_mm_s)
     return (
-        Actor(((0.0, SLIPPERY_UM), (4.0, STICKY_UM)), path=_landed(over)),
-        Actor(((0.0, STICKY_UM), (4.0, SLIPPERY_UM)), path=Touches((Touch(under, LAND_S, 2.5), Touch(under, 3.0)))),
+        Actor(((LAND_S, SLIPPERY_UM), (SWAP_S, STICKY_UM)), path=_landed(over)),
+        Actor(
+            ((LAND_S, STICKY_UM), (SWAP_S, SLIPPERY_UM)),
+            path=Touches((Touch(under, LAND_S, LIFT_S), Touch(under, LAND_AGAIN_S))),
+        ),
     )
 
 
@@ -115,15 +132,15 @@ def _two_virtual(
 
 
 def _paper_figure_10(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Two imposed positions that keep clear of singular ones."""
+    """Two imposed positions that keep clear of singular ones: no reference comes near its limit."""
     del seed
-    return _two_virtual(((-40.5, 6.5), (-13.5, 6.5)), ((6.5, -40.5), (6.5, -13.5)), 0.3 * speed_mm_s)
+    return _two_virtual(((6.0, -47.0), (-47.0, -1.0)), ((36.0, 17.0), (-14.0, -32.0)), 0.3 * speed_mm_s)
 
 
 def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Two imposed positions that pass through singular ones."""
+    """Two imposed positions that pass seven singular ones each way, for a quarter of the time at the limits."""
     del seed
-    return _two_virtual(((-50.0, -30.0), (50.0, 20.0)), ((40.0, 45.0), (-45.0, -25.0)), 0.5 * speed_mm_s)
+    return _two_virtual(((-46.0, 9.0), (21.0, -24.0)), ((-41.0, 30.0), (-40.0, -45.0)), 0.3 * speed_mm_s)
 
 
 def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
@@ -143,8 +160,8 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario(
             "virtual-finger", "the paper's study: a finger explores, a virtual one is sticky", 10.0, _virtual_finger
         ),
-        Scenario("paper-figure-10", "two virtual fingers, references within the limits", 4.0, _paper_figure_10),
-        Scenario("paper-figure-11", "two virtual fingers, references at the limits", 6.0, _paper_figure_11),
+        Scenario("paper-figure-10", "two virtual fingers, references within the limits", 5.0, _paper_figure_10),
+        Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
     )
 }

@@ -44,13 +44,15 @@ def score(
         leak_um=_rms(got_um[still]),
         slip_error_um=_rms(got_um[slipping] - target_um[slipping]),
         slip_frac=float(np.mean(got_um[slipping] / target_um[slipping])) if slipping.any() else float("nan"),
-        limited_frac=float(np.mean(limited)),
+        limited_frac=float(np.mean(limited)) if limited.size else float("nan"),
         largest_reference_um=float(np.abs(reference_um).max(initial=0.0)),
     )
 
 
 def settled(t_s: npt.NDArray[np.float64], target_um: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Where a finger counts (T,N): its target was the same for the last SETTLE_S."""
+    if len(t_s) < 2:
+        return np.zeros(target_um.shape, dtype=bool)
     steps = round(SETTLE_S / (t_s[1] - t_s[0]))
     changed = np.ones(target_um.shape, dtype=bool)
     changed[1:] = target_um[1:] != target_um[:-1]  # NaN differs from itself, so an absent finger never settles

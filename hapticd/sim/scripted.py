@@ -12,6 +12,7 @@ from .scenarios import Actor
 
 TTL_NS = 500_000_000
 REFRESH_S = 0.15
+ABSENT_MM = 1e9  # how far an actor that is not on the plate is from any finger: still nearer than a virtual one
 
 
 def virtual_name(actor: int) -> str:
@@ -49,8 +50,8 @@ class ScriptedClient:
         targets: dict[int | str, Target] = {}
         keys: list[int | str] = [*self._virtuals, *(finger_id for finger_id, _, _ in fingers)]
         for key in keys:
-            amplitude_um = float(self._actors[self.actor_of[key]].target_um(np.array([t_s]))[0])
-            if math.isfinite(amplitude_um):
+            amplitude_um = self._actors[self.actor_of[key]].wants_at_um(t_s)
+            if amplitude_um is not None:
                 targets[key] = AmplitudeTarget(amplitude_um)
         if targets == self._last and t_s - self._t_last_s < REFRESH_S:
             return None
@@ -64,6 +65,6 @@ class ScriptedClient:
                 return math.inf
             position = path.position_mm(np.array([t_s]))[0]
             away_mm = math.hypot(position[0] - x_mm, position[1] - y_mm)
-            return away_mm if math.isfinite(away_mm) else 1e9
+            return away_mm if math.isfinite(away_mm) else ABSENT_MM
 
         return min(range(len(self._actors)), key=distance_mm)

@@ -1,0 +1,262 @@
+"""The conversation with the board, in values and virtual time: who is greeted, what is sent when, what is booked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from hapticd.core.limits import silence
+from hapticd.core.session import SILENT_AFTER_NS, BoardSession
+from hapticd.values import (
+    BoardCommand,
+    BoardHello,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    HelloRequest,
+    KeepAlive,
+    ReferenceFrame,
+    SelectController,
+    Tick,
+    TimeRequest,
+)
+
+MS = 1_000_000
+START_NS = 50_000_000_000
+BOARD_OFFSET_US = 7_000_000  # the board's clock shows this at START_NS
+LINK_NS = 4 * MS
+
+HELLO = BoardHello(
+    protocol_version=1,
+    protocol_hash=1,
+    firmware_version="1.2",
+    boot_id=5,
+    modes=2,
+    control_hz=2000.0,
+    drive_hz=29205.0,
+    deadman_ms=50,
+    w_limit_um=(4.0, 4.0),
+    v_limit_v=150.0,
+)
+STATUS = BoardStatus(
+    t_board_us=0,
+    state=BoardState.LIVE,
+    seq=0,
+    t_received_us=0,
+    t_applied_us=0,
+    applied=False,
+    saturated=False,
+    limited=False,
+    fault_code=0,
+    deadman_trips=0,
+    bad_frames=0,
+    late_frames=0,
+    measured_um=(0j, 0j),
+    voltage_v=(0j, 0j),
+)
+
+
+def board_us(t_ns: int) -> int:
+    return BOARD_OFFSET_US + (t_ns - START_NS) // 1000
+
+
+class Bench:
+    """A session and the instant it is at."""
+
+    def __init__(self) -> None:
+        self.session = BoardSession(link_start_ns=5 * MS, controller="pi")
+        self.t_ns = START_NS
+
+    def time_answer(self, request: TimeRequest) -> None:
+        """The board answers a time request over a link of LINK_NS each way."""
+        self.t_ns += 2 * LINK_NS
+        t_us = board_us(self.t_ns - LINK_NS)
+        self.session.receive_time(BoardTime(request.t_host_ns, t_us, t_us), self.t_ns)
+
+    def say(self, state: BoardState = BoardState.LIVE, **fields: object) -> None:
+        self.session.receive_status(replace(STATUS, state=state, **fields), self.t_ns)  # type: ignore[arg-type]
+
+    def met(self, hello: BoardHello = HELLO) -> Bench:
+        """Link, greeting, clock, first status."""
+        assert self.session.link_up(self.t_ns) == [HelloRequest()]
+        self.know(self.session.receive_hello(hello, self.t_ns))
+        self.say()
+        return self
+
+    def know(self, commands: list[BoardCommand]) -> None:
+        while not self.session.ready:
+            for command in commands:
+                if isinstance(command, TimeRequest):
+                    self.time_answer(command)
+            self.t_ns += 10 * MS
+            commands = self.session.timer(self.t_ns)
+
+    def send(self) -> list[BoardCommand]:
+        drive = silence(self.t_ns + 5 * MS, 2)
+        return self.session.reference(drive, Tick(self.t_ns, 11 * MS, 16 * MS, drive, (), False), self.t_ns)
+
+    def run(self, span_ns: int, every_ns: int = 10 * MS) -> list[tuple[int, BoardCommand]]:
+        said = []
+        for _ in range(span_ns // every_ns):
+            self.t_ns += every_ns
+            said += [(self.t_ns, command) for command in self.session.timer(self.t_ns)]
+        return said
+
+
+def test_without_a_link_nothing_is_said() -> None:
+    bench = Bench()
+    assert bench.run(1000 * MS) == []
+    assert bench.send() == []
+
+
+def test_a_board_that_does_not_answer_is_greeted_four_times_a_second() -> None:
+    bench = Bench()
+    assert bench.session.link_up(bench.t_ns) == [HelloRequest()]
+    said = bench.run(1000 * MS)
+    assert [command for _, command in said] == [HelloRequest()] * 4
+    assert not bench.session.ready
+
+
+def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_clock_is_known() -> None:
+    bench = Bench()
+    bench.session.link_up(bench.t_ns)
+    said = bench.session.receive_hello(HELLO, bench.t_ns)
+    assert said == [SelectController("pi"), TimeRequest(bench.t_ns)]
+    assert not bench.session.ready
+    assert bench.send() == []
+    bench.know(said)
+    assert bench.session.ready
+    (frame,) = bench.send()
+    assert isinstance(frame, ReferenceFrame)
+    assert frame.t_apply_us == pytest.approx(board_us(bench.t_ns + 5 * MS), abs=2)
+
+
+@pytest.mark.parametrize("phase_ms", range(10))
+def test_while_a_reference_stands_the_board_hears_something_every_twenty_milliseconds(phase_ms: int) -> None:
+    bench = Bench().met()
+    bench.t_ns += phase_ms * MS
+    bench.send()
+    t_sent_ns = bench.t_ns
+    bench.t_ns -= phase_ms * MS
+    said = []
+    for _ in range(40):
+        bench.say()
+        said += bench.run(10 * MS)
+    lives = [t_sent_ns, *(t_ns for t_ns, command in said if isinstance(command, KeepAlive))]
+    gaps_ns = [after - before for before, after in pairwise(lives)]
+    assert max(gaps_ns[1:]) == 20 * MS
+    assert gaps_ns[0] <= 22.5 * MS
+    assert min(gaps_ns) >= 12.5 * MS  # no oftener than it must
+
+
+def test_a_quiet_board_is_sent_zero_frames_until_it_trusts_its_host() -> None:
+    bench = Bench().met()
+    bench.say(BoardState.QUIET)
+    frames = [command for _, command in bench.run(60 * MS) if isinstance(command, ReferenceFrame)]
+    assert len(frames) == 3
+    assert [frame.seq for frame in frames] == [1, 2, 3]
+    assert not any(any(knot.modal_um) for frame in frames for knot in frame.drive.knots)
+    bench.say(BoardState.LIVE)
+    assert not any(isinstance(command, ReferenceFrame) for _, command in bench.run(60 * MS))
+
+
+def test_zero_frames_never_come_between_references() -> None:
+    bench = Bench().met()
+    for _ in range(20):
+        bench.say(BoardState.QUIET)
+        bench.send()
+        said = [command for _, command in bench.run(11 * MS, 1 * MS)]
+        assert not any(isinstance(command, ReferenceFrame) for command in said)
+
+
+def test_a_silent_board_is_forgotten_and_greeted_until_it_answers() -> None:
+    bench = Bench().met()
+    bench.run(SILENT_AFTER_NS)
+    assert bench.session.ready
+    said = [command for _, command in bench.run(1000 * MS)]
+    assert set(said) == {HelloRequest()}
+    assert not bench.session.ready
+    assert bench.session.status is None
+    bench.session.receive_hello(HELLO, bench.t_ns)
+    assert bench.session.ready  # the same boot: its clock is still the same
+    assert bench.session.reboots == 0
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_board_that_rebooted_has_another_clock_however_that_was_noticed(silent: bool) -> None:
+    bench = Bench().met()
+    if silent:
+        bench.run(SILENT_AFTER_NS + 100 * MS)
+    said = bench.session.receive_hello(replace(HELLO, boot_id=6), bench.t_ns)
+    assert bench.session.reboots == 1
+    assert not bench.session.ready
+    assert bench.send() == []
+    bench.know(said)
+    assert bench.session.ready
+
+
+def test_a_pulled_plug_forgets_the_board_and_the_next_one_is_no_reboot() -> None:
+    bench = Bench().met()
+    bench.session.link_down()
+    assert (bench.session.hello, bench.session.status, bench.session.ready) == (None, None, False)
+    assert bench.run(500 * MS) == []
+    bench.met(replace(HELLO, boot_id=9))
+    assert bench.session.ready
+    assert bench.session.reboots == 0
+
+
+def test_who_was_not_accepted_is_not_believed() -> None:
+    bench = Bench()
+    bench.session.link_up(bench.t_ns)
+    bench.say(BoardState.FAULT, fault_code=3)
+    assert bench.session.status is None
+    assert bench.session.fault_code == 0
+
+
+def test_a_latched_fault_has_its_code_and_other_states_have_none() -> None:
+    bench = Bench().met()
+    bench.say(BoardState.QUIET, fault_code=3)
+    assert bench.session.fault_code == 0
+    bench.say(BoardState.FAULT, fault_code=3)
+    assert bench.session.fault_code == 3
+
+
+def test_an_applied_frame_is_booked_once_with_its_delays() -> None:
+    bench = Bench().met()
+    for _ in range(10):
+        (frame,) = bench.send()
+        assert isinstance(frame, ReferenceFrame)
+        t_sent_ns = bench.t_ns
+        bench.t_ns += 20 * MS
+        applied = {
+            "seq": frame.seq,
+            "t_received_us": board_us(t_sent_ns + 3 * MS),
+            "t_applied_us": board_us(t_sent_ns + 7 * MS),
+        }
+        bench.say(**applied)  # accepted, its first knot still to come
+        bench.say(**applied, applied=True)
+        bench.say(**applied, applied=True)
+    assert len(bench.session.ledger) == 10
+    line = bench.session.ledger[-1]
+    assert (line.age_ns, line.horizon_ns) == (11 * MS, 16 * MS)
+    assert line.link_ns == pytest.approx(3 * MS, abs=5000)
+    assert line.late_ns == pytest.approx(2 * MS, abs=5000)
+    assert bench.session.latency.link_ns == pytest.approx(3 * MS, abs=5000)
+
+
+def test_frames_that_are_never_acknowledged_are_forgotten_after_a_second() -> None:
+    bench = Bench().met()
+    for _ in range(300):
+        bench.t_ns += 11 * MS
+        bench.say()
+        bench.send()
+    assert len(bench.session._in_flight) <= SILENT_AFTER_NS // (11 * MS) + 2
+
+
+def test_numbers_wrap_as_on_the_wire() -> None:
+    bench = Bench().met()
+    bench.session._seq = 0xFFFE
+    seqs = [frame.seq for _ in range(3) for frame in bench.send() if isinstance(frame, ReferenceFrame)]
+    assert seqs == [0xFFFF, 0, 1]

@@ -1,0 +1,138 @@
+"""A run's figures, its table and its file."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.errors import HapticdError
+from hapticd.sim import lockstep, report
+from hapticd.sim.lockstep import Run
+
+
+@pytest.fixture(scope="module")
+def circles() -> Run:
+    return lockstep.run("circles", seed=2, seconds=2.0)
+
+
+@pytest.fixture(scope="module")
+def told(circles: Run) -> dict[str, object]:
+    return report.figures(circles)
+
+
+def plain(value: object) -> bool:
+    """Nothing but what JSON has, and no NaN."""
+    if isinstance(value, dict):
+        return all(type(key) is str and plain(item) for key, item in value.items())
+    if isinstance(value, list):
+        return all(plain(item) for item in value)
+    return value is None or type(value) in (str, int, bool) or (type(value) is float and math.isfinite(value))
+
+
+def test_figures_are_plain_json_without_nan(told: dict[str, object]) -> None:
+    assert plain(told)
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_figures_set_the_run_beside_the_papers_scheme_and_perfect_knowledge(
+    circles: Run, told: dict[str, dict[str, float]]
+) -> None:
+    paper = lockstep.run("circles", settings=lockstep.paper(circles.settings), seed=2, seconds=2.0)
+
+    assert told["hapticd"]["leak_um"] == circles.score.leak_um
+    assert told["paper"]["leak_um"] == paper.score.leak_um
+    assert told["leak_ratio"] == pytest.approx(paper.score.leak_um / circles.score.leak_um)
+    assert told["perfect"]["leak_um"] < told["hapticd"]["leak_um"] < told["paper"]["leak_um"]
+    assert (told["scenario"], told["seed"], told["seconds"]) == ("circles", 2, 2.0)
+    assert told["status"] == circles.status
+
+
+def test_alone_there_is_no_comparison(circles: Run) -> None:
+    alone = report.figures(circles, compare=False)
+
+    assert {"paper", "perfect", "leak_ratio", "step"}.isdisjoint(alone)
+
+
+def test_a_figure_without_meaning_is_null() -> None:
+    nobody_landed = report.figures(lockstep.run("rest", seconds=0.3))
+
+    assert plain(nobody_landed)
+    assert nobody_landed["hapticd"]["leak_um"] is None
+    assert "leak_ratio" not in nobody_landed
+    assert "-" in report.table(nobody_landed)
+
+
+def test_the_step_s_numbers_are_there_once_the_step_is_over() -> None:
+    early, late = (report.figures(lockstep.run("step", seconds=seconds), compare=False) for seconds in (1.1, 1.5))
+
+    assert "step" not in early
+    assert plain(late)
+    assert 0.5 <= late["step"]["settling_ms"] <= 10.0
+    assert "settles in" in report.table(late)
+
+
+def test_the_table_has_a_line_for_each_scheme(told: dict[str, object]) -> None:
+    lines = report.table(told).splitlines()
+
+    assert [line.split()[0] for line in lines[1:4]] == ["hapticd", "paper", "perfect"]
+    assert len({len(line) for line in lines[:4]}) == 1
+    assert lines[4].startswith("the paper's scheme leaks")
+
+
+# --- the step response, on steps that are known -------------------------------------------------------------------
+
+T_S = (np.arange(4000) + 1) / 2000.0
+
+
+def first_order(tau_s: float, final_um: complex, delay_s: float = 0.0) -> np.ndarray:
+    since_s = np.maximum(T_S - 1.0 - delay_s, 0.0)
+    return final_um * (1.0 - np.exp(-since_s / tau_s))
+
+
+@pytest.mark.parametrize("final_um", [1.0, -1.0, 0.25])
+@pytest.mark.parametrize("delay_s", [0.0, 0.006])
+def test_settling_is_from_one_to_ninety_eight_per_cent_whatever_the_delay_and_the_sign(
+    final_um: float, delay_s: float
+) -> None:
+    tau_s = 0.01
+    told = report.step_response(T_S, first_order(tau_s, final_um, delay_s), t_step_s=1.0)
+
+    assert told["final_um"] == pytest.approx(final_um)
+    assert told["settling_ms"] == pytest.approx(tau_s * math.log(50.0) * 1e3, abs=1.0)
+    assert told["overshoot_frac"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_overshoot_and_quadrature_are_told() -> None:
+    w_um = first_order(0.002, 1.0)
+    w_um = w_um + 0.2 * (w_um > 0) * np.exp(-np.maximum(T_S - 1.0, 0.0) / 0.02) * w_um + 0j
+    w_um[2100] += 0.05j
+
+    told = report.step_response(T_S, w_um, t_step_s=1.0)
+
+    assert 0.1 < told["overshoot_frac"] < 0.2
+    assert told["largest_q_um"] == pytest.approx(0.05)
+    assert told["settling_ms"] == pytest.approx(0.02 * math.log(10.0) * 1e3, abs=2.0)
+
+
+# --- the file -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["circles.npz", "circles"])
+def test_the_file_holds_the_same_arrays_under_the_given_name(circles: Run, tmp_path: Path, name: str) -> None:
+    report.save(circles, tmp_path / name)
+
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    with np.load(tmp_path / name) as file:
+        assert sorted(file.files) == sorted(report.ARRAYS)
+        for array in report.ARRAYS:
+            np.testing.assert_array_equal(file[array], getattr(circles, array))
+            assert file[array].dtype == getattr(circles, array).dtype
+
+
+def test_a_file_that_cannot_be_written_is_a_sentence(circles: Run, tmp_path: Path) -> None:
+    with pytest.raises(HapticdError, match=r"arrays cannot be written to .*No such file or directory"):
+        report.save(circles, tmp_path / "nowhere" / "circles.npz")

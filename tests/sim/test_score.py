@@ -1,0 +1,119 @@
+"""The measure on runs whose figures are known by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from hapticd.sim.score import SETTLE_S, Score, score, settled
+
+T_S = (np.arange(2000) + 1) / 2000.0
+SETTLE_TICKS = 200
+
+
+def judge(target_um: np.ndarray, truth_um: np.ndarray, **arrays: np.ndarray) -> Score:
+    quiet = np.zeros((len(T_S), 2), dtype=np.complex128)
+    reference_um = arrays.get("reference_um", quiet)
+    limited = arrays.get("limited", np.zeros(len(T_S), dtype=bool))
+    return score(T_S, target_um, truth_um.astype(np.complex128), reference_um, limited)
+
+
+def constant(*values: float) -> np.ndarray:
+    return np.tile(values, (len(T_S), 1))
+
+
+def test_leak_is_the_rms_of_what_the_still_finger_gets_whatever_its_phase() -> None:
+    turning = 0.3 * np.exp(2j * np.pi * 7.0 * T_S)
+    truth_um = np.stack((constant(1.0)[:, 0], turning), axis=1)
+
+    assert judge(constant(1.0, 0.0), truth_um).leak_um == pytest.approx(0.3)
+
+
+def test_leak_is_a_root_mean_square_and_over_all_still_fingers() -> None:
+    truth_um = constant(0.3, 0.1)
+    truth_um[::2, 0] = 0.0
+
+    leak_um = judge(constant(0.0, 0.0), truth_um).leak_um
+
+    assert leak_um == pytest.approx(math.sqrt((0.3**2 / 2 + 0.1**2) / 2))
+
+
+def test_slip_counts_the_others_and_neither_sign_nor_phase() -> None:
+    judged = judge(constant(1.0, 2.0, 0.0), constant(-0.8, 2.4j, 0.5))
+
+    assert judged.slip_error_um == pytest.approx(math.sqrt((0.2**2 + 0.4**2) / 2))
+    assert judged.slip_frac == pytest.approx((0.8 + 1.2) / 2)
+    assert judged.leak_um == pytest.approx(0.5)
+
+
+def test_a_finger_counts_from_a_tenth_of_a_second_after_it_landed() -> None:
+    target_um = constant(0.0)
+    target_um[:500] = np.nan
+
+    counts = settled(T_S, target_um)[:, 0]
+
+    assert round(SETTLE_S * 2000) == SETTLE_TICKS
+    assert np.flatnonzero(counts)[0] == 500 + SETTLE_TICKS
+    assert counts[500 + SETTLE_TICKS :].all()
+
+
+def test_a_new_target_is_judged_a_tenth_of_a_second_later_and_only_for_its_own_finger() -> None:
+    target_um = constant(1.0, 0.0)
+    target_um[1000:, 0] = 0.5
+
+    counts = settled(T_S, target_um)
+
+    np.testing.assert_array_equal(np.flatnonzero(~counts[:, 0]), [*range(SETTLE_TICKS), *range(1000, 1200)])
+    np.testing.assert_array_equal(np.flatnonzero(~counts[:, 1]), np.arange(SETTLE_TICKS))
+
+
+def test_what_happens_before_a_finger_counts_costs_nothing() -> None:
+    target_um, truth_um = constant(0.0), constant(0.0)
+    truth_um[:SETTLE_TICKS] = 9.0
+
+    assert judge(target_um, truth_um).leak_um == 0.0
+
+
+def test_a_lifted_finger_does_not_count_and_its_nan_harms_nobody() -> None:
+    target_um, truth_um = constant(0.0, 1.0), constant(0.2, 1.0)
+    target_um[700:900, 0] = truth_um[700:900, 0] = np.nan
+    truth_um[900 : 900 + SETTLE_TICKS, 0] = 7.0
+
+    judged = judge(target_um, truth_um)
+
+    assert judged.leak_um == pytest.approx(0.2)
+    assert judged.slip_error_um == 0.0
+
+
+def test_where_nobody_is_judged_figures_are_nan_and_nothing_is_raised() -> None:
+    judged = judge(constant(np.nan, np.nan), constant(np.nan, np.nan))
+
+    assert [name for name, value in asdict(judged).items() if math.isnan(value)] == [
+        "leak_um",
+        "slip_error_um",
+        "slip_frac",
+    ]
+    assert judged.limited_frac == 0.0
+
+
+def test_limits_and_the_largest_reference_count_from_the_first_instant() -> None:
+    reference_um = np.zeros((len(T_S), 2), dtype=np.complex128)
+    reference_um[0] = (-3.0j, 3.0 + 4.0j)
+
+    judged = judge(constant(1.0), constant(1.0), reference_um=reference_um, limited=np.arange(len(T_S)) < 500)
+
+    assert judged.largest_reference_um == 5.0
+    assert judged.limited_frac == 0.25
+
+
+@pytest.mark.parametrize("ticks", [0, 1])
+def test_hardly_any_run_at_all_has_no_figures_and_raises_nothing(ticks: int) -> None:
+    nothing = np.zeros((ticks, 2), dtype=np.complex128)
+
+    judged = score(T_S[:ticks], np.zeros((ticks, 2)), nothing, nothing, np.zeros(ticks, dtype=bool))
+
+    assert math.isnan(judged.leak_um)
+    assert judged.largest_reference_um == 0.0
