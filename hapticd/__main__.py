@@ -36,6 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_run(commands)
     _add_simulate(commands)
+    _add_bench(commands)
     _add_doctor(commands)
     return parser
 
@@ -144,6 +145,30 @@ def _simulate(options: argparse.Namespace) -> None:
         from .sim import picture
 
         picture.draw_run(played, options.plot)
+
+
+# --- bench ------------------------------------------------------------------------------------------------------
+
+
+def _add_bench(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "bench",
+        "compare the choices on a touch's path, error against run time",
+        "hapticd bench all --json bench.json --plot bench.png",
+    )
+    parts = ("modes", "prediction", "solver", "tick", "leak", "firmware", "all")
+    parser.add_argument("part", nargs="?", choices=parts, default="all", metavar="PART", help=f"{', '.join(parts)}")
+    parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
+    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw error against run time")
+    parser.set_defaults(command=_bench)
+
+
+def _bench(options: argparse.Namespace) -> None:
+    from .bench import suite
+
+    suite.run(options.part, seconds=options.seconds, json_file=options.json, plot=options.plot)
 
 
 # --- doctor -----------------------------------------------------------------------------------------------------

@@ -138,7 +138,7 @@ def sample_cartography(
 def _free_plate_fit(
     size_mm: tuple[float, float], wave_rad_mm: float, x_mm: FloatArray, y_mm: FloatArray, values: FloatArray
 ) -> tuple[FreePlateModes, Smoothed] | None:
-    """None where theory has no modes for this plate, would take long, or has more modes than the scan can tell apart."""
+    """None where theory has no modes for this plate, would take long, or has more than the scan can tell apart."""
     if wave_rad_mm * max(size_mm) > _MOST_THEORY_RAD:
         return None
     try:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from hapticd.bench.firmware import Phasors, follow, new_board, one_um_step, settling_ms, step, tracking_rms_um
 from hapticd.sim.board import (
     FLAG_SATURATED,
     Board,
@@ -17,63 +15,8 @@ from hapticd.sim.board import (
     reference_decay_1_s,
     reference_gain_um_per_v_s,
 )
-from hapticd.values import BoardStatus, Knot, LimitReason, SafeDrive
+from hapticd.values import BoardStatus
 from hapticd.wire import device
-
-Phasors = npt.NDArray[np.complex128]
-TICK_MS = 0.5
-
-
-def new_board(controller: str, quality: float = 500.0, damping: float = 1.0, detune_hz: float = 0.0) -> Board:
-    """A plate of this quality, known to the board but for `damping` and `detune_hz`."""
-    gain = reference_gain_um_per_v_s(quality)
-    config = BoardConfig(controller=controller, decay_1_s=reference_decay_1_s(quality), gain_um_per_v_s=(gain, gain))
-    model = PlateModel(
-        decay_1_s=damping * np.array(config.decay_1_s),
-        detuning_rad_s=np.array(config.detuning_rad_s) + 2 * np.pi * detune_hz,
-        gain_um_per_v_s=gain * np.eye(2),
-        sensor=np.eye(2),
-        noise_um=0.0006,
-        amplifier_limit_v=150.0,
-    )
-    return Board(model, config=config)
-
-
-def follow(
-    board: Board, knots_at: Callable[[float], list[tuple[float, Phasors]]], ticks: int, every: int
-) -> BoardTrace:
-    """Drives the board with what `knots_at` says at each frame's start (s): (ms after it, amplitudes)."""
-    trace = BoardTrace(ticks, 2, 2)
-    seq = 0
-    for tick in range(0, ticks, every):
-        knots = tuple(Knot(round(ms * 1e6), tuple(w)) for ms, w in knots_at(board.t_us * 1e-6))
-        for _ in range(3 if tick == 0 else 1):
-            board.receive(device.encode_reference(seq, SafeDrive(0, knots, LimitReason.NONE), board.t_us))
-            seq += 1
-        rows = min(every, ticks - tick)
-        board.run(rows, np.zeros((rows, 0, 2)), np.zeros((rows, 0)), trace, tick)
-    return trace
-
-
-def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
-    """What the plate does from the tick of the step on."""
-
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
-        return [(0.0, to_um if t_s > 0.0999 else from_um)]
-
-    return follow(board, knots, 400, 20).plate_um[200:]
-
-
-def settling_ms(w_um: Phasors, target_um: complex) -> float:
-    """Time after which the amplitude stays within 2 %."""
-    outside = np.flatnonzero(np.abs(w_um - target_um) > 0.02 * abs(target_um))
-    return 0.0 if len(outside) == 0 else float(outside[-1] + 2) * TICK_MS
-
-
-def one_um_step(controller: str, **plate: float) -> tuple[float, float, float]:
-    """Settling (ms), overshoot and largest W_q (fractions) of a step of W_d from 0 to 1000 nm, W_q held at 0."""
-    w_um = step(new_board(controller, **plate), np.zeros(2, complex), np.array([1 + 0j, 0]))[:, 0]
-    return settling_ms(w_um, 1.0), float(w_um.real.max()) - 1, float(np.abs(w_um.imag).max())
 
 
 def test_the_default_law_settles_a_micrometre_in_under_three_ms() -> None:
@@ -116,19 +59,6 @@ def test_a_step_keeps_the_node_under_a_still_finger() -> None:
     }
     assert leak_um["pi_ff"] < 0.004
     assert leak_um["pi"] > 0.1  # each mode goes its own way there
-
-
-def tracking_rms_um(controller: str, f_hz: float) -> float:
-    """Sinusoids of 3 um as of fingers that cross the waves, sent as polylines of 3 ms knots 90 times a second."""
-
-    def amplitudes(t_s: float) -> Phasors:
-        return 3 * np.array([np.sin(2 * np.pi * f_hz * t_s), np.cos(1.6 * np.pi * f_hz * t_s)]) + 0j
-
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
-        return [(ms, amplitudes(t_s + ms * 1e-3)) for ms in range(0, 18, 3)]
-
-    trace = follow(new_board(controller), knots, 1600, 22)
-    return float(np.sqrt(np.mean(np.abs(trace.plate_um - trace.reference_um)[200:] ** 2)))
 
 
 @pytest.mark.parametrize("f_hz", [2.0, 10.0, 15.0])

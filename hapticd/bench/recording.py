@@ -1,0 +1,123 @@
+"""What the daemon's machine hears in a lock-step run, to be played to other machines as often as one likes.
+
+The machine takes time as an argument, so the same calls make it do the same work: alternatives are timed on exactly
+the same reports, board messages and targets, without the simulated plate between them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ..config import Config
+from ..core.modes import ModeShapes
+from ..machine import Machine
+from ..sim.lockstep import T_START_NS, Settings, Simulation
+from ..sim.plate import PlateTruth
+from ..sim.scenarios import Actor
+
+LANDED_NS = T_START_NS + 800_000_000  # fingers are down, the board trusts the host
+_CALLS = ("trackpad_link", "board_link", "want", "board_bytes", "timer", "reports")
+
+Publish = Callable[[bytes], None]
+Now = Callable[[], int]
+WaitUntil = Callable[[int], None]
+
+
+class Call(NamedTuple):
+    """One call of the machine, the instant given to it last."""
+
+    name: str
+    arguments: tuple[Any, ...]
+
+    @property
+    def t_ns(self) -> int:
+        """When it was made, in virtual time."""
+        return int(self.arguments[-1])
+
+
+class Recording(NamedTuple):
+    """A run as its machine heard it; `timed` is the call that makes the passes to be timed."""
+
+    calls: tuple[Call, ...]
+    timed: str
+    modes: ModeShapes
+
+    def is_timed(self, call: Call) -> bool:
+        """A pass that counts: made once everything has settled."""
+        return call.name == self.timed and call.t_ns >= LANDED_NS
+
+
+def record(
+    actors: tuple[Actor, ...],
+    *,
+    settings: Settings | None = None,
+    seed: int = 1,
+    seconds: float,
+    timed: str = "reports",
+) -> Recording:
+    """Play the actors in virtual time, and keep what the machine was told."""
+    settings = Settings() if settings is None else settings
+    simulation = Simulation(actors, settings, seed)
+    calls: list[Call] = []
+    for name in _CALLS:
+        setattr(simulation.machine, name, _noted(calls, name, getattr(simulation.machine, name)))
+    simulation.run(seconds)
+    return Recording(tuple(calls), timed, PlateTruth(settings.plate).cartography(seed))
+
+
+def new_machine(recording: Recording, config: Config | None = None, publish: Publish | None = None) -> Machine:
+    """A machine that has heard nothing yet; what it writes to its board is thrown away."""
+    config = Config() if config is None else config
+    return Machine(config, recording.modes, write_board=lambda _: True, publish=publish)
+
+
+def play(
+    recording: Recording,
+    machine: Machine,
+    *,
+    before: Callable[[], None] | None = None,
+    after: Callable[[], None] | None = None,
+    wait_until: WaitUntil | None = None,
+    limit: int | None = None,
+) -> list[float]:
+    """Let the machine hear it all, or up to `limit` passes that count. Returns how long each of these took, in us.
+
+    `before` and `after` are called around each of them; `wait_until` makes each wait for its time of the host's
+    clock, at the pace of the recording.
+    """
+    taken_us: list[float] = []
+    t_begin_ns, t_first_ns = time.monotonic_ns(), 0
+    for call in recording.calls:
+        if len(taken_us) == limit:
+            break
+        method = getattr(machine, call.name)
+        if not recording.is_timed(call):
+            method(*call.arguments)
+            continue
+        t_first_ns = t_first_ns or call.t_ns
+        if wait_until is not None:
+            wait_until(t_begin_ns + call.t_ns - t_first_ns)
+        if before is not None:
+            before()
+        t_start_ns = time.perf_counter_ns()
+        method(*call.arguments)
+        taken_us.append((time.perf_counter_ns() - t_start_ns) * 1e-3)
+        if after is not None:
+            after()
+    return taken_us
+
+
+def sleep_until(t_ns: int) -> None:
+    """Sleep until an instant of the host's monotonic clock, as a daemon does that waits for its next report."""
+    while (left_ns := t_ns - time.monotonic_ns()) > 0:
+        time.sleep(left_ns * 1e-9)
+
+
+def _noted(calls: list[Call], name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    def heard(*arguments: Any) -> Any:
+        calls.append(Call(name, arguments))
+        return method(*arguments)
+
+    return heard

@@ -1,0 +1,140 @@
+"""Modal amplitudes for two fingers: hapticd's solvers, its policies, and what a general library would do.
+
+Problems are random pairs of positions on the plate, shapes known exactly: what is told is the solver's own error. In
+half of them one finger is to slip at 1 um and one to stay still, in the others both slip, at 1 and at 0.6 um.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..core.solver import solve, solve_batch, solve_fast
+from ..sim.plate import DRIVEN_MODES, PlateTruth
+from .modes import HALF_SIZE_MM, W_LIMIT_UM
+from .tables import Table, finite_rows
+from .timing import REPEATS, compare, optional
+
+FloatArray = npt.NDArray[np.float64]
+Solver = Callable[[FloatArray, tuple[float, float]], FloatArray]  # phi (K, 2, 2), targets -> modal_um (K, 2)
+
+ONE_STILL, BOTH_SLIP = (1.0, 0.0), (1.0, 0.6)
+DEFAULT = "solve_fast"
+NOTHING_UM = 1e-9  # leaks below are rounding
+_RIDGE = 1e-9  # a quadratic programme's matrix must be definite
+
+
+def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Table:
+    """Compare solvers on `problems` of each kind; `timed` of the first kind are timed."""
+    points_mm = np.random.default_rng(11).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (2 * problems, 2, 2))
+    shapes = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    still_phi, slip_phi = shapes[:problems], shapes[problems:]
+    solvers, skipped = _alternatives()
+    times = compare(
+        {name: (partial(way, still_phi[:timed], ONE_STILL), min(timed, problems)) for name, way in solvers.items()},
+        repeats,
+    )
+    rows = []
+    for name, way in solvers.items():
+        still_um, both_um = way(still_phi, ONE_STILL), way(slip_phi, BOTH_SLIP)
+        got_um, got_both_um = _achieved_um(still_phi, still_um), _achieved_um(slip_phi, both_um)
+        figures = {
+            **times[name].figures(),
+            "leak_um": _rms(got_um[:, 1]),
+            "slip_error_um": _rms(got_um[:, 0] - ONE_STILL[0]),
+            "both_slip_error_um": _rms(got_both_um - np.array(BOTH_SLIP)),
+            "limits_broken_count": float(np.sum(np.abs(np.concatenate((still_um, both_um))) > W_LIMIT_UM)),
+        }
+        rows.append((name, figures))
+    return Table(
+        name="solver",
+        title="solver: 2 fingers, 2 modes, |W| at most 4 um; RMS errors on random pairs of positions",
+        default=DEFAULT,
+        rows=finite_rows(rows),
+        compared=("time_us", "slip_error_um"),
+        time="time_us",
+        error="leak_um",
+        floor=NOTHING_UM,
+        skipped=skipped,
+        notes=(
+            "leak, slip error: one finger still, one at 1 um; both slip error: at 1 and 0.6 um, where signs are free",
+            "limits broken: modal amplitudes above the limit, be it by the last bit",
+        ),
+    )
+
+
+def _alternatives() -> tuple[dict[str, Solver], dict[str, str]]:
+    ways: dict[str, Solver] = {
+        "solve_fast": _fast,
+        "solve_fast, keep_ratio": partial(_fast, policy="keep_ratio"),
+        "solve_fast, least_squares": partial(_fast, policy="least_squares"),
+        "solve_fast, paper": partial(_fast, policy="paper"),
+        "solve_fast, effort 0.02": partial(_fast, effort=0.02),
+        "solve": lambda phi, target_um: np.array([solve(one, target_um, W_LIMIT_UM).modal_um for one in phi]),
+        "solve_batch": lambda phi, target_um: solve_batch(phi, target_um, W_LIMIT_UM),
+        "numpy solve + clip": _numpy_clip,
+    }
+    skipped = {}
+    optimize, daqp = optional("scipy.optimize"), optional("daqp")
+    if optimize is None:
+        skipped["lsq_linear (bvls)"] = "scipy is not installed"
+    else:
+        ways["lsq_linear (bvls)"] = partial(_lsq_linear, optimize)
+    if daqp is None:
+        skipped["daqp"] = "daqp is not installed"
+    else:
+        ways["daqp"] = partial(_daqp, daqp)
+    return ways, skipped
+
+
+def _fast(
+    phi: FloatArray, target_um: tuple[float, float], *, policy: str = "keep_zero", effort: float = 0.0
+) -> FloatArray:
+    rows = [(tuple(first), tuple(second)) for first, second in phi.tolist()]
+    return np.array([solve_fast(pair, target_um, W_LIMIT_UM, None, policy, effort)[0] for pair in rows])
+
+
+def _numpy_clip(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
+    """What one writes first: the inverse, and each mode cut at its limit by itself."""
+    limit_um = np.array(W_LIMIT_UM)
+    return np.array([np.clip(np.linalg.solve(one, target_um), -limit_um, limit_um) for one in phi])
+
+
+def _lsq_linear(optimize: Any, phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
+    bounds = tuple(-limit for limit in W_LIMIT_UM), W_LIMIT_UM
+    return np.array([optimize.lsq_linear(one, target_um, bounds, method="bvls").x for one in phi])
+
+
+def _daqp(daqp: Any, phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
+    """A quadratic programme: still fingers are equalities, the others' squared errors are least, signs as given."""
+    still = np.array(target_um) == 0.0
+    limit_um = np.array(W_LIMIT_UM)
+    bounds_um = np.concatenate((limit_um, np.zeros(int(still.sum()))))
+    sense = np.array([0, 0, *[5] * int(still.sum())], np.int32)
+    wanted_um = np.array(target_um)[~still]
+    ridge = _RIDGE * np.eye(2)
+    solved = []
+    for one in phi:
+        slipping = one[~still]
+        answer = daqp.solve(
+            slipping.T @ slipping + ridge,
+            -slipping.T @ wanted_um,
+            np.ascontiguousarray(one[still]),
+            bounds_um.copy(),
+            -bounds_um,
+            sense.copy(),
+        )
+        solved.append(answer[0])
+    return np.array(solved)
+
+
+def _achieved_um(phi: FloatArray, modal_um: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(np.einsum("knm,km->kn", phi, modal_um)))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

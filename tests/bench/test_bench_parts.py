@@ -1,0 +1,179 @@
+"""Each part of the bench on small sizes: finite figures, and the orderings that do not hang on a clock."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+
+import pytest
+
+from hapticd.bench import firmware, leak, modes, prediction, solver, tick
+from hapticd.bench.recording import LANDED_NS, new_machine, play, record
+from hapticd.bench.stopwatch import STAGES, Stopwatch
+from hapticd.bench.tables import UNITS, Table, plain, render
+from hapticd.config import Config
+from hapticd.machine import Machine
+from hapticd.sim.scenarios import SCENARIOS
+
+PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
+    "modes": lambda: (modes.run(pairs=120, seeds=(1,), repeats=1, calls=5),),
+    "prediction": lambda: (prediction.run(seeds=(1, 2), seconds=2.0, repeats=1),),
+    "solver": lambda: (solver.run(problems=120, repeats=1, timed=5),),
+    "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
+    "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=SWAPS),),
+    "firmware": lambda: firmware.run(frequencies_hz=(10.0,), repeats=1, ticks=20),
+}
+SWAPS = ("predictor hold", "a single knot", "the paper's scheme")
+
+
+@cache
+def part(name: str) -> tuple[Table, ...]:
+    return PARTS[name]()
+
+
+def figure(table: Table, alternative: str, name: str) -> float:
+    return table.row(alternative).figures[name]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) -> None:
+    for table in part(name):
+        told = json.loads(json.dumps(plain(table), allow_nan=False))
+        assert told["alternatives"][table.default]
+        for figures in told["alternatives"].values():
+            for key, value in figures.items():
+                assert math.isfinite(value), key
+                assert key.endswith((*UNITS, "_ratio")), key
+        for compared in table.compared:
+            assert compared in table.row(table.default).figures
+        assert table.default in render(table)
+
+
+def test_nearest_neighbours_leak_most_and_the_fit_pays() -> None:
+    (table,) = part("modes")
+    leak_um = {row.name: row.figures["leak_um_per_um"] for row in table.rows}
+    assert leak_um["nearest, fitted map"] > 4 * leak_um[modes.DEFAULT]
+    assert leak_um["bicubic at, raw scan"] > 2 * leak_um[modes.DEFAULT]
+    assert leak_um["bicubic evaluate, fitted map"] == leak_um[modes.DEFAULT]
+    assert leak_um[modes.DEFAULT] <= leak_um["bilinear, fitted map"]
+
+
+def test_an_outside_spline_agrees_with_ours() -> None:
+    pytest.importorskip("scipy")
+    (table,) = part("modes")
+    outside = figure(table, "RectBivariateSpline, fitted map", "leak_um_per_um")
+    assert outside == pytest.approx(figure(table, modes.DEFAULT, "leak_um_per_um"), rel=0.02)
+
+
+def test_the_default_predictor_errs_least_on_every_motion() -> None:
+    (table,) = part("prediction")
+    for name in table.columns():
+        if name.endswith("_mm"):
+            errors_mm = {row.name: row.figures[name] for row in table.rows}
+            assert min(errors_mm, key=errors_mm.__getitem__) == "default", name
+    assert figure(table, "hold", "strokes_15ms_mm") > 5 * figure(table, "default", "strokes_15ms_mm")
+    assert figure(table, "default", "strokes_25ms_mm") > figure(table, "default", "strokes_15ms_mm")
+
+
+def test_our_solvers_agree_and_never_break_a_limit() -> None:
+    (table,) = part("solver")
+    ours = table.row("solve_fast").figures
+    for name in ("solve", "solve_batch"):
+        for key in ("leak_um", "slip_error_um", "both_slip_error_um"):
+            assert figure(table, name, key) == pytest.approx(ours[key], abs=1e-9)
+    assert all(row.figures["limits_broken_count"] == 0 for row in table.rows if row.name.startswith("solve"))
+    assert ours["leak_um"] < solver.NOTHING_UM
+
+
+def test_cutting_each_mode_at_its_limit_by_itself_leaks() -> None:
+    (table,) = part("solver")
+    assert figure(table, "numpy solve + clip", "leak_um") > 0.01
+    assert figure(table, "solve_fast", "both_slip_error_um") < figure(table, "numpy solve + clip", "both_slip_error_um")
+
+
+def test_a_general_solver_of_quadratic_programmes_finds_our_solution() -> None:
+    pytest.importorskip("daqp")
+    (table,) = part("solver")
+    assert figure(table, "daqp", "leak_um") < 1e-6
+    assert figure(table, "daqp", "slip_error_um") == pytest.approx(
+        figure(table, "solve_fast", "slip_error_um"), abs=1e-6
+    )
+
+
+def test_outside_references_that_are_missing_are_left_out_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (modes, solver):
+        monkeypatch.setattr(module, "optional", lambda _: None)
+    for table in (modes.run(pairs=5, seeds=(1,), repeats=1, calls=1), solver.run(problems=5, repeats=1, timed=1)):
+        assert table.skipped
+        assert not [row.name for row in table.rows if row.name.startswith(tuple(table.skipped))]
+        assert all(f"{name}: left out" in render(table) for name in table.skipped)
+
+
+def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge() -> None:
+    (table,) = part("leak")
+    leaks_um = {row.name: row.figures["leak_um"] for row in table.rows}
+    assert set(leaks_um) == {leak.DEFAULT, *SWAPS, leak.PERFECT}
+    assert leaks_um[leak.PERFECT] < leak.NOTHING_UM < leaks_um[leak.DEFAULT]
+    assert leaks_um["predictor hold"] > 3 * leaks_um[leak.DEFAULT]
+    assert leaks_um[leak.PAPER] > 4 * leaks_um[leak.DEFAULT]
+    assert leaks_um["a single knot"] > leaks_um[leak.DEFAULT]
+
+
+def test_every_alternative_of_the_leak_is_a_run_s_settings_of_its_own() -> None:
+    settings = leak.alternatives()
+    assert len(set(settings.values())) == len(settings)
+
+
+def test_feed_forward_settles_sooner_and_follows_closer() -> None:
+    step, tracking = part("firmware")
+    assert figure(step, "pi_ff", "settling_ms") < figure(step, "pi", "settling_ms")
+    assert figure(step, "pi_ff", "worst_settling_ms") < 10.0
+    assert figure(tracking, "pi, 10 Hz", "delay_ms") > 0.5 > figure(tracking, "pi_ff, 10 Hz", "delay_ms")
+    for row in (*step.rows,):
+        assert row.figures["largest_voltage_v"] <= 150.0 * (1 + 1e-6)
+    for row in tracking.rows:
+        assert row.figures["residual_um"] <= row.figures["error_um"] + 1e-9
+
+
+def test_what_a_scene_does_not_need_is_skipped() -> None:
+    stages, situations = part("tick")
+    assert [row.name for row in stages.rows] == [tick.WHOLE, *STAGES, tick.REST]
+    skipped = {row.name: row.figures["skipped_frac"] for row in situations.rows}
+    assert skipped["no finger"] == skipped["no target"] == skipped["standing"] == 1.0
+    assert skipped[tick.DEFAULT] == skipped["a single knot"] == 0.0
+
+
+# --- the tick's instruments ---
+
+
+def test_a_recording_played_again_makes_the_machine_write_the_same_bytes() -> None:
+    recording = record(SCENARIOS["strokes"].build(1, 100.0), seconds=1.2)
+    written: list[list[bytes]] = [[], []]
+    for said in written:
+        machine = Machine(Config(), recording.modes, write_board=lambda data, said=said: said.append(data) is None)
+        passes = play(recording, machine)
+    assert written[0] == written[1]
+    assert len(written[0]) > len(passes)
+    assert len(passes) == sum(call.name == "reports" and call.t_ns >= LANDED_NS for call in recording.calls) > 20
+    assert machine.pipeline.counters.solves > len(passes)
+
+
+def test_paced_passes_wait_for_their_time() -> None:
+    recording = record(SCENARIOS["strokes"].build(1, 100.0), seconds=1.0)
+    due_ns: list[int] = []
+    play(recording, new_machine(recording), wait_until=due_ns.append, limit=5)
+    assert len(due_ns) == 5
+    assert all(11_000_000 < later - sooner < 11_500_000 for sooner, later in pairwise(due_ns))
+
+
+def test_the_stopwatch_sees_every_stage_and_leaves_no_trace() -> None:
+    originals = {stage: [vars(owner)[name] for owner, name in places] for stage, places in STAGES.items()}
+    recording = record(SCENARIOS["strokes"].build(1, 100.0), seconds=1.0)
+    stopwatch = Stopwatch()
+    with stopwatch.on_every_stage():
+        play(recording, new_machine(recording), before=stopwatch.reset, limit=5)
+    assert all(taken_us > 0.0 for taken_us in stopwatch.taken_us().values())
+    assert originals == {stage: [vars(owner)[name] for owner, name in places] for stage, places in STAGES.items()}
