@@ -13,6 +13,7 @@ import logging
 import os
 import secrets
 import signal
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ from .io.trackpad import HidTrackpad, TrackpadSource
 from .machine import TIMER_NS, Machine
 from .sim.plate import PlateSettings, PlateTruth
 from .sim.rigprocess import RigProcess
+from .sim.scenarios import SCENARIOS
 from .values import RawReport
 
 log = logging.getLogger("hapticd")
@@ -106,21 +108,26 @@ class Daemon:
 async def serve(daemon: Daemon, modes: ModeShapes) -> None:
     """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate."""
     loop = asyncio.get_running_loop()
-    asked = asyncio.Event()
+    asked: asyncio.Future[signal.Signals] = loop.create_future()
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, asked.set)
+        loop.add_signal_handler(number, _answer, asked, number)
     try:
         daemon.start(loop, modes)
         _freeze_garbage()
         log.info("serving clients in %s", daemon.runtime_dir)
-        await asked.wait()
-        log.info("stopping")
+        log.info("%s: stopping, the plate is made quiet", (await asked).name)
     finally:
         await daemon.stop()
 
 
+def _answer(asked: asyncio.Future[signal.Signals], number: signal.Signals) -> None:
+    if not asked.done():
+        asked.set_result(number)
+
+
 def run(config: Config) -> None:
     """What `hapticd run` does, with the simulated rig beside it where the configuration asks for it."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
     runtime_dir = Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ)
     with contextlib.ExitStack() as stack:
         rig_dir = _rig_directory(config, stack)
@@ -133,6 +140,10 @@ def _rig_directory(config: Config, stack: contextlib.ExitStack) -> Path:
     """Where the simulated rig is: one that runs already, or one of our own until `stack` unwinds."""
     if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
         return Path(config.sim.rig_dir)
+    if config.sim.scenario not in SCENARIOS:
+        raise ConfigError(
+            f"sim.scenario: there is no scenario {config.sim.scenario!r}: choose one of {', '.join(SCENARIOS)}."
+        )
     return stack.enter_context(RigProcess(config.sim.scenario, config.sim.seed)).directory
 
 

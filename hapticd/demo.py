@@ -35,6 +35,7 @@ SCENARIO = "strokes"
 FINGERS = 2
 DAEMON_WITHIN_S = 15.0
 FINGERS_WITHIN_S = 10.0
+END_WITHIN_S = 10.0
 PICTURE_S = 2.5
 
 
@@ -44,6 +45,19 @@ def show(seconds: float, seed: int, out: Path) -> int:
         import hapticd_client
     except ImportError:
         raise HapticdError("The demo is a client too: install it with `pip install clients/python`.") from None
+    if not seconds > 0:
+        raise HapticdError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
+    if not out.absolute().parent.is_dir():
+        raise HapticdError(f"{out}: its directory is missing, so the picture could not be written: create it first.")
+    try:
+        return _play(seconds, seed, out)
+    except hapticd_client.HapticdError as error:
+        raise HapticdError(f"The demo's client: {error}") from None
+
+
+def _play(seconds: float, seed: int, out: Path) -> int:
+    import hapticd_client
+
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
         with RigProcess(SCENARIO, seed, record=record) as rig, _Daemon(Path(folder), rig) as runtime_dir:
@@ -100,7 +114,11 @@ class _Daemon:
 
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
-        self._process.wait()
+        try:
+            self._process.wait(END_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 def _ask(client: Client, rig: RigProcess, seed: int) -> float:

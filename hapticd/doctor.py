@@ -145,5 +145,7 @@ def _client(_: Config) -> Finding:
 def _rights(_: Config) -> Finding:
     priority, _hard = resource.getrlimit(resource.RLIMIT_RTPRIO)
     if priority == 0 and os.geteuid() != 0:
-        return Finding(WARN, "real time: this user may not ask for it", "the service in systemd/ runs with a raised priority instead")
+        return Finding(
+            WARN, "real time: this user may not ask for it", "the service in systemd/ runs at a raised priority"
+        )
     return Finding(PASS, "real time: this user may ask for it")

@@ -82,6 +82,7 @@ class Machine:
         self._write_board = write_board
         self.unsent = 0
         self.refused_board = ""
+        self.is_failing = False
         self.t_reports_ns: int | None = None
         self._t_clear_until_ns: int | None = None
 
@@ -89,20 +90,19 @@ class Machine:
 
     def reports(self, batch: Sequence[RawReport], t_now_ns: int) -> None:
         """All reports that were waiting, newest last: every one is tracked, one pass is made."""
-        for report in batch:
-            for frame in self.trackpad.decode(report.data, report.t_host_ns):
-                self.pipeline.touch(frame, report.t_host_ns)
         self.t_reports_ns = t_now_ns
-        self._pass(t_now_ns)
+        self._pass(t_now_ns, batch)
 
-    def _pass(self, t_now_ns: int) -> None:
-        """Predict, solve and send, if the supervisor lets the plate be driven."""
-        wanted = len(self.pipeline.wanted(t_now_ns)) > 0
-        self._supervise(Event.TOUCHED if wanted else Event.RELEASED, "", t_now_ns)
+    def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> None:
+        """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
         ahead_ns = COMPUTE_NS + self.session.latency.link_ns
-        if self.supervisor.may_drive:
-            tick = self.pipeline.drive(t_now_ns, ahead_ns)
-        else:
+        try:
+            tick = self._decide(batch, t_now_ns, ahead_ns)
+            self.is_failing = False
+        except Exception:
+            if not self.is_failing:  # once, not ninety times a second
+                log.exception("a pass failed: the plate is quiet until one succeeds")
+            self.is_failing = True
             tick = self.pipeline.rest(t_now_ns, ahead_ns)
         self.last_tick = tick
         if tick.drive is not None:
@@ -110,6 +110,18 @@ class Machine:
         if self.publish is not None:
             self.published += 1
             self.publish(status.telemetry(self, tick))
+
+    def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:
+        for report in batch:
+            for frame in self.trackpad.decode(report.data, report.t_host_ns):
+                self.pipeline.touch(frame, report.t_host_ns)
+        wanted = len(self.pipeline.wanted(t_now_ns)) > 0
+        self._supervise(Event.TOUCHED if wanted else Event.RELEASED, "", t_now_ns)
+        if not self.supervisor.may_drive:
+            return self.pipeline.rest(t_now_ns, ahead_ns)
+        if not self.session.follows(t_now_ns):
+            self.pipeline.forget_standing()  # what the board did not take is said again, until it does
+        return self.pipeline.drive(t_now_ns, ahead_ns)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
@@ -178,17 +190,13 @@ class Machine:
         self.refused_board = ""
         log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
         self._say(self.session.receive_hello(hello, t_now_ns))
-        self.pipeline.forget_standing()
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
         self.session.receive_status(message, t_now_ns)
-        status_now = self.session.status
-        if status_now is None:
-            return
-        if status_now.state is not BoardState.LIVE:
-            self.pipeline.forget_standing()  # it follows nothing: what stood must be said again
-        if status_now.state is BoardState.FAULT:
-            cause = device_wire.FAULTS.get(status_now.fault_code, f"its code is {status_now.fault_code}")
+        if self.session.hello is None:
+            return  # who has not been accepted is not believed
+        if message.state is BoardState.FAULT:
+            cause = device_wire.FAULTS.get(message.fault_code, f"its code is {message.fault_code}")
             self._supervise(Event.BOARD_FAULT, cause, t_now_ns)
         elif self._t_clear_until_ns is not None and t_now_ns <= self._t_clear_until_ns:
             self._t_clear_until_ns = None
@@ -205,7 +213,7 @@ class Machine:
         for command in commands:
             if not self._write_board(encode(command)):
                 self.unsent += 1
-                self.pipeline.forget_standing()
+                self.pipeline.forget_standing()  # the board may hold another reference than is believed
 
     def _supervise(self, event: Event, reason: str, t_now_ns: int) -> None:
         before = self.supervisor.state

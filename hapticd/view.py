@@ -5,6 +5,7 @@ Redrawn in place on a terminal, one line a second elsewhere.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import TYPE_CHECKING, TextIO
 
@@ -85,6 +86,8 @@ def _plate(state: PlateState) -> list[str]:
     """The plate from above: a slippery finger is drawn as o, a sticky one as #, one that nobody wants as +."""
     rows = [[" "] * COLUMNS for _ in range(ROWS)]
     for finger in state.fingers:
+        if not (math.isfinite(finger.x_mm) and math.isfinite(finger.y_mm)):
+            continue
         column = round((finger.x_mm / PLATE_MM + 0.5) * (COLUMNS - 1))
         row = round((0.5 - finger.y_mm / PLATE_MM) * (ROWS - 1))
         if 0 <= column < COLUMNS and 0 <= row < ROWS:

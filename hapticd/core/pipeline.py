@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
@@ -102,6 +102,7 @@ class Pipeline:
         self._steepness_1_mm = modes.steepest_1_mm()
         self._standing = silence(0, modes.M)
         self._standing_places: tuple[Place, ...] = ()
+        self._is_told = True
         self._t_settled_ns = 0
         self._standing_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
 
@@ -175,7 +176,9 @@ class Pipeline:
         offsets_ns = self._knot_offsets_ns(keys, t_plate_ns)
         if self._stands(keys, t_apply_ns, offsets_ns[-1]):
             self.counters.skipped_standing += 1
-            return self._tick(t_now_ns, t_plate_ns, None, *self._standing_points)
+            points, limited = self._standing_points
+            now = [self._place(key, t_plate_ns) for key in keys]
+            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(_moved, points, now)), limited)
 
         track = [[self._place(key, t_plate_ns + dt_ns) for key in keys] for dt_ns in offsets_ns]
         phi = [tuple(self._modes.at(place.x_mm, place.y_mm) for place in places) for places in track]
@@ -184,7 +187,7 @@ class Pipeline:
         drive = gate(Drive(t_apply_ns, knots), self._settings.w_limit_um)
 
         self.counters.gated += drive.reasons is not LimitReason.NONE
-        self._standing, self._standing_places = drive, tuple(track[-1])
+        self._standing, self._standing_places, self._is_told = drive, tuple(track[-1]), True
         self._t_settled_ns = _settles_ns(drive, self._settings.tolerance_um)
         self._standing_points = _points(track[0], track[-1], phi[0], modal_um[0]), limited
         return self._tick(t_now_ns, t_plate_ns, drive, *self._standing_points)
@@ -196,14 +199,14 @@ class Pipeline:
         else:
             self.counters.skipped_no_finger += 1
         is_silent = len(self._standing.knots) == 1 and not any(self._standing.knots[0].modal_um)
-        drive = None if is_silent else silence(t_now_ns + link_ns, self._modes.M)
+        drive = None if is_silent and self._is_told else silence(t_now_ns + link_ns, self._modes.M)
         if drive is not None:
-            self._standing, self._standing_places = drive, ()
+            self._standing, self._standing_places, self._is_told = drive, (), True
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
     def forget_standing(self) -> None:
-        """The board no longer holds the last reference: the next pass sends one, however still the fingers are."""
-        self._standing_places = ()
+        """The board does not hold the last reference: the next pass sends one, however still the fingers are."""
+        self._is_told = False
 
     # --- the steps of a pass ---
 
@@ -236,7 +239,7 @@ class Pipeline:
     def _stands(self, keys: Sequence[int | str], t_apply_ns: int, last_dt_ns: int) -> bool:
         """The last reference has come to rest, and the fingers are and stay where it was made for."""
         standing = self._standing_places
-        if len(standing) != len(keys) or t_apply_ns < self._t_settled_ns:
+        if not self._is_told or len(standing) != len(keys) or t_apply_ns < self._t_settled_ns:
             return False
         reach_um = sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
         for dt_ns in (0, last_dt_ns):
@@ -323,6 +326,11 @@ def _settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
         for w_um, last_um in zip(knot.modal_um, last.modal_um, strict=True)
     )
     return drive.t_apply_ns if is_flat else drive.t_apply_ns + last.dt_ns
+
+
+def _moved(point: TouchPoint, now: Place) -> TouchPoint:
+    """A finger that moved while the reference stood: by less than matters, or any way while all is still."""
+    return replace(point, x_mm=now.x_mm, y_mm=now.y_mm, end_x_mm=now.x_mm, end_y_mm=now.y_mm)
 
 
 def _points(

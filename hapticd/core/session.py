@@ -31,6 +31,7 @@ SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
 TIME_EVERY_NS = 500_000_000
 KEEP_ALIVE_AFTER_NS = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20, and the board waits 50
 ARM_EVERY_NS = 20_000_000  # slower than references come: zero frames must not come between them
+ANSWER_WITHIN_NS = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
 SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
 LEDGER_LENGTH = 512
 
@@ -81,6 +82,7 @@ class BoardSession:
         self._linked = False
         self._boot_id: int | None = None
         self._seq = 0
+        self._t_numbered_ns = 0
         self._in_flight: dict[int, tuple[int, int, Tick]] = {}
         self._t_heard_ns = 0
         self._greeting = Interval(GREET_EVERY_NS)
@@ -93,10 +95,12 @@ class BoardSession:
         """The board answered the handshake and its clock is known: references may be sent."""
         return self._linked and self.hello is not None and self.clock.ready
 
-    @property
-    def fault_code(self) -> int:
-        """The board's latched fault, 0 where there is none."""
-        return self.status.fault_code if self.status is not None and self.status.state is BoardState.FAULT else 0
+    def follows(self, t_now_ns: int) -> bool:
+        """The board says that it follows references, and has taken the last one or may yet: that one stands."""
+        if self.status is None or self.status.state is not BoardState.LIVE:
+            return False
+        waited_ns = t_now_ns - self._t_numbered_ns
+        return self.status.seq == self._seq or waited_ns < 2 * self.latency.link_ns + ANSWER_WITHIN_NS
 
     def link_up(self, t_now_ns: int) -> list[BoardCommand]:
         """The port is open: greet."""
@@ -146,7 +150,8 @@ class BoardSession:
         link_ns = self.clock.to_host_ns(status.t_received_us, near=t_now_ns) - t_sent_ns
         late_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns) - t_apply_ns
         self.latency.update(link_ns)
-        self.ledger.append(LedgerLine(status.seq, t_sent_ns, tick.age_ns, tick.horizon_ns, link_ns, late_ns))
+        if tick.points:  # a zero frame is made from no sample
+            self.ledger.append(LedgerLine(status.seq, t_sent_ns, tick.age_ns, tick.horizon_ns, link_ns, late_ns))
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
         """Number a drive and lay it on the board's clock; nothing while the board is not ready."""
@@ -180,6 +185,7 @@ class BoardSession:
 
     def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
         self._seq = (self._seq + 1) & 0xFFFF
+        self._t_numbered_ns = t_now_ns
         self._keeping_alive.restart(t_now_ns)
         self._arming.restart(t_now_ns)
         return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive)]

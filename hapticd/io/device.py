@@ -19,6 +19,7 @@ import serial
 FIRST_RETRY_S = 0.25
 LAST_RETRY_S = 2.0
 READ_SIZE = 4096
+FRAME_END = b"\0"  # see firmware/PROTOCOL.md; an empty frame is none
 
 
 class SerialLink:
@@ -32,6 +33,7 @@ class SerialLink:
         self._retry: asyncio.TimerHandle | None = None
         self._retry_s = FIRST_RETRY_S
         self._said_missing = False
+        self._torn = False
 
     def start(
         self,
@@ -47,6 +49,8 @@ class SerialLink:
         """Hand `data` to the port whole, or drop it."""
         if self._serial is None:
             return False
+        if self._torn:
+            data = FRAME_END + data  # what a dropped write left on the line must not cost this one too
         try:
             written = os.write(self._serial.fd, data)
         except BlockingIOError:
@@ -54,7 +58,8 @@ class SerialLink:
         except OSError as error:
             self._lost(f"write failed: {error.strerror}")
             return False
-        if written == len(data):
+        self._torn = written != len(data)
+        if not self._torn:
             return True
         self.dropped_writes += 1
         with contextlib.suppress(termios.error):
@@ -91,7 +96,7 @@ class SerialLink:
                 self._said_missing = True
             self._try_again()
             return
-        self._said_missing = False
+        self._said_missing = self._torn = False
         self._retry_s = FIRST_RETRY_S
         os.set_blocking(self._serial.fd, False)
         self._loop.add_reader(self._serial.fd, self._readable)

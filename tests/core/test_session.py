@@ -21,6 +21,7 @@ from hapticd.values import (
     SelectController,
     Tick,
     TimeRequest,
+    TouchPoint,
 )
 
 MS = 1_000_000
@@ -56,6 +57,9 @@ STATUS = BoardStatus(
     measured_um=(0j, 0j),
     voltage_v=(0j, 0j),
 )
+
+
+POINT = TouchPoint(1, 0.0, 0.0, target_um=1.0, achieved_um=1.0, end_x_mm=0.0, end_y_mm=0.0)
 
 
 def board_us(t_ns: int) -> int:
@@ -95,7 +99,7 @@ class Bench:
 
     def send(self) -> list[BoardCommand]:
         drive = silence(self.t_ns + 5 * MS, 2)
-        return self.session.reference(drive, Tick(self.t_ns, 11 * MS, 16 * MS, drive, (), False), self.t_ns)
+        return self.session.reference(drive, Tick(self.t_ns, 11 * MS, 16 * MS, drive, (POINT,), False), self.t_ns)
 
     def run(self, span_ns: int, every_ns: int = 10 * MS) -> list[tuple[int, BoardCommand]]:
         said = []
@@ -212,15 +216,29 @@ def test_who_was_not_accepted_is_not_believed() -> None:
     bench.session.link_up(bench.t_ns)
     bench.say(BoardState.FAULT, fault_code=3)
     assert bench.session.status is None
-    assert bench.session.fault_code == 0
 
 
-def test_a_latched_fault_has_its_code_and_other_states_have_none() -> None:
+def test_only_a_live_board_follows() -> None:
+    bench = Bench()
+    assert not bench.session.follows(bench.t_ns)
+    bench.met()
+    for state in BoardState:
+        bench.say(state)
+        assert bench.session.follows(bench.t_ns) is (state is BoardState.LIVE)
+    bench.say(BoardState.LIVE)
+    bench.session.receive_hello(HELLO, bench.t_ns)
+    assert not bench.session.follows(bench.t_ns)  # a greeting makes it forget
+
+
+def test_a_board_that_does_not_name_the_last_frame_in_time_does_not_follow() -> None:
     bench = Bench().met()
-    bench.say(BoardState.QUIET, fault_code=3)
-    assert bench.session.fault_code == 0
-    bench.say(BoardState.FAULT, fault_code=3)
-    assert bench.session.fault_code == 3
+    bench.say(BoardState.LIVE)
+    (frame,) = bench.send()
+    assert isinstance(frame, ReferenceFrame)
+    assert bench.session.follows(bench.t_ns + 19 * MS)
+    assert not bench.session.follows(bench.t_ns + 21 * MS)
+    bench.say(BoardState.LIVE, seq=frame.seq)
+    assert bench.session.follows(bench.t_ns + 1000 * MS)
 
 
 def test_an_applied_frame_is_booked_once_with_its_delays() -> None:

@@ -1,0 +1,190 @@
+"""The service and its hardware as processes, and bounded waits for what they do."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.values import BoardState, BoardStatus
+from hapticd.wire import device
+from hapticd_client import Client, PlateState
+
+PATIENCE_S = 45.0
+PIPE = subprocess.PIPE
+ROOT = Path(__file__).parents[2]
+
+
+class Rig:
+    """The simulated rig as a process, in a directory that outlives it."""
+
+    def __init__(self, directory: Path, scenario: str, record: Path | None) -> None:
+        command = [sys.executable, "-m", "hapticd.sim.rig", str(directory), "--scenario", scenario, "--owned"]
+        if record is not None:
+            command += ["--record", str(record)]
+        self._record = record
+        self.process = subprocess.Popen(command, stdin=PIPE, stdout=PIPE, text=True)
+        assert self.process.stdout is not None
+        self.t_start_s = float(self.process.stdout.readline().split()[1])
+
+    def kill(self) -> None:
+        """Every plug at once, and the power."""
+        self.process.kill()
+        self.close()
+
+    def replug_board(self) -> None:
+        self.process.send_signal(signal.SIGUSR1)
+
+    def replug_trackpad(self) -> None:
+        self.process.send_signal(signal.SIGUSR2)
+
+    def recording(self) -> dict[str, npt.NDArray[np.complex128]]:
+        """End it, and what the plate did."""
+        assert self._record is not None
+        self.process.terminate()
+        self.close()
+        with np.load(self._record) as arrays:
+            return dict(arrays)
+
+    def close(self) -> None:
+        self.process.communicate(timeout=PATIENCE_S)
+
+
+class Service:
+    """`hapticd run` as a process; what it says goes to a file."""
+
+    def __init__(self, config: Path, log: Path) -> None:
+        self._log = log
+        with log.open("w") as file:
+            command = [sys.executable, "-m", "hapticd", "run", "--config", str(config)]
+            self.process = subprocess.Popen(command, stderr=file)
+
+    @property
+    def lines(self) -> list[str]:
+        """What it said, without the time of day."""
+        return [line.partition(" ")[2] for line in self._log.read_text().splitlines()]
+
+    def said(self, *words: str) -> list[str]:
+        """Its lines that hold all these words."""
+        return [line for line in self.lines if all(word in line for word in words)]
+
+    def end(self, number: signal.Signals) -> int:
+        self.process.send_signal(number)
+        return self.process.wait(PATIENCE_S)
+
+
+class Bench:
+    """A folder in which a rig, a service and clients run; `close` ends what is left of them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.rig_dir = folder / "rig"
+        self.rig_dir.mkdir()
+        self.runtime_dir = folder / "run"
+        self.config = folder / "hapticd.toml"
+        self.config.write_text(
+            f'[sim]\nrig_dir = "{self.rig_dir}"\n[client]\nruntime_dir = "{self.runtime_dir}"\n'
+            "[trackpad]\nsilence_ms = 1000\n",  # a machine that stalls must not make old fingers new ones
+            encoding="utf-8",
+        )
+        self._running: list[subprocess.Popen[str] | subprocess.Popen[bytes]] = []
+        self._clients: list[Client] = []
+        self._services = 0
+
+    def rig(self, scenario: str = "circles", *, record: bool = False) -> Rig:
+        rig = Rig(self.rig_dir, scenario, self.folder / "plate.npz" if record else None)
+        self._running.append(rig.process)
+        return rig
+
+    def service(self) -> Service:
+        self._services += 1
+        service = Service(self.config, self.folder / f"log-{self._services}")
+        self._running.append(service.process)
+        return service
+
+    def client(self, name: str = "test") -> Client:
+        client = Client(self.runtime_dir, name, timeout_s=PATIENCE_S)
+        self._clients.append(client)
+        return client
+
+    def program(self, *arguments: str) -> subprocess.Popen[str]:
+        """A Python program of a client's."""
+        environ = {**os.environ, "PYTHONPATH": str(ROOT / "clients" / "python"), "PYTHONUNBUFFERED": "1"}
+        process = subprocess.Popen([sys.executable, *arguments], env=environ, stdout=PIPE, stderr=PIPE, text=True)
+        self._running.append(process)
+        return process
+
+    def close(self) -> None:
+        for client in self._clients:
+            client.close()
+        for process in reversed(self._running):
+            if process.poll() is None:
+                process.kill()
+            for pipe in (process.stdin, process.stdout, process.stderr):
+                if pipe is not None:
+                    pipe.close()
+            process.wait(PATIENCE_S)
+
+
+def wait_state(client: Client, condition: Callable[[PlateState], bool]) -> PlateState:
+    """The first state from now on that meets the condition."""
+    t_end_s = time.monotonic() + PATIENCE_S
+    for state in client.states(timeout_s=PATIENCE_S):
+        if condition(state):
+            return state
+        assert time.monotonic() < t_end_s, f"still {state}"
+    raise AssertionError("the states ended")
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Poll until it holds."""
+    t_end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < t_end_s, "it did not come about"
+        time.sleep(0.01)
+
+
+def wait_board(rig_dir: Path, state: BoardState, statuses: int) -> BoardStatus:
+    """Listen to the board in the daemon's place until it has said so many times that it is in this state."""
+    fd = os.open(rig_dir / "board", os.O_RDWR | os.O_NOCTTY)
+    decoder = device.Decoder()
+    try:
+        with selectors.DefaultSelector() as selector:
+            selector.register(fd, selectors.EVENT_READ)
+            while selector.select(PATIENCE_S):
+                for message in decoder.feed(os.read(fd, 4096)):
+                    statuses -= isinstance(message, BoardStatus) and message.state is state
+                    if isinstance(message, BoardStatus) and statuses <= 0:
+                        return message
+    finally:
+        os.close(fd)
+    raise AssertionError("the board is silent")
+
+
+def is_driven(state: PlateState) -> bool:
+    """Two fingers are down, one slips and one sticks, and the plate moves."""
+    targets_um = sorted(finger.target_um for finger in state.fingers if finger.target_um is not None)
+    return state.state == "ACTIVE" and targets_um == [0.0, 1.0] and any(map(abs, state.modal_um))
+
+
+def is_quiet(state: PlateState) -> bool:
+    """Nobody gets anything."""
+    return not any(state.modal_um) and not any(finger.target_um for finger in state.fingers)
+
+
+def drive(client: Client) -> PlateState:
+    """Ask for a slippery and a sticky finger, until the board follows."""
+    state = wait_state(client, lambda state: len(state.fingers) == 2)
+    left, right = sorted(state.fingers, key=lambda finger: finger.x_mm)
+    client.set(left, amplitude_um=1.0)
+    client.set(right, amplitude_um=0.0)
+    wait_for(lambda: bool(client.status()["board"].get("state") == "LIVE"))
+    return wait_state(client, is_driven)

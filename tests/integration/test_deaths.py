@@ -1,0 +1,148 @@
+"""Whoever dies, the plate falls quiet: a client within its time to live, the daemon by the board's dead-man."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import time
+
+import numpy as np
+import pytest
+from service import PATIENCE_S, Bench, drive, is_driven, is_quiet, wait_board, wait_for, wait_state
+
+from hapticd.values import BoardState
+from hapticd_client import DaemonGoneError
+
+TTL_S = 0.5
+DEADMAN_S, RAMP_S, TICK_S = 0.050, 0.010, 0.0005
+RING_DOWN_S = 0.060  # ten time constants of the plate
+
+
+def test_a_killed_client_s_fingers_are_released_within_its_time_to_live(bench: Bench) -> None:
+    bench.rig()
+    bench.service()
+    watcher = bench.client("watcher")
+    program = (
+        "import sys, time\nfrom hapticd_client import Client\n"
+        "with Client(sys.argv[1], 'doomed', timeout_s=30) as plate:\n"
+        "    while len(fingers := plate.fingers(30)) < 2: pass\n"
+        "    left, right = sorted(fingers, key=lambda finger: finger.x_mm)\n"
+        f"    plate.set(left, amplitude_um=1.0, ttl_s={TTL_S}); plate.set(right, amplitude_um=0.0, ttl_s={TTL_S})\n"
+        "    time.sleep(60)\n"
+    )
+    doomed = bench.program("-c", program, str(bench.runtime_dir))
+    wait_state(watcher, is_driven)
+    doomed.kill()
+    t_kill_ns = time.monotonic_ns()
+    released = wait_state(watcher, is_quiet)
+    assert len(released.fingers) == 2
+    assert released.t_ns - t_kill_ns <= (TTL_S + 0.25) * 1e9  # a quarter second for a machine that is busy
+    assert watcher.status()["state"] == "ACTIVE"  # fingers are down, and held at 0
+
+
+def test_a_killed_daemon_leaves_the_board_to_its_dead_man(bench: Bench) -> None:
+    rig = bench.rig(record=True)
+    service = bench.service()
+    client = bench.client()
+    state = drive(client)
+    wait_state(client, lambda later: later.seq > state.seq + 50)
+    service.process.kill()
+    t_kill_s = time.monotonic() - rig.t_start_s
+    service.process.wait(PATIENCE_S)
+    assert wait_board(bench.rig_dir, BoardState.QUIET, 4).deadman_trips == 1
+    arrays = rig.recording()
+    t_s, reference_um = arrays["t_s"].real, np.abs(arrays["reference_um"]).max(axis=1)
+    before = (t_s > t_kill_s - 0.2) & (t_s < t_kill_s)
+    assert reference_um[before].max() > 0.3
+    zero = np.flatnonzero((t_s > t_kill_s) & (reference_um == 0.0))[0]
+    assert not reference_um[zero:].any()
+    # The last frame came before the end of the last motion it told: from there the board waits, ramps, and is silent.
+    moves = np.flatnonzero(np.abs(np.diff(reference_um[: zero + 1])) > 1e-9)
+    waits = np.flatnonzero(np.diff(moves) > 0.02 / TICK_S)
+    t_hold_s = t_s[moves[waits[-1]]] if len(waits) else t_s[moves[0]]
+    assert t_s[zero] - t_hold_s <= DEADMAN_S + RAMP_S + 2 * TICK_S
+    assert t_s[zero] - t_kill_s <= DEADMAN_S + RAMP_S + 0.5  # and half a second for a machine that is busy
+    after = t_s > t_s[zero] + RING_DOWN_S
+    assert after.any()
+    assert np.abs(arrays["modal_um"][after]).max() < 1e-3
+    with pytest.raises(DaemonGoneError):
+        next(client.states(timeout_s=0.3))
+
+
+def test_a_daemon_that_comes_after_a_killed_one_serves_in_the_same_place(bench: Bench) -> None:
+    bench.rig()
+    first = bench.service()
+    client = bench.client()
+    instance = drive(client).instance
+    first.process.kill()
+    first.process.wait(PATIENCE_S)
+    bench.service()
+    wait_state(client, lambda state: state.instance != instance)
+    drive(client)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_in_a_quiet_plate(bench: Bench, number: signal.Signals) -> None:
+    rig = bench.rig(record=True)
+    service = bench.service()
+    client = bench.client()
+    state = drive(client)
+    wait_state(client, lambda later: later.seq > state.seq + 20)
+    assert service.end(number) == 0
+    wait_board(bench.rig_dir, BoardState.QUIET, 4)
+    arrays = rig.recording()
+    assert np.abs(arrays["reference_um"]).max() > 0.3
+    assert not arrays["reference_um"][-1].any()
+    assert np.abs(arrays["modal_um"][-1]).max() < 1e-3
+    assert service.said(number.name) == [f"INFO {number.name}: stopping, the plate is made quiet"]
+    assert service.lines[-1] == service.said(number.name)[0]
+    assert not any(stat.S_ISSOCK(path.lstat().st_mode) for path in bench.runtime_dir.iterdir())
+
+
+def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
+    service = bench.service()  # no rig: it looks for the hardware
+    bench.client()
+    assert service.end(signal.SIGTERM) == 0
+    assert len(service.said("WARNING", "board")) == 1
+    assert len(service.said("WARNING", "trackpad")) == 1
+
+
+def test_a_second_daemon_refuses_and_disturbs_nobody(bench: Bench) -> None:
+    bench.rig()
+    bench.service()
+    client = bench.client()
+    state = drive(client)
+    second = bench.service()
+    assert second.process.wait(PATIENCE_S) == 75
+    log = (bench.folder / "log-2").read_text()
+    assert log == (
+        f"hapticd: Another hapticd serves {bench.runtime_dir}: stop it, or set HAPTICD_RUNTIME_DIR to another "
+        "directory.\n"
+    )
+    later = wait_state(client, lambda later: later.seq > state.seq + 20)
+    assert later.instance == state.instance
+    assert is_driven(later)
+    board = client.status()["board"]
+    assert board["state"] == "LIVE"
+    assert board["reboots"] == 0
+    assert os.listdir(bench.runtime_dir)
+
+
+def test_an_owned_rig_ends_with_its_daemon(bench: Bench) -> None:
+    bench.config.write_text(f'[client]\nruntime_dir = "{bench.runtime_dir}"\n', encoding="utf-8")
+    service = bench.service()
+    bench.client()
+    children = f"/proc/{service.process.pid}/task/{service.process.pid}/children"
+    with open(children) as file:
+        (rig,) = file.read().split()
+    service.process.kill()
+    wait_for(lambda: not _lives(rig))
+
+
+def _lives(pid: str) -> bool:
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

@@ -1,0 +1,75 @@
+"""What a person types: the demo and the examples of `clients/`, against the real service."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from service import PATIENCE_S, PIPE, ROOT, Bench, is_driven, wait_state
+
+EXAMPLES = ROOT / "clients" / "examples"
+
+
+def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None:
+    out = bench.folder / "demo.png"
+    command = [sys.executable, "-m", "hapticd", "demo", "--seconds", "3", "--out", str(out)]
+    environ = {**os.environ, "TMPDIR": str(bench.folder)}
+    with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
+        said, complaints = process.communicate(timeout=2 * PATIENCE_S)
+    assert (process.returncode, complaints) == (0, "")
+    lines = said.splitlines()
+    live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
+    assert 2 <= len(live) <= 4
+    assert "1.00 -> " in live[-1]
+    assert any(re.fullmatch(r"sticky finger, um RMS +\d+\.\d+ +\d+\.\d+", line) for line in lines)
+    assert any(line.startswith("The sticky finger gets ") for line in lines)
+    assert lines[-1] == f"picture: {out}"
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert {path.name for path in bench.folder.iterdir()} <= {"demo.png", "hapticd.toml", "rig"}  # it tidied up
+
+
+def test_the_papers_environment_drives_the_plate_and_achieved_amplitudes_are_printed(bench: Bench) -> None:
+    bench.rig("rest")
+    bench.service()
+    client = bench.client()
+    environment = bench.program(str(EXAMPLES / "paper_environment.py"), "--endpoint", str(bench.runtime_dir))
+    wait_state(client, is_driven)
+    printed = bench.program(
+        str(EXAMPLES / "print_achieved.py"), "--endpoint", str(bench.runtime_dir), "--seconds", "0.3", "--every", "0.05"
+    )
+    said, complaints = printed.communicate(timeout=PATIENCE_S)
+    assert (printed.returncode, complaints) == (0, "")
+    assert re.search(r"ACTIVE  +\d: [01]\.00 -> \d\.\d\d um   \d: [01]\.00 -> \d\.\d\d um", said)
+    environment.send_signal(signal.SIGINT)
+    said, complaints = environment.communicate(timeout=PATIENCE_S)
+    assert (environment.returncode, complaints) == (0, "")
+    assert sorted(line.rpartition(": ")[2] for line in said.splitlines()) == ["0 um", "1 um"]
+    wait_state(client, lambda state: not any(finger.target_um for finger in state.fingers))
+
+
+def test_the_papers_study_gives_the_user_and_a_virtual_finger_opposite_friction(bench: Bench) -> None:
+    bench.rig("strokes")
+    bench.service()
+    client = bench.client()
+    study = bench.program(str(EXAMPLES / "virtual_finger.py"), "--endpoint", str(bench.runtime_dir), "--swap")
+    state = wait_state(client, lambda state: sum(finger.target_um is not None for finger in state.fingers) == 3)
+    assert {finger.id: finger.target_um for finger in state.fingers if finger.virtual} == {"walker": 1.0}
+    assert [finger.target_um for finger in state.fingers if not finger.virtual] == [0.0, 0.0]
+    study.send_signal(signal.SIGTERM)
+    study.communicate(timeout=PATIENCE_S)
+    wait_state(client, lambda state: not any(finger.virtual for finger in state.fingers))
+
+
+@pytest.mark.parametrize("directory", ["missing/demo.png"])
+def test_a_demo_that_could_not_write_its_picture_says_so_first(bench: Bench, directory: str) -> None:
+    out = Path(bench.folder, directory)
+    command = [sys.executable, "-m", "hapticd", "demo", "--out", str(out)]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
+        said, complaints = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, said) == (1, "")
+    assert complaints.startswith(f"hapticd: {out}: its directory is missing")

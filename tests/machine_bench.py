@@ -1,0 +1,210 @@
+"""A machine in virtual time between a pad that sends genuine reports, a board that answers as the firmware does, and
+a client. For the tests of `hapticd.machine`."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+
+from hapticd.config import Config
+from hapticd.core.modes import ModeShapes
+from hapticd.core.supervisor import State
+from hapticd.machine import TIMER_NS, Machine
+from hapticd.sim.fingers import Path, Rest, Touch
+from hapticd.sim.sensor import SensorModel, SensorSettings
+from hapticd.values import RawReport
+from hapticd.wire import device
+from hapticd.wire.framing import FrameSplitter, encode_frame
+
+MS = 1_000_000
+START_NS = 900_000_000_000
+SLIPPERY, STICKY = Rest((-30.2, 5.1)), Rest((21.3, -14.9))
+QUIET, LIVE, FAULT = 0, 1, 2
+
+NAMES = {
+    device.MSG_HELLO_REQUEST: "hello",
+    device.MSG_REFERENCE: "reference",
+    device.MSG_KEEPALIVE: "keep-alive",
+    device.MSG_TIME_REQUEST: "time",
+    device.MSG_CLEAR_FAULT: "clear fault",
+    device.MSG_SET_CONTROLLER: "controller",
+}
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 111)
+    wave = np.sin(2 * np.pi * axis_mm / 27.0)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
+
+
+PLATE = sine_plate()
+
+
+@dataclass(frozen=True)
+class Heard:
+    """One message that reached the board; `peak_um` is the largest amplitude of a reference."""
+
+    t_ns: int
+    name: str
+    peak_um: float = 0.0
+
+
+@dataclass
+class FakeBoard:
+    """The other end of the line: hears all, and answers as the firmware does."""
+
+    bench: Bench
+    protocol_hash: int
+    heard: list[Heard] = field(default_factory=list)
+    plugged: bool = True
+    mute: bool = False
+    boot_id: int = 7
+    state: int = QUIET
+    fault_code: int = 0
+    trusted: int = 0
+    seq: int = 0
+    peak_um: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._splitter = FrameSplitter(1000)
+
+    def write(self, line: bytes) -> bool:
+        if not self.plugged:
+            return False
+        for message in self._splitter.feed(line):
+            self._hear(NAMES[message[0]], message[1:])
+        return True
+
+    def _hear(self, name: str, payload: bytes) -> None:
+        if name == "reference":
+            self.peak_um = peak_um(payload)
+            self.seq = device.REFERENCE.unpack_from(payload)[0]
+            self.trusted += 1
+            if self.state == QUIET and self.trusted >= 3:
+                self.state = LIVE
+        self.heard.append(Heard(self.bench.t_ns, name, self.peak_um if name == "reference" else 0.0))
+        if name == "hello":
+            self.reset()
+            limits = struct.pack("<ff", 4.0, 4.0)
+            head = (device.PROTOCOL_VERSION, self.protocol_hash, 2, b"9.9", self.boot_id, 2000.0, 29205.0, 50, 150.0)
+            self.say(device.MSG_HELLO, device.HELLO.pack(*head) + limits)
+        elif name == "time":
+            (stamp,) = device.TIME_REQUEST.unpack(payload)
+            self.say(device.MSG_TIME, device.TIME.pack(stamp, self.bench.t_ns // 1000 % 2**32, 0))
+        elif name == "clear fault" and self.state == FAULT:
+            self.state, self.fault_code = QUIET, 0
+            self.status()
+
+    def reset(self) -> None:
+        """What a dead-man trip, a greeting or a reboot does: a latched fault stays."""
+        self.trusted, self.peak_um = 0, 0.0
+        if self.state != FAULT:
+            self.state = QUIET
+
+    def status(self) -> None:
+        now_us = self.bench.t_ns // 1000 % 2**32
+        head = (now_us, self.state, 1, self.fault_code, 2, self.seq, now_us, now_us, 0, 0, 0)
+        self.say(device.MSG_STATUS, device.STATUS.pack(*head) + bytes(32))
+
+    def say(self, message: int, payload: bytes) -> None:
+        if not self.mute:
+            if message == device.MSG_TIME:
+                stamp, t_us, _ = device.TIME.unpack(payload)
+                payload = device.TIME.pack(stamp, t_us, t_us)
+            self.bench.from_board.append(encode_frame(bytes((message,)) + payload))
+
+
+def peak_um(payload: bytes) -> float:
+    _, _, knots, modes = device.REFERENCE.unpack_from(payload)
+    width = 2 + 8 * modes
+    rows = (struct.unpack_from(f"<H{2 * modes}f", payload, device.REFERENCE.size + i * width)[1:] for i in range(knots))
+    return max(abs(part) for row in rows for part in row)
+
+
+class Bench:
+    """A machine between a pad, a board and a client, and the instant they are at."""
+
+    def __init__(self, *paths: Path, protocol_hash: int = device.PROTOCOL_HASH) -> None:
+        self.t_ns = START_NS
+        self.from_board: list[bytes] = []
+        self.board = FakeBoard(self, protocol_hash)
+        self.published: list[dict[str, Any]] = []
+        self.machine = Machine(Config(), PLATE, write_board=self.board.write, instance=4)
+        self.machine.trackpad_link(True, "a pad", self.t_ns)
+        self.machine.board_link(True, "a board", self.t_ns)
+        self._reports = self._sense(paths)
+        self._next = next(self._reports, None)
+        self.pad_speaks = True
+
+    def _sense(self, paths: tuple[Path, ...]) -> Iterator[RawReport]:
+        landed = [Touch(path, 0.3) for path in paths]
+        model = SensorModel(SensorSettings(noise_mm=0.0, stamp_jitter_ms=0.0), 1)
+        for report in model.reports(landed, 30.0):
+            yield RawReport(START_NS + round(report.t_arrive_s * 1e9), report.data)
+
+    def run(self, milliseconds: int) -> list[Heard]:
+        """Let time pass; what the board heard meanwhile."""
+        before = len(self.board.heard)
+        for _ in range(milliseconds):
+            self.t_ns += MS
+            self._step()
+        return self.board.heard[before:]
+
+    def _step(self) -> None:
+        waiting, self.from_board = self.from_board, []
+        for data in waiting:
+            if self.board.plugged:
+                self.machine.board_bytes(data, self.t_ns)
+        while self._next is not None and self._next.t_host_ns <= self.t_ns:
+            if self.pad_speaks:
+                self.machine.reports([self._next], self.t_ns)
+            self._next = next(self._reports, None)
+        if (self.t_ns - START_NS) % TIMER_NS == 0:
+            self.machine.timer(self.t_ns)
+        if (self.t_ns - START_NS) % (100 * MS) == 0:
+            self.board.status()
+
+    def want(self, targets: dict[int | str, float], ttl_s: float = 5.0) -> None:
+        items = [{"finger": finger, "amplitude_um": amplitude_um} for finger, amplitude_um in targets.items()]
+        before = self.machine.messages_refused
+        payload = msgpack.packb({"v": 1, "client": "test", "ttl_s": ttl_s, "targets": items})
+        self.machine.targets(payload, self.t_ns)
+        assert self.machine.messages_refused == before, self.machine.last_refusal
+
+    def ask(self, op: str, **body: object) -> dict[str, Any]:
+        request = {"v": 1, "id": 3, "op": op, **({"body": body} if body else {})}
+        reply = msgpack.unpackb(self.machine.request(msgpack.packb(request), self.t_ns))
+        assert isinstance(reply, dict)
+        return reply
+
+    @property
+    def state(self) -> State:
+        return self.machine.supervisor.state
+
+    def driven(self) -> Bench:
+        """Two fingers are down, one slips and one sticks."""
+        self.run(400)
+        self.want({1: 1.0, 2: 0.0})
+        self.run(60)
+        assert self.state is State.ACTIVE
+        assert self.board.state == LIVE
+        assert self.board.peak_um > 0.5
+        return self
+
+
+def lines(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """What a journal would hold since the last call."""
+    said = [record.getMessage() for record in caplog.records if record.levelno >= logging.INFO]
+    caplog.clear()
+    return said
+
+
+def references(heard: list[Heard]) -> list[Heard]:
+    return [each for each in heard if each.name == "reference"]

@@ -1,0 +1,147 @@
+"""The command line: what it prints, what it refuses with which code, and that every command shows how it is used."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd import __version__, config
+from hapticd.__main__ import _parser, main
+
+COMMANDS = sorted(re.findall(r"^    (\w+) ", _parser().format_help(), re.MULTILINE))
+
+
+@pytest.fixture(autouse=True)
+def _the_process_is_left_as_it_was() -> Iterator[None]:
+    root = logging.getLogger()
+    handlers, level, on_sigterm = root.handlers[:], root.level, signal.getsignal(signal.SIGTERM)
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
+    signal.signal(signal.SIGTERM, on_sigterm)
+
+
+def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command."""
+    try:
+        code = main(arguments)
+    except SystemExit as left:
+        code = int(left.code or 0)
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_there_are_the_commands_that_the_readme_names() -> None:
+    assert {"demo", "run", "simulate", "doctor"} <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said, _ = outcome(capsys, command, "--help")
+    assert code == 0
+    assert f"example: hapticd {command}" in said
+
+
+def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outcome(capsys, "--version") == (0, f"hapticd {__version__}\n", "")
+
+
+def test_no_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys)
+    assert code == 2
+    assert "COMMAND" in complaint
+
+
+def test_the_printed_configuration_is_a_file_that_means_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "given.toml"
+    given.write_text("[trackpad]\nrotation_deg = 90\n[limits]\nw_limit_um = [3.0, 2.5]\n", encoding="utf-8")
+    code, said, _ = outcome(capsys, "run", "--config", str(given), "--print-config")
+    assert code == 0
+    table = tomllib.loads(said)
+    assert table["trackpad"]["rotation_deg"] == 90
+    assert table["limits"]["w_limit_um"] == [3.0, 2.5]
+    assert table["device"]["port"] == "sim"
+    assert config.from_table(table, where="printed", folder=tmp_path) == config.load(given)
+
+
+@pytest.mark.parametrize("command", ["run", "doctor"])
+def test_an_unknown_key_is_one_sentence_that_names_file_and_nearest_key(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text("[trackpad]\nrotation = 90\n", encoding="utf-8")
+    code, said, complaint = outcome(capsys, command, "--config", str(path))
+    sentence = said + complaint
+    assert code == (78 if command == "run" else 1)
+    assert str(path) in sentence
+    assert "did you mean rotation_deg?" in sentence
+    if command == "run":
+        assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("[sim]\nscenario = 'dance'\n", "choose one of strokes"),
+        ("[limits]\nw_limit_um = [4.0, 4.0, 4.0]\n", "has 3 limits for a plate of 2 modes"),
+        ("[trackpad\n", "not valid TOML"),
+    ],
+)
+def test_a_configuration_that_cannot_run_is_one_sentence(
+    text: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(text + f'[client]\nruntime_dir = "{tmp_path}/run"\n', encoding="utf-8")
+    code, said, complaint = outcome(capsys, "run", "--config", str(path))
+    assert (code, said) == (78, "")
+    assert word in complaint
+    assert complaint.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_configuration_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path / "none.toml"))
+    assert code == 78
+    assert complaint.startswith(f"hapticd: {tmp_path}/none.toml: cannot be read")
+
+
+def test_a_played_scenario_gives_figures_and_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run.npz"
+    arguments = ("simulate", "strokes", "--seconds", "0.8", "--alone", "--json", "-", "--out", str(out))
+    code, said, told = outcome(capsys, *arguments)
+    assert code == 0
+    assert json.loads(said)
+    assert "0.8 s of virtual time" in told
+    with np.load(out) as arrays:
+        assert arrays["truth_um"].shape == (1600, 2)
+
+
+def test_an_unknown_scenario_names_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "simulate", "dance")
+    assert code == 2
+    assert "paper-figure-10" in complaint
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
+def test_a_demo_of_no_length_is_refused(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "demo", f"--seconds={seconds}")
+    assert code == 1
+    assert "is too short" in complaint
+
+
+def test_the_package_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "hapticd", "--version"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert said.stdout == f"hapticd {__version__}\n"

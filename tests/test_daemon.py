@@ -1,0 +1,175 @@
+"""The service's wiring in one process: what starts, in which order it ends, and what a failed start leaves behind."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import signal
+import socket
+import tty
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd import daemon as daemon_module
+from hapticd.config import Config, SimConfig
+from hapticd.core.modes import ModeShapes
+from hapticd.daemon import Daemon, load_modes, serve
+from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
+from hapticd.io.socketpad import SocketTrackpad
+from hapticd.wire import device
+from hapticd_client import Client
+
+PATIENCE_S = 10.0
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 56)
+    wave = np.sin(2 * np.pi * axis_mm / 27.0)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (56, 1)), np.tile(wave, (56, 1)).T]))
+
+
+MODES = sine_plate()
+
+
+class Hardware:
+    """A terminal that hears the daemon and an endpoint that it may connect to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        (folder / "board").symlink_to(os.ttyname(self._slave))
+        self._pad = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._pad.bind(str(folder / "trackpad"))
+        self._pad.listen()
+
+    def daemon(self, runtime: str = "run") -> Daemon:
+        trackpad = SocketTrackpad(self.folder / "trackpad")
+        return Daemon(Config(), self.folder / runtime, board_port=str(self.folder / "board"), trackpad=trackpad)
+
+    def heard(self) -> bytes:
+        try:
+            return os.read(self.master, 1 << 16)
+        except BlockingIOError:
+            return b""
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self._slave)
+        self._pad.close()
+
+
+@pytest.fixture
+def hardware(tmp_path: Path) -> Iterator[Hardware]:
+    made = Hardware(tmp_path)
+    yield made
+    made.close()
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.002)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_serving_and_frees_the_directory(hardware: Hardware, number: signal.Signals) -> None:
+    async def story() -> None:
+        service = hardware.daemon()
+        serving = asyncio.create_task(serve(service, MODES))
+        await until(lambda: (hardware.folder / "run" / "control").is_socket())
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), number)  # an impatient person
+        await asyncio.wait_for(serving, PATIENCE_S)
+        assert sorted(os.listdir(hardware.folder / "run")) == ["lock"]
+
+    asyncio.run(story())
+
+
+def test_the_board_is_greeted_as_soon_as_the_service_starts(hardware: Hardware) -> None:
+    async def story() -> None:
+        service = hardware.daemon()
+        service.start(asyncio.get_running_loop(), MODES)
+        assert hardware.heard() == device.encode_hello_request()
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_a_second_daemon_is_refused_in_its_own_words_and_opens_no_device(hardware: Hardware) -> None:
+    async def story() -> None:
+        first, second = hardware.daemon(), hardware.daemon()
+        first.start(asyncio.get_running_loop(), MODES)
+        hardware.heard()
+        with pytest.raises(AlreadyRunningError):
+            await serve(second, MODES)
+        assert hardware.heard() == b""
+        assert (hardware.folder / "run" / "control").is_socket()
+        await first.stop()
+
+    asyncio.run(story())
+
+
+def test_a_daemon_that_never_started_can_be_stopped(hardware: Hardware) -> None:
+    asyncio.run(hardware.daemon().stop())
+
+
+def test_a_directory_with_too_long_a_name_is_refused_in_one_sentence(hardware: Hardware) -> None:
+    with pytest.raises(HapticdError, match="a socket's path has at most 107"):
+        asyncio.run(serve(hardware.daemon("r" * 100), MODES))
+
+
+def test_telemetry_is_built_while_somebody_listens(hardware: Hardware) -> None:
+    async def story() -> None:
+        service = hardware.daemon()
+        service.start(asyncio.get_running_loop(), MODES)
+        machine = service.machine
+        await until(lambda: machine.session is not None and machine.last_tick is not None)
+        assert machine.published == 0
+        client = await asyncio.to_thread(Client, hardware.folder / "run", timeout_s=PATIENCE_S)
+        assert await asyncio.to_thread(client.fingers, PATIENCE_S) == []
+        assert machine.published > 0
+        await asyncio.to_thread(client.close)
+        await until(lambda: machine.publish is None)
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_each_start_has_an_instance_of_its_own(hardware: Hardware) -> None:
+    async def story() -> set[int]:
+        instances = set()
+        for _ in range(3):
+            service = hardware.daemon()
+            service.start(asyncio.get_running_loop(), MODES)
+            instances.add(service.machine.instance)
+            await service.stop()
+        return instances
+
+    assert len(asyncio.run(story())) == 3
+
+
+def test_the_mode_shapes_are_those_of_the_file(tmp_path: Path) -> None:
+    MODES.save(tmp_path / "modes.npz")
+    config = Config()
+    config = replace(config, plate=replace(config.plate, modes_file=str(tmp_path / "modes.npz")))
+    assert load_modes(config).M == 2
+    config = replace(config, limits=replace(config.limits, w_limit_um=(4.0,)))
+    with pytest.raises(ConfigError, match="has 1 limits for a plate of 2 modes: give one for each mode"):
+        load_modes(config)
+
+
+def test_a_scenario_that_is_not_there_is_named_before_a_rig_is_started() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    config = replace(Config(), sim=SimConfig(scenario="dance"))
+    try:
+        with pytest.raises(ConfigError, match="no scenario 'dance'"):
+            daemon_module.run(config)
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,117 @@
+"""What `status` and telemetry say: plain data, of now, and true."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgpack
+import pytest
+from machine_bench import MS, SLIPPERY, STICKY, Bench
+
+from hapticd import status
+
+
+def plain(value: object) -> bool:
+    """Whether any language's MessagePack can say it: no NaN, no foreign type, keys that are words."""
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and plain(item) for key, item in value.items())
+    if isinstance(value, (list, tuple)):
+        return all(plain(item) for item in value)
+    if isinstance(value, float):
+        return type(value) is float and math.isfinite(value)
+    return value is None or type(value) in (bool, int, str)
+
+
+@pytest.mark.parametrize("when", ["at the start", "driven", "faulty", "unplugged", "stopped"])
+def test_status_is_plain_data_at_any_time(when: str) -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    if when != "at the start":
+        bench.driven().run(300)
+    if when == "faulty":
+        bench.board.state, bench.board.fault_code = 2, 3
+        bench.board.status()
+        bench.run(20)
+    elif when == "unplugged":
+        bench.board.plugged = False
+        bench.machine.board_link(False, "pulled", bench.t_ns)
+    elif when == "stopped":
+        bench.machine.stop(bench.t_ns)
+    said = status.collect(bench.machine, bench.t_ns)
+    assert plain(said)
+    assert msgpack.unpackb(msgpack.packb(said)) == _listed(said)
+
+
+def _listed(value: Any) -> Any:
+    """Tuples as MessagePack gives them back."""
+    if isinstance(value, dict):
+        return {key: _listed(item) for key, item in value.items()}
+    return [_listed(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(95)
+    said: Any = status.collect(bench.machine, bench.t_ns)
+    assert said["state"] == "ACTIVE"
+    assert said["fingers"] == 2
+    assert said["touch"]["frames"] > 10
+    assert 0.0 <= said["trackpad"]["silent_ms"] < 12.0
+    assert said["board"]["ready"]
+    assert said["board"]["state"] == "LIVE"
+    assert [change["to"] for change in said["state_changes"]] == ["ACTIVE", "ARMED"]
+    assert said["state_changes"][0]["ago_ms"] == pytest.approx(150, abs=12)
+    assert said["state_changes"][1]["why"] == "the board answers and its clock is known"
+
+
+def test_a_pad_that_never_spoke_has_no_age_and_an_untouched_plate_no_latency() -> None:
+    bench = Bench()
+    bench.run(500)
+    said: Any = status.collect(bench.machine, bench.t_ns)
+    assert said["trackpad"]["silent_ms"] is None
+    assert said["latency_ms"] == {}
+
+
+def test_latencies_are_those_of_now() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.status()
+    bench.run(200)
+    now: Any = status.collect(bench.machine, bench.t_ns)
+    assert now["latency_ms"]["frames"] > 0
+    assert 9.0 <= now["latency_ms"]["age"]["p50"] <= 12.0
+    later: Any = status.collect(bench.machine, bench.t_ns + status.RECENT_NS + 1000 * MS)
+    assert later["latency_ms"] == {}
+
+
+def test_a_finger_that_nobody_wants_is_told_with_its_place_only() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.run(400)
+    states: list[dict[str, Any]] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.want({1: 1.0})
+    bench.run(30)
+    wanted, unwanted = states[-1]["fingers"]
+    assert (wanted["target_um"], wanted["virtual"]) == (1.0, False)
+    assert wanted["predicted_x_mm"] == pytest.approx(SLIPPERY.point_mm[0], abs=0.2)
+    assert (unwanted["target_um"], unwanted["achieved_um"], unwanted["predicted_x_mm"]) == (None, None, None)
+    assert unwanted["x_mm"] == pytest.approx(STICKY.point_mm[0], abs=0.1)
+
+
+def test_a_virtual_finger_is_told_by_its_name_where_it_is() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(400)
+    states: list[dict[str, Any]] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    message = {
+        "v": 1,
+        "client": "test",
+        "ttl_s": 5.0,
+        "targets": [{"finger": "post", "amplitude_um": 0.5}],
+        "virtuals": [{"name": "post", "path_mm": [[7.0, 9.0]], "speed_mm_s": 0.0}],
+    }
+    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+    bench.run(30)
+    real, virtual = states[-1]["fingers"]
+    assert real["target_um"] is None
+    assert (virtual["id"], virtual["virtual"], virtual["x_mm"], virtual["y_mm"]) == ("post", True, 7.0, 9.0)
+    assert virtual["target_um"] == 0.5
