@@ -114,7 +114,7 @@ def _board(machine: Machine) -> dict[str, object]:
             "measured_um": [[w_um.real, w_um.imag] for w_um in last.measured_um],
         }
     if session.clock.ready:
-        said |= {"round_trip_ms": session.clock.rtt_ns * 1e-6}
+        said |= {"round_trip_ms": session.clock.rtt_ns * 1e-6, "clock_rate_ppm": session.clock.rate_ppm}
     return said
 
 

@@ -116,15 +116,6 @@ class PlateTruth:
         points = np.asarray(points_mm, np.float64)
         return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
 
-    def finger_decay_1_s(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """What fingers at (..., N, 2) add to the decay: a matrix (..., P, P), for a finger also couples the modes.
-
-        An absent finger (NaN) adds nothing.
-        """
-        phi = self.shapes(points_mm)
-        matrix: FloatArray = self.settings.finger_decay_1_s * np.einsum("...np,...nq->...pq", phi, phi)
-        return matrix
-
     def cartography(self, seed: int) -> ModeShapes:
         """The map of X and Y that the daemon gets: a scan with the noise of `seed`, then `design.fit_cartography`.
 

@@ -96,21 +96,6 @@ def test_points_may_come_in_any_form_and_an_absent_finger_feels_nothing(truth: P
     assert truth.shapes(np.empty((0, 2))).shape == (0, 4)
 
 
-def test_a_finger_damps_where_it_can_feel_and_nowhere_else(truth: PlateTruth) -> None:
-    points = np.random.default_rng(3).uniform(-60.0, 60.0, (200, 2, 2))
-    points[0] = math.nan
-    points[1, 1] = math.nan
-
-    added = truth.finger_decay_1_s(points)
-    phi = truth.shapes(points)
-    each_1_s = truth.settings.finger_decay_1_s
-
-    np.testing.assert_array_equal(added[0], np.zeros((4, 4)))
-    np.testing.assert_allclose(added[1], each_1_s * np.outer(phi[1, 0], phi[1, 0]))
-    assert (np.linalg.eigvalsh(added) > -1e-9).all()  # a finger takes energy, never gives it
-    np.testing.assert_allclose(np.trace(added, axis1=1, axis2=2), each_1_s * (phi**2).sum(axis=(1, 2)))
-
-
 def test_two_fingers_on_antinodes_damp_about_what_the_amplifiers_are_sized_for(truth: PlateTruth) -> None:
     points = np.random.default_rng(4).uniform(-68.75, 68.75, (40000, 2))
     squares = truth.shapes(points)[:, :2] ** 2
