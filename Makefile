@@ -27,7 +27,7 @@ firmware:
 $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch])
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[plot,test,lint]" --editable clients/python
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[plot,test,lint]" --editable clients/python
 	touch $@
 
 clean:
