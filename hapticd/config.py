@@ -19,6 +19,29 @@ from .errors import ConfigError
 
 SIMULATED = "sim"
 
+# What the core and the simulation know by name, written down here too: a configuration is checked before they load.
+PREDICTOR_NAMES = (
+    "default",
+    "hold",
+    "linear",
+    "alpha_beta",
+    "double_exponential",
+    "one_euro_linear",
+    "least_squares",
+    "kalman_ca",
+)
+POLICY_NAMES = ("keep_zero", "keep_ratio", "least_squares", "paper")
+SCENARIO_NAMES = (
+    "strokes",
+    "circles",
+    "rest",
+    "swap",
+    "virtual-finger",
+    "paper-figure-10",
+    "paper-figure-11",
+    "step",
+)
+
 
 def _key(
     default: Any, doc: str, *, low: float = -math.inf, high: float = math.inf, choices: tuple[str, ...] = ()
@@ -81,7 +104,7 @@ class LimitsConfig:
 class PredictionConfig:
     """Where the fingers will be when the plate moves."""
 
-    name: str = _key("default", "predictor; see `hapticd bench prediction`")
+    name: str = _key("default", "predictor; see `hapticd bench prediction`", choices=PREDICTOR_NAMES)
     period_ms: float = _key(11.25, "the pad's nominal report period", low=2, high=50)
     noise_mm: float = _key(0.053, "position noise that the predictor assumes, per axis", low=0.001, high=1)
 
@@ -90,9 +113,7 @@ class PredictionConfig:
 class SolverConfig:
     """How modal amplitudes are found."""
 
-    policy: str = _key(
-        "keep_zero", "what gives way at the limit", choices=("keep_zero", "keep_ratio", "least_squares", "paper")
-    )
+    policy: str = _key("keep_zero", "what gives way at the limit", choices=POLICY_NAMES)
     effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
     fade: float = _key(
         0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0: not", low=0, high=4
@@ -114,7 +135,7 @@ class ClientConfig:
 class SimConfig:
     """The simulated rig, for trackpad and board on \"sim\"."""
 
-    scenario: str = _key("strokes", "what the simulated fingers do; see `hapticd simulate --help`")
+    scenario: str = _key("strokes", "what the simulated fingers do", choices=SCENARIO_NAMES)
     seed: int = _key(1, "of fingers, noise and cartography", low=0, high=2**31 - 1)
     rig_dir: str = _key("", "directory of a rig that runs already; empty: the daemon starts one")
 

@@ -11,7 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd import config
+from hapticd.core.prediction import PREDICTORS
+from hapticd.core.solver_policies import POLICIES
 from hapticd.errors import ConfigError
+from hapticd.sim.scenarios import SCENARIOS
 
 
 def load(text: str, tmp_path: Path) -> config.Config:
@@ -53,6 +56,9 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
+        ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
+        ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
+        ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
         ("limits = 3", "limits is a section"),
         ("[limits", "is not valid TOML"),
     ],
@@ -65,6 +71,12 @@ def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_p
     assert "hapticd.toml" in message
     assert message.endswith(".")
     assert "\n" not in message
+
+
+def test_the_names_that_it_accepts_are_those_that_exist() -> None:
+    assert set(config.PREDICTOR_NAMES) == set(PREDICTORS)
+    assert set(config.POLICY_NAMES) == set(POLICIES)
+    assert set(config.SCENARIO_NAMES) == set(SCENARIOS)
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:

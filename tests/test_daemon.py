@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd import daemon as daemon_module
-from hapticd.config import Config, SimConfig
+from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.daemon import Daemon, load_modes, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
@@ -163,13 +162,3 @@ def test_the_mode_shapes_are_those_of_the_file(tmp_path: Path) -> None:
     config = replace(config, limits=replace(config.limits, w_limit_um=(4.0,)))
     with pytest.raises(ConfigError, match="has 1 limits for a plate of 2 modes: give one for each mode"):
         load_modes(config)
-
-
-def test_a_scenario_that_is_not_there_is_named_before_a_rig_is_started() -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    config = replace(Config(), sim=SimConfig(scenario="dance"))
-    try:
-        with pytest.raises(ConfigError, match="no scenario 'dance'"):
-            daemon_module.run(config)
-    finally:
-        signal.signal(signal.SIGTERM, before)

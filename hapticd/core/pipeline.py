@@ -174,11 +174,11 @@ class Pipeline:
         if not keys:
             return self.rest(t_now_ns, link_ns)
         offsets_ns = self._knot_offsets_ns(keys, t_plate_ns)
-        if self._stands(keys, t_apply_ns, offsets_ns[-1]):
+        still = self._still(keys, t_apply_ns, (t_plate_ns, t_plate_ns + offsets_ns[-1]))
+        if still is not None:
             self.counters.skipped_standing += 1
             points, limited = self._standing_points
-            now = [self._place(key, t_plate_ns) for key in keys]
-            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(_moved, points, now)), limited)
+            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(_moved, points, still)), limited)
 
         track = [[self._place(key, t_plate_ns + dt_ns) for key in keys] for dt_ns in offsets_ns]
         phi = [tuple(self._modes.at(place.x_mm, place.y_mm) for place in places) for places in track]
@@ -236,19 +236,19 @@ class Pipeline:
         count = max(intervals, 1)
         return [settings.cover_ns * index // count // 1000 * 1000 for index in range(count + 1)]
 
-    def _stands(self, keys: Sequence[int | str], t_apply_ns: int, last_dt_ns: int) -> bool:
-        """The last reference has come to rest, and the fingers are and stay where it was made for."""
+    def _still(self, keys: Sequence[int | str], t_apply_ns: int, span_ns: tuple[int, int]) -> list[Place] | None:
+        """Where the fingers are when the frame begins, if the last reference has come to rest and they are, from then
+        to the frame's end, where it was made for: then it stands."""
         standing = self._standing_places
         if not self._is_told or len(standing) != len(keys) or t_apply_ns < self._t_settled_ns:
-            return False
-        reach_um = sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
-        for dt_ns in (0, last_dt_ns):
-            for key, was in zip(keys, standing, strict=True):
-                now = self._place(key, t_apply_ns + self._settings.loop_delay_ns + dt_ns)
-                moved_um = self._steepness_1_mm * math.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm) * reach_um
-                if key != was.key or now.target_um != was.target_um or not moved_um <= self._settings.tolerance_um:
-                    return False
-        return True
+            return None
+        steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
+        first, last = ([self._place(key, t_ns) for key in keys] for t_ns in span_ns)
+        for now, was in zip((*first, *last), (*standing, *standing), strict=True):
+            moved_um = steepness_um_mm * math.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm)
+            if now.key != was.key or now.target_um != was.target_um or not moved_um <= self._settings.tolerance_um:
+                return None
+        return first
 
     def _solve(
         self,

@@ -49,7 +49,12 @@ class Rig:
         self.actors = actors
         self.plate = PlateTruth(PlateSettings())
         self.world = World(
-            actors, self.plate, w_limit_um=(4.0, 4.0), seed=seed, boot_id=os.getpid() & 0x7FFFFFFF, keep=keep
+            actors,
+            self.plate,
+            w_limit_um=(self.plate.settings.w_limit_um,) * 2,
+            seed=seed,
+            boot_id=os.getpid() & 0x7FFFFFFF,
+            keep=keep,
         )
         paths = [actor.path for actor in actors if actor.path is not None]
         self._scans = SensorModel(SensorSettings(), seed).scans(paths)
