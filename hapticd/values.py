@@ -326,6 +326,7 @@ class BoardState(Enum):
     QUIET = 0  # no trusted stream of frames: output ramped to zero
     LIVE = 1  # following references
     FAULT = 2  # latched: silent until cleared
+    TOOL = 3  # a sweep or a raw voltage of a person's drives the plate
 
 
 @dataclass(frozen=True, slots=True)

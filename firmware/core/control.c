@@ -47,6 +47,12 @@ float hd_control_lookahead_s(const hd_control_t *control)
     return control->gains.law == HD_LAW_PI_FF ? (1.0f + plant->output_delay_frac) * plant->tick_s : 0.0f;
 }
 
+hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode)
+{
+    const hd_mode_model_t *model = &control->plant.model[mode];
+    return (hd_estimate_t){model->decay_1_s, model->detuning_rad_s};
+}
+
 /* What an amplitude costs to hold: (sigma - j delta) W = g u. */
 static hd_phasor_t holding_demand(const hd_mode_model_t *model, hd_phasor_t w_um)
 {

@@ -24,7 +24,14 @@ typedef struct {
     float decay_1_s;
     float detuning_rad_s;
     float gain_um_per_v_s;
+    hd_phasor_t loop; /* unit phasor of the loop's constant phase: what goes out is turned back by it; (1, 0) for none */
 } hd_mode_model_t;
+
+/* What the observer has learned of a mode from holding it; the model's own values while it knows nothing better. */
+typedef struct {
+    float decay_1_s;
+    float detuning_rad_s;
+} hd_estimate_t;
 
 typedef struct {
     uint8_t law;           /* enum hd_law */
@@ -58,6 +65,8 @@ void hd_control_reset(hd_control_t *control);
 
 /* How far ahead of the tick the law wants its reference: the end of the voltage hold, or nothing for the paper's. */
 float hd_control_lookahead_s(const hd_control_t *control);
+
+hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode);
 
 /* One tick. Writes the voltages, each |V_k| <= v_limit_v; true if the plate cannot follow for want of voltage. */
 bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],

@@ -14,6 +14,7 @@
 #include "codec.h"
 #include "control.h"
 #include "deadman.h"
+#include "log.h"
 #include "phasor.h"
 #include "protocol.h"
 #include "reference.h"
@@ -33,6 +34,8 @@ typedef struct {
     hd_gains_t gains;
     float output_delay_frac;   /* of a tick: from hd_tick to the voltage on the plate */
     bool latch_repeated_trips; /* three dead-man trips in ten seconds become a fault */
+    uint8_t reset_cause;       /* enum hd_reset_cause */
+    hd_log_t log;              /* what survived the reset; recovered by hd_init */
 } hd_config_t;
 
 /* What a STATUS says of one reference frame. */
@@ -57,6 +60,7 @@ typedef struct {
     hd_control_t control;
     hd_deadman_t deadman;
 
+    float drive_hz; /* what the board's oscillator should run at: the configured one, but for a sweep */
     uint8_t state; /* enum hd_state */
     uint8_t fault; /* enum hd_fault */
     bool tripped;

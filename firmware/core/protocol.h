@@ -10,7 +10,7 @@
 
 #include <stdint.h>
 
-#define HD_PROTOCOL_VERSION 1
+#define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
 #define HD_PROTOCOL_HASH 0xd5f8fdf5u
 
@@ -28,9 +28,18 @@
 #define HD_STATUS_US 100000   /* longest time between two STATUS messages */
 
 #define HD_BANDWIDTH_MIN_1_S 10.0f
-#define HD_BANDWIDTH_MAX_1_S 2000.0f
-#define HD_INTEGRAL_TIME_MIN_S 0.0005f
+#define HD_BANDWIDTH_MAX_1_S 20000.0f
+#define HD_INTEGRAL_TIME_MIN_S 0.0001f
 #define HD_INTEGRAL_TIME_MAX_S 1.0f
+
+/* Bring-up tools: what a person may ask of a quiet board. */
+#define HD_RAW_LIMIT_FRAC 0.2f      /* of the voltage limit: open loop, nothing else holds the amplitude */
+#define HD_RAW_MAX_MS 1000
+#define HD_SWEEP_POINTS_MAX 2001
+#define HD_SWEEP_DWELL_MIN_MS 1
+#define HD_SWEEP_DWELL_MAX_MS 1000
+#define HD_SWEEP_OFFSET_MAX_HZ 2000.0f /* from the drive frequency */
+#define HD_LOG_ENTRIES 8
 
 enum hd_message {
     HD_MSG_HELLO_REQUEST = 0x01,
@@ -39,15 +48,35 @@ enum hd_message {
     HD_MSG_TIME_REQUEST = 0x04,
     HD_MSG_CLEAR_FAULT = 0x05,
     HD_MSG_SET_CONTROLLER = 0x06,
+    HD_MSG_SET_MODEL = 0x07,
+    HD_MSG_CONTROLLER_REQUEST = 0x08,
+    HD_MSG_SWEEP = 0x09,
+    HD_MSG_RAW_VOLTAGE = 0x0A,
+    HD_MSG_SET_TELEMETRY = 0x0B,
+    HD_MSG_LOG_REQUEST = 0x0C,
+    HD_MSG_STOP = 0x0D,
     HD_MSG_HELLO = 0x81,
     HD_MSG_STATUS = 0x82,
     HD_MSG_TIME = 0x83,
+    HD_MSG_CONTROLLER = 0x84,
+    HD_MSG_SWEEP_POINT = 0x85,
+    HD_MSG_TELEMETRY = 0x86,
+    HD_MSG_LOG = 0x87,
+    HD_MSG_VERDICT = 0x88,
+};
+
+/* What a VERDICT says of a command that a person gave. */
+enum hd_verdict {
+    HD_VERDICT_DONE = 0,
+    HD_VERDICT_OUT_OF_RANGE = 1,
+    HD_VERDICT_NOT_QUIET = 2, /* only a quiet board without a fault takes it */
 };
 
 enum hd_state {
     HD_STATE_QUIET = 0,
     HD_STATE_LIVE = 1,
     HD_STATE_FAULT = 2,
+    HD_STATE_TOOL = 3, /* a sweep or a raw voltage drives the plate */
 };
 
 enum hd_fault {
@@ -60,9 +89,26 @@ enum hd_fault {
     HD_FAULT_CONFIG = 6, /* cannot be cleared */
 };
 
+/* What the log keeps besides faults. */
+enum hd_event {
+    HD_EVENT_DEADMAN_TRIP = 64,
+    HD_EVENT_TOOL_STOPPED = 65, /* by the dead-man or a limit */
+};
+
+enum hd_reset_cause {
+    HD_RESET_UNKNOWN = 0,
+    HD_RESET_POWER = 1,
+    HD_RESET_PIN = 2,
+    HD_RESET_SOFTWARE = 3,
+    HD_RESET_WATCHDOG = 4,
+    HD_RESET_BROWN_OUT = 5,
+    HD_RESET_LOW_POWER = 6,
+};
+
 enum hd_law {
     HD_LAW_PI = 0,
     HD_LAW_PI_FF = 1,
+    HD_LAW_DEADBEAT = 2,
 };
 
 enum hd_status_flag {
@@ -73,7 +119,7 @@ enum hd_status_flag {
 
 #define HD_PACKED __attribute__((packed))
 
-/* --- host to board; HELLO_REQUEST and CLEAR_FAULT have no payload --- */
+/* --- host to board; HELLO_REQUEST, CLEAR_FAULT, CONTROLLER_REQUEST, LOG_REQUEST and STOP have no payload --- */
 
 typedef struct HD_PACKED {
     float d_um;
@@ -105,6 +151,40 @@ typedef struct HD_PACKED {
     float bandwidth_1_s;
     float integral_time_s;
 } hd_wire_set_controller_t;
+
+/* (`loop_d`, `loop_q`) is the unit phasor of the constant phase that amplifier, plate electrodes and sensor add to the loop. */
+typedef struct HD_PACKED {
+    float decay_1_s;
+    float detuning_rad_s;
+    float gain_um_per_v_s;
+    float loop_d;
+    float loop_q;
+} hd_wire_model_t;
+
+typedef struct HD_PACKED {
+    uint8_t mode;
+    hd_wire_model_t model;
+} hd_wire_set_model_t;
+
+typedef struct HD_PACKED {
+    uint8_t mode;
+    float start_hz;
+    float stop_hz;
+    uint16_t points;
+    uint16_t dwell_ms; /* at each point; the second half of it is averaged */
+    float voltage_v;
+} hd_wire_sweep_t;
+
+typedef struct HD_PACKED {
+    uint8_t mode;
+    float voltage_d_v;
+    float voltage_q_v;
+    uint16_t duration_ms;
+} hd_wire_raw_voltage_t;
+
+typedef struct HD_PACKED {
+    uint16_t rate_hz; /* 0 ends the stream */
+} hd_wire_set_telemetry_t;
 
 /* --- board to host --- */
 
@@ -149,6 +229,61 @@ typedef struct HD_PACKED {
     uint32_t t_sent_us;
 } hd_wire_time_t;
 
+typedef struct HD_PACKED {
+    uint8_t law;
+    float bandwidth_1_s;
+    float integral_time_s;
+    uint8_t modes;
+    hd_wire_model_t model[HD_MODES];
+} hd_wire_controller_t;
+
+typedef struct HD_PACKED {
+    uint16_t index;
+    uint16_t points;
+    uint8_t mode; /* the driven one; its amplifier gets `voltage_v` on the d axis */
+    uint8_t modes;
+    float frequency_hz;
+    float voltage_v;
+    hd_wire_phasor_t measured[HD_MODES];
+} hd_wire_sweep_point_t;
+
+typedef struct HD_PACKED {
+    hd_wire_phasor_t reference;
+    hd_wire_mode_t now;
+    float decay_1_s; /* the observer's estimates */
+    float detuning_rad_s;
+} hd_wire_telemetry_mode_t;
+
+typedef struct HD_PACKED {
+    uint32_t t_board_us; /* the control tick */
+    uint32_t dropped;    /* samples of this stream that the line had no room for, so far */
+    uint8_t state;
+    uint8_t flags; /* enum hd_status_flag, of this tick alone */
+    uint8_t modes;
+    hd_wire_telemetry_mode_t mode[HD_MODES];
+} hd_wire_telemetry_t;
+
+typedef struct HD_PACKED {
+    uint32_t t_board_us;
+    uint32_t boot_id;
+    uint8_t code; /* enum hd_fault or hd_event */
+    uint8_t mode; /* the one concerned, 255 for none */
+    float value;  /* what was measured, where that says something */
+} hd_wire_log_entry_t;
+
+/* Oldest first; entries of earlier boots survive a reset that keeps the memory. Unused entries are zero. */
+typedef struct HD_PACKED {
+    uint8_t reset_cause;
+    uint8_t entries;
+    uint32_t events; /* ever logged */
+    hd_wire_log_entry_t entry[HD_LOG_ENTRIES];
+} hd_wire_log_t;
+
+typedef struct HD_PACKED {
+    uint8_t request; /* the message type answered */
+    uint8_t verdict; /* enum hd_verdict */
+} hd_wire_verdict_t;
+
 #define HD_REFERENCE_MAX (sizeof(hd_wire_reference_t) + HD_KNOTS_MAX * sizeof(hd_wire_knot_t))
 #define HD_FRAME_MAX (1 + HD_REFERENCE_MAX + 2)                 /* type, payload, CRC */
 #define HD_LINE_SIZE(frame) ((frame) + (frame) / 254 + 2)       /* COBS codes and the delimiter */
@@ -159,5 +294,12 @@ _Static_assert(sizeof(hd_wire_knot_t) == 2 + 8 * HD_MODES, "a hole in a knot");
 _Static_assert(sizeof(hd_wire_hello_t) == 41 + 4 * HD_MODES, "a hole in HELLO");
 _Static_assert(sizeof(hd_wire_status_t) == 28 + 16 * HD_MODES, "a hole in STATUS");
 _Static_assert(sizeof(hd_wire_time_t) == 16, "a hole in TIME");
+_Static_assert(sizeof(hd_wire_set_model_t) == 21, "a hole in SET_MODEL");
+_Static_assert(sizeof(hd_wire_sweep_t) == 17, "a hole in SWEEP");
+_Static_assert(sizeof(hd_wire_raw_voltage_t) == 11, "a hole in RAW_VOLTAGE");
+_Static_assert(sizeof(hd_wire_controller_t) == 10 + 20 * HD_MODES, "a hole in CONTROLLER");
+_Static_assert(sizeof(hd_wire_sweep_point_t) == 14 + 8 * HD_MODES, "a hole in SWEEP_POINT");
+_Static_assert(sizeof(hd_wire_telemetry_t) == 11 + 32 * HD_MODES, "a hole in TELEMETRY");
+_Static_assert(sizeof(hd_wire_log_t) == 6 + 14 * HD_LOG_ENTRIES, "a hole in LOG");
 
 #endif

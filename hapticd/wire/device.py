@@ -16,7 +16,7 @@ from ..errors import DeviceError
 from ..values import BoardHello, BoardMessage, BoardState, BoardStatus, BoardTime, SafeDrive
 from .framing import FrameSplitter, encode_frame
 
-PROTOCOL_VERSION: Final = 1
+PROTOCOL_VERSION: Final = 2
 PROTOCOL_HASH: Final = 0xD5F8FDF5
 
 KNOTS_MAX: Final = 24
@@ -33,9 +33,9 @@ MSG_HELLO: Final = 0x81
 MSG_STATUS: Final = 0x82
 MSG_TIME: Final = 0x83
 
-LAWS: Final = {"pi": 0, "pi_ff": 1}
-BANDWIDTH_1_S: Final = (10.0, 2000.0)
-INTEGRAL_TIME_S: Final = (0.0005, 1.0)
+LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
+BANDWIDTH_1_S: Final = (10.0, 20000.0)
+INTEGRAL_TIME_S: Final = (0.0001, 1.0)
 
 FAULTS: Final = {
     0: "none",
@@ -262,7 +262,7 @@ def _read_hello(payload: bytes) -> BoardHello | None:
 def _read_status(payload: bytes) -> BoardStatus | None:
     t_us, state, flags, fault, modes, seq, received_us, applied_us, trips, bad, late = STATUS.unpack_from(payload)
     parts = struct.unpack(f"<{4 * modes}f", payload[STATUS.size :])
-    if not (0 <= state <= 2 and flags <= 7 and modes >= 1 and all(map(isfinite, parts))):
+    if not (0 <= state <= 3 and flags <= 7 and modes >= 1 and all(map(isfinite, parts))):
         return None
     phasors = [complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True)]
     return BoardStatus(

@@ -68,6 +68,7 @@ static hd_config_t core_config(const hd_board_setup_t *setup)
             (float)setup->nominal_decay_1_s[k],
             (float)setup->nominal_detuning_rad_s[k],
             (float)setup->nominal_gain_um_per_v_s[k],
+            {1.0f, 0.0f},
         };
     }
     return config;
