@@ -106,7 +106,7 @@ int main(void)
     board_start(&config, &converters);
     bool samples = hd_carrier_init(&carrier, &converters);
     if (!samples) {
-        config.v_limit_v = 0.0f; /* the core refuses it, and tells the host so */
+        config.model[0].gain_um_per_v_s = 0.0f; /* the core refuses a plate that cannot be moved, and tells the host so */
     }
     hd_init(&core, &config, board_now_us());
     if (samples) {

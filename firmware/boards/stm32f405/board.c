@@ -121,7 +121,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     }
     if (source == CLOCK_INTERNAL) {
         log_slow_clock();
-        config->v_limit_v = 0.0f; /* the core refuses it: the host is told, and the plate stays still */
+        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate: the host is told, and it stays still */
     }
     config->log = kept.log;
     link_start();

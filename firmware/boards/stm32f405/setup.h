@@ -8,8 +8,11 @@
 
 #define CRYSTAL_HZ 8000000
 #define LINK_BAUD 921600
-#define CONTROL_HZ 2000 /* or 5000 */
 #define DRIVE_HZ 29205.0f
+
+#ifndef CONTROL_HZ
+#define CONTROL_HZ 2000 /* or 5000 */
+#endif
 
 /* Limits, held whatever the host says. */
 #define V_LIMIT_V 150.0f
