@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hapticd.sim import firmware
 from hapticd.sim.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import BoardHello, BoardState, BoardStatus, BoardTime, Knot, LimitReason, SafeDrive
-from hapticd.wire import device
+from hapticd.wire import device, protocol
 from hapticd.wire.framing import encode_frame
 
 NewBench = Callable[..., Any]
@@ -59,8 +59,8 @@ def test_the_examples_in_the_protocol_text_are_what_host_and_board_send(bench: A
 def test_the_hello_tells_versions_limits_and_rates(bench: Any) -> None:
     (hello,) = bench.say(device.encode_hello_request())
     assert hello == BoardHello(
-        protocol_version=device.PROTOCOL_VERSION,
-        protocol_hash=device.PROTOCOL_HASH,
+        protocol_version=protocol.PROTOCOL_VERSION,
+        protocol_hash=protocol.PROTOCOL_HASH,
         firmware_version="0.1.0",
         boot_id=0x1234,
         modes=2,
@@ -174,7 +174,7 @@ def test_the_longest_frame_is_taken_and_followed(new_bench: NewBench, modes: int
 
 
 def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Any) -> None:
-    sound = device.SET_CONTROLLER.pack(1, 900.0, 0.0025)
+    sound = protocol.SET_CONTROLLER.pack(1, 900.0, 0.0025)
     for law, bandwidth_1_s, integral_time_s in (
         (2, 900.0, 0.0025),
         (1, 2001.0, 0.0025),
@@ -183,10 +183,10 @@ def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Any) -> None:
         (1, 900.0, float("inf")),
         (1, 900.0, 1e-4),
     ):
-        payload = device.SET_CONTROLLER.pack(law, bandwidth_1_s, integral_time_s)
-        bench.say(encode_frame(bytes((device.MSG_SET_CONTROLLER,)) + payload))
+        payload = protocol.SET_CONTROLLER.pack(law, bandwidth_1_s, integral_time_s)
+        bench.say(encode_frame(bytes((protocol.MSG_SET_CONTROLLER,)) + payload))
     assert bench.status().bad_frames == 6
-    bench.say(encode_frame(bytes((device.MSG_SET_CONTROLLER,)) + sound))
+    bench.say(encode_frame(bytes((protocol.MSG_SET_CONTROLLER,)) + sound))
     assert bench.status().bad_frames == 6
 
 

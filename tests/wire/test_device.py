@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from hapticd.errors import DeviceError
 from hapticd.values import BoardHello, BoardState, BoardStatus, BoardTime, Knot, LimitReason, SafeDrive
-from hapticd.wire import device
+from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-HELLO = device.HELLO.pack(
-    device.PROTOCOL_VERSION, device.PROTOCOL_HASH, 2, b"0.1.0", 77, 2000.0, 29205.0, 50, 150.0
+HELLO = protocol.HELLO.pack(
+    protocol.PROTOCOL_VERSION, protocol.PROTOCOL_HASH, 2, b"0.1.0", 77, 2000.0, 29205.0, 50, 150.0
 ) + struct.pack("<ff", 4.0, 4.0)
-STATUS = device.STATUS.pack(123_456, 1, 3, 0, 2, 9, 120_000, 122_000, 1, 2, 3) + struct.pack("<8f", *range(8))
-TIME = device.TIME.pack(10**18, 4_000_000_000, 4_000_000_100)
-TO_HOST = {device.MSG_HELLO: HELLO, device.MSG_STATUS: STATUS, device.MSG_TIME: TIME}
+STATUS = protocol.STATUS.pack(123_456, 1, 3, 0, 2, 9, 120_000, 122_000, 1, 2, 3) + struct.pack("<8f", *range(8))
+TIME = protocol.TIME.pack(10**18, 4_000_000_000, 4_000_000_100)
+TO_HOST = {protocol.MSG_HELLO: HELLO, protocol.MSG_STATUS: STATUS, protocol.MSG_TIME: TIME}
 
 
 def frame(message_type: int, payload: bytes) -> bytes:
@@ -38,11 +38,11 @@ def payload_of(line: bytes) -> bytes:
 def decoded_knots(line: bytes) -> list[tuple[int, list[complex]]]:
     """Knots of a reference frame as a board reads them: float32."""
     payload = payload_of(line)
-    _, _, knots, modes = device.REFERENCE.unpack_from(payload)
+    _, _, knots, modes = protocol.REFERENCE.unpack_from(payload)
     width = 2 + 8 * modes
     rows = []
     for i in range(knots):
-        offset, *parts = struct.unpack_from(f"<H{2 * modes}f", payload, device.REFERENCE.size + i * width)
+        offset, *parts = struct.unpack_from(f"<H{2 * modes}f", payload, protocol.REFERENCE.size + i * width)
         rows.append((offset, [complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True)]))
     return rows
 
@@ -70,13 +70,13 @@ def test_what_float32_can_hold_is_sent_as_it_is() -> None:
 
 
 @settings(deadline=None, max_examples=100)
-@given(st.lists(st.integers(0, device.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
+@given(st.lists(st.integers(0, protocol.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
 def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: list[int]) -> None:
-    spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= device.KNOT_UNIT_NS] or dt_ns[:1]
+    spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= protocol.KNOT_UNIT_NS] or dt_ns[:1]
     line = device.encode_reference(0, drive(*(Knot(dt, (0j,)) for dt in spread)), 0)
     offsets = [offset for offset, _ in decoded_knots(line)]
     assert all(a < b for a, b in pairwise(offsets))
-    assert all(abs(o * device.KNOT_UNIT_NS - dt) <= 2000 for o, dt in zip(offsets, spread, strict=True))
+    assert all(abs(o * protocol.KNOT_UNIT_NS - dt) <= 2000 for o, dt in zip(offsets, spread, strict=True))
 
 
 def test_knots_closer_than_the_unit_are_put_one_unit_apart() -> None:
@@ -85,7 +85,7 @@ def test_knots_closer_than_the_unit_are_put_one_unit_apart() -> None:
 
 
 def test_sequence_number_and_time_wrap() -> None:
-    seq, t_apply_us, *_ = device.REFERENCE.unpack_from(
+    seq, t_apply_us, *_ = protocol.REFERENCE.unpack_from(
         payload_of(device.encode_reference(65537, drive(Knot(0, (0j,))), 2**32 + 5))
     )
     assert (seq, t_apply_us) == (1, 5)
@@ -117,7 +117,7 @@ def test_each_message_becomes_its_value() -> None:
     messages = device.Decoder().feed(b"".join(frame(kind, payload) for kind, payload in TO_HOST.items()))
     hello, status, time = messages
     assert hello == BoardHello(
-        device.PROTOCOL_VERSION, device.PROTOCOL_HASH, "0.1.0", 77, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0
+        protocol.PROTOCOL_VERSION, protocol.PROTOCOL_HASH, "0.1.0", 77, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0
     )
     assert status == BoardStatus(
         t_board_us=123_456,
@@ -162,13 +162,13 @@ def test_every_truncation_is_refused(kind: int) -> None:
     ("kind", "payload", "reason"),
     [
         (0x55, b"", "type"),
-        (device.MSG_TIME, TIME + b"\0", "length"),
-        (device.MSG_STATUS, STATUS[:-1], "length"),
-        (device.MSG_STATUS, STATUS[:4] + b"\x03" + STATUS[5:], "value"),
-        (device.MSG_STATUS, STATUS[:-4] + struct.pack("<f", math.nan), "value"),
-        (device.MSG_HELLO, HELLO[:-4] + struct.pack("<f", math.inf), "value"),
-        (device.MSG_HELLO, HELLO[:7] + b"\x07" + HELLO[8:], "value"),
-        (device.MSG_HELLO, HELLO[:-4], "length"),
+        (protocol.MSG_TIME, TIME + b"\0", "length"),
+        (protocol.MSG_STATUS, STATUS[:-1], "length"),
+        (protocol.MSG_STATUS, STATUS[:4] + b"\x03" + STATUS[5:], "value"),
+        (protocol.MSG_STATUS, STATUS[:-4] + struct.pack("<f", math.nan), "value"),
+        (protocol.MSG_HELLO, HELLO[:-4] + struct.pack("<f", math.inf), "value"),
+        (protocol.MSG_HELLO, HELLO[:7] + b"\x07" + HELLO[8:], "value"),
+        (protocol.MSG_HELLO, HELLO[:-4], "length"),
     ],
 )
 def test_a_sound_frame_with_senseless_contents_is_counted_by_reason(kind: int, payload: bytes, reason: str) -> None:
@@ -197,7 +197,7 @@ def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload:
 
 
 def hello(payload: bytes = HELLO) -> BoardHello:
-    (message,) = device.Decoder().feed(frame(device.MSG_HELLO, payload))
+    (message,) = device.Decoder().feed(frame(protocol.MSG_HELLO, payload))
     assert isinstance(message, BoardHello)
     return message
 
@@ -207,7 +207,7 @@ def test_a_board_that_allows_what_is_asked_is_accepted() -> None:
 
 
 def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None:
-    later = struct.pack("<H", device.PROTOCOL_VERSION + 1) + HELLO[2:] + b"new fields"
+    later = struct.pack("<H", protocol.PROTOCOL_VERSION + 1) + HELLO[2:] + b"new fields"
     with pytest.raises(DeviceError, match="protocol version 2, this hapticd 1"):
         device.check_hello(hello(later), modes=2, w_limit_um=(4.0, 4.0))
 
