@@ -1,0 +1,113 @@
+/* The program, the same on every board that runs in real time: the link in the main loop, everything else in the chunk
+ * interrupt. The core is shared by both, so the main loop holds the interrupt off while it is inside.
+ */
+#include "board.h"
+
+/* Bytes of one visit to the core: the interrupt waits for a visit, and a chunk comes every 50 us. */
+#define VISIT 16
+
+static hd_core_t core;
+static hd_carrier_t carrier;
+static volatile bool came_round; /* the main loop, since the last control tick */
+
+static void watch_main_loop(void)
+{
+    if (came_round) {
+        came_round = false;
+        board_feed_watchdog();
+    }
+}
+
+/* Off whenever nobody asks for motion; on in time, for a drive begins with a ramp from zero. */
+static bool wants_amplifiers(void)
+{
+    return core.state == HD_STATE_LIVE || core.state == HD_STATE_TOOL || core.ramp > 0;
+}
+
+static void control_tick(void)
+{
+    hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
+    hd_carrier_measure(&carrier, measured_um);
+    hd_tick(&core, board_now_us(), measured_um, voltage_v);
+    hd_carrier_tune(&carrier, core.drive_hz);
+    hd_carrier_drive(&carrier, voltage_v);
+    board_enable_amplifiers(wants_amplifiers());
+    watch_main_loop();
+}
+
+void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES])
+{
+    if (hd_carrier_listen(&carrier, in)) {
+        control_tick();
+    }
+    hd_carrier_speak(&carrier, out);
+}
+
+void hd_on_missed_chunk(void)
+{
+    hd_phasor_t silence_v[HD_MODES] = {{0.0f, 0.0f}};
+    board_enable_amplifiers(false);
+    hd_silence(&core);
+    hd_deadman_reset(&core.deadman); /* the next tick counts a trip, and only fresh references end it */
+    hd_carrier_drive(&carrier, silence_v);
+}
+
+static void listen_to_host(void)
+{
+    uint8_t bytes[VISIT];
+    size_t n;
+    while ((n = board_read(bytes, sizeof bytes)) > 0) {
+        board_lock();
+        hd_receive(&core, bytes, n, board_now_us());
+        board_unlock();
+    }
+}
+
+static void answer_host(void)
+{
+    uint8_t frame[HD_TRANSMIT_MIN];
+    size_t n;
+    do {
+        if (board_write_room() < sizeof frame) {
+            return; /* what waits is not made yet, so it will not be old */
+        }
+        board_lock();
+        n = hd_transmit(&core, board_now_us(), frame, sizeof frame);
+        board_unlock();
+        board_write(frame, n);
+    } while (n > 0);
+}
+
+static void keep_log(void)
+{
+    static uint32_t kept_events;
+    if (core.config.log.events != kept_events) {
+        board_lock();
+        hd_log_t log = core.config.log;
+        board_unlock();
+        kept_events = log.events;
+        board_keep_log(&log);
+    }
+}
+
+int main(void)
+{
+    hd_config_t config;
+    hd_converters_t converters;
+    board_start(&config, &converters);
+    bool samples = hd_carrier_init(&carrier, &converters);
+    if (!samples) {
+        config.v_limit_v = 0.0f; /* the core refuses it, and tells the host so */
+    }
+    hd_init(&core, &config, board_now_us());
+    if (samples) {
+        board_run();
+    }
+    for (;;) {
+        listen_to_host();
+        answer_host();
+        keep_log();
+        came_round = true;
+        board_wait();
+    }
+}
