@@ -45,11 +45,20 @@ void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][H
 
 void hd_on_missed_chunk(void)
 {
+    static uint32_t missed_chunks;
     hd_phasor_t silence_v[HD_MODES] = {{0.0f, 0.0f}};
+    hd_wire_log_entry_t entry = {
+        .t_board_us = board_now_us(),
+        .boot_id = core.config.boot_id,
+        .code = HD_EVENT_MISSED_CHUNK,
+        .mode = 255,
+        .value = (float)++missed_chunks,
+    };
     board_enable_amplifiers(false);
     hd_silence(&core);
     hd_deadman_reset(&core.deadman); /* the next tick counts a trip, and only fresh references end it */
     hd_carrier_drive(&carrier, silence_v);
+    hd_log_add(&core.config.log, &entry);
 }
 
 static void listen_to_host(void)
@@ -97,7 +106,7 @@ int main(void)
     board_start(&config, &converters);
     bool samples = hd_carrier_init(&carrier, &converters);
     if (!samples) {
-        config.v_limit_v = 0.0f; /* the core refuses it, and tells the host so */
+        config.model[0].gain_um_per_v_s = 0.0f; /* the core refuses a plate that cannot be moved, and tells the host so */
     }
     hd_init(&core, &config, board_now_us());
     if (samples) {

@@ -90,7 +90,7 @@ class DeviceConfig:
     baud: int = _key(921600, "serial speed", low=9600, high=5250000)
     link_ms: float = _key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
     loop_delay_ms: float = _key(0.0, "by how much the plate follows its reference late", low=0, high=20)
-    controller: str = _key("pi_ff", "control law on the board", choices=("pi", "pi_ff"))
+    controller: str = _key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -281,7 +281,7 @@ class HelloRequest:
 
 @dataclass(frozen=True, slots=True)
 class SelectController:
-    """Choose the board's control law: "pi" (the paper's four) or "pi_ff" (coupling compensation, feed-forward)."""
+    """Choose the board's control law: "pi" (the paper's four), "pi_ff" (feed-forward) or "deadbeat" (observer)."""
 
     name: str
 

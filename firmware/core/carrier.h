@@ -1,8 +1,8 @@
 /* Between samples and phasors: what the converters carry at 1 MHz, and what the controller thinks of it at its tick.
  *
- * One oscillator serves both directions. Output: w(t) = W_d cos(wt) - W_q sin(wt) around mid-rail, per mode. Input: least
- * squares of the same three functions (cos, -sin, 1) over a control tick. Integers up to the last division, so every
- * machine gives the same bits.
+ * One oscillator serves both directions. Output: v(t) = V_d cos(wt) - V_q sin(wt) around mid-rail, per mode. Input: the
+ * least squares of the same three functions (cos, -sin, 1) over a control tick. Samples are integers; sums over a chunk
+ * are exact, and what follows is float32 in a fixed order: every machine gives the same bits.
  *
  * A board moves chunks of HD_CHUNK samples. When one has been sampled, its interrupt calls
  *
@@ -15,7 +15,11 @@
  *     hd_carrier_speak(&carrier, out);
  *
  * and `out` is played after the chunk that is being played now: the new voltage appears HD_CHUNK samples after the end
- * of the measured tick.
+ * of the measured tick. The chunk just sampled is thus two older than the one spoken; the first two that a board plays
+ * are mid-rail.
+ *
+ * An amplitude W or V is that of the phasor, wherever it is read from the signal: with W in um peak to peak, as
+ * everywhere here, um_per_lsb is twice the displacement that moves the converter by a step.
  */
 #ifndef HD_CARRIER_H
 #define HD_CARRIER_H
@@ -27,9 +31,16 @@
 #include "protocol.h"
 
 #define HD_SAMPLE_HZ 1000000
-#define HD_CHUNK 50 /* samples; both 2 kHz and 5 kHz ticks are whole numbers of chunks */
+#define HD_CHUNK 50           /* samples; both 2 kHz and 5 kHz ticks are whole numbers of chunks */
+#define HD_TICK_CHUNKS_MAX 40 /* 500 Hz, the slowest control */
+#define HD_MID_RAIL 0x8000u   /* what stands for 0 in the converters */
+#define HD_PAIRED_MODES ((HD_MODES + 1) / 2 * 2)
 
-/* The converters: 12 bits, left-aligned in 16, as the STM32's DAC and ADC take and give them. */
+/* A turn within a chunk at least: fewer samples of a turn could not tell its amplitude from an offset. */
+#define HD_DRIVE_MIN_HZ 20000.0f
+#define HD_DRIVE_MAX_HZ 250000.0f
+
+/* The converters: 12 bits, left-aligned in 16 and followed by zeros, as the STM32's DAC and ADC take and give them. */
 typedef struct {
     float drive_hz;
     float control_hz;
@@ -37,28 +48,62 @@ typedef struct {
     float um_per_lsb[HD_MODES];    /* at the plate, per step of 1/4096 of the converter's range */
 } hd_converters_t;
 
+/* The phase of a chunk's first sample and the advance per sample, in 1/2^32 of a turn. */
+typedef struct {
+    uint32_t phase;
+    uint32_t step;
+} hd_oscillation_t;
+
+/* Over samples x of a tick, in steps of the converter: sum of x cos, of -x sin, and of x. */
+typedef struct {
+    hd_phasor_t product;
+    float plain;
+} hd_sums_t;
+
+/* The least squares of a tick at one frequency. Seen from the tick's middle, cosine and sine are orthogonal, and what
+ * is left of the normal equations are these. */
+typedef struct {
+    uint32_t half_span; /* phase from the first sample to the middle */
+    float samples;
+    float offset;         /* sum of the cosine: what a constant 1 adds to the product */
+    hd_phasor_t per_unit; /* amplitude per unit of the product: of the cosine with the constant removed, of the sine */
+} hd_least_squares_t;
+
 typedef struct {
     hd_converters_t converters;
-    uint32_t phase; /* of the next sample to be put out, in 1/2^32 of a turn */
-    uint32_t step;
+    hd_oscillation_t spoken;         /* of the next chunk to be put out */
+    hd_oscillation_t played[2];      /* of the chunk being sampled, and of the next */
+    uint32_t level[HD_PAIRED_MODES]; /* V_d and V_q as hd_pair, in 1/16 of a step of the converter */
+
+    uint16_t tick_chunks;
+    uint16_t chunks;     /* of this tick, so far */
+    uint32_t tick_phase; /* of its first sample */
+    hd_sums_t sums[HD_PAIRED_MODES];
+    hd_least_squares_t least_squares;
 } hd_carrier_t;
 
-/* Returns false if the converters make no sense: rates and scales are positive, a tick is a whole number of chunks. */
+/* Returns false if the converters make no sense: scales are positive, the drive is in its range, and a tick is a whole
+ * number of chunks, HD_TICK_CHUNKS_MAX at most. */
 bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters);
 
 /* Takes a chunk of samples; true when it completes a control tick, for hd_carrier_measure. */
 bool hd_carrier_listen(hd_carrier_t *carrier, const uint16_t in[HD_CHUNK][HD_MODES]);
 
 /* The mean amplitudes over the tick just completed. */
-void hd_carrier_measure(hd_carrier_t *carrier, hd_phasor_t measured_um[HD_MODES]);
+void hd_carrier_measure(const hd_carrier_t *carrier, hd_phasor_t measured_um[HD_MODES]);
 
-/* Another frequency from the next chunk on; the phase goes on without a jump. */
+/* Another frequency from the next chunk on; the phase goes on without a jump. Out of range, the old one stays. The tick
+ * in which the change is heard is measured as if it were all of the new frequency. */
 void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz);
 
-/* The voltages to synthesise from the next chunk on. */
+/* The voltages to synthesise from the next chunk on: each axis rounded to 1/16 of a step, each sample to a step. What
+ * the converter cannot give keeps its phase, and what is not finite is zero. */
 void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODES]);
 
 /* Fills the next chunk. */
 void hd_carrier_speak(hd_carrier_t *carrier, uint16_t out[HD_CHUNK][HD_MODES]);
+
+/* round(f / HD_SAMPLE_HZ 2^32), exactly: 0.23 mHz fine, finer than float32 tells above 4096 Hz. */
+uint32_t hd_oscillator_step(float drive_hz);
 
 #endif

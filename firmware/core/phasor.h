@@ -33,9 +33,19 @@ static inline hd_phasor_t hd_scale(float factor, hd_phasor_t a)
     return (hd_phasor_t){factor * a.d, factor * a.q};
 }
 
+static inline hd_phasor_t hd_conj(hd_phasor_t a)
+{
+    return (hd_phasor_t){a.d, -a.q};
+}
+
 static inline float hd_dot(hd_phasor_t a, hd_phasor_t b)
 {
     return a.d * b.d + a.q * b.q;
+}
+
+static inline hd_phasor_t hd_div(hd_phasor_t a, hd_phasor_t b)
+{
+    return hd_scale(1.0f / hd_dot(b, b), hd_mul(a, hd_conj(b)));
 }
 
 /* Infinite above 1.8e19: everything that compares it then takes the side of silence. */

@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0xd5f8fdf5u
+#define HD_PROTOCOL_HASH 0xb300cf8bu
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -93,6 +93,9 @@ enum hd_fault {
 enum hd_event {
     HD_EVENT_DEADMAN_TRIP = 64,
     HD_EVENT_TOOL_STOPPED = 65, /* by the dead-man or a limit */
+    HD_EVENT_MISSED_CHUNK = 66, /* samples were lost; `value` counts such events since the reset */
+    HD_EVENT_SLOW_CLOCK = 67,   /* the crystal does not start: the board talks and never drives */
+    HD_EVENT_CRASH = 68,        /* `value` is the place in the program, from the beginning of the flash */
 };
 
 enum hd_reset_cause {

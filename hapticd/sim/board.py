@@ -22,7 +22,10 @@ FLAG_DEADMAN: Final = 0x08
 
 PLATE_MODES_MAX: Final = 8
 
-_LAWS: Final = {"pi": 0, "pi_ff": 1}
+CHUNK_S: Final = 50e-6  # from a tick to its voltage on the plate: HD_CHUNK of firmware/core/carrier.h
+RESET_POWER: Final = 1
+
+_LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
 _TRANSMIT_BYTES: Final = 512  # all pending messages of three modes together need less
 
 
@@ -31,7 +34,8 @@ class PlateModel:
     """The simulated truth: P plate modes driven by M amplifiers and seen by M sensors.
 
     `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode against the drive, `gain_um_per_v_s` (P, M) of each amplifier
-    on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick.
+    on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick,
+    `loop_phase_rad` (M,) the constant phase of each loop, none if left out.
     """
 
     decay_1_s: npt.NDArray[np.float64]
@@ -40,6 +44,7 @@ class PlateModel:
     sensor: npt.NDArray[np.float64]
     noise_um: float
     amplifier_limit_v: float
+    loop_phase_rad: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         p, m = self.plate_modes, self.modes
@@ -52,6 +57,8 @@ class PlateModel:
         for name in ("decay_1_s", *shapes, "noise_um", "amplifier_limit_v"):
             if not np.all(np.isfinite(getattr(self, name))):
                 raise ValueError(f"{name} is not finite.")
+        if len(self.loop_phase_rad) not in (0, m) or not np.all(np.isfinite(self.loop_phase_rad)):
+            raise ValueError(f"loop_phase_rad is {self.loop_phase_rad}: give {m} finite numbers, or none.")
         if not (np.all(self.decay_1_s > 0) and self.noise_um >= 0 and self.amplifier_limit_v > 0):
             raise ValueError("Decay rates and the amplifier limit are positive, the noise is not negative.")
 
@@ -78,8 +85,9 @@ def reference_gain_um_per_v_s(quality: float = 500.0) -> float:
 class BoardConfig:
     """What the board believes and allows; the defaults are the reference plate's, Q = 500.
 
-    `controller` "pi" is the founding paper's four independent PI, "pi_ff" adds coupling compensation and feed-forward;
-    gains left at None are the firmware's tested ones.
+    `controller` "pi" is the founding paper's four independent PI, "pi_ff" adds coupling compensation and feed-forward,
+    "deadbeat" plans with what an observer tells; gains left at None are the firmware's tested ones. `loop_phase_rad` is
+    the calibration of the loops, none if left out.
     """
 
     w_limit_um: tuple[float, ...] = (4.0, 4.0)
@@ -89,16 +97,20 @@ class BoardConfig:
     decay_1_s: tuple[float, ...] = field(default_factory=reference_decay_1_s)
     detuning_rad_s: tuple[float, ...] = (-20.0 * math.pi, 20.0 * math.pi)
     gain_um_per_v_s: tuple[float, ...] = field(default_factory=lambda: (reference_gain_um_per_v_s(),) * 2)
-    controller: str = "pi_ff"
+    loop_phase_rad: tuple[float, ...] = ()
+    controller: str = "deadbeat"
     bandwidth_1_s: float | None = None
     integral_time_s: float | None = None
     latch_repeated_trips: bool = False
+    reset_cause: int = RESET_POWER
 
     def __post_init__(self) -> None:
         m = len(self.w_limit_um)
         for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s"):
             if len(getattr(self, name)) != m:
                 raise ValueError(f"{name} has {len(getattr(self, name))} values for {m} modes.")
+        if len(self.loop_phase_rad) not in (0, m):
+            raise ValueError(f"loop_phase_rad has {len(self.loop_phase_rad)} values for {m} modes.")
         if self.controller not in _LAWS:
             raise ValueError(f"controller is {self.controller!r}, not one of {', '.join(_LAWS)}.")
 
@@ -107,7 +119,7 @@ class BoardTrace:
     """One row per tick, preallocated: what was asked for, measured, true and put out at it, and its flags.
 
     `reference_um` `measured_um` `voltage_v` (T, M) and `plate_um` (T, P) complex128, `flags` (T,) uint8. The
-    measurement is the mean over the tick just ended; the voltage acts from a fifth of a tick later.
+    measurement is the mean over the tick just ended; the voltage acts from 50 us later, one chunk of the carrier.
     """
 
     __slots__ = ("flags", "measured_um", "plate_um", "reference_um", "voltage_v")
@@ -264,6 +276,7 @@ def _setup(model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_st
         detuning_rad_s=doubles(model.detuning_rad_s),
         gain_um_per_v_s=doubles(model.gain_um_per_v_s),
         sensor=doubles(model.sensor),
+        loop_phase_rad=doubles(model.loop_phase_rad or (0.0,) * model.modes),
         noise_um=model.noise_um,
         amplifier_limit_v=model.amplifier_limit_v,
         seed=seed,
@@ -276,8 +289,10 @@ def _setup(model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_st
         nominal_decay_1_s=doubles(config.decay_1_s),
         nominal_detuning_rad_s=doubles(config.detuning_rad_s),
         nominal_gain_um_per_v_s=doubles(config.gain_um_per_v_s),
+        nominal_loop_phase_rad=doubles(config.loop_phase_rad or (0.0,) * model.modes),
         law=_LAWS[config.controller],
         bandwidth_1_s=0.0 if config.bandwidth_1_s is None else config.bandwidth_1_s,
         integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,
         latch_repeated_trips=config.latch_repeated_trips,
+        reset_cause=config.reset_cause,
     )

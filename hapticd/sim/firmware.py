@@ -24,6 +24,7 @@ class Setup(ctypes.Structure):
         ("detuning_rad_s", _DOUBLES),
         ("gain_um_per_v_s", _DOUBLES),
         ("sensor", _DOUBLES),
+        ("loop_phase_rad", _DOUBLES),
         ("noise_um", ctypes.c_double),
         ("amplifier_limit_v", ctypes.c_double),
         ("seed", ctypes.c_uint64),
@@ -36,10 +37,12 @@ class Setup(ctypes.Structure):
         ("nominal_decay_1_s", _DOUBLES),
         ("nominal_detuning_rad_s", _DOUBLES),
         ("nominal_gain_um_per_v_s", _DOUBLES),
+        ("nominal_loop_phase_rad", _DOUBLES),
         ("law", ctypes.c_int32),
         ("bandwidth_1_s", ctypes.c_double),
         ("integral_time_s", ctypes.c_double),
         ("latch_repeated_trips", ctypes.c_int32),
+        ("reset_cause", ctypes.c_int32),
     ]
 
 

@@ -4,11 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "carrier.h"
 #include "core.h"
 #include "plate.h"
 
-/* From the end of a measured tick to the new voltage: one 100 us chunk of the output's buffer at 2 kHz. */
-#define OUTPUT_DELAY_FRAC 0.2
+/* From the end of a measured tick to the new voltage, in seconds: one chunk of the carrier (carrier.h). */
+#define OUTPUT_DELAY_S ((double)HD_CHUNK / HD_SAMPLE_HZ)
+
+#define TWO_PI 6.283185307179586
 
 struct hd_board {
     hd_core_t core;
@@ -16,6 +19,8 @@ struct hd_board {
     uint64_t t_start_us;
     uint64_t tick;
     double tick_us;
+    double output_delay_frac;
+    double frame_rad_s; /* of the drive as the plate has it, above the configured one */
     double complex voltage_v[HD_MODES];         /* the core's last answer */
     double complex applied_v[HD_MODES];         /* on the plate: the same, but for the first part of a tick */
     double complex mean_um[HD_PLATE_MODES_MAX]; /* over the tick just ended */
@@ -41,6 +46,9 @@ static void set_up_plate(hd_plate_t *plate, const hd_board_setup_t *setup)
     plate->noise_um = setup->noise_um;
     plate->amplifier_limit_v = setup->amplifier_limit_v;
     plate->random = setup->seed;
+    for (int k = 0; k < HD_MODES; k++) {
+        plate->loop[k] = cexp(I * setup->loop_phase_rad[k]);
+    }
     for (int p = 0; p < plate->modes; p++) {
         plate->decay_1_s[p] = setup->decay_1_s[p];
         plate->detuning_rad_s[p] = setup->detuning_rad_s[p];
@@ -59,8 +67,9 @@ static hd_config_t core_config(const hd_board_setup_t *setup)
         .drive_hz = (float)setup->drive_hz,
         .v_limit_v = (float)setup->v_limit_v,
         .gains = {(uint8_t)setup->law, (float)setup->bandwidth_1_s, (float)setup->integral_time_s},
-        .output_delay_frac = (float)OUTPUT_DELAY_FRAC,
+        .output_delay_frac = (float)(OUTPUT_DELAY_S * setup->control_hz),
         .latch_repeated_trips = setup->latch_repeated_trips != 0,
+        .reset_cause = (uint8_t)setup->reset_cause,
     };
     for (int k = 0; k < HD_MODES; k++) {
         config.w_limit_um[k] = (float)setup->w_limit_um[k];
@@ -68,7 +77,7 @@ static hd_config_t core_config(const hd_board_setup_t *setup)
             (float)setup->nominal_decay_1_s[k],
             (float)setup->nominal_detuning_rad_s[k],
             (float)setup->nominal_gain_um_per_v_s[k],
-            {1.0f, 0.0f},
+            {(float)cos(setup->nominal_loop_phase_rad[k]), (float)sin(setup->nominal_loop_phase_rad[k])},
         };
     }
     return config;
@@ -89,6 +98,7 @@ hd_board_t *hd_board_new(const hd_board_setup_t *setup)
     set_up_plate(&board->plate, setup);
     board->t_start_us = setup->t_start_us;
     board->tick_us = 1e6 / setup->control_hz;
+    board->output_delay_frac = OUTPUT_DELAY_S * setup->control_hz;
     return board;
 }
 
@@ -133,20 +143,23 @@ static void reference_at_tick(hd_board_t *board, double complex reference_um[HD_
     for (int k = 0; k < HD_MODES; k++) {
         double complex *asked_um = board->asked_um[k];
         double complex newest_um = complex_of(board->core.asked_um[k]);
-        double complex between_um = (1.0 - OUTPUT_DELAY_FRAC) * asked_um[0] + OUTPUT_DELAY_FRAC * asked_um[1];
+        double complex between_um = asked_um[0] + board->output_delay_frac * (asked_um[1] - asked_um[0]);
         reference_um[k] = ahead ? between_um : newest_um;
         asked_um[1] = asked_um[0];
         asked_um[0] = newest_um;
     }
 }
 
+/* A changed drive frequency goes out with the new voltage, and the frame turns with it: W goes on without a jump. */
 static void plate_tick(hd_board_t *board, const hd_contact_t *contact)
 {
     double tick_s = board->tick_us * 1e-6;
     double complex integral_um_s[HD_PLATE_MODES_MAX] = {0};
-    hd_plate_advance(&board->plate, contact, board->applied_v, OUTPUT_DELAY_FRAC * tick_s, integral_um_s);
+    hd_plate_advance(&board->plate, contact, board->applied_v, board->frame_rad_s, OUTPUT_DELAY_S, integral_um_s);
     memcpy(board->applied_v, board->voltage_v, sizeof board->applied_v);
-    hd_plate_advance(&board->plate, contact, board->applied_v, (1.0 - OUTPUT_DELAY_FRAC) * tick_s, integral_um_s);
+    board->frame_rad_s = TWO_PI * (double)(board->core.drive_hz - board->core.config.drive_hz);
+    hd_plate_advance(&board->plate, contact, board->applied_v, board->frame_rad_s, tick_s - OUTPUT_DELAY_S,
+                     integral_um_s);
     for (int p = 0; p < board->plate.modes; p++) {
         board->mean_um[p] = integral_um_s[p] / tick_s;
     }

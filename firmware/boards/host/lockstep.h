@@ -21,6 +21,7 @@ typedef struct {
     const double *detuning_rad_s;  /* (P,) */
     const double *gain_um_per_v_s; /* (P, HD_MODES) */
     const double *sensor;          /* (HD_MODES, P) */
+    const double *loop_phase_rad;  /* (HD_MODES,) what amplifier, electrodes and sensor add to each loop */
     double noise_um;
     double amplifier_limit_v;
     uint64_t seed;
@@ -34,10 +35,12 @@ typedef struct {
     const double *nominal_decay_1_s;        /* (HD_MODES,) */
     const double *nominal_detuning_rad_s;   /* (HD_MODES,) */
     const double *nominal_gain_um_per_v_s;  /* (HD_MODES,) */
+    const double *nominal_loop_phase_rad;   /* (HD_MODES,) */
     int32_t law;
     double bandwidth_1_s;
     double integral_time_s;
     int32_t latch_repeated_trips;
+    int32_t reset_cause; /* enum hd_reset_cause */
 } hd_board_setup_t;
 
 /* One row per tick. */

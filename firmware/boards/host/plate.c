@@ -24,20 +24,26 @@ hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double
     return contact;
 }
 
-static void slope(const hd_plate_t *plate, const hd_contact_t *contact, const double complex *drive_um_s,
-                  const double complex *w_um, double complex *rate_um_s)
+/* All that stays the same during an advance. */
+typedef struct {
+    const hd_plate_t *plate;
+    const hd_contact_t *contact;
+    double complex own_rate_1_s[HD_PLATE_MODES_MAX];
+    double complex drive_um_s[HD_PLATE_MODES_MAX];
+} motion_t;
+
+static void slope(const motion_t *motion, const double complex *w_um, double complex *rate_um_s)
 {
-    for (int p = 0; p < plate->modes; p++) {
-        double complex rate = drive_um_s[p] + CMPLX(-plate->decay_1_s[p], plate->detuning_rad_s[p]) * w_um[p];
-        for (int q = 0; q < plate->modes; q++) {
-            rate -= contact->rate_1_s[p][q] * w_um[q];
+    for (int p = 0; p < motion->plate->modes; p++) {
+        double complex rate = motion->drive_um_s[p] + motion->own_rate_1_s[p] * w_um[p];
+        for (int q = 0; q < motion->plate->modes; q++) {
+            rate -= motion->contact->rate_1_s[p][q] * w_um[q];
         }
         rate_um_s[p] = rate;
     }
 }
 
-static void runge_kutta(hd_plate_t *plate, const hd_contact_t *contact, const double complex *drive_um_s, double h,
-                        double complex *integral_um_s)
+static void runge_kutta(hd_plate_t *plate, const motion_t *motion, double h, double complex *integral_um_s)
 {
     static const double node[4] = {0.0, 0.5, 0.5, 1.0};
     static const double weight[4] = {1.0 / 6.0, 2.0 / 6.0, 2.0 / 6.0, 1.0 / 6.0};
@@ -47,7 +53,7 @@ static void runge_kutta(hd_plate_t *plate, const hd_contact_t *contact, const do
             stage[p] = plate->w_um[p] + h * node[s] * rate[p];
             integral_um_s[p] += h * weight[s] * stage[p]; /* the integral's own slope is W */
         }
-        slope(plate, contact, drive_um_s, stage, rate);
+        slope(motion, stage, rate);
         for (int p = 0; p < plate->modes; p++) {
             step[p] += h * weight[s] * rate[p];
         }
@@ -64,20 +70,22 @@ static double complex clipped(double complex voltage_v, double limit_v)
 }
 
 void hd_plate_advance(hd_plate_t *plate, const hd_contact_t *contact, const double complex voltage_v[HD_MODES],
-                      double span_s, double complex integral_um_s[HD_PLATE_MODES_MAX])
+                      double frame_rad_s, double span_s, double complex integral_um_s[HD_PLATE_MODES_MAX])
 {
-    double complex drive_um_s[HD_PLATE_MODES_MAX] = {0};
+    motion_t motion = {.plate = plate, .contact = contact};
     double fastest_1_s = 0.0;
     for (int p = 0; p < plate->modes; p++) {
+        motion.own_rate_1_s[p] = CMPLX(-plate->decay_1_s[p], plate->detuning_rad_s[p] - frame_rad_s);
         for (int k = 0; k < HD_MODES; k++) {
-            drive_um_s[p] -= I * plate->gain_um_per_v_s[p][k] * clipped(voltage_v[k], plate->amplifier_limit_v);
+            double complex driving_v = plate->loop[k] * clipped(voltage_v[k], plate->amplifier_limit_v);
+            motion.drive_um_s[p] -= I * plate->gain_um_per_v_s[p][k] * driving_v;
         }
-        fastest_1_s = fmax(fastest_1_s, hypot(plate->decay_1_s[p], plate->detuning_rad_s[p]));
+        fastest_1_s = fmax(fastest_1_s, cabs(motion.own_rate_1_s[p]));
     }
     int steps = (int)ceil(span_s * (fastest_1_s + contact->stiffest_1_s) / STEP_RATE);
     steps = steps > 0 ? steps : 1;
     for (int i = 0; i < steps; i++) {
-        runge_kutta(plate, contact, drive_um_s, span_s / steps, integral_um_s);
+        runge_kutta(plate, &motion, span_s / steps, integral_um_s);
     }
 }
 

@@ -1,13 +1,14 @@
 /* A vibrating plate with fingers on it, seen as the slow envelopes of its modes in the rotating frame.
  *
- *   dW_p/dt = (-sigma_p + j delta_p) W_p - sum_q C_pq W_q - j sum_k g_pk V_k,    C = sum_f c_f phi_f phi_f^T
+ *   dW_p/dt = (-sigma_p + j delta_p) W_p - sum_q C_pq W_q - j sum_k g_pk e^(j theta_k) V_k,    C = sum_f c_f phi_f phi_f^T
  *
  * for P plate modes, K amplifiers and F touching fingers with modal shapes phi_f and contact decay rates c_f; sensors
- * give S W. Double precision, Runge-Kutta of order 4.
+ * give S W. theta_k is all the constant phase of loop k, put where the drive acts. Double precision, Runge-Kutta of
+ * order 4.
  *
- * Left out: the carrier itself (DAC and ADC quantisation, demodulation ripple, the amplifiers' phase), mass and
- * stiffness of the fingers, any non-linearity of glass, glue and piezo, drift with temperature, and modes further from
- * the drive than an envelope can follow.
+ * Left out: the carrier itself (DAC and ADC quantisation, demodulation ripple), mass and stiffness of the fingers, any
+ * non-linearity of glass, glue and piezo, drift with temperature, and modes further from the drive than an envelope can
+ * follow.
  */
 #ifndef HD_PLATE_H
 #define HD_PLATE_H
@@ -24,6 +25,7 @@ typedef struct {
     double decay_1_s[HD_PLATE_MODES_MAX];
     double detuning_rad_s[HD_PLATE_MODES_MAX];
     double gain_um_per_v_s[HD_PLATE_MODES_MAX][HD_MODES];
+    double complex loop[HD_MODES]; /* e^(j theta) */
     double sensor[HD_MODES][HD_PLATE_MODES_MAX];
     double noise_um; /* standard deviation of each measured component, per tick */
     double amplifier_limit_v;
@@ -40,9 +42,10 @@ typedef struct {
 /* Fingers as rows of phi (fingers, modes). */
 hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double *phi, const double *decay_1_s);
 
-/* Moves the plate on by `span_s` under constant voltages; adds the integral of W over that time to `integral_um_s`. */
+/* Moves the plate on by `span_s` under constant voltages; adds the integral of W over that time to `integral_um_s`. The
+ * frame turns `frame_rad_s` faster than the one that the detunings are given for. */
 void hd_plate_advance(hd_plate_t *plate, const hd_contact_t *contact, const double complex voltage_v[HD_MODES],
-                      double span_s, double complex integral_um_s[HD_PLATE_MODES_MAX]);
+                      double frame_rad_s, double span_s, double complex integral_um_s[HD_PLATE_MODES_MAX]);
 
 /* What the sensors make of a mean amplitude, with noise. */
 void hd_plate_measure(hd_plate_t *plate, const double complex mean_um[HD_PLATE_MODES_MAX],

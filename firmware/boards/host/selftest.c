@@ -32,36 +32,49 @@ static void expect(bool condition, const char *what)
     }
 }
 
-static void start(bench_t *bench, uint64_t t_start_us)
+static void start(bench_t *bench, uint64_t t_start_us, enum hd_law law)
 {
     double decay[HD_MODES], detuning[HD_MODES], gain[HD_MODES * HD_MODES] = {0}, sensor[HD_MODES * HD_MODES] = {0};
-    double nominal_gain[HD_MODES], limit_um[HD_MODES];
+    double nominal_gain[HD_MODES], limit_um[HD_MODES], loop_phase[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
         decay[k] = 183.5;
         detuning[k] = 62.8 * (k % 2 == 0 ? -1.0 : 1.0);
         nominal_gain[k] = gain[k * HD_MODES + k] = 5.17;
         sensor[k * HD_MODES + k] = 1.0;
         limit_um[k] = LIMIT_UM;
+        loop_phase[k] = 0.3 * (k - 1);
     }
     hd_board_setup_t setup = {
         .plate_modes = HD_MODES, .decay_1_s = decay, .detuning_rad_s = detuning, .gain_um_per_v_s = gain,
-        .sensor = sensor, .noise_um = 0.0006, .amplifier_limit_v = LIMIT_V, .seed = 7,
+        .sensor = sensor, .loop_phase_rad = loop_phase, .noise_um = 0.0006, .amplifier_limit_v = LIMIT_V, .seed = 7,
         .t_start_us = t_start_us, .boot_id = 1, .control_hz = 1e6 / TICK_US, .drive_hz = 29205.0, .v_limit_v = LIMIT_V,
         .w_limit_um = limit_um, .nominal_decay_1_s = decay, .nominal_detuning_rad_s = detuning,
-        .nominal_gain_um_per_v_s = nominal_gain, .law = HD_LAW_PI_FF,
+        .nominal_gain_um_per_v_s = nominal_gain, .nominal_loop_phase_rad = loop_phase, .law = law,
     };
     memset(bench, 0, sizeof *bench);
     bench->board = hd_board_new(&setup);
     expect(bench->board != NULL, "a board starts with a sensible setup");
 }
 
-static void run(bench_t *bench, size_t ticks, size_t row)
+/* With a finger on the plate, of this modal shape, if its decay is not 0. */
+static void run_touched(bench_t *bench, size_t ticks, size_t row, const double phi[HD_MODES], double decay_1_s)
 {
+    double shapes[ROWS * HD_MODES], decays_1_s[ROWS];
+    for (size_t i = 0; i < ticks; i++) {
+        memcpy(shapes + i * HD_MODES, phi, HD_MODES * sizeof *phi);
+        decays_1_s[i] = decay_1_s;
+    }
     hd_board_trace_t trace = {
         (double *)bench->reference_um, (double *)bench->measured_um, (double *)bench->plate_um,
         (double *)bench->voltage_v, bench->flags,
     };
-    hd_board_run(bench->board, ticks, 0, NULL, NULL, &trace, row, 0);
+    hd_board_run(bench->board, ticks, 1, shapes, decays_1_s, &trace, row, 0);
+}
+
+static void run(bench_t *bench, size_t ticks, size_t row)
+{
+    const double nowhere[HD_MODES] = {0.0};
+    run_touched(bench, ticks, row, nowhere, 0.0);
 }
 
 static void send(bench_t *bench, uint8_t type, const void *payload, size_t n)
@@ -84,14 +97,21 @@ static void send_reference(bench_t *bench, float amplitude_um)
 }
 
 /* A host that sends the same reference every 10 ms, three at once at first. */
-static void drive(bench_t *bench, float amplitude_um, size_t from, size_t to)
+static void drive_touched(bench_t *bench, float amplitude_um, size_t from, size_t to, const double phi[HD_MODES],
+                          double decay_1_s)
 {
     for (size_t row = from; row < to; row += 20) {
         for (int i = 0; i < (row == 0 ? 3 : 1); i++) {
             send_reference(bench, amplitude_um);
         }
-        run(bench, to - row < 20 ? to - row : 20, row);
+        run_touched(bench, to - row < 20 ? to - row : 20, row, phi, decay_1_s);
     }
+}
+
+static void drive(bench_t *bench, float amplitude_um, size_t from, size_t to)
+{
+    const double nowhere[HD_MODES] = {0.0};
+    drive_touched(bench, amplitude_um, from, to, nowhere, 0.0);
 }
 
 static bool silent(const bench_t *bench, size_t row)
@@ -104,23 +124,41 @@ static bool silent(const bench_t *bench, size_t row)
     return true;
 }
 
-static void the_plate_follows_its_reference(uint64_t t_start_us)
+static void the_plate_follows_its_reference(uint64_t t_start_us, enum hd_law law)
 {
     bench_t bench;
-    start(&bench, t_start_us);
+    start(&bench, t_start_us, law);
     drive(&bench, 1.0f, 0, 200);
     drive(&bench, 2.0f, 200, ROWS);
     for (int k = 0; k < HD_MODES; k++) {
         expect(cabs(bench.plate_um[199 * HD_MODES + k] - 1.0) < 0.02, "1 um is reached");
-        expect(cabs(bench.plate_um[220 * HD_MODES + k] - 2.0) < 0.04, "a step to 2 um settles within 10 ms");
+        size_t ticks = law == HD_LAW_PI ? 40 : 20;
+        size_t row = (200 + ticks) * HD_MODES + (size_t)k;
+        expect(cabs(bench.plate_um[row] - 2.0) < 0.04, "a step to 2 um settles within 10 ms, or 20 of the paper's PI");
     }
+    hd_board_free(bench.board);
+}
+
+static void what_cannot_be_reached_saturates_and_lets_go(enum hd_law law)
+{
+    bench_t bench;
+    start(&bench, 0, law);
+    const double phi[HD_MODES] = {1.0};
+    drive_touched(&bench, 3.9f, 0, 200, phi, 150.0);
+    for (size_t row = 100; row < 200 * HD_MODES; row++) {
+        expect(cabs(bench.voltage_v[row]) <= LIMIT_V * (1.0 + 1e-6), "no voltage is above its limit");
+    }
+    expect((bench.flags[199] & HD_TICK_SATURATED) != 0, "want of voltage is told");
+    drive_touched(&bench, 1.0f, 200, ROWS, phi, 150.0);
+    expect((bench.flags[ROWS - 1] & HD_TICK_SATURATED) == 0, "what can be reached again does not saturate");
+    expect(cabs(bench.plate_um[(ROWS - 1) * HD_MODES] - 1.0) < 0.02, "and is reached");
     hd_board_free(bench.board);
 }
 
 static void silence_of_the_host_silences_the_plate(void)
 {
     bench_t bench;
-    start(&bench, 0xFFFFFFFFu - 30000);
+    start(&bench, 0xFFFFFFFFu - 30000, HD_LAW_DEADBEAT);
     drive(&bench, 3.0f, 0, 100);
     run(&bench, 200, 100);
     size_t last_frame = 80;
@@ -135,7 +173,7 @@ static void silence_of_the_host_silences_the_plate(void)
 static void a_sensor_that_is_not_a_number_silences_the_plate(void)
 {
     bench_t bench;
-    start(&bench, 0);
+    start(&bench, 0, HD_LAW_DEADBEAT);
     drive(&bench, 3.0f, 0, 100);
     const double broken[2 * HD_MODES] = {NAN};
     hd_board_fake_measurement(bench.board, broken);
@@ -155,7 +193,7 @@ static uint32_t noise(uint32_t *state)
 static void hostile_bytes_move_nothing(void)
 {
     bench_t bench;
-    start(&bench, 0);
+    start(&bench, 0, HD_LAW_DEADBEAT);
     uint32_t state = 1;
     for (int round = 0; round < 20000; round++) {
         uint8_t payload[HD_REFERENCE_MAX];
@@ -180,7 +218,7 @@ static void hostile_bytes_move_nothing(void)
 static void a_frame_that_promises_more_than_it_has_is_refused(void)
 {
     bench_t bench;
-    start(&bench, 0);
+    start(&bench, 0, HD_LAW_DEADBEAT);
     uint8_t line[HD_LINE_SIZE(HD_FRAME_MAX) + 8];
     memset(line, 0xFF, sizeof line);
     for (size_t n = 1; n < sizeof line; n++) {
@@ -195,8 +233,11 @@ static void a_frame_that_promises_more_than_it_has_is_refused(void)
 
 int main(void)
 {
-    the_plate_follows_its_reference(0);
-    the_plate_follows_its_reference(0xFFFFFFFFu - 100000);
+    for (enum hd_law law = HD_LAW_PI; law <= HD_LAW_DEADBEAT; law++) {
+        the_plate_follows_its_reference(0, law);
+        the_plate_follows_its_reference(0xFFFFFFFFu - 100000, law);
+        what_cannot_be_reached_saturates_and_lets_go(law);
+    }
     silence_of_the_host_silences_the_plate();
     a_sensor_that_is_not_a_number_silences_the_plate();
     hostile_bytes_move_nothing();

@@ -1,0 +1,189 @@
+/* The calls of board.h on an STM32F405. */
+#include "board.h"
+
+#include "clock.h"
+#include "crash.h"
+#include "kept.h"
+#include "link.h"
+#include "registers.h"
+#include "sampling.h"
+#include "setup.h"
+
+#define STEPS 4096.0f
+#define PI 3.14159265f
+#define CONVERTER_LAG_S 1.5e-6f /* sampling.c: one sample late, and half a sample because it is held for one */
+#define CONVERTER_LAG (2.0f * PI * DRIVE_HZ * CONVERTER_LAG_S)
+
+/* The unit phasor of a loop that turns the phase back by `rad` besides. */
+#define LAG(rad) {__builtin_cosf((rad) + CONVERTER_LAG), -__builtin_sinf((rad) + CONVERTER_LAG)}
+
+/* LSI / 4 / (80 + 1): 10 ms, 7 to 19 over the oscillator's tolerance of 17 to 47 kHz. */
+#define WATCHDOG_RELOAD 80
+
+__attribute__((section(".noinit"))) kept_t kept;
+
+static enum hd_reset_cause reset_cause(void)
+{
+    uint32_t flags = RCC->CSR;
+    RCC->CSR |= CSR_RMVF;
+    /* Whatever resets the chip also pulls the pin, and power-up sets the brown-out's flag too. */
+    if (flags & CSR_LPWRRSTF) {
+        return HD_RESET_LOW_POWER;
+    }
+    if (flags & (CSR_IWDGRSTF | CSR_WWDGRSTF)) {
+        return HD_RESET_WATCHDOG;
+    }
+    if (flags & CSR_SFTRSTF) {
+        return HD_RESET_SOFTWARE;
+    }
+    if (flags & CSR_PORRSTF) {
+        return HD_RESET_POWER;
+    }
+    if (flags & CSR_BORRSTF) {
+        return HD_RESET_BROWN_OUT;
+    }
+    return flags & CSR_PINRSTF ? HD_RESET_PIN : HD_RESET_UNKNOWN;
+}
+
+/* A bijection: consecutive counts give different identities (the finaliser of MurmurHash3). */
+static uint32_t mix(uint32_t x)
+{
+    x = (x ^ x >> 16) * 0x85EBCA6Bu;
+    x = (x ^ x >> 13) * 0xC2B2AE35u;
+    return x ^ x >> 16;
+}
+
+static uint32_t next_boot_id(void)
+{
+    kept.boots++;
+    kept.boot_id = mix(kept.boots + mix(UNIQUE_ID[0] ^ mix(UNIQUE_ID[1] ^ mix(UNIQUE_ID[2]))));
+    return kept.boot_id;
+}
+
+static void describe_converters(hd_converters_t *converters)
+{
+    static const float amplifier_v_per_v[HD_MODES] = AMPLIFIER_V_PER_V;
+    static const float sensor_um_per_v[HD_MODES] = SENSOR_UM_PER_V;
+    converters->drive_hz = DRIVE_HZ;
+    converters->control_hz = CONTROL_HZ;
+    for (int k = 0; k < HD_MODES; k++) {
+        converters->volts_per_lsb[k] = REFERENCE_V / STEPS * amplifier_v_per_v[k];
+        converters->um_per_lsb[k] = REFERENCE_V / STEPS * sensor_um_per_v[k];
+    }
+}
+
+static void describe_mode(hd_mode_model_t *model, int k)
+{
+    static const float mode_hz[HD_MODES] = MODE_HZ, quality[HD_MODES] = QUALITY, held_um[HD_MODES] = HELD_UM;
+    static const hd_phasor_t loop[HD_MODES] = LOOP;
+    hd_phasor_t decay = {PI * mode_hz[k] / quality[k], 2.0f * PI * (mode_hz[k] - DRIVE_HZ)};
+    model->decay_1_s = decay.d;
+    model->detuning_rad_s = decay.q;
+    model->gain_um_per_v_s = held_um[k] / V_LIMIT_V * hd_magnitude(decay);
+    model->loop = loop[k];
+}
+
+static void describe_board(hd_config_t *config, const hd_converters_t *converters)
+{
+    static const float w_limit_um[HD_MODES] = W_LIMIT_UM;
+    *config = (hd_config_t){
+        .control_hz = CONTROL_HZ,
+        .drive_hz = DRIVE_HZ,
+        .v_limit_v = V_LIMIT_V,
+        .gains = {HD_LAW_PI_FF, 0.0f, 0.0f}, /* those that the firmware was tested with */
+        .output_delay_frac = (float)HD_CHUNK * (float)CONTROL_HZ / (float)HD_SAMPLE_HZ,
+        .latch_repeated_trips = LATCH_REPEATED_TRIPS,
+    };
+    for (int k = 0; k < HD_MODES; k++) {
+        config->w_limit_um[k] = w_limit_um[k];
+        config->v_limit_v = fminf(config->v_limit_v, DAC_STEPS * converters->volts_per_lsb[k]);
+        describe_mode(&config->model[k], k);
+    }
+}
+
+static void log_slow_clock(void)
+{
+    hd_wire_log_entry_t entry = {.boot_id = kept.boot_id, .code = HD_EVENT_SLOW_CLOCK, .mode = 255};
+    hd_log_add(&kept.log, &entry);
+}
+
+void board_start(hd_config_t *config, hd_converters_t *converters)
+{
+    enum hd_reset_cause cause = reset_cause();
+    hd_log_recover(&kept.log);
+    describe_converters(converters);
+    describe_board(config, converters);
+    config->boot_id = next_boot_id();
+    config->reset_cause = (uint8_t)cause;
+    clock_source_t source = clock_start();
+    if (source == CLOCK_NONE) {
+        crash(0);
+    }
+    if (source == CLOCK_INTERNAL) {
+        log_slow_clock();
+        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate: the host is told, and it stays still */
+    }
+    config->log = kept.log;
+    link_start();
+}
+
+void board_run(void)
+{
+    DBGMCU_APB1_FZ |= DBG_IWDG_STOP | DBG_TIM2_STOP; /* a core that a debugger halts plays nothing over and over */
+    IWDG->KR = IWDG_KEY_START;
+    IWDG->KR = IWDG_KEY_WRITE;
+    IWDG->PR = 0;
+    IWDG->RLR = WATCHDOG_RELOAD;
+    IWDG->KR = IWDG_KEY_FEED;
+    sampling_run();
+}
+
+uint32_t board_now_us(void)
+{
+    return TIM5->CNT;
+}
+
+size_t board_read(uint8_t *bytes, size_t capacity)
+{
+    return link_read(bytes, capacity);
+}
+
+size_t board_write_room(void)
+{
+    return link_write_room();
+}
+
+void board_write(const uint8_t *bytes, size_t n)
+{
+    link_write(bytes, n);
+}
+
+void board_enable_amplifiers(bool enable)
+{
+    sampling_enable_amplifiers(enable);
+}
+
+void board_lock(void)
+{
+    sampling_lock();
+}
+
+void board_unlock(void)
+{
+    sampling_unlock();
+}
+
+void board_wait(void)
+{
+    __asm volatile("wfi" : : : "memory");
+}
+
+void board_feed_watchdog(void)
+{
+    IWDG->KR = IWDG_KEY_FEED;
+}
+
+void board_keep_log(const hd_log_t *log)
+{
+    kept.log = *log;
+}

@@ -1,0 +1,17 @@
+/* The host's line: USART1, both directions by DMA, no interrupt. */
+#ifndef HD_F405_LINK_H
+#define HD_F405_LINK_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+void link_start(void);
+
+/* Bytes that came since the last call, 0 if none. */
+size_t link_read(uint8_t *bytes, size_t capacity);
+
+/* Takes whole frames until its buffer is full, then nothing until that is on the line. */
+size_t link_write_room(void);
+void link_write(const uint8_t *bytes, size_t n);
+
+#endif

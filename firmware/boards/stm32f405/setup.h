@@ -1,0 +1,43 @@
+/* What a laboratory sets: its plate, its amplifiers, its sensors and its clockwork. Measure, edit, build, flash.
+ *
+ * As it stands: the reference plate of the founding paper with Q = 500, and a front end with which 150 V and 8 um fit
+ * the converters. Model and gains can be changed on the running board too (SET_MODEL, SET_CONTROLLER); limits cannot.
+ */
+#ifndef HD_F405_SETUP_H
+#define HD_F405_SETUP_H
+
+#define CRYSTAL_HZ 8000000
+#define LINK_BAUD 921600
+#define DRIVE_HZ 29205.0f
+
+#ifndef CONTROL_HZ
+#define CONTROL_HZ 2000 /* or 5000 */
+#endif
+
+/* Limits, held whatever the host says. */
+#define V_LIMIT_V 150.0f
+#define W_LIMIT_UM {4.0f, 4.0f}
+
+/* The plate: each mode's resonance, its quality factor, and what V_LIMIT_V hold at the drive frequency. */
+#define MODE_HZ {29195.0f, 29215.0f}
+#define QUALITY {500.0f, 500.0f}
+#define HELD_UM {4.0f, 4.0f}
+
+/* By how much amplifier, electrodes and sensor turn the phase back at the drive frequency, in rad: a sweep shows it.
+ * What the converters themselves add is known and not part of it. */
+#define LOOP {LAG(0.0f), LAG(0.0f)}
+
+/* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
+ * either rail: 1800 steps to each side of mid-rail. */
+#define REFERENCE_V 3.3f
+#define DAC_STEPS 1800.0f
+#define AMPLIFIER_V_PER_V {110.0f, 110.0f}
+#define SENSOR_UM_PER_V {4.85f, 4.85f}
+
+#define LATCH_REPEATED_TRIPS true /* three dead-man trips in ten seconds: a person should look */
+
+_Static_assert(CONTROL_HZ == 2000 || CONTROL_HZ == 5000, "a tick is a whole number of chunks of 50 us");
+_Static_assert(CRYSTAL_HZ % 1000000 == 0 && CRYSTAL_HZ >= 4000000 && CRYSTAL_HZ <= 26000000, "the PLL wants 1 MHz");
+_Static_assert(LINK_BAUD >= 9600 && LINK_BAUD <= 5250000, "USART1 at 84 MHz, 16 samples a bit");
+
+#endif

@@ -1,0 +1,44 @@
+/* From the reset to main, and from a fault back to the reset. */
+#include <stdint.h>
+
+#include "board.h"
+#include "crash.h"
+#include "registers.h"
+#include "sampling.h"
+
+extern uint32_t stack_top, ccm_begin, ccm_end, data_begin, data_end, bss_begin, bss_end;
+extern const uint32_t ccm_load, data_load;
+
+int main(void);
+void Reset_Handler(void);
+void DMA2_Stream0_IRQHandler(void);
+
+static void load(uint32_t *to, const uint32_t *end, const uint32_t *from)
+{
+    while (to < end) {
+        *to++ = *from++;
+    }
+}
+
+/* The converters come first: until then their pins float. Memory is copied at 16 MHz, which takes a millisecond. */
+void Reset_Handler(void)
+{
+    SCB_CPACR |= CPACR_FPU; /* with lazy stacking, as after every reset: an interrupt saves what it uses */
+    __asm volatile("dsb\n\tisb" : : : "memory");
+    sampling_silence();
+    load(&ccm_begin, &ccm_end, &ccm_load);
+    load(&data_begin, &data_end, &data_load);
+    for (uint32_t *word = &bss_begin; word < &bss_end; word++) {
+        *word = 0;
+    }
+    main();
+}
+
+typedef void (*vector_t)(void);
+
+__attribute__((section(".vectors"), used)) static const vector_t vectors[16 + IRQ_DMA2_STREAM0 + 1] = {
+    [0] = (vector_t)(uintptr_t)&stack_top,
+    [1] = Reset_Handler,
+    [2 ... 16 + IRQ_DMA2_STREAM0 - 1] = crash_handler, /* 2: the crystal stopped; 3: a fault */
+    [16 + IRQ_DMA2_STREAM0] = DMA2_Stream0_IRQHandler,
+};

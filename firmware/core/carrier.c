@@ -1,0 +1,220 @@
+#include "carrier.h"
+
+#include <string.h>
+
+#include "dsp.h"
+#include "limiter.h"
+#include "sine.h"
+
+#define LEVELS_PER_LSB 16.0f
+#define LEVEL_MAX (2047.0f * LEVELS_PER_LSB) /* around mid-rail the converter has 2047 steps on its shorter side */
+#define LSB_SHIFT 4                          /* samples are left-aligned */
+#define SAMPLE_MASK 0xFFF0FFF0u
+#define MID_RAIL_PAIR 0x08000800u /* in steps */
+#define SINE_SHIFT 14                        /* HD_SINE_ONE */
+
+/* A synthesised sample before the shift: mid-rail and half a step, for the nearest one. Never below 0 or above 2^30. */
+#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
+
+_Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
+_Static_assert((int64_t)HD_CHUNK * 2048 * HD_SINE_ONE <= INT32_MAX, "a chunk's sums fit 32 bits");
+
+static bool positive(float value)
+{
+    return value > 0.0f && isfinite(value);
+}
+
+static bool drive_valid(float drive_hz)
+{
+    return drive_hz >= HD_DRIVE_MIN_HZ && drive_hz <= HD_DRIVE_MAX_HZ;
+}
+
+/* How many chunks a control tick has; 0 if it has no whole number of them, or too many. */
+static uint16_t chunks_per_tick(float control_hz)
+{
+    const float chunk_hz = (float)HD_SAMPLE_HZ / (float)HD_CHUNK;
+    if (!(control_hz * (float)HD_TICK_CHUNKS_MAX >= chunk_hz && control_hz <= chunk_hz)) {
+        return 0;
+    }
+    uint16_t chunks = (uint16_t)(chunk_hz / control_hz + 0.5f);
+    bool whole = fabsf((float)chunks * control_hz - chunk_hz) <= 1e-6f * chunk_hz;
+    return whole ? chunks : 0;
+}
+
+uint32_t hd_oscillator_step(float drive_hz)
+{
+    /* 2^32 / 10^6 = 2^26 / 15625. In 1/1024 Hz a float32 of the permitted range is a whole number below 2^28, and the
+     * long division by 15625 in digits of 2^16 stays within 32 bits. */
+    uint32_t frequency = (uint32_t)(drive_hz * 1024.0f);
+    uint32_t whole = frequency / 15625u;
+    uint32_t rest = frequency % 15625u;
+    return (whole << 16) + ((rest << 16) + 7812u) / 15625u;
+}
+
+/* sum of cos over n samples a step apart, centred on 0: sin(n step/2) / sin(step/2). */
+static float centred_sum(uint32_t n, uint64_t step)
+{
+    float over = hd_unit_phasor((uint32_t)(n * step / 2u)).q;
+    return over / hd_unit_phasor((uint32_t)(step / 2u)).q;
+}
+
+static hd_least_squares_t least_squares(uint16_t chunks, uint32_t step)
+{
+    uint32_t n = (uint32_t)chunks * HD_CHUNK;
+    float samples = (float)n;
+    float offset = centred_sum(n, step);
+    float doubled = centred_sum(n, 2u * (uint64_t)step); /* sum of cos^2 - sin^2 */
+    return (hd_least_squares_t){
+        .half_span = (uint32_t)((uint64_t)(n - 1u) * step / 2u),
+        .samples = samples,
+        .offset = offset,
+        .per_unit = {1.0f / (0.5f * (samples + doubled) - offset * offset / samples),
+                     1.0f / (0.5f * (samples - doubled))},
+    };
+}
+
+static void advance(hd_oscillation_t *oscillation)
+{
+    oscillation->phase += HD_CHUNK * oscillation->step;
+}
+
+bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
+{
+    memset(carrier, 0, sizeof *carrier);
+    carrier->converters = *converters;
+    carrier->tick_chunks = chunks_per_tick(converters->control_hz);
+    bool valid = carrier->tick_chunks > 0 && drive_valid(converters->drive_hz);
+    for (int k = 0; k < HD_MODES; k++) {
+        valid = valid && positive(converters->volts_per_lsb[k]) && positive(converters->um_per_lsb[k]);
+    }
+    if (valid) {
+        uint32_t step = hd_oscillator_step(converters->drive_hz);
+        carrier->played[0] = carrier->played[1] = carrier->spoken = (hd_oscillation_t){0u, step};
+        advance(&carrier->played[1]);
+        carrier->spoken.phase = carrier->played[1].phase;
+        advance(&carrier->spoken);
+        carrier->least_squares = least_squares(carrier->tick_chunks, step);
+    }
+    return valid;
+}
+
+void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz)
+{
+    uint32_t step = drive_valid(drive_hz) ? hd_oscillator_step(drive_hz) : carrier->spoken.step;
+    if (step != carrier->spoken.step) {
+        carrier->spoken.step = step;
+        carrier->least_squares = least_squares(carrier->tick_chunks, step);
+    }
+}
+
+static int32_t nearest(float value)
+{
+    return (int32_t)(value < 0.0f ? value - 0.5f : value + 0.5f);
+}
+
+void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODES])
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        float levels_per_v = LEVELS_PER_LSB / carrier->converters.volts_per_lsb[k];
+        hd_phasor_t level = hd_limit_magnitude(hd_scale(levels_per_v, voltage_v[k]), LEVEL_MAX);
+        carrier->level[k] = hd_finite(level) ? hd_pair(nearest(level.d), nearest(level.q)) : 0u;
+    }
+}
+
+/* Modes are worked on in pairs, one word per instant as in the registers of a dual DAC and ADC. The last of an odd
+ * number of modes has a partner that is silent. */
+static inline uint32_t sample_pair(const uint16_t in[HD_MODES], int k)
+{
+    return k + 1 < HD_MODES ? hd_load_pair(in + k) : in[k] | HD_MID_RAIL << 16;
+}
+
+static inline void put_sample_pair(uint16_t out[HD_MODES], int k, uint32_t pair)
+{
+    if (k + 1 < HD_MODES) {
+        hd_store_pair(out + k, pair);
+    } else {
+        out[k] = (uint16_t)pair;
+    }
+}
+
+static void speak_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint16_t out[HD_CHUNK][HD_MODES])
+{
+    const uint32_t low_level = level[0], high_level = level[1];
+    uint32_t phase = at.phase + HD_SINE_ROUNDING;
+    #pragma GCC unroll 5 /* a taken branch costs as much as two products */
+    for (int i = 0; i < HD_CHUNK; i++) {
+        uint32_t sine = hd_sine_at(phase);
+        uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine) >> SINE_SHIFT;
+        uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine) >> SINE_SHIFT;
+        put_sample_pair(out[i], k, (low | high << 16) & SAMPLE_MASK);
+        phase += at.step;
+    }
+}
+
+void hd_carrier_speak(hd_carrier_t *carrier, uint16_t out[HD_CHUNK][HD_MODES])
+{
+    for (int k = 0; k < HD_MODES; k += 2) {
+        speak_pair(carrier->spoken, carrier->level + k, k, out);
+    }
+    carrier->played[1] = carrier->spoken;
+    advance(&carrier->spoken);
+}
+
+static void add_sums(hd_sums_t *sums, int32_t cosine, int32_t minus_sine, int32_t plain)
+{
+    hd_phasor_t product = {(float)cosine, (float)minus_sine};
+    sums->product = hd_add(sums->product, hd_scale(1.0f / HD_SINE_ONE, product));
+    sums->plain += (float)plain;
+}
+
+static void listen_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16_t in[HD_CHUNK][HD_MODES], int k)
+{
+    int32_t low_cosine = 0, low_minus_sine = 0, low_plain = 0;
+    int32_t high_cosine = 0, high_minus_sine = 0, high_plain = 0;
+    uint32_t phase = at.phase + HD_SINE_ROUNDING;
+    for (int i = 0; i < HD_CHUNK; i++) {
+        uint32_t sine = hd_sine_at(phase);
+        uint32_t x = hd_subtract_halves(sample_pair(in[i], k) >> LSB_SHIFT, MID_RAIL_PAIR);
+        low_cosine = hd_add_low_low(low_cosine, x, sine);
+        low_minus_sine = hd_add_low_high(low_minus_sine, x, sine);
+        high_cosine = hd_add_high_low(high_cosine, x, sine);
+        high_minus_sine = hd_add_high_high(high_minus_sine, x, sine);
+        low_plain += hd_low_half(x);
+        high_plain += hd_high_half(x);
+        phase += at.step;
+    }
+    add_sums(&sums[0], low_cosine, low_minus_sine, low_plain);
+    add_sums(&sums[1], high_cosine, high_minus_sine, high_plain);
+}
+
+bool hd_carrier_listen(hd_carrier_t *carrier, const uint16_t in[HD_CHUNK][HD_MODES])
+{
+    if (carrier->chunks == carrier->tick_chunks) {
+        carrier->chunks = 0;
+        memset(carrier->sums, 0, sizeof carrier->sums);
+    }
+    if (carrier->chunks == 0) {
+        carrier->tick_phase = carrier->played[0].phase;
+    }
+    for (int k = 0; k < HD_MODES; k += 2) {
+        listen_pair(carrier->sums + k, carrier->played[0], in, k);
+    }
+    carrier->played[0] = carrier->played[1];
+    carrier->chunks++;
+    return carrier->chunks == carrier->tick_chunks;
+}
+
+/* Turns the product to the tick's middle, takes out the offset, solves, turns back. */
+void hd_carrier_measure(const hd_carrier_t *carrier, hd_phasor_t measured_um[HD_MODES])
+{
+    const hd_least_squares_t *solve = &carrier->least_squares;
+    hd_phasor_t middle = hd_unit_phasor(carrier->tick_phase + solve->half_span);
+    hd_phasor_t back = {middle.d, -middle.q};
+    for (int k = 0; k < HD_MODES; k++) {
+        const hd_sums_t *sums = &carrier->sums[k];
+        hd_phasor_t product = hd_mul(sums->product, middle);
+        product.d -= solve->offset * sums->plain / solve->samples;
+        hd_phasor_t amplitude = {solve->per_unit.d * product.d, solve->per_unit.q * product.q};
+        measured_um[k] = hd_scale(carrier->converters.um_per_lsb[k], hd_mul(back, amplitude));
+    }
+}

@@ -1,0 +1,104 @@
+#include "control_laws.h"
+#include "governor.h"
+#include "limiter.h"
+
+/* Share of the voltage withheld by the clamp that leaves the integral at each tick (back-calculation). */
+#define ANTI_WINDUP_FRAC 0.3f
+
+/* PI on the error with back-calculation; the clamp keeps the phase. Returns u. */
+static hd_phasor_t drive_mode(hd_control_t *control, int k, hd_phasor_t error_um, hd_phasor_t ahead_v,
+                              float v_limit_v, bool *saturated)
+{
+    const hd_mode_model_t *model = &control->plant.model[k];
+    const hd_gains_t *gains = &control->gains;
+    hd_phasor_t *integral_v = &control->loop[k].integral_v;
+    float coupling_rad_s = gains->law == HD_LAW_PI_FF ? model->detuning_rad_s : 0.0f;
+    hd_phasor_t kp = hd_scale(1.0f / model->gain_um_per_v_s, (hd_phasor_t){gains->bandwidth_1_s, coupling_rad_s});
+    float ki_tick = gains->bandwidth_1_s / model->gain_um_per_v_s * control->plant.tick_s / gains->integral_time_s;
+
+    hd_phasor_t wanted_v = hd_add(ahead_v, hd_add(hd_mul(kp, error_um), *integral_v));
+    hd_phasor_t u_v = hd_limit_magnitude(wanted_v, v_limit_v);
+    hd_phasor_t withheld_v = hd_sub(wanted_v, u_v);
+    hd_phasor_t gained_v = hd_sub(hd_scale(ki_tick, error_um), hd_scale(ANTI_WINDUP_FRAC, withheld_v));
+    *integral_v = hd_add(*integral_v, gained_v);
+    *saturated |= withheld_v.d != 0.0f || withheld_v.q != 0.0f;
+    return u_v;
+}
+
+bool hd_law_pi(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
+               const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES])
+{
+    bool saturated = false;
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_phasor_t error_um = hd_sub(reference_um[k], measured_um[k]);
+        u_v[k] = drive_mode(control, k, error_um, (hd_phasor_t){0.0f, 0.0f}, v_limit_v, &saturated);
+    }
+    return saturated;
+}
+
+/* What an amplitude costs to hold on the nominal plate: (sigma - j delta) W = g u. */
+static hd_phasor_t holding_v(const hd_mode_model_t *model, hd_phasor_t w_um)
+{
+    hd_phasor_t demand_1_s = {model->decay_1_s, -model->detuning_rad_s};
+    return hd_scale(1.0f / model->gain_um_per_v_s, hd_mul(demand_1_s, w_um));
+}
+
+/* u over the coming hold that takes the nominal mode from x to x + step along a straight line. */
+static hd_phasor_t feed_forward_v(const hd_mode_model_t *model, float tick_s, hd_phasor_t x_um, hd_phasor_t step_um)
+{
+    hd_phasor_t slope_v = hd_scale(1.0f / (tick_s * model->gain_um_per_v_s), step_um);
+    return hd_add(slope_v, holding_v(model, hd_add(x_um, hd_scale(0.5f, step_um))));
+}
+
+/* Moves every trajectory by the same fraction of its way to the reference. Returns what is left of the reference. */
+static float advance_trajectories(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES], float v_limit_v)
+{
+    const hd_mode_model_t *model = control->plant.model;
+    hd_phasor_t goal_um[HD_MODES], goal_v[HD_MODES], stay_v[HD_MODES], move_v[HD_MODES];
+    for (int k = 0; k < HD_MODES; k++) {
+        goal_v[k] = holding_v(&model[k], reference_um[k]);
+    }
+    float holdable = hd_holdable_fraction(goal_v, v_limit_v);
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_phasor_t x_um = control->loop[k].x_um[0];
+        goal_um[k] = hd_scale(holdable, reference_um[k]);
+        stay_v[k] = holding_v(&model[k], x_um);
+        move_v[k] = hd_sub(feed_forward_v(&model[k], control->plant.tick_s, x_um, hd_sub(goal_um[k], x_um)), stay_v[k]);
+    }
+    float fraction = hd_feasible_fraction(stay_v, move_v, v_limit_v);
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_phasor_t *x_um = control->loop[k].x_um;
+        x_um[2] = x_um[1];
+        x_um[1] = x_um[0];
+        x_um[0] = hd_on_the_way(x_um[1], goal_um[k], fraction);
+    }
+    return fminf(fraction, holdable);
+}
+
+/* Mean of the trajectory over the tick just ended. Its corners lie `delay` after the ticks, so three of them matter. */
+static hd_phasor_t trajectory_mean(const hd_phasor_t x_um[3], float delay_frac)
+{
+    float newest = 0.5f * (1.0f - delay_frac) * (1.0f - delay_frac);
+    float oldest = 0.5f * delay_frac * delay_frac;
+    hd_phasor_t ends = hd_add(hd_scale(newest, x_um[0]), hd_scale(oldest, x_um[2]));
+    return hd_add(ends, hd_scale(1.0f - newest - oldest, x_um[1]));
+}
+
+/* The error compares like with like: the measurement is a mean over the tick just ended, so it is subtracted from the
+ * mean of x over the same time. */
+bool hd_law_pi_ff(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
+                  const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES])
+{
+    const hd_plant_t *plant = &control->plant;
+    hd_phasor_t error_um[HD_MODES];
+    for (int k = 0; k < HD_MODES; k++) {
+        error_um[k] = hd_sub(trajectory_mean(control->loop[k].x_um, plant->output_delay_frac), measured_um[k]);
+    }
+    bool saturated = advance_trajectories(control, reference_um, v_limit_v) < 1.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        const hd_phasor_t *x_um = control->loop[k].x_um;
+        hd_phasor_t ahead_v = feed_forward_v(&plant->model[k], plant->tick_s, x_um[1], hd_sub(x_um[0], x_um[1]));
+        u_v[k] = drive_mode(control, k, error_um[k], ahead_v, v_limit_v, &saturated);
+    }
+    return saturated;
+}

@@ -1,0 +1,46 @@
+#include "governor.h"
+
+/* Share of the voltage that may go into holding an amplitude. Without the rest a mode at its limit could not move at
+ * all, and because all modes move by one fraction it would hold up the others. */
+#define HOLDABLE_FRAC 0.97f
+
+float hd_holdable_fraction(const hd_phasor_t holding_v[HD_MODES], float v_limit_v)
+{
+    float fraction = 1.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        float demand_v = hd_magnitude(holding_v[k]);
+        if (demand_v > HOLDABLE_FRAC * v_limit_v) {
+            fraction = fminf(fraction, HOLDABLE_FRAC * v_limit_v / demand_v);
+        }
+    }
+    return fraction;
+}
+
+/* The same for one mode, where |stay| < limit. */
+static float mode_fraction(hd_phasor_t stay, hd_phasor_t move, float limit)
+{
+    float a = hd_dot(move, move), b = hd_dot(stay, move), c = hd_dot(stay, stay) - limit * limit;
+    if (!(a + 2.0f * b + c > 0.0f)) {
+        return 1.0f;
+    }
+    float root = sqrtf(b * b - a * c);
+    float f = b > 0.0f ? -c / (b + root) : (root - b) / a; /* no difference of near equals in either */
+    return fminf(fmaxf(f, 0.0f), 1.0f);
+}
+
+float hd_feasible_fraction(const hd_phasor_t stay_v[HD_MODES], const hd_phasor_t move_v[HD_MODES], float v_limit_v)
+{
+    float fraction = 1.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        /* A falling limit, on the ramp to silence, or a finger that lands may leave a mode above it: it must get away
+         * from there, and must not hold up the others. */
+        float budget_v = fmaxf(v_limit_v, hd_magnitude(stay_v[k]) + (1.0f - HOLDABLE_FRAC) * v_limit_v);
+        fraction = fminf(fraction, mode_fraction(stay_v[k], move_v[k], budget_v));
+    }
+    return fraction;
+}
+
+hd_phasor_t hd_on_the_way(hd_phasor_t from, hd_phasor_t to, float fraction)
+{
+    return fraction == 1.0f ? to : hd_add(from, hd_scale(fraction, hd_sub(to, from)));
+}

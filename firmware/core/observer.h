@@ -1,0 +1,58 @@
+/* What a mode does now, and what acts on it besides the voltage, told from its measured means.
+ *
+ *   W' = a W + b (u + d)                        between instants at which the voltage changes, exact while it is held
+ *   y  = c W + e0 u + e1 u_old + (e0 + e1) d    the mean over a tick, which sees two voltages
+ *
+ * d is the disturbance in volts: fingers, drift, other modes. Both are corrected by the innovation, with gains that put
+ * the poles of the error at e^(-2 bandwidth T) and e^(-T / integral time).
+ *
+ * A finger or a drift shows as d = (change of decay and detuning) W / g. Least squares of d on W, with forgetting, tell
+ * that change: it says how d will move with W and what voltage an amplitude will take to hold, and the host reads it.
+ * What other modes feed in counts as this mode's own as far as it moves with it.
+ */
+#ifndef HD_OBSERVER_H
+#define HD_OBSERVER_H
+
+#include "plant.h"
+
+typedef struct {
+    hd_phasor_t keep;                 /* a */
+    hd_phasor_t push_um_per_v;        /* b */
+    hd_phasor_t mean_of_state;        /* c */
+    hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
+    hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */
+    hd_phasor_t state_gain;
+    hd_phasor_t disturbance_gain_v_per_um;
+    float forget_frac; /* of the least squares' memory, at each tick */
+    float change_limit_1_s;
+} hd_observer_design_t;
+
+typedef struct {
+    hd_mode_model_t model;
+    hd_observer_design_t design;
+
+    hd_phasor_t w_um; /* when the voltage of the coming call takes over */
+    hd_phasor_t disturbance_v;
+    hd_phasor_t new_v, old_v; /* u of the last call, and of the one before */
+
+    hd_phasor_t moment_um2_1_s; /* sum of g conj(W) d */
+    float power_um2;            /* sum of |W|^2; 0 while nothing is known */
+} hd_observer_t;
+
+/* At rest, for this model and these rates. What was learned is kept unless the model is another. */
+void hd_observer_start(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
+                       float bandwidth_1_s, float integral_time_s);
+
+/* Takes the mean over the tick just ended and moves the state on to where the next voltage takes over. */
+void hd_observer_correct(hd_observer_t *observer, hd_phasor_t measured_um);
+
+/* Tells what the mode will be driven with: the voltage as limited, so that a limit is never taken for a disturbance. */
+void hd_observer_drive(hd_observer_t *observer, hd_phasor_t u_v);
+
+/* By how much -decay + j detuning differs from the model's, up to a quarter per tick; 0 while nothing is known. */
+hd_phasor_t hd_observer_change_1_s(const hd_observer_t *observer);
+
+/* u that holds an amplitude on the plate as learned. */
+hd_phasor_t hd_observer_holding_v(const hd_observer_t *observer, hd_phasor_t w_um);
+
+#endif

@@ -1,0 +1,226 @@
+"""Experiments on the closed loop: the firmware's own C on the bench, with the plate model behind its amplifiers.
+
+Shared by `hapticd bench firmware` and the firmware's tests. Plates follow the reference plate but for quality, damping
+and drift; the board is told the quality and nothing of the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..sim.board import (
+    Board,
+    BoardConfig,
+    BoardTrace,
+    PlateModel,
+    reference_decay_1_s,
+    reference_gain_um_per_v_s,
+)
+from ..values import Knot, LimitReason, SafeDrive
+from ..wire import device
+
+Phasors = npt.NDArray[np.complex128]
+Floats = npt.NDArray[np.float64]
+
+SETTLED_FRAC = 0.02
+NOISE_UM = 0.00061  # one step of 14 bits over +-5 um
+LIMIT_V = 150.0
+PHASE_S = 0.1  # of an experiment: at rest, after the step, after the landing
+LANDED_DAMPING = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A plate as it is on the day: `damping` times the decay that the board knows, `detune_hz` from where it was.
+
+    `loop_phase_rad` is the constant phase of both loops, `told_phase_rad` what the board was calibrated to.
+    """
+
+    quality: float = 500.0
+    damping: float = 1.0
+    detune_hz: float = 0.0
+    loop_phase_rad: float = 0.0
+    told_phase_rad: float = 0.0
+
+    @property
+    def decay_1_s(self) -> float:
+        return self.damping * reference_decay_1_s(self.quality)[0]
+
+    def bound_ms(self, amplitude_um: float) -> float:
+        """No control whatever settles sooner: d|W|/dt <= g V - decay |W|, up to 2 % below; infinite if out of reach."""
+        share = (1.0 - SETTLED_FRAC) * amplitude_um * self.decay_1_s
+        share /= reference_gain_um_per_v_s(self.quality) * LIMIT_V
+        return -1e3 / self.decay_1_s * math.log1p(-share) if share < 1.0 else math.inf
+
+    def reaches(self, amplitude_um: float) -> bool:
+        """Whether the amplifiers can hold this amplitude of the first mode."""
+        demand_1_s = abs(complex(self.decay_1_s, 2 * math.pi * (self.detune_hz - 10.0)))
+        return amplitude_um * demand_1_s <= 0.97 * reference_gain_um_per_v_s(self.quality) * LIMIT_V
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """A control law at a control rate."""
+
+    controller: str
+    control_hz: float = 2000.0
+
+    @property
+    def tick_ms(self) -> float:
+        return 1e3 / self.control_hz
+
+    @property
+    def phase_ticks(self) -> int:
+        return round(PHASE_S * self.control_hz)
+
+    def board(self, plate: Plate, *, noise_um: float = NOISE_UM) -> Board:
+        """A board with this law and that plate."""
+        gain = reference_gain_um_per_v_s(plate.quality)
+        config = BoardConfig(
+            controller=self.controller,
+            control_hz=self.control_hz,
+            decay_1_s=reference_decay_1_s(plate.quality),
+            gain_um_per_v_s=(gain, gain),
+            loop_phase_rad=(plate.told_phase_rad,) * 2,
+        )
+        model = PlateModel(
+            decay_1_s=plate.damping * np.array(config.decay_1_s),
+            detuning_rad_s=np.array(config.detuning_rad_s) + 2 * np.pi * plate.detune_hz,
+            gain_um_per_v_s=gain * np.eye(2),
+            sensor=np.eye(2),
+            noise_um=noise_um,
+            amplifier_limit_v=LIMIT_V,
+            loop_phase_rad=(plate.loop_phase_rad,) * 2,
+        )
+        return Board(model, config=config)
+
+    def respond(self, plate: Plate, amplitude_um: float) -> Phasors:
+        """W_X (3 phases of ticks) from the step on: 0 to `amplitude_um`, then fingers land and take half as much again
+        of the bare plate's decay, then they lift."""
+        ticks = self.phase_ticks
+        landing_1_s = np.zeros((4 * ticks, 1))
+        landing_1_s[2 * ticks : 3 * ticks] = (LANDED_DAMPING - 1.0) * plate.decay_1_s
+        on_x = np.tile([1.0, 0.0], (4 * ticks, 1, 1))
+
+        def knots(t_s: float) -> list[tuple[float, Phasors]]:
+            return [(0.0, np.array([amplitude_um if t_s > PHASE_S - 1e-4 else 0.0, 0.0j]))]
+
+        trace = follow(self.board(plate), knots, 4 * ticks, ticks // 10, (on_x, landing_1_s))
+        return trace.plate_um[ticks:, 0]
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What a step and a landing look like; times in ms, the rest as fractions of the amplitude."""
+
+    settling_ms: float
+    overshoot_frac: float
+    cross_axis_frac: float
+    recovery_ms: float
+    dip_frac: float
+
+
+def measure(w_um: Phasors, amplitude_um: float, tick_ms: float) -> Response:
+    """The measures of what `Law.respond` gives."""
+    phase = len(w_um) // 3
+    stepped, landed = w_um[:phase], w_um[phase : 2 * phase]
+    return Response(
+        settling_ms=settling_ms(stepped, amplitude_um, tick_ms),
+        overshoot_frac=float(stepped.real.max()) / amplitude_um - 1.0,
+        cross_axis_frac=float(np.abs(stepped.imag).max()) / amplitude_um,
+        recovery_ms=max(settling_ms(landed, amplitude_um, tick_ms) - tick_ms, 0.0),  # it lands at the tick before
+        dip_frac=1.0 - float(np.abs(landed).min()) / amplitude_um,
+    )
+
+
+def settling_ms(w_um: Phasors, target_um: complex, tick_ms: float) -> float:
+    """Time after which the amplitude stays within 2 %; infinite if it does not.
+
+    It counts from the instant at which the host asks, unannounced: the board hears of it a tick later.
+    """
+    outside = np.flatnonzero(np.abs(w_um - target_um) > SETTLED_FRAC * abs(target_um))
+    if len(outside) == 0:
+        return 0.0
+    return float(outside[-1] + 2) * tick_ms if outside[-1] + 1 < len(w_um) else math.inf
+
+
+def follow(
+    board: Board,
+    knots_at: Callable[[float], list[tuple[float, Phasors]]],
+    ticks: int,
+    every: int,
+    touch: tuple[Floats, Floats] | None = None,
+) -> BoardTrace:
+    """Drives the board with what `knots_at` says at each frame's start (s): (ms after it, amplitudes).
+
+    `touch` is phi (ticks, F, P) and contact decay (ticks, F) as in `Board.run`; nobody touches if it is left out.
+    """
+    modes, plate_modes = board.model.modes, board.model.plate_modes
+    phi, decay_1_s = touch or (np.zeros((ticks, 0, plate_modes)), np.zeros((ticks, 0)))
+    trace = BoardTrace(ticks, modes, plate_modes)
+    seq = 0
+    for tick in range(0, ticks, every):
+        knots = tuple(Knot(round(ms * 1e6), tuple(w)) for ms, w in knots_at(board.t_us * 1e-6))
+        for _ in range(3 if tick == 0 else 1):  # a board trusts the third frame of a stream
+            board.receive(device.encode_reference(seq, SafeDrive(0, knots, LimitReason.NONE), board.t_us))
+            seq += 1
+        rows = slice(tick, min(tick + every, ticks))
+        board.run(rows.stop - tick, phi[rows], decay_1_s[rows], trace, tick)
+    return trace
+
+
+def step_trace(board: Board, from_um: Phasors, to_um: Phasors) -> BoardTrace:
+    """0.1 s of one reference, then 0.1 s of another."""
+    ticks = round(PHASE_S * board.config.control_hz)
+
+    def knots(t_s: float) -> list[tuple[float, Phasors]]:
+        return [(0.0, to_um if t_s > PHASE_S - 1e-4 else from_um)]
+
+    return follow(board, knots, 2 * ticks, ticks // 10)
+
+
+def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
+    """What the plate does from the tick of the step on."""
+    trace = step_trace(board, from_um, to_um)
+    return trace.plate_um[len(trace) // 2 :]
+
+
+def rms_um(w_um: Phasors) -> float:
+    return math.sqrt(float(np.mean(np.abs(w_um) ** 2)))
+
+
+def tracking_figures(reference_um: Phasors, plate_um: Phasors, tick_ms: float) -> dict[str, float]:
+    """RMS error, the delay that explains most of it, and what that leaves."""
+    delay_ticks = _delay_ticks(reference_um, plate_um)
+    return {
+        "error_um": rms_um(plate_um - reference_um),
+        "delay_ms": delay_ticks * tick_ms,
+        "residual_um": _late_error_um(reference_um, plate_um, delay_ticks),
+    }
+
+
+def _delay_ticks(reference_um: Phasors, plate_um: Phasors) -> float:
+    """The delay of least error, to a hundredth of a tick: coarse over 20 ms, then finer and finer."""
+    middle, step_ticks = 0.0, 1.0
+    candidates = np.arange(-4.0, 40.0)
+    for _ in range(3):
+        errors = [_late_error_um(reference_um, plate_um, float(ticks)) for ticks in candidates]
+        middle = float(candidates[int(np.argmin(errors))])
+        candidates = middle + step_ticks * np.linspace(-1.0, 1.0, 21)
+        step_ticks /= 10
+    return middle
+
+
+def _late_error_um(reference_um: Phasors, plate_um: Phasors, delay_ticks: float) -> float:
+    """RMS distance from the reference `delay_ticks` ago, linear between ticks; the ends are left out."""
+    ticks = np.arange(50, len(plate_um) - 50)
+    then = ticks - delay_ticks
+    whole = np.floor(then).astype(int)
+    share = (then - whole)[:, np.newaxis]
+    late_um = reference_um[whole] * (1 - share) + reference_um[whole + 1] * share
+    return rms_um(plate_um[ticks] - late_um)

@@ -1,0 +1,112 @@
+"""A Cortex-M4 with the board's memories: calls functions of an image, and stops where it is told."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import unicorn
+from unicorn import arm_const as arm
+
+from .image import Image
+
+SCRATCH = 0x30000000  # memory that the board does not have, for the test's own arguments
+RETURN = SCRATCH + 0xFFFF0  # a function that comes back there stops the emulator
+_MEMORIES = ((0x08000000, 1 << 20), (0x10000000, 64 << 10), (0x20000000, 128 << 10), (SCRATCH, 1 << 20))
+_IDENTITY = 0x1FFF7A10
+_PERIPHERALS = ((0x40000000, 0x80000), (0xE0000000, 0x100000))
+_INSTRUCTIONS_MAX = 20_000_000  # a loop that never ends fails its test instead of hanging it
+
+Read = Callable[[int, int], int]  # address, size in bytes -> value
+Write = Callable[[int, int, int], None]  # address, size, value
+
+
+class Cpu:
+    """`read` and `write` answer the peripherals' addresses; without them every register is 0."""
+
+    def __init__(self, image: Image, *, read: Read | None = None, write: Write | None = None) -> None:
+        self.image = image
+        self._uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        self._uc.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
+        for base, size in _MEMORIES:
+            self._uc.mem_map(base, size)
+        self._uc.mem_map(_IDENTITY & ~0xFFF, 0x1000)
+        self._uc.mem_write(_IDENTITY, bytes(range(1, 13)))
+        for base, size in _PERIPHERALS:
+            self._map_peripherals(base, size, read or (lambda *_: 0), write or (lambda *_: None))
+        self.load()
+
+    def _map_peripherals(self, base: int, size: int, read: Read, write: Write) -> None:
+        self._uc.mmio_map(
+            base,
+            size,
+            lambda _uc, offset, n, _: read(base + offset, n),
+            None,
+            lambda _uc, offset, n, value, _: write(base + offset, n, value),
+            None,
+        )
+
+    def load(self) -> None:
+        """Flashes the image and stands at its reset vector; the RAM stays as it is."""
+        for address, data in self.image.segments:
+            self._uc.mem_write(address, data)
+        stack, self.pc = struct.unpack("<II", self._uc.mem_read(0x08000000, 8))
+        self._uc.reg_write(arm.UC_ARM_REG_SP, stack)
+        self._uc.reg_write(arm.UC_ARM_REG_BASEPRI, 0)
+
+    def address(self, symbol: str) -> int:
+        return self.image.symbols[symbol] & ~1
+
+    def read(self, address: int, n: int) -> bytes:
+        return bytes(self._uc.mem_read(address, n))
+
+    def write(self, address: int, data: bytes) -> None:
+        self._uc.mem_write(address, data)
+
+    def run_to(self, symbol: str, *, instructions: int = _INSTRUCTIONS_MAX) -> bool:
+        """Goes on until the symbol is about to be executed; False if `stop` or the number of instructions came first."""
+        self._uc.emu_start(self.pc | 1, self.address(symbol), count=instructions)
+        self.pc = self._uc.reg_read(arm.UC_ARM_REG_PC)
+        return self.pc == self.address(symbol)
+
+    def stop(self) -> None:
+        """From within `read` or `write`: no instruction follows the one that asked."""
+        self._uc.emu_stop()
+
+    def return_now(self) -> None:
+        """Leaves the function that was about to be executed."""
+        self.pc = self._uc.reg_read(arm.UC_ARM_REG_LR) & ~1
+
+    def call(self, symbol: str, *arguments: int) -> int:
+        """Calls a function with up to four integers or addresses; returns r0."""
+        for register, value in zip(("R0", "R1", "R2", "R3"), arguments, strict=False):
+            self._uc.reg_write(getattr(arm, f"UC_ARM_REG_{register}"), value & 0xFFFFFFFF)
+        self._uc.reg_write(arm.UC_ARM_REG_LR, RETURN | 1)
+        self._uc.emu_start(self.address(symbol) | 1, RETURN, count=_INSTRUCTIONS_MAX)
+        if self._uc.reg_read(arm.UC_ARM_REG_PC) != RETURN:
+            raise AssertionError(f"{symbol} did not return: pc is {self._uc.reg_read(arm.UC_ARM_REG_PC):#x}")
+        return int(self._uc.reg_read(arm.UC_ARM_REG_R0))
+
+    def interrupt(self, symbol: str) -> None:
+        """Calls a handler as an interrupt would: whatever ran before goes on as if nothing had happened."""
+        before = self._uc.context_save()
+        try:
+            self.call(symbol)
+        finally:
+            self._uc.context_restore(before)
+
+    @property
+    def masked(self) -> bool:
+        """Whether the program holds interrupts off."""
+        return bool(self._uc.reg_read(arm.UC_ARM_REG_BASEPRI))
+
+    def on_block(self, callback: Callable[[int, int], None]) -> Callable[[], None]:
+        """`callback` gets address and size of every basic block from now on; the result removes it."""
+        hook = self._uc.hook_add(unicorn.UC_HOOK_BLOCK, lambda _uc, address, size, _: callback(address, size))
+        self._uc.ctl_flush_tb()  # what was translated before would not call it
+
+        def remove() -> None:
+            self._uc.hook_del(hook)
+            self._uc.ctl_flush_tb()
+
+        return remove

@@ -1,0 +1,74 @@
+"""An ELF image for the board, built by firmware/Makefile: what lies where, and what each instruction is."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import struct
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+FIRMWARE = Path(__file__).parents[3] / "firmware"
+CROSS = "arm-none-eabi-"
+MISSING = None if shutil.which(f"{CROSS}gcc") else "arm-none-eabi-gcc is not installed"
+
+_LOAD_SEGMENT = 1
+_SYMBOL = re.compile(r"^([0-9a-f]{8}) . (\S+)$", re.MULTILINE)
+_INSTRUCTION = re.compile(r"^ ([0-9a-f]{7}):\t((?:[0-9a-f]{4} ?)+) *\t(\S+)(?:\t([^;@\n]*))?", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One line of the disassembly; `size` in bytes."""
+
+    mnemonic: str
+    operands: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """`segments` as (load address, bytes), `symbols` by name, `instructions` by address."""
+
+    path: Path
+    segments: tuple[tuple[int, bytes], ...]
+    symbols: dict[str, int]
+    instructions: dict[int, Instruction]
+
+
+def _tool(name: str, *arguments: str | Path) -> str:
+    return subprocess.run([f"{CROSS}{name}", *arguments], check=True, capture_output=True, text=True).stdout
+
+
+def _segments(elf: bytes) -> tuple[tuple[int, bytes], ...]:
+    (headers_at,) = struct.unpack_from("<I", elf, 28)
+    size, count = struct.unpack_from("<HH", elf, 42)
+    found = []
+    for i in range(count):
+        kind, offset, _, load_at, n = struct.unpack_from("<IIIII", elf, headers_at + i * size)
+        if kind == _LOAD_SEGMENT and n > 0:
+            found.append((load_at, elf[offset : offset + n]))
+    return tuple(found)
+
+
+def _instructions(path: Path) -> dict[int, Instruction]:
+    return {
+        int(address, 16): Instruction(mnemonic, (operands or "").strip(), 2 * len(code.split()))
+        for address, code, mnemonic, operands in _INSTRUCTION.findall(_tool("objdump", "--disassemble", path))
+    }
+
+
+@cache
+def build(control_hz: int = 2000) -> Image:
+    """The image of boards/stm32f405 at this control rate, built afresh in a directory of its own."""
+    folder = Path(tempfile.mkdtemp(prefix="hapticd-m4-"))
+    target = folder / "stm32f405.elf"
+    command = ["make", "-s", "-C", FIRMWARE, f"BUILD={folder}", f"SETUP=-DCONTROL_HZ={control_hz}", target]
+    subprocess.run(command, check=True, capture_output=True)
+    symbols = {name: int(address, 16) for address, name in _SYMBOL.findall(_tool("nm", target))}
+    image = Image(target, _segments(target.read_bytes()), symbols, _instructions(target))
+    shutil.rmtree(folder)
+    return image
