@@ -2,10 +2,11 @@
 
 #include <string.h>
 
+#include "sine.h"
+
 _Static_assert(HD_MODES == 2, "the simulated plate has two driven modes");
 
 #define REPORT_CHUNKS 40
-#define MID_RAIL 0x8000u
 
 #define DRIVE_HZ 29205.0f
 #define CONTROL_HZ 2000.0f
@@ -36,7 +37,7 @@ static hd_resonance_t resonance_of(int mode)
 /* A sample is held for a microsecond, so what the plate gets is on average half of one late. */
 static hd_phasor_t half_a_sample_late(void)
 {
-    hd_phasor_t ahead = hd_oscillator((uint32_t)(0.5f * DRIVE_HZ / HD_SAMPLE_HZ * 0x1p32f));
+    hd_phasor_t ahead = hd_unit_phasor(hd_oscillator_step(DRIVE_HZ) / 2);
     return (hd_phasor_t){ahead.d, -ahead.q};
 }
 
@@ -44,7 +45,7 @@ static void rest(uint16_t out[HD_CHUNK][HD_MODES])
 {
     for (int n = 0; n < HD_CHUNK; n++) {
         for (int k = 0; k < HD_MODES; k++) {
-            out[n][k] = MID_RAIL;
+            out[n][k] = HD_MID_RAIL;
         }
     }
 }
@@ -76,6 +77,22 @@ void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *opt
     rest(board->out[1]);
     board->t_us = options->t_start_us;
     board->stepped = options->stepped != 0;
+}
+
+uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us)
+{
+    uint32_t due = (clock_us - board->t_us) / HD_CHUNK_US;
+    if (due > HD_CATCH_UP) {
+        board->t_us += (due - HD_CATCH_UP) * HD_CHUNK_US;
+        due = HD_CATCH_UP;
+    }
+    return due;
+}
+
+uint32_t hd_emulation_now_us(const hd_emulation_t *board, uint32_t clock_us)
+{
+    uint32_t since_us = clock_us - board->t_us;
+    return board->t_us + (since_us < HD_CHUNK_US ? since_us : HD_CHUNK_US);
 }
 
 bool hd_emulation_chunk(hd_emulation_t *board)
@@ -120,9 +137,8 @@ enum hd_turn hd_emulation_turn(hd_emulation_t *board)
 
 hd_bench_report_t hd_emulation_report(const hd_emulation_t *board)
 {
-    /* The core's oscillator starts with the first chunk that it makes, which is played after the two that it finds. */
-    uint32_t samples = (board->chunks - 2) * HD_CHUNK;
-    hd_phasor_t oscillator = hd_oscillator(samples * (uint32_t)((double)DRIVE_HZ / HD_SAMPLE_HZ * 0x1p32 + 0.5));
+    /* The core's oscillator starts with the first sample. */
+    hd_phasor_t oscillator = hd_unit_phasor(board->chunks * HD_CHUNK * hd_oscillator_step(DRIVE_HZ));
     hd_bench_report_t report = {board->t_us, board->line_written, board->steps, {{0.0f, 0.0f}}};
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t w_um = hd_resonators_amplitude_um(&board->plate, k, oscillator);

@@ -59,6 +59,14 @@ typedef struct {
 void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *options, hd_config_t *config,
                         hd_converters_t *converters);
 
+/* How many chunks are due by the board's clock: at most HD_CATCH_UP. A computer that was busy elsewhere for longer skips
+ * the rest of that time, in which the plate stood still. */
+#define HD_CATCH_UP 80
+uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us);
+
+/* Never ahead of the samples: an instant that the main program gives must not lie behind the next tick's. */
+uint32_t hd_emulation_now_us(const hd_emulation_t *board, uint32_t clock_us);
+
 /* Plays a chunk, samples the plate and calls hd_on_chunk; true if a report is due. */
 bool hd_emulation_chunk(hd_emulation_t *board);
 
@@ -66,9 +74,9 @@ bool hd_emulation_chunk(hd_emulation_t *board);
 void hd_emulation_hear(hd_emulation_t *board, uint8_t byte);
 
 enum hd_turn {
-    HD_TURN_WAITS,    /* for the bench or for the line */
-    HD_TURN_GOES_ON,  /* a chunk was run: let the main loop come round */
-    HD_TURN_REPORTS,  /* the same, and a report is due */
+    HD_TURN_WAITS,   /* for the bench or for the line */
+    HD_TURN_GOES_ON, /* a chunk was run: let the main loop come round */
+    HD_TURN_REPORTS, /* the same, and a report is due */
 };
 
 /* What a stepped board does when its main loop has come round. */

@@ -84,15 +84,6 @@ void hd_resonators_play(hd_resonators_t *plate, const uint16_t out[HD_CHUNK][HD_
     }
 }
 
-hd_phasor_t hd_oscillator(uint32_t phase)
-{
-    number_t z = series((number_t){0.0, TURN_RAD / 16.0 * 0x1p-32 * (int32_t)phase}, 0);
-    for (int doubling = 0; doubling < 4; doubling++) {
-        z = product(z, z);
-    }
-    return (hd_phasor_t){(float)z.re, (float)z.im};
-}
-
 /* w = Im y = Re(W e^(j theta)), so W = -j y e^(-j theta). */
 hd_phasor_t hd_resonators_amplitude_um(const hd_resonators_t *plate, int mode, hd_phasor_t oscillator)
 {

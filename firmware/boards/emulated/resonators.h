@@ -42,9 +42,6 @@ void hd_resonators_init(hd_resonators_t *plate, const hd_resonance_t resonance[H
 void hd_resonators_play(hd_resonators_t *plate, const uint16_t out[HD_CHUNK][HD_MODES],
                         uint16_t in[HD_CHUNK][HD_MODES]);
 
-/* e^(j theta), for theta in 1/2^32 of a turn. */
-hd_phasor_t hd_oscillator(uint32_t phase);
-
 /* The amplitude now, in the frame of an oscillator that stands at e^(j theta). */
 hd_phasor_t hd_resonators_amplitude_um(const hd_resonators_t *plate, int mode, hd_phasor_t oscillator);
 

@@ -11,8 +11,7 @@
 
 #define TIMER_HZ 1000000000u /* of QEMU's timers, whatever the clocks say */
 #define POKE_HZ 4000u
-#define CHUNKS_MAX 80 /* in one interrupt: 4 ms */
-#define RING 2048     /* a power of two, several of the longest frames */
+#define RING 2048 /* a power of two, several of the longest frames */
 
 /* Bytes from an interrupt to the main loop. */
 typedef struct {
@@ -75,16 +74,10 @@ static uint32_t clock_us(void)
     return TIM2->CNT + options.t_start_us;
 }
 
-/* A host that was busy elsewhere makes up for at most CHUNKS_MAX; the rest of the time the plate stands still. */
 void tim3_handler(void)
 {
     TIM3->SR = 0;
-    uint32_t due = (clock_us() - emulation.t_us) / HD_CHUNK_US;
-    if (due > CHUNKS_MAX) {
-        emulation.t_us += (due - CHUNKS_MAX) * HD_CHUNK_US;
-        due = CHUNKS_MAX;
-    }
-    for (uint32_t i = 0; i < due; i++) {
+    for (uint32_t due = hd_emulation_due(&emulation, clock_us()); due > 0; due--) {
         if (hd_emulation_chunk(&emulation)) {
             report();
         }
@@ -111,18 +104,20 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     enable_interrupt(USART2_IRQ);
 }
 
+/* The first report tells the bench that the ports are open. */
 void board_run(void)
 {
+    report();
     if (emulation.stepped) {
         return;
     }
     TIM2->PSC = TIMER_HZ / 1000000u - 1u;
     TIM2->CNT = 0;
     TIM2->CR1 = TIM_CR1_CEN;
-    TIM3->ARR = TIMER_HZ / POKE_HZ; /* nothing else: any other write would be added to its period there */
     TIM3->DIER = TIM_DIER_UIE;
-    enable_interrupt(TIM3_IRQ);
     TIM3->CR1 = TIM_CR1_CEN;
+    enable_interrupt(TIM3_IRQ);
+    TIM3->ARR = TIMER_HZ / POKE_HZ; /* the last and only: any other write would be added to its period there */
 }
 
 static bool in_interrupt(void)
@@ -132,13 +127,10 @@ static bool in_interrupt(void)
     return exception != 0;
 }
 
-/* Never ahead of the samples: an instant that the main program has given must not lie behind the next tick's. */
 uint32_t board_now_us(void)
 {
-    uint32_t ran_us = emulation.t_us;
-    bool at_rest = emulation.stepped || in_interrupt();
-    uint32_t since_us = at_rest ? 0 : clock_us() - ran_us;
-    return ran_us + (since_us < HD_CHUNK_US ? since_us : HD_CHUNK_US);
+    bool at_tick = emulation.stepped || in_interrupt();
+    return at_tick ? emulation.t_us : hd_emulation_now_us(&emulation, clock_us());
 }
 
 size_t board_read(uint8_t *bytes, size_t capacity)
@@ -153,7 +145,7 @@ size_t board_read(uint8_t *bytes, size_t capacity)
 
 size_t board_write_room(void)
 {
-    return RING; /* QEMU takes every byte at once */
+    return RING; /* QEMU takes every byte, and holds the board up where nobody reads */
 }
 
 void board_write(const uint8_t *bytes, size_t n)
