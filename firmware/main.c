@@ -72,19 +72,17 @@ static void listen_to_host(void)
     }
 }
 
+/* A frame is made when the line takes it, so what it says is never old. Whether one waits may be read without the lock:
+ * if the interrupt asks for one now, the next round sends it. */
 static void answer_host(void)
 {
     uint8_t frame[HD_TRANSMIT_MIN];
-    size_t n;
-    do {
-        if (board_write_room() < sizeof frame) {
-            return; /* what waits is not made yet, so it will not be old */
-        }
+    if (core.pending != 0 && board_write_room() >= sizeof frame) {
         board_lock();
-        n = hd_transmit(&core, board_now_us(), frame, sizeof frame);
+        size_t n = hd_transmit(&core, board_now_us(), frame, sizeof frame);
         board_unlock();
         board_write(frame, n);
-    } while (n > 0);
+    }
 }
 
 static void keep_log(void)

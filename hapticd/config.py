@@ -91,6 +91,9 @@ class DeviceConfig:
     link_ms: float = _key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
     loop_delay_ms: float = _key(0.0, "by how much the plate follows its reference late", low=0, high=20)
     controller: str = _key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
+    calibration_file: str = _key(
+        "", "TOML of the measured modes, as `hapticd firmware sweep --save` writes it; empty: the firmware's own"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,12 +193,12 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
 
 
 def simulated(config: Config) -> Config:
-    """The same on the simulated plate, with its own mode shapes."""
+    """The same on the simulated plate, with its own mode shapes and the firmware's own models of them."""
     return replace(
         config,
         plate=replace(config.plate, modes_file=""),
         trackpad=replace(config.trackpad, source=SIMULATED, model="auto"),
-        device=replace(config.device, port=SIMULATED),
+        device=replace(config.device, port=SIMULATED, calibration_file=""),
     )
 
 

@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from . import calibration
 from .config import SIMULATED, Config
 from .core.modes import ModeShapes
 from .errors import ConfigError
@@ -29,7 +30,7 @@ from .io.trackpad import HidTrackpad, TrackpadSource
 from .machine import TIMER_NS, Machine
 from .sim.plate import PlateSettings, PlateTruth
 from .sim.rigprocess import RigProcess
-from .values import RawReport
+from .values import ModeCalibration, RawReport
 
 log = logging.getLogger("hapticd")
 
@@ -39,8 +40,17 @@ QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
 class Daemon:
     """Everything that `hapticd run` opens, from `start` to `stop`."""
 
-    def __init__(self, config: Config, runtime_dir: Path, *, board_port: str, trackpad: TrackpadSource) -> None:
+    def __init__(
+        self,
+        config: Config,
+        runtime_dir: Path,
+        *,
+        board_port: str,
+        trackpad: TrackpadSource,
+        calibration: Sequence[ModeCalibration] = (),
+    ) -> None:
         self._config = config
+        self._calibration = calibration
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir)
         self._link = SerialLink(board_port, config.device.baud)
@@ -57,7 +67,13 @@ class Daemon:
     def start(self, loop: asyncio.AbstractEventLoop, modes: ModeShapes) -> None:
         """Serve clients first (it takes the lock that a second daemon stumbles over), then open the devices."""
         self._loop = loop
-        machine = Machine(self._config, modes, write_board=self._link.write, instance=secrets.randbits(31))
+        machine = Machine(
+            self._config,
+            modes,
+            write_board=self._link.write,
+            instance=secrets.randbits(31),
+            calibration=self._calibration,
+        )
         self._machine = machine
         self._server.start(
             loop,
@@ -128,11 +144,18 @@ def run(config: Config) -> None:
     """What `hapticd run` does, with the simulated rig beside it where the configuration asks for it."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
     runtime_dir = Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ)
-    modes = load_modes(config)  # what is wrong with it is said before anything is opened
+    modes = load_modes(config)  # what is wrong with a file is said before anything is opened
+    measured = calibration.load(Path(config.device.calibration_file), modes.M) if config.device.calibration_file else ()
     with contextlib.ExitStack() as stack:
         rig_dir = _rig_directory(config, stack)
         board_port = str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port
-        daemon = Daemon(config, runtime_dir, board_port=board_port, trackpad=_trackpad(config, rig_dir))
+        daemon = Daemon(
+            config,
+            runtime_dir,
+            board_port=board_port,
+            trackpad=_trackpad(config, rig_dir),
+            calibration=measured,
+        )
         asyncio.run(serve(daemon, modes))
 
 

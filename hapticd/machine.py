@@ -19,6 +19,7 @@ from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve, Scene
 from .core.session import BoardSession
 from .core.supervisor import Event, State, Supervisor
 from .errors import DeviceError, RequestError
+from .tool_values import BoardVerdict, ToolMessage, Verdict
 from .values import (
     AffineMap,
     BoardCommand,
@@ -29,11 +30,13 @@ from .values import (
     BoardTime,
     ClearFault,
     ClientTargets,
+    ModeCalibration,
     RawReport,
     Tick,
 )
 from .wire import client as client_wire
 from .wire import device as device_wire
+from .wire import protocol
 from .wire import trackpad as trackpad_wire
 from .wire.commands import encode
 
@@ -57,8 +60,10 @@ class Machine:
         write_board: Callable[[bytes], bool],
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
+        calibration: Sequence[ModeCalibration] = (),
     ) -> None:
-        """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next."""
+        """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next;
+        `calibration` is what the board shall know of its modes."""
         self.config = config
         self.instance = instance
         self.supervisor = Supervisor()
@@ -69,7 +74,9 @@ class Machine:
         )
         self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config))
         self.session = BoardSession(
-            link_start_ns=round(config.device.link_ms * 1e6), controller=config.device.controller
+            link_start_ns=round(config.device.link_ms * 1e6),
+            controller=config.device.controller,
+            calibration=calibration,
         )
         model = "mt2-usb" if config.trackpad.model == "auto" else config.trackpad.model
         self.trackpad = trackpad_wire.Decoder(model, _plate_from_pad(config))
@@ -79,6 +86,7 @@ class Machine:
         self.messages_refused = 0
         self.last_refusal = ""
         self.publish = publish
+        self._calibration = calibration
         self._write_board = write_board
         self.unsent = 0
         self.refused_board = ""
@@ -169,19 +177,25 @@ class Machine:
         for message in self.board.feed(data):
             self._hear(message, t_now_ns)
 
-    def _hear(self, message: BoardMessage, t_now_ns: int) -> None:
-        if isinstance(message, BoardTime):
-            self.session.receive_time(message, t_now_ns)
-        elif isinstance(message, BoardHello):
-            self._greet(message, t_now_ns)
-        else:
-            self._take_status(message, t_now_ns)
+    def _hear(self, message: BoardMessage | ToolMessage, t_now_ns: int) -> None:
+        match message:
+            case BoardTime():
+                self.session.receive_time(message, t_now_ns)
+            case BoardHello():
+                self._greet(message, t_now_ns)
+            case BoardStatus():
+                self._take_status(message, t_now_ns)
+            case BoardVerdict(request, Verdict.OUT_OF_RANGE | Verdict.NOT_QUIET):
+                log.error("board: it refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
+            case _:
+                pass  # answers to a person at the bench
 
     def _greet(self, hello: BoardHello, t_now_ns: int) -> None:
         try:
             device_wire.check_hello(
                 hello, modes=len(self.config.limits.w_limit_um), w_limit_um=self.config.limits.w_limit_um
             )
+            device_wire.check_calibration(hello, self._calibration)
         except DeviceError as error:
             if str(error) != self.refused_board:
                 log.error("board refused: %s", error)
@@ -196,7 +210,7 @@ class Machine:
         if self.session.hello is None:
             return  # who has not been accepted is not believed
         if message.state is BoardState.FAULT:
-            cause = device_wire.FAULTS.get(message.fault_code, f"its code is {message.fault_code}")
+            cause = protocol.FAULTS.get(message.fault_code, f"its code is {message.fault_code}")
             self._supervise(Event.BOARD_FAULT, cause, t_now_ns)
         elif self._t_clear_until_ns is not None and t_now_ns <= self._t_clear_until_ns:
             self._t_clear_until_ns = None

@@ -271,6 +271,29 @@ class Tick:
     limited: bool
 
 
+# --- what was measured of the plate's modes ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ModeCalibration:
+    """One mode as a sweep found it; `loop_phase_rad` is what amplifier, electrodes and sensor add to the loop."""
+
+    mode: int
+    frequency_hz: float
+    q_factor: float
+    gain_um_per_v_s: float
+    loop_phase_rad: float
+
+    def model(self, drive_hz: float) -> ModeModel:
+        """The same in the frame that rotates at `drive_hz`."""
+        return ModeModel(
+            decay_1_s=math.pi * self.frequency_hz / self.q_factor,
+            detuning_rad_s=2.0 * math.pi * (self.frequency_hz - drive_hz),
+            gain_um_per_v_s=self.gain_um_per_v_s,
+            loop=complex(math.cos(self.loop_phase_rad), math.sin(self.loop_phase_rad)),
+        )
+
+
 # --- what is said to the board ----------------------------------------------------------------------------------
 
 
@@ -284,6 +307,24 @@ class SelectController:
     """Choose the board's control law: "pi" (the paper's four), "pi_ff" (feed-forward) or "deadbeat" (observer)."""
 
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModeModel:
+    """One mode as the board's controller believes it to be; `loop` is the loop's constant phase as a unit phasor."""
+
+    decay_1_s: float
+    detuning_rad_s: float
+    gain_um_per_v_s: float
+    loop: complex
+
+
+@dataclass(frozen=True, slots=True)
+class SetModel:
+    """What was measured of one mode, for the board to control it by."""
+
+    mode: int
+    model: ModeModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +355,7 @@ class ClearFault:
     """Leave a latched fault."""
 
 
-BoardCommand = HelloRequest | SelectController | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
+BoardCommand = HelloRequest | SelectController | SetModel | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
 
 
 # --- what the board says ------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from hapticd.machine import TIMER_NS, Machine
 from hapticd.sim.fingers import Path, Rest, Touch
 from hapticd.sim.sensor import SensorModel, SensorSettings
 from hapticd.values import RawReport
-from hapticd.wire import device
+from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 MS = 1_000_000
@@ -29,12 +29,12 @@ SLIPPERY, STICKY = Rest((-30.2, 5.1)), Rest((21.3, -14.9))
 QUIET, LIVE, FAULT = 0, 1, 2
 
 NAMES = {
-    device.MSG_HELLO_REQUEST: "hello",
-    device.MSG_REFERENCE: "reference",
-    device.MSG_KEEPALIVE: "keep-alive",
-    device.MSG_TIME_REQUEST: "time",
-    device.MSG_CLEAR_FAULT: "clear fault",
-    device.MSG_SET_CONTROLLER: "controller",
+    protocol.MSG_HELLO_REQUEST: "hello",
+    protocol.MSG_REFERENCE: "reference",
+    protocol.MSG_KEEPALIVE: "keep-alive",
+    protocol.MSG_TIME_REQUEST: "time",
+    protocol.MSG_CLEAR_FAULT: "clear fault",
+    protocol.MSG_SET_CONTROLLER: "controller",
 }
 
 
@@ -85,7 +85,7 @@ class FakeBoard:
     def _hear(self, name: str, payload: bytes) -> None:
         if name == "reference":
             self.peak_um = peak_um(payload)
-            self.seq = device.REFERENCE.unpack_from(payload)[0]
+            self.seq = protocol.REFERENCE.unpack_from(payload)[0]
             self.trusted += 1
             if self.state == QUIET and self.trusted >= 3:
                 self.state = LIVE
@@ -93,11 +93,11 @@ class FakeBoard:
         if name == "hello":
             self.reset()
             limits = struct.pack("<ff", 4.0, 4.0)
-            head = (device.PROTOCOL_VERSION, self.protocol_hash, 2, b"9.9", self.boot_id, 2000.0, 29205.0, 50, 150.0)
-            self.say(device.MSG_HELLO, device.HELLO.pack(*head) + limits)
+            head = (protocol.PROTOCOL_VERSION, self.protocol_hash, 2, b"9.9", self.boot_id, 2000.0, 29205.0, 50, 150.0)
+            self.say(protocol.MSG_HELLO, protocol.HELLO.pack(*head) + limits)
         elif name == "time":
-            (stamp,) = device.TIME_REQUEST.unpack(payload)
-            self.say(device.MSG_TIME, device.TIME.pack(stamp, self.bench.t_ns // 1000 % 2**32, 0))
+            (stamp,) = protocol.TIME_REQUEST.unpack(payload)
+            self.say(protocol.MSG_TIME, protocol.TIME.pack(stamp, self.bench.t_ns // 1000 % 2**32, 0))
         elif name == "clear fault" and self.state == FAULT:
             self.state, self.fault_code = QUIET, 0
             self.status()
@@ -111,27 +111,29 @@ class FakeBoard:
     def status(self) -> None:
         now_us = self.bench.t_ns // 1000 % 2**32
         head = (now_us, self.state, 1, self.fault_code, 2, self.seq, now_us, now_us, 0, 0, 0)
-        self.say(device.MSG_STATUS, device.STATUS.pack(*head) + bytes(32))
+        self.say(protocol.MSG_STATUS, protocol.STATUS.pack(*head) + bytes(32))
 
     def say(self, message: int, payload: bytes) -> None:
         if not self.mute:
-            if message == device.MSG_TIME:
-                stamp, t_us, _ = device.TIME.unpack(payload)
-                payload = device.TIME.pack(stamp, t_us, t_us)
+            if message == protocol.MSG_TIME:
+                stamp, t_us, _ = protocol.TIME.unpack(payload)
+                payload = protocol.TIME.pack(stamp, t_us, t_us)
             self.bench.from_board.append(encode_frame(bytes((message,)) + payload))
 
 
 def peak_um(payload: bytes) -> float:
-    _, _, knots, modes = device.REFERENCE.unpack_from(payload)
+    _, _, knots, modes = protocol.REFERENCE.unpack_from(payload)
     width = 2 + 8 * modes
-    rows = (struct.unpack_from(f"<H{2 * modes}f", payload, device.REFERENCE.size + i * width)[1:] for i in range(knots))
+    rows = (
+        struct.unpack_from(f"<H{2 * modes}f", payload, protocol.REFERENCE.size + i * width)[1:] for i in range(knots)
+    )
     return max(abs(part) for row in rows for part in row)
 
 
 class Bench:
     """A machine between a pad, a board and a client, and the instant they are at."""
 
-    def __init__(self, *paths: Path, protocol_hash: int = device.PROTOCOL_HASH) -> None:
+    def __init__(self, *paths: Path, protocol_hash: int = protocol.PROTOCOL_HASH) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)

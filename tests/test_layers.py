@@ -13,13 +13,14 @@ CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 # What each part may import of ours. `config` is plain values; `machine` is the daemon without its sockets.
 ALLOWED = {
     "values": set(),
+    "tool_values": {"values"},
     "errors": set(),
     "config": {"errors"},
     "core": {"values", "errors", "core"},
-    "wire": {"values", "errors", "wire"},
+    "wire": {"values", "tool_values", "errors", "wire"},
     "io": {"values", "errors", "io"},
     "design": {"values", "errors", "core.modes", "design"},
-    "sim": {"values", "errors", "core.modes", "wire", "design", "sim"},
+    "sim": {"values", "tool_values", "errors", "core.modes", "wire", "design", "sim"},
 }
 # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
 ALLOWED_FOR_FILE = {"sim/lockstep.py": {"machine", "config", "core.solver"}}
@@ -50,7 +51,7 @@ def ours(names: set[str]) -> set[str]:
 
 def layer_files() -> list[Path]:
     files = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0] in {*ALLOWED}]
-    return files + [PACKAGE / f"{name}.py" for name in ("values", "errors", "config")]
+    return files + [PACKAGE / f"{name}.py" for name in ("values", "tool_values", "errors", "config")]
 
 
 @pytest.mark.parametrize("path", layer_files(), ids=lambda path: str(path.relative_to(PACKAGE)))

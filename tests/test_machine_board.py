@@ -12,7 +12,7 @@ from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Be
 
 from hapticd.core.supervisor import State
 from hapticd.sim.fingers import Line
-from hapticd.wire import device
+from hapticd.wire import protocol
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +35,7 @@ def test_touching_drives_the_board_and_lifting_leaves_it_a_zero() -> None:
 def test_a_board_of_another_protocol_is_refused_once_and_hears_nothing_but_greetings(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    bench = Bench(SLIPPERY, STICKY, protocol_hash=device.PROTOCOL_HASH ^ 1)
+    bench = Bench(SLIPPERY, STICKY, protocol_hash=protocol.PROTOCOL_HASH ^ 1)
     bench.run(400)
     bench.want({1: 1.0, 2: 0.0})
     bench.run(1600)

@@ -14,9 +14,19 @@
 #define NO_RESPONSE_MEASURED 0.01f
 #define NO_RESPONSE_S 0.1f
 
+#define ALL_MODES 255 /* in the log: no single one is concerned */
+
 static bool positive(float value)
 {
     return value > 0.0f && isfinite(value);
+}
+
+bool hd_model_valid(const hd_mode_model_t *model)
+{
+    return model->decay_1_s >= HD_DECAY_MIN_1_S && model->decay_1_s <= HD_DECAY_MAX_1_S
+        && fabsf(model->detuning_rad_s) <= HD_DETUNING_MAX_RAD_S && model->gain_um_per_v_s >= HD_GAIN_MIN_UM_PER_V_S
+        && model->gain_um_per_v_s <= HD_GAIN_MAX_UM_PER_V_S
+        && fabsf(hd_magnitude(model->loop) - 1.0f) <= HD_LOOP_TOLERANCE;
 }
 
 static bool config_valid(const hd_config_t *config)
@@ -25,9 +35,7 @@ static bool config_valid(const hd_config_t *config)
         && positive(config->v_limit_v) && hd_gains_valid(&config->gains)
         && config->output_delay_frac >= 0.0f && config->output_delay_frac <= 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
-        const hd_mode_model_t *model = &config->model[k];
-        valid = valid && positive(config->w_limit_um[k]) && positive(model->decay_1_s)
-            && positive(model->gain_um_per_v_s) && isfinite(model->detuning_rad_s);
+        valid = valid && positive(config->w_limit_um[k]) && hd_model_valid(&config->model[k]);
     }
     return valid;
 }
@@ -40,7 +48,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->drive_hz = config->drive_hz;
     core->t_status_us = now_us;
     core->state = HD_STATE_FAULT;
-    hd_silence(core);
+    hd_log_recover(&core->config.log);
     hd_deadman_reset(&core->deadman);
     if (!config_valid(&core->config)) {
         core->fault = HD_FAULT_CONFIG;
@@ -53,13 +61,16 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->control.plant.tick_s = 1.0f / config->control_hz;
     core->control.plant.output_delay_frac = config->output_delay_frac;
     memcpy(core->control.plant.model, config->model, sizeof config->model);
-    hd_control_reset(&core->control);
+    hd_tool_init(&core->tool, config->control_hz, config->drive_hz, config->v_limit_v);
+    hd_silence(core);
     return true;
 }
 
 void hd_silence(hd_core_t *core)
 {
     core->ramp = 0;
+    core->drive_hz = core->config.drive_hz;
+    hd_tool_abort(&core->tool);
     hd_timeline_clear(&core->timeline);
     hd_control_reset(&core->control);
     memset(core->reference_um, 0, sizeof core->reference_um);
@@ -77,10 +88,24 @@ static void enter(hd_core_t *core, enum hd_state state)
     }
 }
 
-static void fail(hd_core_t *core, enum hd_fault fault)
+static void note(hd_core_t *core, uint8_t code, int mode, float value, uint32_t now_us)
+{
+    hd_wire_log_entry_t entry = {
+        .t_board_us = now_us,
+        .boot_id = core->config.boot_id,
+        .code = code,
+        .mode = (uint8_t)mode,
+        .value = value,
+    };
+    hd_log_add(&core->config.log, &entry);
+}
+
+/* `value` is what was measured, where that says something; `mode` may be ALL_MODES. */
+static void fail(hd_core_t *core, enum hd_fault fault, int mode, float value, uint32_t now_us)
 {
     if (core->state != HD_STATE_FAULT) {
         core->fault = (uint8_t)fault;
+        note(core, (uint8_t)fault, mode, value, now_us);
         enter(core, HD_STATE_FAULT);
         hd_deadman_reset(&core->deadman);
     }
@@ -91,10 +116,11 @@ static void trip(hd_core_t *core, uint32_t now_us)
 {
     core->tripped = true;
     hd_deadman_trip(&core->deadman, now_us);
+    note(core, HD_EVENT_DEADMAN_TRIP, ALL_MODES, 0.0f, now_us);
     hd_timeline_clear(&core->timeline); /* what the host wanted then is nothing to come back to */
     enter(core, HD_STATE_QUIET);
     if (core->config.latch_repeated_trips && hd_deadman_repeated(&core->deadman)) {
-        fail(core, HD_FAULT_REPEATED_DEADMAN);
+        fail(core, HD_FAULT_REPEATED_DEADMAN, ALL_MODES, 0.0f, now_us);
     }
 }
 
@@ -103,10 +129,25 @@ static void watch_host(hd_core_t *core, uint32_t now_us)
     hd_deadman_tick(&core->deadman, now_us);
     if (core->state == HD_STATE_LIVE && core->deadman.starving) {
         trip(core, now_us);
-    } else if (core->state == HD_STATE_QUIET && core->ramp == 0 && hd_deadman_armed(&core->deadman)) {
+    } else if (core->state == HD_STATE_TOOL && core->deadman.starving && !core->tool.stopping) {
+        note(core, HD_EVENT_TOOL_STOPPED, core->tool.mode, hd_magnitude(core->tool.voltage_v), now_us);
+        hd_tool_stop(&core->tool);
+    } else if (hd_at_rest(core) && core->state == HD_STATE_QUIET && hd_deadman_armed(&core->deadman)) {
         core->tripped = false;
         enter(core, HD_STATE_LIVE);
     }
+}
+
+bool hd_at_rest(const hd_core_t *core)
+{
+    return core->state != HD_STATE_LIVE && core->state != HD_STATE_TOOL && core->ramp == 0;
+}
+
+void hd_begin_tool(hd_core_t *core, uint32_t now_us)
+{
+    enter(core, HD_STATE_TOOL);
+    hd_deadman_reset(&core->deadman);
+    hd_deadman_good_keepalive(&core->deadman, now_us); /* the command itself is a sign of life */
 }
 
 /* Counts the ticks in a row for which a condition holds, up to the limit. */
@@ -131,14 +172,14 @@ static enum hd_fault mode_fault(hd_core_t *core, int k)
                                                                                          : HD_FAULT_NONE;
 }
 
-static void watch_plate(hd_core_t *core, const hd_phasor_t measured_um[HD_MODES])
+static void watch_plate(hd_core_t *core, const hd_phasor_t measured_um[HD_MODES], uint32_t now_us)
 {
     for (int k = 0; k < HD_MODES; k++) {
         bool finite = hd_finite(measured_um[k]);
         core->measured_um[k] = finite ? measured_um[k] : (hd_phasor_t){0.0f, 0.0f};
         enum hd_fault fault = finite ? mode_fault(core, k) : HD_FAULT_MEASUREMENT_NOT_FINITE;
         if (fault != HD_FAULT_NONE) {
-            fail(core, fault);
+            fail(core, fault, k, hd_magnitude(core->measured_um[k]), now_us);
         }
     }
 }
@@ -196,6 +237,17 @@ static bool drive(hd_core_t *core, float ramp)
     return hd_control_step(&core->control, core->asked_um, core->measured_um, v_limit_v, core->voltage_v);
 }
 
+/* Open loop, with limits of its own. */
+static void use_tool(hd_core_t *core, uint32_t now_us)
+{
+    if (!hd_tool_step(&core->tool, now_us, core->measured_um, core->voltage_v)) {
+        hd_deadman_reset(&core->deadman);
+        enter(core, HD_STATE_QUIET);
+    }
+    core->drive_hz = hd_tool_drive_hz(&core->tool);
+    core->pending |= core->tool.count > 0 ? HD_PENDING_SWEEP_POINT : 0;
+}
+
 static void note_flags(hd_core_t *core, bool saturated)
 {
     const hd_polyline_t *line = hd_timeline_running(&core->timeline);
@@ -206,20 +258,62 @@ static void note_flags(hd_core_t *core, bool saturated)
     core->status_flags |= (uint8_t)((saturated ? HD_STATUS_SATURATED : 0) | (limited ? HD_STATUS_LIMITED : 0));
 }
 
-void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
+static float finite_or_zero(float value)
 {
-    watch_host(core, now_us);
-    watch_plate(core, measured_um);
-    follow_timeline(core, now_us);
-    bool saturated = drive(core, ramp_frac(core));
+    return isfinite(value) ? value : 0.0f;
+}
 
-    /* The last gate: nothing but this line writes what goes to the amplifiers. */
-    if (hd_limit_voltages(core->voltage_v, core->config.v_limit_v) == HD_LIMIT_NOT_FINITE) {
-        fail(core, HD_FAULT_CONTROL_NOT_FINITE);
+static void sample_telemetry(hd_core_t *core, uint32_t now_us)
+{
+    if (!hd_telemetry_due(&core->telemetry)) {
+        return;
+    }
+    hd_wire_telemetry_t sample = {
+        .t_board_us = now_us,
+        .state = core->state,
+        .flags = (uint8_t)(((core->tick_flags & HD_TICK_SATURATED) ? HD_STATUS_SATURATED : 0)
+                           | ((core->tick_flags & HD_TICK_LIMITED) ? HD_STATUS_LIMITED : 0)),
+        .modes = HD_MODES,
+    };
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_phasor_t asked_um = core->asked_um[k], w_um = core->measured_um[k], v_v = core->voltage_v[k];
+        hd_estimate_t estimate = hd_control_estimate(&core->control, k);
+        sample.mode[k] = (hd_wire_telemetry_mode_t){
+            .reference = {asked_um.d, asked_um.q},
+            .now = {w_um.d, w_um.q, v_v.d, v_v.q},
+            .decay_1_s = finite_or_zero(estimate.decay_1_s),
+            .detuning_rad_s = finite_or_zero(estimate.detuning_rad_s),
+        };
+    }
+    hd_telemetry_push(&core->telemetry, &sample);
+    core->pending |= HD_PENDING_TELEMETRY;
+}
+
+/* The last gate: nothing but this writes what goes to the amplifiers. */
+static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODES])
+{
+    float limit_v = core->state == HD_STATE_TOOL ? core->tool.limit_v : core->config.v_limit_v;
+    if (hd_limit_voltages(core->voltage_v, limit_v) == HD_LIMIT_NOT_FINITE) {
+        fail(core, HD_FAULT_CONTROL_NOT_FINITE, ALL_MODES, 0.0f, now_us);
     }
     memcpy(voltage_v, core->voltage_v, sizeof core->voltage_v);
+}
+
+void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
+{
+    bool saturated = false;
+    watch_host(core, now_us);
+    watch_plate(core, measured_um, now_us);
+    follow_timeline(core, now_us);
+    if (core->state == HD_STATE_TOOL) {
+        use_tool(core, now_us);
+    } else {
+        saturated = drive(core, ramp_frac(core));
+    }
+    gate(core, now_us, voltage_v);
 
     note_flags(core, saturated);
+    sample_telemetry(core, now_us);
     if (now_us - core->t_status_us >= HD_STATUS_US) {
         core->pending |= HD_PENDING_STATUS;
     }

@@ -18,11 +18,20 @@
 #include "phasor.h"
 #include "protocol.h"
 #include "reference.h"
+#include "telemetry.h"
+#include "tools.h"
 
 #define HD_FIRMWARE_VERSION "0.1.0"
 
 /* Anything a board sends fits: a buffer of this size takes at least one frame from hd_transmit. */
-#define HD_TRANSMIT_MIN HD_LINE_SIZE(1 + sizeof(hd_wire_status_t) + 2)
+typedef union {
+    hd_wire_hello_t hello;
+    hd_wire_status_t status;
+    hd_wire_controller_t controller;
+    hd_wire_telemetry_t telemetry;
+    hd_wire_log_t log;
+} hd_longest_message_t;
+#define HD_TRANSMIT_MIN HD_LINE_SIZE(1 + sizeof(hd_longest_message_t) + 2)
 
 typedef struct {
     uint32_t boot_id; /* another one after every reset: the host notices that the board has forgotten it */
@@ -35,7 +44,7 @@ typedef struct {
     float output_delay_frac;   /* of a tick: from hd_tick to the voltage on the plate */
     bool latch_repeated_trips; /* three dead-man trips in ten seconds become a fault */
     uint8_t reset_cause;       /* enum hd_reset_cause */
-    hd_log_t log;              /* what survived the reset; recovered by hd_init */
+    hd_log_t log;              /* what survived the reset; recovered by hd_init, and written to from then on */
 } hd_config_t;
 
 /* What a STATUS says of one reference frame. */
@@ -59,6 +68,8 @@ typedef struct {
     hd_timeline_t timeline;
     hd_control_t control;
     hd_deadman_t deadman;
+    hd_tool_t tool;
+    hd_telemetry_t telemetry;
 
     float drive_hz; /* what the board's oscillator should run at: the configured one, but for a sweep */
     uint8_t state; /* enum hd_state */
@@ -83,11 +94,13 @@ typedef struct {
     uint32_t bad_frames;
     uint32_t late_frames;
 
-    uint8_t pending; /* messages to send, one bit each: the transmit queue. A newer one of a kind replaces the older */
+    uint16_t pending; /* messages to send, one bit of hd_pending each: the transmit queue */
     bool acknowledge; /* the pending STATUS is about `applied` */
     uint32_t t_status_us;
     uint64_t time_request_ns;
     uint32_t t_time_request_us;
+    uint16_t verdicts;                 /* commands that wait for theirs, one bit for each message type */
+    uint8_t verdict[HD_MSG_STOP + 1U]; /* enum hd_verdict, by message type */
 } hd_core_t;
 
 /* Returns false, with the core silent for good, if the configuration makes no sense. */
@@ -106,11 +119,26 @@ size_t hd_transmit(hd_core_t *core, uint32_t now_us, uint8_t *out, size_t capaci
 /* Zero voltage now; references, trajectories and integrals are forgotten. */
 void hd_silence(hd_core_t *core);
 
-/* What `pending` holds. */
+/* Whether a model of a mode is one that a controller can be built on. */
+bool hd_model_valid(const hd_mode_model_t *model);
+
+/* At rest: nothing drives the plate, and nothing will unless the host says so. */
+bool hd_at_rest(const hd_core_t *core);
+
+/* Gives the quiet plate to the tool that was just made ready. */
+void hd_begin_tool(hd_core_t *core, uint32_t now_us);
+
+/* What `pending` holds, the most urgent first. A newer message of a kind replaces the older, but for the two streams at
+ * the end: those have rings, and wait for all others. */
 enum hd_pending {
     HD_PENDING_TIME = 0x01,
     HD_PENDING_HELLO = 0x02,
     HD_PENDING_STATUS = 0x04,
+    HD_PENDING_VERDICT = 0x08,
+    HD_PENDING_CONTROLLER = 0x10,
+    HD_PENDING_LOG = 0x20,
+    HD_PENDING_SWEEP_POINT = 0x40,
+    HD_PENDING_TELEMETRY = 0x80,
 };
 
 #endif

@@ -13,9 +13,12 @@ typedef struct {
     hd_wire_log_entry_t entry[HD_LOG_ENTRIES]; /* event i at i % HD_LOG_ENTRIES */
 } hd_log_t;
 
-/* Keeps what is undamaged, empties the rest. */
+/* Keeps a log that is undamaged, empties any other. */
 void hd_log_recover(hd_log_t *log);
 
 void hd_log_add(hd_log_t *log, const hd_wire_log_entry_t *entry);
+
+/* The last HD_LOG_ENTRIES events, oldest first, as a LOG message has them. */
+void hd_log_read(const hd_log_t *log, hd_wire_log_t *wire);
 
 #endif

@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0xb300cf8bu
+#define HD_PROTOCOL_HASH 0xea84b03fu
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -31,6 +31,14 @@
 #define HD_BANDWIDTH_MAX_1_S 20000.0f
 #define HD_INTEGRAL_TIME_MIN_S 0.0001f
 #define HD_INTEGRAL_TIME_MAX_S 1.0f
+
+/* What a model of a mode may say. */
+#define HD_DECAY_MIN_1_S 1.0f
+#define HD_DECAY_MAX_1_S 10000.0f
+#define HD_DETUNING_MAX_RAD_S 20000.0f
+#define HD_GAIN_MIN_UM_PER_V_S 0.001f
+#define HD_GAIN_MAX_UM_PER_V_S 10000.0f
+#define HD_LOOP_TOLERANCE 0.001f /* of the loop phasor's magnitude, before it is made exactly 1 */
 
 /* Bring-up tools: what a person may ask of a quiet board. */
 #define HD_RAW_LIMIT_FRAC 0.2f      /* of the voltage limit: open loop, nothing else holds the amplitude */
@@ -69,7 +77,7 @@ enum hd_message {
 enum hd_verdict {
     HD_VERDICT_DONE = 0,
     HD_VERDICT_OUT_OF_RANGE = 1,
-    HD_VERDICT_NOT_QUIET = 2, /* only a quiet board without a fault takes it */
+    HD_VERDICT_NOT_QUIET = 2, /* the board does something else, or has a fault */
 };
 
 enum hd_state {
@@ -92,7 +100,7 @@ enum hd_fault {
 /* What the log keeps besides faults. */
 enum hd_event {
     HD_EVENT_DEADMAN_TRIP = 64,
-    HD_EVENT_TOOL_STOPPED = 65, /* by the dead-man or a limit */
+    HD_EVENT_TOOL_STOPPED = 65, /* by the dead-man; what a fault stops is logged as that fault */
     HD_EVENT_MISSED_CHUNK = 66, /* samples were lost; `value` counts such events since the reset */
     HD_EVENT_SLOW_CLOCK = 67,   /* the crystal does not start: the board talks and never drives */
     HD_EVENT_CRASH = 68,        /* `value` is the place in the program, from the beginning of the flash */
@@ -155,7 +163,7 @@ typedef struct HD_PACKED {
     float integral_time_s;
 } hd_wire_set_controller_t;
 
-/* (`loop_d`, `loop_q`) is the unit phasor of the constant phase that amplifier, plate electrodes and sensor add to the loop. */
+/* (loop_d, loop_q) is the unit phasor of the constant phase that amplifier, electrodes and sensor add to the loop. */
 typedef struct HD_PACKED {
     float decay_1_s;
     float detuning_rad_s;
@@ -259,7 +267,7 @@ typedef struct HD_PACKED {
 
 typedef struct HD_PACKED {
     uint32_t t_board_us; /* the control tick */
-    uint32_t dropped;    /* samples of this stream that the line had no room for, so far */
+    uint32_t dropped;    /* samples of this stream that the line had no room for before this one */
     uint8_t state;
     uint8_t flags; /* enum hd_status_flag, of this tick alone */
     uint8_t modes;
@@ -304,5 +312,6 @@ _Static_assert(sizeof(hd_wire_controller_t) == 10 + 20 * HD_MODES, "a hole in CO
 _Static_assert(sizeof(hd_wire_sweep_point_t) == 14 + 8 * HD_MODES, "a hole in SWEEP_POINT");
 _Static_assert(sizeof(hd_wire_telemetry_t) == 11 + 32 * HD_MODES, "a hole in TELEMETRY");
 _Static_assert(sizeof(hd_wire_log_t) == 6 + 14 * HD_LOG_ENTRIES, "a hole in LOG");
+_Static_assert(sizeof(hd_wire_verdict_t) == 2, "a hole in VERDICT");
 
 #endif

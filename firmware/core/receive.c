@@ -1,6 +1,7 @@
 /* What the host's messages do to the core. Of each message everything is checked before anything is changed. */
 #include <string.h>
 
+#include "commands.h"
 #include "core.h"
 #include "limiter.h"
 
@@ -80,6 +81,8 @@ static void take_reference(hd_core_t *core, const uint8_t *payload, size_t n, ui
     int32_t ahead_us = (int32_t)(head.t_apply_us - now_us);
     if (!reference_valid(&head, payload + sizeof head, n - sizeof head) || ahead_us > HD_AHEAD_US) {
         refuse(core);
+    } else if (core->state == HD_STATE_TOOL) {
+        core->late_frames++; /* the plate is a person's now: when that ends, nothing may be waiting */
     } else if (core->has_seq && (int16_t)(uint16_t)(head.seq - core->newest.seq) <= 0) {
         core->late_frames++; /* a duplicate or an older one: it changes nothing and proves nothing */
     } else if (ahead_us < -HD_STALE_US) {
@@ -97,27 +100,36 @@ static void take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now
 {
     hd_wire_keepalive_t keepalive;
     memcpy(&keepalive, payload, sizeof keepalive);
-    if (core->has_seq && keepalive.seq == core->newest.seq) {
+    bool any_will_do = core->state == HD_STATE_TOOL; /* a tool has no references to name */
+    if (any_will_do || (core->has_seq && keepalive.seq == core->newest.seq)) {
         hd_deadman_good_keepalive(&core->deadman, now_us);
     } else {
         core->late_frames++; /* the host believes in a reference that never came: let it notice */
     }
 }
 
-static void take_hello_request(hd_core_t *core)
+static void take_hello_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
+    (void)payload;
+    (void)now_us;
     hd_silence(core);
     hd_deadman_reset(&core->deadman);
+    hd_telemetry_start(&core->telemetry, 0, core->config.control_hz);
     core->has_seq = false;
     core->tripped = false;
     core->acknowledge = false;
     core->newest = core->applied = (hd_receipt_t){0};
     core->state = core->state == HD_STATE_FAULT ? HD_STATE_FAULT : HD_STATE_QUIET;
+    core->tool.count = 0;
+    core->verdicts = 0;
+    core->pending &= HD_PENDING_TIME | HD_PENDING_STATUS; /* the rest answered a session that is over */
     core->pending |= HD_PENDING_HELLO;
 }
 
-static void take_clear_fault(hd_core_t *core)
+static void take_clear_fault(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
+    (void)payload;
+    (void)now_us;
     if (core->state == HD_STATE_FAULT && core->fault != HD_FAULT_CONFIG) {
         core->state = HD_STATE_QUIET;
         core->fault = HD_FAULT_NONE;
@@ -126,20 +138,6 @@ static void take_clear_fault(hd_core_t *core)
         hd_deadman_reset(&core->deadman);
     }
     core->pending |= HD_PENDING_STATUS;
-}
-
-static void take_set_controller(hd_core_t *core, const uint8_t *payload)
-{
-    hd_wire_set_controller_t wire;
-    memcpy(&wire, payload, sizeof wire);
-    hd_gains_t gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
-    if (!hd_gains_valid(&gains)) {
-        refuse(core);
-        return;
-    }
-    core->control.gains = gains;
-    hd_control_reset(&core->control); /* one law's integral is another law's error */
-    core->ramp = 0;
 }
 
 static void take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
@@ -151,41 +149,50 @@ static void take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t 
     core->pending |= HD_PENDING_TIME;
 }
 
-static bool fixed_size(uint8_t type, size_t n)
+typedef struct {
+    uint8_t type;
+    uint8_t size; /* of the payload */
+    void (*take)(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
+} message_t;
+
+/* Everything but REFERENCE, whose length varies. */
+static const message_t MESSAGES[] = {
+    {HD_MSG_HELLO_REQUEST, 0, take_hello_request},
+    {HD_MSG_KEEPALIVE, sizeof(hd_wire_keepalive_t), take_keepalive},
+    {HD_MSG_TIME_REQUEST, sizeof(hd_wire_time_request_t), take_time_request},
+    {HD_MSG_CLEAR_FAULT, 0, take_clear_fault},
+    {HD_MSG_SET_CONTROLLER, sizeof(hd_wire_set_controller_t), hd_take_set_controller},
+    {HD_MSG_SET_MODEL, sizeof(hd_wire_set_model_t), hd_take_set_model},
+    {HD_MSG_CONTROLLER_REQUEST, 0, hd_take_controller_request},
+    {HD_MSG_SWEEP, sizeof(hd_wire_sweep_t), hd_take_sweep},
+    {HD_MSG_RAW_VOLTAGE, sizeof(hd_wire_raw_voltage_t), hd_take_raw_voltage},
+    {HD_MSG_SET_TELEMETRY, sizeof(hd_wire_set_telemetry_t), hd_take_set_telemetry},
+    {HD_MSG_LOG_REQUEST, 0, hd_take_log_request},
+    {HD_MSG_STOP, 0, hd_take_stop},
+};
+
+static const message_t *known(uint8_t type, size_t size)
 {
-    switch (type) {
-    case HD_MSG_HELLO_REQUEST:
-    case HD_MSG_CLEAR_FAULT:
-        return n == 0;
-    case HD_MSG_KEEPALIVE:
-        return n == sizeof(hd_wire_keepalive_t);
-    case HD_MSG_TIME_REQUEST:
-        return n == sizeof(hd_wire_time_request_t);
-    case HD_MSG_SET_CONTROLLER:
-        return n == sizeof(hd_wire_set_controller_t);
-    default:
-        return false;
+    for (size_t i = 0; i < sizeof MESSAGES / sizeof MESSAGES[0]; i++) {
+        if (MESSAGES[i].type == type) {
+            return MESSAGES[i].size == size ? &MESSAGES[i] : NULL;
+        }
     }
+    return NULL;
 }
 
 static void take_frame(hd_core_t *core, const uint8_t *frame, size_t frame_n, uint32_t now_us)
 {
     uint8_t type = frame[0];
     const uint8_t *payload = frame + 1;
+    size_t size = frame_n - 1;
+    const message_t *message = known(type, size);
     if (type == HD_MSG_REFERENCE) {
-        take_reference(core, payload, frame_n - 1, now_us);
-    } else if (!fixed_size(type, frame_n - 1)) {
-        refuse(core);
-    } else if (type == HD_MSG_KEEPALIVE) {
-        take_keepalive(core, payload, now_us);
-    } else if (type == HD_MSG_TIME_REQUEST) {
-        take_time_request(core, payload, now_us);
-    } else if (type == HD_MSG_SET_CONTROLLER) {
-        take_set_controller(core, payload);
-    } else if (type == HD_MSG_HELLO_REQUEST) {
-        take_hello_request(core);
+        take_reference(core, payload, size, now_us);
+    } else if (message != NULL) {
+        message->take(core, payload, now_us);
     } else {
-        take_clear_fault(core);
+        refuse(core);
     }
 }
 

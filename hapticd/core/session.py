@@ -7,6 +7,7 @@ silent or reboots; references are only sent once its hello was accepted and its 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..values import (
@@ -17,9 +18,11 @@ from ..values import (
     BoardTime,
     HelloRequest,
     KeepAlive,
+    ModeCalibration,
     ReferenceFrame,
     SafeDrive,
     SelectController,
+    SetModel,
     Tick,
     TimeRequest,
 )
@@ -71,7 +74,7 @@ class Interval:
 class BoardSession:
     """One board, from one link-up to the next link-down."""
 
-    def __init__(self, *, link_start_ns: int, controller: str) -> None:
+    def __init__(self, *, link_start_ns: int, controller: str, calibration: Sequence[ModeCalibration] = ()) -> None:
         self.hello: BoardHello | None = None
         self.status: BoardStatus | None = None
         self.clock = BoardClock()
@@ -79,6 +82,7 @@ class BoardSession:
         self.ledger: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
         self.reboots = 0
         self._controller = controller
+        self._calibration = tuple(calibration)
         self._linked = False
         self._boot_id: int | None = None
         self._seq = 0
@@ -128,7 +132,8 @@ class BoardSession:
         self._t_heard_ns = t_now_ns
         self._asking_time.restart(t_now_ns)
         self._in_flight.clear()
-        return [SelectController(self._controller), TimeRequest(self.clock.request(t_now_ns))]
+        models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
+        return [SelectController(self._controller), *models, TimeRequest(self.clock.request(t_now_ns))]
 
     def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
         """A time reply; one that went astray is ignored."""
@@ -176,6 +181,8 @@ class BoardSession:
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
         if not self.clock.ready or self.status is None:
             return commands
+        if self.status.state is BoardState.TOOL:
+            return commands  # a person's sweep or voltage: it must end with its own host, so nothing here feeds it
         if self.status.state is BoardState.QUIET and self._arming.due(t_now_ns):
             zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
             commands += self._numbered(zero, t_now_ns)

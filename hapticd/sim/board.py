@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from .carrier import Converters
 from .firmware import Setup, Trace, doubles, load
 
 FLAG_SATURATED: Final = 0x01
@@ -147,7 +148,8 @@ class Board:
     """A running board. It stands at an instant, the last tick's; `run` moves it on.
 
     `t_start_us` is the instant of its boot on a clock that does not wrap, one tick before its first tick; what the
-    board sees and says is that clock modulo 2^32.
+    board sees and says is that clock modulo 2^32. With `converters` the carrier is simulated too, sample by sample; the
+    model's `noise_um` and `loop_phase_rad` are then replaced by what the converters do.
     """
 
     def __init__(
@@ -158,19 +160,29 @@ class Board:
         seed: int = 0,
         boot_id: int = 1,
         t_start_us: int = 0,
+        converters: Converters | None = None,
     ) -> None:
         config = BoardConfig() if config is None else config
         if len(config.w_limit_um) != model.modes:
             raise ValueError(
                 f"The board is configured for {len(config.w_limit_um)} modes, its plate has {model.modes}."
             )
+        if converters is not None and any(model.loop_phase_rad):
+            raise ValueError("A simulated carrier has the loop phase of its converters: leave loop_phase_rad out.")
         self.model = model
         self.config = config
         self._library = load(model.modes)
-        self._board = self._library.hd_board_new(ctypes.byref(_setup(model, config, seed, boot_id, t_start_us)))
+        self._board = self._library.hd_board_new(
+            ctypes.byref(_setup(model, config, seed, boot_id, t_start_us, converters))
+        )
         if not self._board:
             raise ValueError(
-                "The firmware refuses its configuration: rates, limits and gains are positive and bounded."
+                "The firmware refuses its configuration: rates, limits and gains are positive and bounded"
+                + (
+                    ", and a carrier drives at 20 to 250 kHz with ticks of 1 to 40 chunks of 50 us."
+                    if converters
+                    else "."
+                )
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
 
@@ -269,7 +281,9 @@ class Board:
         return fingers
 
 
-def _setup(model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int) -> Setup:
+def _setup(
+    model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int, converters: Converters | None
+) -> Setup:
     return Setup(
         plate_modes=model.plate_modes,
         decay_1_s=doubles(model.decay_1_s),
@@ -280,6 +294,7 @@ def _setup(model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_st
         noise_um=model.noise_um,
         amplifier_limit_v=model.amplifier_limit_v,
         seed=seed,
+        converters=None if converters is None else ctypes.pointer(converters.setup()),
         t_start_us=t_start_us,
         boot_id=boot_id,
         control_hz=config.control_hz,

@@ -15,6 +15,18 @@ import numpy.typing as npt
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 
+class ConverterSetup(ctypes.Structure):
+    """`hd_converter_setup_t` of firmware/boards/host/lockstep.h."""
+
+    _fields_ = [
+        ("volts_per_lsb", ctypes.c_double),
+        ("um_per_lsb", ctypes.c_double),
+        ("offset_lsb", ctypes.c_double),
+        ("noise_lsb", ctypes.c_double),
+        ("amplifier_lag_us", ctypes.c_double),
+    ]
+
+
 class Setup(ctypes.Structure):
     """`hd_board_setup_t` of firmware/boards/host/lockstep.h."""
 
@@ -28,6 +40,7 @@ class Setup(ctypes.Structure):
         ("noise_um", ctypes.c_double),
         ("amplifier_limit_v", ctypes.c_double),
         ("seed", ctypes.c_uint64),
+        ("converters", ctypes.POINTER(ConverterSetup)),
         ("t_start_us", ctypes.c_uint64),
         ("boot_id", ctypes.c_uint32),
         ("control_hz", ctypes.c_double),
@@ -83,6 +96,8 @@ def load(modes: int) -> ctypes.CDLL:
             [board, size, ctypes.c_int32, board, board, ctypes.POINTER(Trace), size, ctypes.c_int32],
         ),
         "hd_board_fake_measurement": (None, [board, ctypes.c_void_p]),
+        "hd_carrier_init": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
+        "hd_carrier_listen": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
     }
     for function, (result, arguments) in signatures.items():
         getattr(library, function).restype = result

@@ -1,30 +1,55 @@
-"""What the session wants said to the board, as bytes."""
+"""What the session, or a person at the bench, wants said to the board, as bytes."""
 
 from __future__ import annotations
 
-from ..values import BoardCommand, ClearFault, HelloRequest, KeepAlive, ReferenceFrame, SelectController, TimeRequest
-from .device import (
-    encode_clear_fault,
-    encode_hello_request,
-    encode_keepalive,
-    encode_reference,
-    encode_set_controller,
-    encode_time_request,
+from ..tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep, ToolCommand
+from ..values import (
+    BoardCommand,
+    ClearFault,
+    HelloRequest,
+    KeepAlive,
+    ReferenceFrame,
+    SelectController,
+    SetModel,
+    TimeRequest,
 )
+from . import device
 
 
-def encode(command: BoardCommand) -> bytes:
-    """One command as a frame for the line."""
+def encode(command: BoardCommand | ToolCommand) -> bytes:
+    """One command as a frame for the line. Raises ValueError for figures that no board would take."""
     match command:
         case ReferenceFrame(seq, t_apply_us, drive):
-            return encode_reference(seq, drive, t_apply_us)
+            return device.encode_reference(seq, drive, t_apply_us)
         case KeepAlive(seq):
-            return encode_keepalive(seq)
+            return device.encode_keepalive(seq)
         case TimeRequest(t_host_ns):
-            return encode_time_request(t_host_ns)
+            return device.encode_time_request(t_host_ns)
         case SelectController(name):
-            return encode_set_controller(name)
+            return device.encode_set_controller(name)
+        case SetModel(mode, model):
+            return device.encode_set_model(mode, model)
         case HelloRequest():
-            return encode_hello_request()
+            return device.encode_hello_request()
         case ClearFault():
-            return encode_clear_fault()
+            return device.encode_clear_fault()
+        case _:
+            return _encode_tool(command)
+
+
+def _encode_tool(command: ToolCommand) -> bytes:
+    match command:
+        case SetGains(law, bandwidth_1_s, integral_time_s):
+            return device.encode_set_controller(law, bandwidth_1_s=bandwidth_1_s, integral_time_s=integral_time_s)
+        case ControllerRequest():
+            return device.encode_controller_request()
+        case Sweep():
+            return device.encode_sweep(command)
+        case RawVoltage():
+            return device.encode_raw_voltage(command)
+        case SetTelemetry(rate_hz):
+            return device.encode_set_telemetry(rate_hz)
+        case LogRequest():
+            return device.encode_log_request()
+        case Stop():
+            return device.encode_stop()

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from hapticd.tool_values import Verdict
 from hapticd.values import BoardState
-from hapticd.wire import device
+from hapticd.wire import device, protocol
 
 HEADER = Path(__file__).parents[2] / "firmware" / "core" / "protocol.h"
 CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "uint64_t": "Q", "float": "f"}
@@ -21,7 +22,7 @@ def header_text() -> str:
     return re.sub(r"/\*.*?\*/", "", HEADER.read_text(), flags=re.DOTALL)
 
 
-def protocol_hash(text: str) -> int:
+def hash_of(text: str) -> int:
     lines = [line for line in text.splitlines() if "define HD_PROTOCOL_HASH" not in line]
     return zlib.crc32(re.sub(r"\s+", "", "".join(lines)).encode())
 
@@ -44,7 +45,7 @@ def layout(name: str, modes: int = 2) -> str:
     assert body, name
     parts: list[str] = []
     for kind, count in re.findall(r"(\w+) \w+(?:\[(\w+)\])?;", body[1]):
-        n = {"": 1, "HD_MODES": modes}.get(count) or int(count)
+        n = {"": 1, "HD_MODES": modes, "HD_LOG_ENTRIES": protocol.LOG_ENTRIES}.get(count) or int(count)
         if count == "16" and kind == "uint8_t":
             parts.append("16s")
         else:
@@ -53,26 +54,32 @@ def layout(name: str, modes: int = 2) -> str:
 
 
 def test_the_hash_in_header_and_host_is_that_of_the_headers_text() -> None:
-    computed = protocol_hash(header_text())
+    computed = hash_of(header_text())
     assert constant("HD_PROTOCOL_HASH") == computed, f"protocol.h changed: its hash is now 0x{computed:08x}"
-    assert computed == device.PROTOCOL_HASH, f"PROTOCOL_HASH of hapticd.wire.device is now 0x{computed:08x}"
-    assert constant("HD_PROTOCOL_VERSION") == device.PROTOCOL_VERSION
+    assert computed == protocol.PROTOCOL_HASH, f"PROTOCOL_HASH of hapticd.wire.device is now 0x{computed:08x}"
+    assert constant("HD_PROTOCOL_VERSION") == protocol.PROTOCOL_VERSION
 
 
 def test_the_hash_sees_a_changed_field_but_not_a_changed_comment() -> None:
     text = header_text()
-    assert protocol_hash(text.replace("uint16_t seq", "uint32_t seq")) != protocol_hash(text)
-    assert protocol_hash(text.replace("\n", "\n\n  ")) == protocol_hash(text)
+    assert hash_of(text.replace("uint16_t seq", "uint32_t seq")) != hash_of(text)
+    assert hash_of(text.replace("\n", "\n\n  ")) == hash_of(text)
 
 
 @pytest.mark.parametrize(
     ("packed", "host"),
     [
-        ("hd_wire_reference_t", device.REFERENCE),
-        ("hd_wire_keepalive_t", device.KEEPALIVE),
-        ("hd_wire_time_request_t", device.TIME_REQUEST),
-        ("hd_wire_set_controller_t", device.SET_CONTROLLER),
-        ("hd_wire_time_t", device.TIME),
+        ("hd_wire_reference_t", protocol.REFERENCE),
+        ("hd_wire_keepalive_t", protocol.KEEPALIVE),
+        ("hd_wire_time_request_t", protocol.TIME_REQUEST),
+        ("hd_wire_set_controller_t", protocol.SET_CONTROLLER),
+        ("hd_wire_set_model_t", protocol.SET_MODEL),
+        ("hd_wire_sweep_t", protocol.SWEEP),
+        ("hd_wire_raw_voltage_t", protocol.RAW_VOLTAGE),
+        ("hd_wire_set_telemetry_t", protocol.SET_TELEMETRY),
+        ("hd_wire_time_t", protocol.TIME),
+        ("hd_wire_log_entry_t", protocol.LOG_ENTRY),
+        ("hd_wire_verdict_t", protocol.VERDICT),
     ],
 )
 def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struct.Struct) -> None:
@@ -81,22 +88,31 @@ def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struc
 
 @pytest.mark.parametrize("modes", [2, 3])
 def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes: int) -> None:
-    assert layout("hd_wire_hello_t", modes) == device.HELLO.format[1:] + "f" * modes
-    assert layout("hd_wire_status_t", modes) == device.STATUS.format[1:] + "ffff" * modes
+    assert layout("hd_wire_hello_t", modes) == protocol.HELLO.format[1:] + "f" * modes
+    assert layout("hd_wire_status_t", modes) == protocol.STATUS.format[1:] + "ffff" * modes
+    assert layout("hd_wire_controller_t", modes) == protocol.CONTROLLER.format[1:] + "fffff" * modes
+    assert layout("hd_wire_sweep_point_t", modes) == protocol.SWEEP_POINT.format[1:] + "ff" * modes
+    assert layout("hd_wire_telemetry_t", modes) == protocol.TELEMETRY.format[1:] + "ffffffff" * modes
+    entries = protocol.LOG_ENTRY.format[1:] * protocol.LOG_ENTRIES
+    assert layout("hd_wire_log_t", modes) == protocol.LOG.format[1:] + entries
     knot = layout("hd_wire_knot_t", modes)
     assert knot == "H" + "ff" * modes
     frame = device._reference_layout(2, modes)
-    assert frame.size == 1 + device.REFERENCE.size + 2 * struct.calcsize("<" + knot)
+    assert frame.size == 1 + protocol.REFERENCE.size + 2 * struct.calcsize("<" + knot)
 
 
 def test_message_ids_states_laws_and_flags_agree() -> None:
     for name, value in enumeration("hd_message").items():
-        assert getattr(device, name.removeprefix("HD_")) == value
+        assert getattr(protocol, name.removeprefix("HD_")) == value
     states = {name.removeprefix("HD_STATE_"): value for name, value in enumeration("hd_state").items()}
     assert states == {state.name: state.value for state in BoardState}
     laws = {name.removeprefix("HD_LAW_").lower(): value for name, value in enumeration("hd_law").items()}
-    assert laws == device.LAWS
-    assert set(enumeration("hd_fault").values()) == set(device.FAULTS)
+    assert laws == protocol.LAWS
+    assert set(enumeration("hd_fault").values()) == set(protocol.FAULTS)
+    assert set(enumeration("hd_event").values()) == set(protocol.EVENTS)
+    assert set(enumeration("hd_reset_cause").values()) == set(protocol.RESET_CAUSES)
+    verdicts = {name.removeprefix("HD_VERDICT_"): value for name, value in enumeration("hd_verdict").items()}
+    assert verdicts == {verdict.name: verdict.value for verdict in Verdict}
     assert enumeration("hd_status_flag") == {
         "HD_STATUS_APPLIED": 1,
         "HD_STATUS_SATURATED": 2,
@@ -105,7 +121,29 @@ def test_message_ids_states_laws_and_flags_agree() -> None:
 
 
 def test_limits_of_a_frame_agree() -> None:
-    assert constant("HD_KNOTS_MAX") == device.KNOTS_MAX
-    assert constant("HD_KNOT_UNIT_US") * 1000 == device.KNOT_UNIT_NS
-    for name, bounds in (("BANDWIDTH_{}_1_S", device.BANDWIDTH_1_S), ("INTEGRAL_TIME_{}_S", device.INTEGRAL_TIME_S)):
-        assert tuple(constant("HD_" + name.format(end)) for end in ("MIN", "MAX")) == bounds
+    assert constant("HD_KNOTS_MAX") == protocol.KNOTS_MAX
+    assert constant("HD_KNOT_UNIT_US") * 1000 == protocol.KNOT_UNIT_NS
+    assert constant("HD_DEADMAN_US") == 1000 * protocol.DEADMAN_MS
+    assert constant("HD_LOG_ENTRIES") == protocol.LOG_ENTRIES
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "bounds"),
+    [
+        ("HD_BANDWIDTH_MIN_1_S", "HD_BANDWIDTH_MAX_1_S", protocol.BANDWIDTH_1_S),
+        ("HD_INTEGRAL_TIME_MIN_S", "HD_INTEGRAL_TIME_MAX_S", protocol.INTEGRAL_TIME_S),
+        ("HD_DECAY_MIN_1_S", "HD_DECAY_MAX_1_S", protocol.DECAY_1_S),
+        (None, "HD_DETUNING_MAX_RAD_S", protocol.DETUNING_RAD_S),
+        ("HD_GAIN_MIN_UM_PER_V_S", "HD_GAIN_MAX_UM_PER_V_S", protocol.GAIN_UM_PER_V_S),
+        ("HD_SWEEP_DWELL_MIN_MS", "HD_SWEEP_DWELL_MAX_MS", protocol.SWEEP_DWELL_MS),
+        (None, "HD_SWEEP_OFFSET_MAX_HZ", protocol.SWEEP_OFFSET_HZ),
+        (1, "HD_SWEEP_POINTS_MAX", protocol.SWEEP_POINTS),
+        (1, "HD_RAW_MAX_MS", protocol.RAW_DURATION_MS),
+        (None, "HD_RAW_LIMIT_FRAC", (-protocol.RAW_LIMIT_FRAC, protocol.RAW_LIMIT_FRAC)),
+    ],
+)
+def test_bounds_of_the_commands_agree(low: str | float | None, high: str, bounds: tuple[float, float]) -> None:
+    """A bound without a lower end of its own is symmetric."""
+    top = constant(high)
+    bottom = -top if low is None else constant(low) if isinstance(low, str) else low
+    assert (bottom, top) == bounds

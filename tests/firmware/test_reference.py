@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from hapticd.sim.board import FLAG_LIMITED, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import BoardStatus
-from hapticd.wire import device
+from hapticd.wire import device, protocol
 from hapticd.wire.framing import encode_frame
 
 NewBench = Callable[..., Any]
@@ -168,20 +168,20 @@ def test_a_frame_with_anything_not_finite_is_refused_whole(pi_bench: Any, value:
 
 def test_knots_out_of_order_and_wrong_counts_are_refused(pi_bench: Any) -> None:
     pi_bench.arm(0j, 0j)
-    good = device.REFERENCE.pack(9, pi_bench.board.t_us, 2, 2)
+    good = protocol.REFERENCE.pack(9, pi_bench.board.t_us, 2, 2)
     knot = (1.0, 0.0, 1.0, 0.0)
     frames = [
         good + struct.pack("<H4fH4f", 5, *knot, 5, *knot),
         good + struct.pack("<H4fH4f", 5, *knot, 4, *knot),
         good + struct.pack("<H4f", 5, *knot),
-        device.REFERENCE.pack(9, pi_bench.board.t_us, 0, 2),
-        device.REFERENCE.pack(9, pi_bench.board.t_us, 1, 3) + struct.pack("<H6f", 0, *knot, 0.0, 0.0),
-        device.REFERENCE.pack(9, pi_bench.board.t_us, 1, 3) + struct.pack("<H4f", 0, *knot),
-        device.REFERENCE.pack(9, pi_bench.board.t_us, 1, 2) + struct.pack("<H4fB", 0, *knot, 0),
+        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 0, 2),
+        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 1, 3) + struct.pack("<H6f", 0, *knot, 0.0, 0.0),
+        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 1, 3) + struct.pack("<H4f", 0, *knot),
+        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 1, 2) + struct.pack("<H4fB", 0, *knot, 0),
         good[:3],
     ]
     for payload in frames:
-        pi_bench.say(encode_frame(bytes((device.MSG_REFERENCE,)) + payload))
+        pi_bench.say(encode_frame(bytes((protocol.MSG_REFERENCE,)) + payload))
     assert pi_bench.status().bad_frames == len(frames)
     assert (pi_bench.run(20).reference_um == 0).all()
 
@@ -217,9 +217,9 @@ def test_no_frame_makes_the_reference_or_the_voltage_pass_its_limit(rows: list[l
     )
     board = Board(model, config=config)
     for seq in range(3):
-        head = device.REFERENCE.pack(seq, 0, len(rows), 2)
+        head = protocol.REFERENCE.pack(seq, 0, len(rows), 2)
         knots = b"".join(struct.pack("<H4f", 500 * i, *row) for i, row in enumerate(rows))
-        board.receive(encode_frame(bytes((device.MSG_REFERENCE,)) + head + knots))
+        board.receive(encode_frame(bytes((protocol.MSG_REFERENCE,)) + head + knots))
     trace = BoardTrace(100, 2, 2)
     board.run(100, np.zeros((100, 0, 2)), np.zeros((100, 0)), trace)
     assert np.abs(trace.reference_um).max() <= 4 * (1 + 1.2e-6)

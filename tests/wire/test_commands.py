@@ -7,50 +7,104 @@ from typing import get_args
 import pytest
 
 from hapticd.core.limits import silence
+from hapticd.tool_values import (
+    ControllerRequest,
+    LogRequest,
+    RawVoltage,
+    SetGains,
+    SetTelemetry,
+    Stop,
+    Sweep,
+    ToolCommand,
+)
 from hapticd.values import (
     BoardCommand,
     ClearFault,
     HelloRequest,
     KeepAlive,
+    ModeModel,
     ReferenceFrame,
     SelectController,
+    SetModel,
     TimeRequest,
 )
-from hapticd.wire import device
+from hapticd.wire import board_messages, protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.framing import FrameSplitter
 
-COMMANDS: dict[int, BoardCommand] = {
-    device.MSG_HELLO_REQUEST: HelloRequest(),
-    device.MSG_REFERENCE: ReferenceFrame(7, 2**32 - 5, silence(0, 2)),
-    device.MSG_KEEPALIVE: KeepAlive(0xFFFF),
-    device.MSG_TIME_REQUEST: TimeRequest(2**63),
-    device.MSG_CLEAR_FAULT: ClearFault(),
-    device.MSG_SET_CONTROLLER: SelectController("pi_ff"),
+SESSION_COMMANDS: dict[int, BoardCommand] = {
+    protocol.MSG_HELLO_REQUEST: HelloRequest(),
+    protocol.MSG_REFERENCE: ReferenceFrame(7, 2**32 - 5, silence(0, 2)),
+    protocol.MSG_KEEPALIVE: KeepAlive(0xFFFF),
+    protocol.MSG_TIME_REQUEST: TimeRequest(2**63),
+    protocol.MSG_CLEAR_FAULT: ClearFault(),
+    protocol.MSG_SET_CONTROLLER: SelectController("pi_ff"),
+    protocol.MSG_SET_MODEL: SetModel(1, ModeModel(180.0, -60.0, 5.0, 1j)),
+}
+TOOL_COMMANDS: dict[int, ToolCommand] = {
+    protocol.MSG_SET_CONTROLLER: SetGains("pi", 800.0, 0.004),
+    protocol.MSG_CONTROLLER_REQUEST: ControllerRequest(),
+    protocol.MSG_SWEEP: Sweep(1, 29190.0, 29220.0, 31, 40, 20.0),
+    protocol.MSG_RAW_VOLTAGE: RawVoltage(0, 3 - 4j, 100),
+    protocol.MSG_SET_TELEMETRY: SetTelemetry(500),
+    protocol.MSG_LOG_REQUEST: LogRequest(),
+    protocol.MSG_STOP: Stop(),
 }
 
 
-def test_the_table_holds_every_command_there_is() -> None:
-    assert {type(command) for command in COMMANDS.values()} == set(get_args(BoardCommand))
+def test_the_tables_hold_every_command_there_is() -> None:
+    assert {type(command) for command in SESSION_COMMANDS.values()} == set(get_args(BoardCommand))
+    assert {type(command) for command in TOOL_COMMANDS.values()} == set(get_args(ToolCommand))
 
 
-@pytest.mark.parametrize(("message_type", "command"), COMMANDS.items(), ids=lambda value: type(value).__name__)
-def test_a_command_is_one_whole_frame_of_its_type(message_type: int, command: BoardCommand) -> None:
-    (message,) = FrameSplitter(device.FRAME_MAX).feed(encode(command))
+@pytest.mark.parametrize(
+    ("message_type", "command"),
+    [*SESSION_COMMANDS.items(), *TOOL_COMMANDS.items()],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_command_is_one_whole_frame_of_its_type(message_type: int, command: BoardCommand | ToolCommand) -> None:
+    (message,) = FrameSplitter(board_messages.FRAME_MAX).feed(encode(command))
     assert message[0] == message_type
 
 
 def test_fields_arrive_as_they_were_given() -> None:
-    def payload(command: BoardCommand) -> bytes:
-        (message,) = FrameSplitter(device.FRAME_MAX).feed(encode(command))
+    def payload(command: BoardCommand | ToolCommand) -> bytes:
+        (message,) = FrameSplitter(board_messages.FRAME_MAX).feed(encode(command))
         return message[1:]
 
-    assert device.KEEPALIVE.unpack(payload(KeepAlive(513))) == (513,)
-    assert device.TIME_REQUEST.unpack(payload(TimeRequest(10**18))) == (10**18,)
-    assert device.SET_CONTROLLER.unpack(payload(SelectController("pi"))) == (device.LAWS["pi"], 0.0, 0.0)
-    assert device.REFERENCE.unpack_from(payload(ReferenceFrame(9, 123, silence(0, 3)))) == (9, 123, 1, 3)
+    assert protocol.KEEPALIVE.unpack(payload(KeepAlive(513))) == (513,)
+    assert protocol.TIME_REQUEST.unpack(payload(TimeRequest(10**18))) == (10**18,)
+    assert protocol.SET_CONTROLLER.unpack(payload(SelectController("pi"))) == (protocol.LAWS["pi"], 0.0, 0.0)
+    assert protocol.SET_CONTROLLER.unpack(payload(SetGains("pi", 800.0, 0.5))) == (0, 800.0, 0.5)
+    model = ModeModel(180.5, -60.5, 5.5, -1j)
+    assert protocol.SET_MODEL.unpack(payload(SetModel(1, model))) == (1, 180.5, -60.5, 5.5, 0.0, -1.0)
+    sweep = Sweep(2, 29190.5, 29220.5, 31, 40, 20.5)
+    assert protocol.SWEEP.unpack(payload(sweep)) == (2, 29190.5, 29220.5, 31, 40, 20.5)
+    assert protocol.RAW_VOLTAGE.unpack(payload(RawVoltage(1, 3 - 4j, 100))) == (1, 3.0, -4.0, 100)
+    assert protocol.SET_TELEMETRY.unpack(payload(SetTelemetry(500))) == (500,)
+    assert protocol.REFERENCE.unpack_from(payload(ReferenceFrame(9, 123, silence(0, 3)))) == (9, 123, 1, 3)
 
 
 def test_an_unknown_controller_is_refused_before_it_is_sent() -> None:
     with pytest.raises(ValueError, match="no controller 'pid'"):
         encode(SelectController("pid"))
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        (SetGains("pi", bandwidth_1_s=20001.0), "bandwidth_1_s is 20001, not within 10..20000"),
+        (SetModel(0, ModeModel(float("nan"), 0.0, 5.0, 1j)), "decay_1_s is nan"),
+        (SetModel(0, ModeModel(180.0, 0.0, 5.0, 0.9j)), "loop has the magnitude 0.9"),
+        (Sweep(0, float("inf"), 29220.0, 31, 40, 20.0), "start_hz is inf"),
+        (Sweep(0, 29190.0, 29220.0, 2002, 40, 20.0), "points is 2002, not within 1..2001"),
+        (Sweep(0, 29190.0, 29220.0, 31, 0, 20.0), "dwell_ms is 0"),
+        (Sweep(-1, 29190.0, 29220.0, 31, 40, 20.0), "mode is -1"),
+        (RawVoltage(0, complex("nan"), 100), "magnitude is nan"),
+        (RawVoltage(0, 1j, 1001), "duration_ms is 1001, not within 1..1000"),
+        (SetTelemetry(65536), "rate_hz is 65536"),
+    ],
+)
+def test_what_no_board_would_take_is_not_encoded(command: BoardCommand | ToolCommand, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        encode(command)

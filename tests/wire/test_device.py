@@ -10,16 +10,51 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.errors import DeviceError
-from hapticd.values import BoardHello, BoardState, BoardStatus, BoardTime, Knot, LimitReason, SafeDrive
-from hapticd.wire import device
+from hapticd.tool_values import (
+    BoardController,
+    BoardLog,
+    BoardVerdict,
+    LogEntry,
+    ModeSample,
+    SweepPoint,
+    TelemetrySample,
+    Verdict,
+)
+from hapticd.values import (
+    BoardHello,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    Knot,
+    LimitReason,
+    ModeCalibration,
+    ModeModel,
+    SafeDrive,
+)
+from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-HELLO = device.HELLO.pack(
-    device.PROTOCOL_VERSION, device.PROTOCOL_HASH, 2, b"0.1.0", 77, 2000.0, 29205.0, 50, 150.0
+HELLO = protocol.HELLO.pack(
+    protocol.PROTOCOL_VERSION, protocol.PROTOCOL_HASH, 2, b"0.1.0", 77, 2000.0, 29205.0, 50, 150.0
 ) + struct.pack("<ff", 4.0, 4.0)
-STATUS = device.STATUS.pack(123_456, 1, 3, 0, 2, 9, 120_000, 122_000, 1, 2, 3) + struct.pack("<8f", *range(8))
-TIME = device.TIME.pack(10**18, 4_000_000_000, 4_000_000_100)
-TO_HOST = {device.MSG_HELLO: HELLO, device.MSG_STATUS: STATUS, device.MSG_TIME: TIME}
+STATUS = protocol.STATUS.pack(123_456, 1, 3, 0, 2, 9, 120_000, 122_000, 1, 2, 3) + struct.pack("<8f", *range(8))
+TIME = protocol.TIME.pack(10**18, 4_000_000_000, 4_000_000_100)
+CONTROLLER = protocol.CONTROLLER.pack(1, 900.0, 0.25, 2) + struct.pack("<10f", *range(10))
+SWEEP_POINT = protocol.SWEEP_POINT.pack(3, 31, 1, 2, 29205.0, 12.5) + struct.pack("<4f", *range(4))
+TELEMETRY = protocol.TELEMETRY.pack(123_456, 7, 3, 2, 2) + struct.pack("<16f", *range(16))
+LOG_ENTRIES = [protocol.LOG_ENTRY.pack(1000 + i, 77, 3 + i, 255 * (i % 2), 0.5) for i in range(2)]
+LOG = protocol.LOG.pack(4, 2, 2) + b"".join(LOG_ENTRIES) + bytes(6 * protocol.LOG_ENTRY.size)
+VERDICT = protocol.VERDICT.pack(protocol.MSG_SWEEP, 2)
+TO_HOST = {
+    protocol.MSG_HELLO: HELLO,
+    protocol.MSG_STATUS: STATUS,
+    protocol.MSG_TIME: TIME,
+    protocol.MSG_CONTROLLER: CONTROLLER,
+    protocol.MSG_SWEEP_POINT: SWEEP_POINT,
+    protocol.MSG_TELEMETRY: TELEMETRY,
+    protocol.MSG_LOG: LOG,
+    protocol.MSG_VERDICT: VERDICT,
+}
 
 
 def frame(message_type: int, payload: bytes) -> bytes:
@@ -38,11 +73,11 @@ def payload_of(line: bytes) -> bytes:
 def decoded_knots(line: bytes) -> list[tuple[int, list[complex]]]:
     """Knots of a reference frame as a board reads them: float32."""
     payload = payload_of(line)
-    _, _, knots, modes = device.REFERENCE.unpack_from(payload)
+    _, _, knots, modes = protocol.REFERENCE.unpack_from(payload)
     width = 2 + 8 * modes
     rows = []
     for i in range(knots):
-        offset, *parts = struct.unpack_from(f"<H{2 * modes}f", payload, device.REFERENCE.size + i * width)
+        offset, *parts = struct.unpack_from(f"<H{2 * modes}f", payload, protocol.REFERENCE.size + i * width)
         rows.append((offset, [complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True)]))
     return rows
 
@@ -70,13 +105,13 @@ def test_what_float32_can_hold_is_sent_as_it_is() -> None:
 
 
 @settings(deadline=None, max_examples=100)
-@given(st.lists(st.integers(0, device.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
+@given(st.lists(st.integers(0, protocol.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
 def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: list[int]) -> None:
-    spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= device.KNOT_UNIT_NS] or dt_ns[:1]
+    spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= protocol.KNOT_UNIT_NS] or dt_ns[:1]
     line = device.encode_reference(0, drive(*(Knot(dt, (0j,)) for dt in spread)), 0)
     offsets = [offset for offset, _ in decoded_knots(line)]
     assert all(a < b for a, b in pairwise(offsets))
-    assert all(abs(o * device.KNOT_UNIT_NS - dt) <= 2000 for o, dt in zip(offsets, spread, strict=True))
+    assert all(abs(o * protocol.KNOT_UNIT_NS - dt) <= 2000 for o, dt in zip(offsets, spread, strict=True))
 
 
 def test_knots_closer_than_the_unit_are_put_one_unit_apart() -> None:
@@ -85,7 +120,7 @@ def test_knots_closer_than_the_unit_are_put_one_unit_apart() -> None:
 
 
 def test_sequence_number_and_time_wrap() -> None:
-    seq, t_apply_us, *_ = device.REFERENCE.unpack_from(
+    seq, t_apply_us, *_ = protocol.REFERENCE.unpack_from(
         payload_of(device.encode_reference(65537, drive(Knot(0, (0j,))), 2**32 + 5))
     )
     assert (seq, t_apply_us) == (1, 5)
@@ -101,23 +136,14 @@ def test_a_polyline_that_does_not_fit_a_frame_is_refused(knots: tuple[Knot, ...]
         device.encode_reference(0, drive(*knots), 0)
 
 
-def test_gains_out_of_bounds_and_unknown_controllers_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"bandwidth_1_s is 5000, not within 10\.\.2000"):
-        device.encode_set_controller("pi", bandwidth_1_s=5000.0)
-    with pytest.raises(ValueError, match="integral_time_s is nan"):
-        device.encode_set_controller("pi_ff", integral_time_s=math.nan)
-    with pytest.raises(ValueError, match="no controller 'pid'"):
-        device.encode_set_controller("pid")
-
-
 # --- from the board ---------------------------------------------------------------------------------------------
 
 
 def test_each_message_becomes_its_value() -> None:
     messages = device.Decoder().feed(b"".join(frame(kind, payload) for kind, payload in TO_HOST.items()))
-    hello, status, time = messages
+    hello, status, time, controller, point, sample, log, verdict = messages
     assert hello == BoardHello(
-        device.PROTOCOL_VERSION, device.PROTOCOL_HASH, "0.1.0", 77, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0
+        protocol.PROTOCOL_VERSION, protocol.PROTOCOL_HASH, "0.1.0", 77, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0
     )
     assert status == BoardStatus(
         t_board_us=123_456,
@@ -136,6 +162,24 @@ def test_each_message_becomes_its_value() -> None:
         voltage_v=(2 + 3j, 6 + 7j),
     )
     assert time == BoardTime(10**18, 4_000_000_000, 4_000_000_100)
+    models = (ModeModel(0.0, 1.0, 2.0, 3 + 4j), ModeModel(5.0, 6.0, 7.0, 8 + 9j))
+    assert controller == BoardController("pi_ff", 900.0, 0.25, models)
+    assert point == SweepPoint(3, 31, 1, 29205.0, 12.5, (1j, 2 + 3j))
+    modes = (ModeSample(1j, 2 + 3j, 4 + 5j, 6.0, 7.0), ModeSample(8 + 9j, 10 + 11j, 12 + 13j, 14.0, 15.0))
+    assert sample == TelemetrySample(123_456, 7, BoardState.TOOL, saturated=True, limited=False, modes=modes)
+    assert log == BoardLog(4, 2, (LogEntry(1000, 77, 3, 0, 0.5), LogEntry(1001, 77, 4, None, 0.5)))
+    assert verdict == BoardVerdict(protocol.MSG_SWEEP, Verdict.NOT_QUIET)
+
+
+def test_a_law_of_a_later_firmware_is_read_as_unknown() -> None:
+    (controller,) = device.Decoder().feed(frame(protocol.MSG_CONTROLLER, b"\x63" + CONTROLLER[1:]))
+    assert isinstance(controller, BoardController)
+    assert controller.law is None
+
+
+def test_a_board_that_must_not_drive_is_heard_with_limits_of_zero() -> None:
+    silent = HELLO[:-12] + struct.pack("<f", 0.0) + HELLO[-8:]
+    assert hello(silent).v_limit_v == 0.0
 
 
 @pytest.mark.parametrize("kind", TO_HOST)
@@ -162,13 +206,22 @@ def test_every_truncation_is_refused(kind: int) -> None:
     ("kind", "payload", "reason"),
     [
         (0x55, b"", "type"),
-        (device.MSG_TIME, TIME + b"\0", "length"),
-        (device.MSG_STATUS, STATUS[:-1], "length"),
-        (device.MSG_STATUS, STATUS[:4] + b"\x03" + STATUS[5:], "value"),
-        (device.MSG_STATUS, STATUS[:-4] + struct.pack("<f", math.nan), "value"),
-        (device.MSG_HELLO, HELLO[:-4] + struct.pack("<f", math.inf), "value"),
-        (device.MSG_HELLO, HELLO[:7] + b"\x07" + HELLO[8:], "value"),
-        (device.MSG_HELLO, HELLO[:-4], "length"),
+        (protocol.MSG_TIME, TIME + b"\0", "length"),
+        (protocol.MSG_STATUS, STATUS[:-1], "length"),
+        (protocol.MSG_STATUS, STATUS[:4] + b"\x04" + STATUS[5:], "value"),
+        (protocol.MSG_STATUS, STATUS[:-4] + struct.pack("<f", math.nan), "value"),
+        (protocol.MSG_HELLO, HELLO[:-4] + struct.pack("<f", math.inf), "value"),
+        (protocol.MSG_HELLO, HELLO[:7] + b"\x07" + HELLO[8:], "value"),
+        (protocol.MSG_HELLO, HELLO[:-4], "length"),
+        (protocol.MSG_CONTROLLER, CONTROLLER + b"\0", "length"),
+        (protocol.MSG_CONTROLLER, CONTROLLER[:-4] + struct.pack("<f", math.nan), "value"),
+        (protocol.MSG_SWEEP_POINT, SWEEP_POINT[:4] + b"\x02" + SWEEP_POINT[5:], "value"),
+        (protocol.MSG_SWEEP_POINT, struct.pack("<H", 31) + SWEEP_POINT[2:], "value"),
+        (protocol.MSG_TELEMETRY, TELEMETRY[:8] + b"\x04" + TELEMETRY[9:], "value"),
+        (protocol.MSG_TELEMETRY, TELEMETRY[:-1], "length"),
+        (protocol.MSG_LOG, LOG[:-1], "length"),
+        (protocol.MSG_LOG, LOG[:1] + b"\x09" + LOG[2:], "value"),
+        (protocol.MSG_VERDICT, VERDICT[:1] + b"\x03", "value"),
     ],
 )
 def test_a_sound_frame_with_senseless_contents_is_counted_by_reason(kind: int, payload: bytes, reason: str) -> None:
@@ -197,7 +250,7 @@ def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload:
 
 
 def hello(payload: bytes = HELLO) -> BoardHello:
-    (message,) = device.Decoder().feed(frame(device.MSG_HELLO, payload))
+    (message,) = device.Decoder().feed(frame(protocol.MSG_HELLO, payload))
     assert isinstance(message, BoardHello)
     return message
 
@@ -207,8 +260,8 @@ def test_a_board_that_allows_what_is_asked_is_accepted() -> None:
 
 
 def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None:
-    later = struct.pack("<H", device.PROTOCOL_VERSION + 1) + HELLO[2:] + b"new fields"
-    with pytest.raises(DeviceError, match="protocol version 2, this hapticd 1"):
+    later = struct.pack("<H", protocol.PROTOCOL_VERSION + 1) + HELLO[2:] + b"new fields"
+    with pytest.raises(DeviceError, match="protocol version 3, this hapticd 2"):
         device.check_hello(hello(later), modes=2, w_limit_um=(4.0, 4.0))
 
 
@@ -226,3 +279,10 @@ def test_other_modes_and_lower_limits_are_refused() -> None:
         device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
     with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are set to take 100 V"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 4.0), v_limit_v=100.0)
+
+
+def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:
+    near, far = (ModeCalibration(0, f_hz, 500.0, 5.0, 0.0) for f_hz in (29300.0, 34000.0))
+    device.check_calibration(hello(), [near])
+    with pytest.raises(DeviceError, match="Mode 0 is calibrated at 34000 Hz but the board drives at 29205 Hz"):
+        device.check_calibration(hello(), [near, far])

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "carrier.h"
+#include "carrier_loop.h"
 #include "core.h"
 #include "plate.h"
 
@@ -16,6 +16,7 @@
 struct hd_board {
     hd_core_t core;
     hd_plate_t plate;
+    hd_carrier_loop_t *carrier; /* NULL: the plate's envelopes are all there is */
     uint64_t t_start_us;
     uint64_t tick;
     double tick_us;
@@ -83,6 +84,15 @@ static hd_config_t core_config(const hd_board_setup_t *setup)
     return config;
 }
 
+static bool set_up_carrier(hd_board_t *board, const hd_board_setup_t *setup)
+{
+    if (setup->converters == NULL) {
+        return true;
+    }
+    board->carrier = malloc(sizeof *board->carrier);
+    return board->carrier != NULL && hd_carrier_loop_init(board->carrier, setup);
+}
+
 hd_board_t *hd_board_new(const hd_board_setup_t *setup)
 {
     hd_board_t *board = calloc(1, sizeof *board);
@@ -91,8 +101,8 @@ hd_board_t *hd_board_new(const hd_board_setup_t *setup)
     }
     hd_config_t config = core_config(setup);
     bool valid = setup->plate_modes >= 1 && setup->plate_modes <= HD_PLATE_MODES_MAX;
-    if (!valid || !hd_init(&board->core, &config, (uint32_t)setup->t_start_us)) {
-        free(board);
+    if (!valid || !hd_init(&board->core, &config, (uint32_t)setup->t_start_us) || !set_up_carrier(board, setup)) {
+        hd_board_free(board);
         return NULL;
     }
     set_up_plate(&board->plate, setup);
@@ -104,7 +114,10 @@ hd_board_t *hd_board_new(const hd_board_setup_t *setup)
 
 void hd_board_free(hd_board_t *board)
 {
-    free(board);
+    if (board != NULL) {
+        free(board->carrier);
+        free(board);
+    }
 }
 
 uint64_t hd_board_t_us(const hd_board_t *board)
@@ -151,7 +164,7 @@ static void reference_at_tick(hd_board_t *board, double complex reference_um[HD_
 }
 
 /* A changed drive frequency goes out with the new voltage, and the frame turns with it: W goes on without a jump. */
-static void plate_tick(hd_board_t *board, const hd_contact_t *contact)
+static void envelope_tick(hd_board_t *board, const hd_contact_t *contact)
 {
     double tick_s = board->tick_us * 1e-6;
     double complex integral_um_s[HD_PLATE_MODES_MAX] = {0};
@@ -163,12 +176,29 @@ static void plate_tick(hd_board_t *board, const hd_contact_t *contact)
     for (int p = 0; p < board->plate.modes; p++) {
         board->mean_um[p] = integral_um_s[p] / tick_s;
     }
-    board->tick++;
+    hd_plate_measure(&board->plate, board->mean_um, board->measured_um);
 }
 
-static void measure(hd_board_t *board)
+static void carrier_tick(hd_board_t *board, const hd_contact_t *contact)
 {
-    hd_plate_measure(&board->plate, board->mean_um, board->measured_um);
+    hd_phasor_t measured_um[HD_MODES];
+    hd_carrier_loop_listen(board->carrier, contact, measured_um);
+    for (int k = 0; k < HD_MODES; k++) {
+        board->measured_um[k] = complex_of(measured_um[k]);
+    }
+    for (int p = 0; p < board->plate.modes; p++) {
+        board->plate.w_um[p] = hd_carrier_loop_amplitude_um(board->carrier, p);
+    }
+}
+
+static void plate_tick(hd_board_t *board, const hd_contact_t *contact)
+{
+    if (board->carrier != NULL) {
+        carrier_tick(board, contact);
+    } else {
+        envelope_tick(board, contact);
+    }
+    board->tick++;
     if (board->faked) {
         memcpy(board->measured_um, board->fake_um, sizeof board->measured_um);
     }
@@ -181,6 +211,9 @@ static void control_tick(hd_board_t *board)
         measured_um[k] = (hd_phasor_t){(float)creal(board->measured_um[k]), (float)cimag(board->measured_um[k])};
     }
     hd_tick(&board->core, (uint32_t)hd_board_t_us(board), measured_um, voltage_v);
+    if (board->carrier != NULL) {
+        hd_carrier_loop_answer(board->carrier, board->core.drive_hz, voltage_v);
+    }
     for (int k = 0; k < HD_MODES; k++) {
         board->voltage_v[k] = complex_of(voltage_v[k]);
     }
@@ -211,7 +244,6 @@ size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const doub
         hd_contact_t contact = hd_plate_contact(&board->plate, fingers, phi + i * shapes,
                                                 contact_decay_1_s + i * (size_t)fingers);
         plate_tick(board, &contact);
-        measure(board);
         control_tick(board);
         record(board, trace, offset + i);
         if (stop_on_transmit && board->core.pending != 0) {

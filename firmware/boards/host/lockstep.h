@@ -2,6 +2,7 @@
  *
  * The board stands at an instant: the last tick's. Bytes come and go then or before the next one; hd_board_run moves
  * the plate on by a tick and performs the tick at its end, again and again. Same calls, same results, to the last bit.
+ * The plate is seen as envelopes, or sample by sample behind the firmware's carrier (carrier_loop.h): the same calls.
  * Arrays are C-contiguous doubles, complex numbers stand as (real, imaginary) pairs.
  */
 #ifndef HD_LOCKSTEP_H
@@ -14,6 +15,15 @@
 
 typedef struct hd_board hd_board_t;
 
+/* The converters of a board whose carrier is simulated, the same for every mode. */
+typedef struct {
+    double volts_per_lsb;
+    double um_per_lsb;
+    double offset_lsb; /* of what the ADC gives at rest from mid-rail */
+    double noise_lsb;  /* standard deviation, per sample */
+    double amplifier_lag_us;
+} hd_converter_setup_t;
+
 typedef struct {
     /* the plate's truth */
     int32_t plate_modes;
@@ -25,6 +35,7 @@ typedef struct {
     double noise_um;
     double amplifier_limit_v;
     uint64_t seed;
+    const hd_converter_setup_t *converters; /* sample by sample, with neither loop_phase_rad nor noise_um; NULL: envelopes */
     /* the board's configuration */
     uint64_t t_start_us;
     uint32_t boot_id;

@@ -103,8 +103,8 @@ static double random_signed(uint64_t *state)
     return ((double)(random_bits(state) >> 11) + 0.5) * 0x1p-52 - 1.0; /* in (-1, 1) */
 }
 
-/* Two independent normal deviates at once: Marsaglia's polar method. */
-static double complex random_normal(uint64_t *state)
+/* Marsaglia's polar method. */
+double complex hd_random_normal(uint64_t *state)
 {
     double x, y, r2;
     do {
@@ -119,7 +119,7 @@ void hd_plate_measure(hd_plate_t *plate, const double complex mean_um[HD_PLATE_M
                       double complex measured_um[HD_MODES])
 {
     for (int k = 0; k < HD_MODES; k++) {
-        measured_um[k] = plate->noise_um * random_normal(&plate->random);
+        measured_um[k] = plate->noise_um * hd_random_normal(&plate->random);
         for (int p = 0; p < plate->modes; p++) {
             measured_um[k] += plate->sensor[k][p] * mean_um[p];
         }

@@ -47,6 +47,9 @@ hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double
 void hd_plate_advance(hd_plate_t *plate, const hd_contact_t *contact, const double complex voltage_v[HD_MODES],
                       double frame_rad_s, double span_s, double complex integral_um_s[HD_PLATE_MODES_MAX]);
 
+/* Two independent standard normal deviates at once, as a complex number. */
+double complex hd_random_normal(uint64_t *state);
+
 /* What the sensors make of a mean amplitude, with noise. */
 void hd_plate_measure(hd_plate_t *plate, const double complex mean_um[HD_PLATE_MODES_MAX],
                       double complex measured_um[HD_MODES]);

@@ -90,7 +90,7 @@ static void describe_board(hd_config_t *config, const hd_converters_t *converter
         .control_hz = CONTROL_HZ,
         .drive_hz = DRIVE_HZ,
         .v_limit_v = V_LIMIT_V,
-        .gains = {HD_LAW_PI_FF, 0.0f, 0.0f}, /* those that the firmware was tested with */
+        .gains = {HD_LAW_DEADBEAT, 0.0f, 0.0f}, /* those that the firmware was tested with */
         .output_delay_frac = (float)HD_CHUNK * (float)CONTROL_HZ / (float)HD_SAMPLE_HZ,
         .latch_repeated_trips = LATCH_REPEATED_TRIPS,
     };

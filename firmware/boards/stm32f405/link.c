@@ -1,5 +1,5 @@
-/* Received bytes run round a ring that the main loop follows. What is sent is collected in one buffer while the other
- * is on the line: the main loop wakes at every chunk, so the line rests for 50 us at most between the two.
+/* Received bytes run round a ring that the main loop follows; what is sent has the buffer to itself until it is on the
+ * line. The main loop wakes at every chunk, so either way 50 us are lost at most.
  */
 #include "link.h"
 
@@ -10,7 +10,7 @@
 #include "setup.h"
 
 #define RING 1024  /* 11 ms at 921600 baud; the main loop comes round every 50 us */
-#define BUFFER 512 /* 5.5 ms */
+#define BUFFER 512
 #define TX_STREAM (&DMA2->STREAM[7])
 #define RX_STREAM (&DMA2->STREAM[2])
 #define ALTERNATE(pin) (2u << 2 * (pin))
@@ -18,9 +18,7 @@
 
 static volatile uint8_t ring[RING];
 static uint32_t ring_read;
-static uint8_t buffer[2][BUFFER];
-static uint32_t filling; /* which of the two */
-static uint32_t filled;
+static uint8_t sent[BUFFER];
 
 void link_start(void)
 {
@@ -39,6 +37,7 @@ void link_start(void)
     RX_STREAM->NDTR = RING;
     RX_STREAM->CR = DMA_CHANNEL(4) | DMA_MINC | DMA_CIRC | DMA_PRIORITY(1) | DMA_EN;
     TX_STREAM->PAR = (uint32_t)(uintptr_t)&USART1->DR;
+    TX_STREAM->M0AR = (uint32_t)(uintptr_t)sent;
 }
 
 size_t link_read(uint8_t *bytes, size_t capacity)
@@ -52,29 +51,19 @@ size_t link_read(uint8_t *bytes, size_t capacity)
     return n;
 }
 
-static void send_filled(void)
-{
-    if (filled == 0 || (TX_STREAM->CR & DMA_EN) != 0) {
-        return;
-    }
-    DMA2->HIFCR = DMA_ALL << 22; /* stream 7 */
-    TX_STREAM->M0AR = (uint32_t)(uintptr_t)buffer[filling];
-    TX_STREAM->NDTR = filled;
-    __asm volatile("dsb" : : : "memory"); /* the bytes are in memory before the stream reads them */
-    TX_STREAM->CR = DMA_CHANNEL(4) | DMA_MINC | DMA_TO_PERIPHERAL | DMA_EN;
-    filling = 1 - filling;
-    filled = 0;
-}
-
 size_t link_write_room(void)
 {
-    send_filled();
-    return BUFFER - filled;
+    return (TX_STREAM->CR & DMA_EN) != 0 ? 0 : BUFFER;
 }
 
 void link_write(const uint8_t *bytes, size_t n)
 {
-    memcpy(&buffer[filling][filled], bytes, n);
-    filled += (uint32_t)n;
-    send_filled();
+    if (n == 0) {
+        return;
+    }
+    memcpy(sent, bytes, n);
+    DMA2->HIFCR = DMA_ALL << 22; /* stream 7 */
+    TX_STREAM->NDTR = (uint32_t)n;
+    __asm volatile("dsb" : : : "memory"); /* the bytes are in memory before the stream reads them */
+    TX_STREAM->CR = DMA_CHANNEL(4) | DMA_MINC | DMA_TO_PERIPHERAL | DMA_EN;
 }

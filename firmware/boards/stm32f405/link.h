@@ -10,7 +10,7 @@ void link_start(void);
 /* Bytes that came since the last call, 0 if none. */
 size_t link_read(uint8_t *bytes, size_t capacity);
 
-/* Takes whole frames until its buffer is full, then nothing until that is on the line. */
+/* Takes one piece at a time: there is room again when that is on the line. */
 size_t link_write_room(void);
 void link_write(const uint8_t *bytes, size_t n);
 

@@ -13,7 +13,6 @@
 
 _Static_assert(HD_MODES == 2, "the STM32F405 has two DACs; three modes need another converter");
 
-#define MID_RAIL 0x8000u
 #define WORDS (2 * HD_CHUNK)
 #define CHUNK_PRIORITY 0x10 /* below the faults, above nothing: it is alone */
 #define ADC1_PIN 1          /* PA1, ADC1_IN1 */
@@ -43,7 +42,7 @@ void sampling_silence(void)
     sampling_enable_amplifiers(false);
     GPIOB->MODER = (GPIOB->MODER & ~(ANALOGUE(AMPLIFIERS) | ANALOGUE(BUSY))) | OUTPUT(AMPLIFIERS) | OUTPUT(BUSY);
     TIM2->CR1 = 0;
-    DAC->DHR12LD = MID_RAIL << 16 | MID_RAIL;
+    DAC->DHR12LD = HD_MID_RAIL << 16 | HD_MID_RAIL;
     DAC->CR = DAC_BOTH(DAC_EN); /* no trigger: what was written is put out in the next cycle */
     GPIOA->MODER |= ANALOGUE(4) | ANALOGUE(5) | ANALOGUE(ADC1_PIN) | ANALOGUE(ADC2_PIN);
 }
@@ -71,7 +70,7 @@ static void start_dacs(void)
 {
     for (int i = 0; i < WORDS; i++) {
         for (int k = 0; k < HD_MODES; k++) {
-            played[i / HD_CHUNK][i % HD_CHUNK][k] = MID_RAIL;
+            played[i / HD_CHUNK][i % HD_CHUNK][k] = HD_MID_RAIL;
         }
     }
     DMA1->HIFCR = DMA_ALL << 6; /* stream 5 */

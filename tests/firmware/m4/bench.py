@@ -116,11 +116,11 @@ class Bench:
         if stream is None:
             return
         assert stream.to_peripheral and not stream.circular and stream.item_size == 1
-        part = self.cpu.read(stream.memory, min(room, stream.items))
-        self.from_board += part
-        self.registers["DMA2_S7.M0AR"] = stream.memory + len(part)
-        self.registers["DMA2_S7.NDTR"] = stream.items - len(part)
-        if stream.items == len(part):
+        self._sending = self._sending or self.cpu.read(stream.memory, stream.items)
+        self.from_board += self._sending[:room]
+        self._sending = self._sending[room:]
+        self.registers["DMA2_S7.NDTR"] = max(1, len(self._sending))
+        if not self._sending:
             self.registers["DMA2_S7.CR"] &= ~1
             self.registers["DMA2.HISR"] |= 1 << 27
 

@@ -3,8 +3,9 @@
 ARM DDI 0439B, table 3-1 with its notes 3.3.2 and 3.3.3, and table 7-1: a load takes 2 cycles and 1 right after another
 load or store, a store with an immediate offset 1, an address made by the instruction before one more, a floating-point
 result needed by the next instruction one more, division and square root 14, an integer division its 12. A taken branch
-refills the pipeline in 3 cycles, the slowest of 1 to 3. An interrupt costs 12 to enter, 12 to leave and 17 for the FPU's
-registers. Wait states and bus contention are left out: a loop that fits the flash accelerator's cache sees few.
+refills the pipeline in 3 cycles, the slowest of 1 to 3. To enter and to leave an interrupt take 12 cycles each, and 17
+more for the FPU's registers. Wait states and bus contention are left out: what runs from the flash accelerator's cache
+sees few.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .cpu import Cpu
 from .image import Image, Instruction
 
 CORE_HZ = 168e6
-INTERRUPT_CYCLES = 12 + 12 + 17
+INTERRUPT_CYCLES = 2 * (12 + 17)
 _REFILL = 3
 _DIVISION = 12
 _FLOAT_SLOW = {"vdiv.f32": 14, "vsqrt.f32": 14, "vmla.f32": 3, "vmls.f32": 3, "vfma.f32": 3, "vfms.f32": 3}

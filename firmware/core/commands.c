@@ -1,0 +1,127 @@
+/* What a person's commands do to the core. Each is checked as a whole before anything is changed, and answered. */
+#include "commands.h"
+
+#include <string.h>
+
+/* What a person asked for is answered, well-formed as it was. Of several answers to one kind of command the first
+ * refusal is the one that is sent: a later success must not hide it. */
+static void answer(hd_core_t *core, enum hd_message request, enum hd_verdict verdict)
+{
+    uint16_t bit = (uint16_t)(1U << request);
+    bool refused = (core->verdicts & bit) != 0 && core->verdict[request] != HD_VERDICT_DONE;
+    if (!refused) {
+        core->verdict[request] = (uint8_t)verdict;
+    }
+    core->verdicts |= bit;
+    core->pending |= HD_PENDING_VERDICT;
+}
+
+void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)now_us;
+    hd_wire_set_controller_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    hd_gains_t gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
+    if (!hd_gains_valid(&gains)) {
+        answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_OUT_OF_RANGE);
+    } else if (core->state == HD_STATE_TOOL) {
+        answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_NOT_QUIET);
+    } else {
+        core->control.gains = gains;
+        hd_control_reset(&core->control); /* one law's integral is another law's error */
+        core->ramp = 0;
+        answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_DONE);
+    }
+}
+
+void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)now_us;
+    hd_wire_set_model_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    hd_mode_model_t model = {
+        .decay_1_s = wire.model.decay_1_s,
+        .detuning_rad_s = wire.model.detuning_rad_s,
+        .gain_um_per_v_s = wire.model.gain_um_per_v_s,
+        .loop = {wire.model.loop_d, wire.model.loop_q},
+    };
+    if (wire.mode >= HD_MODES || !hd_model_valid(&model)) {
+        answer(core, HD_MSG_SET_MODEL, HD_VERDICT_OUT_OF_RANGE);
+    } else if (!hd_at_rest(core) || core->fault == HD_FAULT_CONFIG) {
+        answer(core, HD_MSG_SET_MODEL, HD_VERDICT_NOT_QUIET);
+    } else {
+        model.loop = hd_scale(1.0f / hd_magnitude(model.loop), model.loop);
+        core->control.plant.model[wire.mode] = model;
+        hd_control_reset(&core->control);
+        answer(core, HD_MSG_SET_MODEL, HD_VERDICT_DONE);
+    }
+}
+
+void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    hd_wire_sweep_t sweep;
+    memcpy(&sweep, payload, sizeof sweep);
+    if (!hd_sweep_valid(&core->tool, &sweep)) {
+        answer(core, HD_MSG_SWEEP, HD_VERDICT_OUT_OF_RANGE);
+    } else if (!hd_at_rest(core) || core->state == HD_STATE_FAULT) {
+        answer(core, HD_MSG_SWEEP, HD_VERDICT_NOT_QUIET);
+    } else {
+        hd_silence(core);
+        hd_tool_sweep(&core->tool, &sweep);
+        hd_begin_tool(core, now_us);
+        answer(core, HD_MSG_SWEEP, HD_VERDICT_DONE);
+    }
+}
+
+void hd_take_raw_voltage(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    hd_wire_raw_voltage_t raw;
+    memcpy(&raw, payload, sizeof raw);
+    const hd_tool_t *tool = &core->tool;
+    bool renewed = tool->kind == HD_TOOL_RAW && !tool->stopping && raw.mode == tool->mode;
+    if (!hd_raw_voltage_valid(tool, &raw)) {
+        answer(core, HD_MSG_RAW_VOLTAGE, HD_VERDICT_OUT_OF_RANGE);
+    } else if (!renewed && (!hd_at_rest(core) || core->state == HD_STATE_FAULT)) {
+        answer(core, HD_MSG_RAW_VOLTAGE, HD_VERDICT_NOT_QUIET);
+    } else {
+        if (!renewed) {
+            hd_silence(core);
+        }
+        hd_tool_raw_voltage(&core->tool, &raw, now_us);
+        hd_begin_tool(core, now_us);
+        answer(core, HD_MSG_RAW_VOLTAGE, HD_VERDICT_DONE);
+    }
+}
+
+void hd_take_set_telemetry(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)now_us;
+    hd_wire_set_telemetry_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    hd_telemetry_start(&core->telemetry, wire.rate_hz, core->config.control_hz);
+    answer(core, HD_MSG_SET_TELEMETRY, HD_VERDICT_DONE);
+}
+
+void hd_take_stop(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)payload;
+    (void)now_us;
+    if (core->state == HD_STATE_TOOL) {
+        hd_tool_stop(&core->tool);
+    }
+    answer(core, HD_MSG_STOP, HD_VERDICT_DONE);
+}
+
+void hd_take_controller_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)payload;
+    (void)now_us;
+    core->pending |= HD_PENDING_CONTROLLER;
+}
+
+void hd_take_log_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)payload;
+    (void)now_us;
+    core->pending |= HD_PENDING_LOG;
+}

@@ -1,0 +1,118 @@
+"""The protocol's numbers, as `firmware/core/protocol.h` gives them: that file is the source, a test compares.
+
+Layouts are packed and little endian. Those of messages that grow with the number of modes are the fixed part; what
+follows it is noted beside.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Final
+
+PROTOCOL_VERSION: Final = 2
+PROTOCOL_HASH: Final = 0xEA84B03F
+
+KNOTS_MAX: Final = 24
+KNOT_UNIT_NS: Final = 4000
+OFFSET_MAX_NS: Final = 0xFFFF * KNOT_UNIT_NS
+DEADMAN_MS: Final = 50
+
+MSG_HELLO_REQUEST: Final = 0x01
+MSG_REFERENCE: Final = 0x02
+MSG_KEEPALIVE: Final = 0x03
+MSG_TIME_REQUEST: Final = 0x04
+MSG_CLEAR_FAULT: Final = 0x05
+MSG_SET_CONTROLLER: Final = 0x06
+MSG_SET_MODEL: Final = 0x07
+MSG_CONTROLLER_REQUEST: Final = 0x08
+MSG_SWEEP: Final = 0x09
+MSG_RAW_VOLTAGE: Final = 0x0A
+MSG_SET_TELEMETRY: Final = 0x0B
+MSG_LOG_REQUEST: Final = 0x0C
+MSG_STOP: Final = 0x0D
+MSG_HELLO: Final = 0x81
+MSG_STATUS: Final = 0x82
+MSG_TIME: Final = 0x83
+MSG_CONTROLLER: Final = 0x84
+MSG_SWEEP_POINT: Final = 0x85
+MSG_TELEMETRY: Final = 0x86
+MSG_LOG: Final = 0x87
+MSG_VERDICT: Final = 0x88
+
+REFERENCE: Final = struct.Struct("<HIBB")  # and of each knot its offset and a phasor for each mode
+KEEPALIVE: Final = struct.Struct("<H")
+TIME_REQUEST: Final = struct.Struct("<Q")
+SET_CONTROLLER: Final = struct.Struct("<Bff")
+SET_MODEL: Final = struct.Struct("<Bfffff")
+SWEEP: Final = struct.Struct("<BffHHf")
+RAW_VOLTAGE: Final = struct.Struct("<BffH")
+SET_TELEMETRY: Final = struct.Struct("<H")
+HELLO: Final = struct.Struct("<HIB16sIffHf")  # and the amplitude limit of each mode
+STATUS: Final = struct.Struct("<IBBBBHIIHII")  # and measured d, q and voltage d, q of each mode
+TIME: Final = struct.Struct("<QII")
+CONTROLLER: Final = struct.Struct("<BffB")  # and decay, detuning, gain and loop d, q of each mode
+SWEEP_POINT: Final = struct.Struct("<HHBBff")  # and measured d, q of each mode
+TELEMETRY: Final = struct.Struct("<IIBBB")  # and reference, measured, voltage (d, q), decay, detuning of each mode
+LOG: Final = struct.Struct("<BBI")  # and LOG_ENTRIES entries
+LOG_ENTRY: Final = struct.Struct("<IIBBf")
+VERDICT: Final = struct.Struct("<BB")
+
+# Bounds of what a command may say, ends included.
+BANDWIDTH_1_S: Final = (10.0, 20000.0)
+INTEGRAL_TIME_S: Final = (0.0001, 1.0)
+DECAY_1_S: Final = (1.0, 10000.0)
+DETUNING_RAD_S: Final = (-20000.0, 20000.0)
+GAIN_UM_PER_V_S: Final = (0.001, 10000.0)
+SWEEP_POINTS: Final = (1, 2001)
+SWEEP_DWELL_MS: Final = (1, 1000)
+SWEEP_OFFSET_HZ: Final = (-2000.0, 2000.0)  # from the drive frequency
+RAW_LIMIT_FRAC: Final = 0.2  # of the board's voltage limit: for sweeps as well
+RAW_DURATION_MS: Final = (1, 1000)
+TELEMETRY_RATE_HZ: Final = (0, 0xFFFF)
+LOG_ENTRIES: Final = 8
+ALL_MODES: Final = 255  # in a log entry: no single mode is concerned
+
+LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
+
+COMMANDS: Final = {
+    MSG_SET_CONTROLLER: "the control law or its gains",
+    MSG_SET_MODEL: "the calibration of a mode",
+    MSG_SWEEP: "the sweep",
+    MSG_RAW_VOLTAGE: "the raw voltage",
+    MSG_SET_TELEMETRY: "the telemetry",
+    MSG_STOP: "to stop",
+}
+
+FAULTS: Final = {
+    0: "none",
+    1: "a measurement was not finite",
+    2: "a control voltage was not finite",
+    3: "the measured amplitude stayed far above its limit",
+    4: "the sensors do not answer the drive",
+    5: "the host fell silent three times within ten seconds",
+    6: "the board's configuration makes no sense",
+}
+
+EVENTS: Final = {
+    64: "the host fell silent: the drive was ramped down",
+    65: "the host fell silent: a sweep or raw voltage was ended",
+    66: "samples were lost",
+    67: "the crystal did not start: the board does not drive",
+    68: "the program crashed",
+}
+
+RESET_CAUSES: Final = {
+    0: "unknown",
+    1: "power-up",
+    2: "reset pin",
+    3: "software",
+    4: "watchdog",
+    5: "brown-out",
+    6: "low-power management",
+}
+
+
+def is_within(value: float, bounds: tuple[float, float]) -> bool:
+    """Whether `value` lies within `bounds`, ends included; NaN does not."""
+    return bounds[0] <= value <= bounds[1] and math.isfinite(value)

@@ -1,0 +1,195 @@
+"""One conversation with the board, byte for byte: `tests/data/board-golden.jsonl` holds it, C and Python replay it.
+
+It begins just before the board's clock wraps. What the sensors say is given, so no law of control has a part in it.
+After a wanted change `python tests/firmware/test_golden.py` writes the file, and the examples in the protocol's text.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.tool_values import (
+    ControllerRequest,
+    LogRequest,
+    RawVoltage,
+    SetGains,
+    SetTelemetry,
+    Stop,
+    Sweep,
+)
+from hapticd.values import (
+    ClearFault,
+    HelloRequest,
+    KeepAlive,
+    Knot,
+    LimitReason,
+    ModeModel,
+    ReferenceFrame,
+    SafeDrive,
+    SelectController,
+    SetModel,
+    TimeRequest,
+)
+from hapticd.wire import protocol
+from hapticd.wire.commands import encode
+from hapticd.wire.device import Decoder
+from hapticd.wire.framing import FrameSplitter
+
+GOLDEN = Path(__file__).parents[1] / "data" / "board-golden.jsonl"
+PROTOCOL_TEXT = Path(__file__).parents[2] / "firmware" / "PROTOCOL.md"
+T_START_US = 2**32 - 1500
+MEASURED_UM = np.array([0.25 - 0.5j, 1.0j])
+DRIVE = SafeDrive(0, (Knot(0, (1 + 0j, -0.5 + 0j)), Knot(10_000_000, (1.25 + 0j, 0j))), LimitReason.NONE)
+NAMES = {
+    getattr(protocol, name): name.removeprefix("MSG_") for name in dir(protocol) if re.fullmatch(r"MSG_[A-Z_]+", name)
+}
+
+# What happens, in order: a command is heard, ticks pass, or the sensors say something else.
+SCRIPT: tuple[Any, ...] = (
+    HelloRequest(),
+    TimeRequest(123_456_789),
+    SelectController("pi"),
+    SetGains("pi", 800.0, 0.004),
+    SetModel(1, ModeModel(180.5, 63.25, 5.75, 0.8 + 0.6j)),
+    ControllerRequest(),
+    SetTelemetry(1000),
+    4,
+    SetTelemetry(0),
+    ReferenceFrame(7, 1000, DRIVE),
+    4,
+    KeepAlive(7),
+    Sweep(1, 29200.0, 29210.0, 2, 2, 12.5),
+    20,
+    KeepAlive(0),
+    20,
+    Sweep(2, 29200.0, 29210.0, 2, 2, 12.5),
+    RawVoltage(0, 3 - 4j, 50),
+    4,
+    Stop(),
+    8,
+    MEASURED_UM * np.nan,
+    1,
+    SetGains("pi"),
+    MEASURED_UM,
+    LogRequest(),
+    Sweep(1, 29200.0, 29210.0, 2, 2, 12.5),
+    ClearFault(),
+)
+
+
+def new_board() -> Board:
+    config = BoardConfig(
+        w_limit_um=(4.0, 3.5),
+        decay_1_s=(183.5, 183.75),
+        detuning_rad_s=(-62.75, 62.75),
+        gain_um_per_v_s=(5.25, 5.5),
+        controller="pi",
+    )
+    gain = np.diag(config.gain_um_per_v_s)
+    model = PlateModel(np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
+    board = Board(model, config=config, boot_id=0x1234, t_start_us=T_START_US)
+    board.fake_measurement(MEASURED_UM)
+    return board
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it; complex numbers become pairs."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, tuple):
+        return [plain(item) for item in value]
+    return [value.real, value.imag] if isinstance(value, complex) else value
+
+
+def heard(board: Board) -> Iterator[dict[str, Any]]:
+    """What the board wants to say, frame by frame."""
+    while said := board.transmit():
+        for line in said.split(b"\0")[:-1]:
+            (message,) = Decoder().feed(line + b"\0")
+            (raw,) = FrameSplitter(512).feed(line + b"\0")
+            yield {"board": NAMES[raw[0]], "line": (line + b"\0").hex(), "value": plain(message)}
+
+
+def run(board: Board, ticks: int) -> Iterator[dict[str, Any]]:
+    """Runs the board; it is listened to as soon as it has something to say."""
+    trace, done = BoardTrace(ticks, 2, 2), 0
+    while done < ticks:
+        rows = ticks - done
+        done += board.run(rows, np.zeros((rows, 0, 2)), np.zeros((rows, 0)), trace, done, stop_on_transmit=True)
+        yield from heard(board)
+
+
+def conversation() -> Iterator[dict[str, Any]]:
+    """The script played to the firmware's C, and all that is said on either side."""
+    board = new_board()
+    for step in SCRIPT:
+        if isinstance(step, int):
+            yield from run(board, step)
+        elif isinstance(step, np.ndarray):
+            board.fake_measurement(step)
+        else:
+            line = encode(step)
+            yield {"host": type(step).__name__, "line": line.hex(), "value": plain(step)}
+            board.receive(line)
+            yield from heard(board)
+
+
+def golden() -> list[dict[str, Any]]:
+    return [json.loads(row) for row in GOLDEN.read_text(encoding="utf-8").splitlines()]
+
+
+def test_host_and_board_say_what_they_said_when_the_file_was_written() -> None:
+    said = list(conversation())
+    for now, then in zip(said, golden(), strict=True):
+        assert now == then
+
+
+def test_every_message_of_the_protocol_is_in_the_file() -> None:
+    raw = [FrameSplitter(512).feed(bytes.fromhex(row["line"]))[0][0] for row in golden()]
+    assert {NAMES[kind] for kind in raw} == set(NAMES.values())
+
+
+def test_the_host_reads_of_each_golden_line_what_stands_beside_it() -> None:
+    rows = [row for row in golden() if "board" in row]
+    assert len(rows) > 10
+    for row in rows:
+        (message,) = Decoder().feed(bytes.fromhex(row["line"]))
+        assert plain(message) == row["value"]
+
+
+def examples() -> str:
+    """Of each message the first golden line, as the protocol's text shows them."""
+    first: dict[int, bytes] = {}
+    for row in golden():
+        line = bytes.fromhex(row["line"])
+        (message,) = FrameSplitter(512).feed(line)
+        first.setdefault(message[0], line)
+    width = max(map(len, NAMES.values()))
+    return "".join(f"{NAMES[kind]:<{width}} {first[kind].hex(' ')}\n" for kind in sorted(first))
+
+
+def test_the_examples_in_the_protocol_text_are_golden_lines() -> None:
+    assert f"```\n{examples()}```" in PROTOCOL_TEXT.read_text(encoding="utf-8")
+
+
+def write() -> None:
+    """The file and the examples in the protocol's text, as host and board speak now."""
+    GOLDEN.write_text("".join(json.dumps(row) + "\n" for row in conversation()), encoding="utf-8")
+    before, rest = PROTOCOL_TEXT.read_text(encoding="utf-8").split("## Examples\n")
+    lead, _, after = rest.split("```\n", 2)
+    PROTOCOL_TEXT.write_text(f"{before}## Examples\n{lead}```\n{examples()}```\n{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write()

@@ -1,0 +1,102 @@
+"""The two amplitude limits, `core/limits.py` and `firmware/core/limiter.c`: each alone sufficient, and of one mind."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.limits import gate
+from hapticd.sim import firmware
+from hapticd.values import Drive, Knot, LimitReason
+
+REASONS = (LimitReason.NONE, LimitReason.AMPLITUDE, LimitReason.NOT_FINITE)  # by the C limiter's result
+TOLERANCE = 1e-6  # HD_LIMIT_TOLERANCE: what float32 may add to a reference that the host had already limited
+OVERFLOWS_UM = 1.8e19  # above it the square of a float32 magnitude is infinite
+ULP = 2.0**-23  # of float32, relative
+ROUND_DOWN = 2.0**-21  # by which the C limiter stays below a limit, to outweigh its roundings
+
+single = st.floats(width=32) | st.sampled_from(
+    [0.0, -0.0, 4.0, 2.5, 1e-45, -1e-45, 1.1754944e-38, 3.4e38, -3.4e38, math.nan, math.inf, -math.inf]
+)
+near_the_limit = st.floats(-6, 6, width=32)
+parts = st.lists(single | near_the_limit, min_size=6, max_size=6)
+limit = st.floats(np.float32(0.01), 20, width=32)
+
+
+def limited_by_c(values: list[float], limit_um: tuple[float, ...]) -> tuple[LimitReason, list[complex]]:
+    """(d, q) of as many modes as there are limits, through the board's own code."""
+    modes = len(limit_um)
+    phasors = np.array(values[: 2 * modes], dtype=np.float32)
+    limits = np.array(limit_um, dtype=np.float32)
+    result = firmware.load(modes).hd_limit_amplitudes(
+        ctypes.c_void_p(phasors.ctypes.data), ctypes.c_void_p(limits.ctypes.data)
+    )
+    return REASONS[result], [complex(d, q) for d, q in phasors.reshape(-1, 2).astype(np.float64)]
+
+
+def limited_by_python(values: list[float], limit_um: tuple[float, ...]) -> tuple[LimitReason, list[complex]]:
+    modal_um = tuple(complex(*values[2 * k : 2 * k + 2]) for k in range(len(limit_um)))
+    safe = gate(Drive(0, (Knot(0, modal_um),)), limit_um)
+    return safe.reasons, list(safe.knots[0].modal_um)
+
+
+def check_agreement(values: list[float], limit_um: tuple[float, ...]) -> None:
+    values = [float(np.float32(value)) for value in values]
+    reason, out_um = limited_by_c(values, limit_um)
+    wanted_reason, wanted_um = limited_by_python(values, limit_um)
+    used = values[: 2 * len(limit_um)]
+    over = [math.hypot(*used[2 * k : 2 * k + 2]) / limit for k, limit in enumerate(limit_um)]
+    if not all(map(math.isfinite, used)):
+        assert reason is wanted_reason is LimitReason.NOT_FINITE
+        assert not any(out_um)
+    elif 1 < max(over) < 1 + 2 * TOLERANCE:
+        assert all(abs(w) <= limit * (1 + 1.2 * TOLERANCE) for w, limit in zip(out_um, limit_um, strict=True))
+    else:
+        assert reason is wanted_reason
+        if max(map(abs, used)) < OVERFLOWS_UM / 2:  # beyond it the board's answer is silence
+            below = 0.0 if reason is LimitReason.NONE else ROUND_DOWN
+            for ours, theirs in zip(out_um, wanted_um, strict=True):
+                assert abs(ours - theirs * (1 - below)) <= 2 * ULP * abs(theirs) + 2.0**-149
+        elif max(over) > 1:
+            assert all(abs(ours) <= abs(theirs) * (1 + ULP) for ours, theirs in zip(out_um, wanted_um, strict=True))
+
+
+@settings(deadline=None, max_examples=600)
+@given(parts, limit, limit)
+@example([3.4e38, 3.4e38, 1.0, 0.0, 0.0, 0.0], 4.0, 4.0)
+@example([1.7e19, 1.0, -0.0, 0.0, 0.0, 0.0], 4.0, 4.0)
+@example([1e-45, -1e-45, 0.0, 4.0, 0.0, 0.0], 4.0, 4.0)
+@example([4.0, 0.0, 2.5, 1e-45, math.nan, 0.0], 4.0, 2.5)
+def test_host_and_board_limit_two_modes_alike(values: list[float], x_um: float, y_um: float) -> None:
+    check_agreement(values, (x_um, y_um))
+
+
+@settings(deadline=None, max_examples=300)
+@given(parts, limit, limit, limit)
+def test_host_and_board_limit_three_modes_alike(values: list[float], a_um: float, b_um: float, c_um: float) -> None:
+    check_agreement(values, (a_um, b_um, c_um))
+
+
+@settings(deadline=None, max_examples=300)
+@given(parts, limit, limit)
+def test_what_the_host_let_through_the_board_leaves_alone(values: list[float], x_um: float, y_um: float) -> None:
+    """The encoder rounds towards zero, so the board finds nothing above its limit."""
+    _, safe_um = limited_by_python(values, (x_um, y_um))
+    sent = [float(np.float32(part)) for w in safe_um for part in (w.real, w.imag)]
+    assert limited_by_c(sent, (x_um, y_um))[0] is LimitReason.NONE
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_one_part_that_is_not_finite_silences_all_modes_on_both_sides(bad: float, place: int) -> None:
+    values = [1.0, -1.0, 0.5, 2.0]
+    values[place] = bad
+    for limited in (limited_by_c, limited_by_python):
+        reason, out_um = limited(values, (4.0, 4.0))
+        assert reason is LimitReason.NOT_FINITE
+        assert out_um == [0, 0]
