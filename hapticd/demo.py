@@ -3,7 +3,8 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client asks for a slippery and a sticky finger, a live view shows what they get, and at the end the plate's true
-motion is judged beside the paper's scheme on the same fingers.
+motion is judged beside the paper's scheme on the same fingers. The board is the firmware's core within the rig, or the
+whole program in QEMU or in a process of its own, with a simpler plate inside: then the paper's scheme gets that too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ import numpy as np
 from .config import LimitsConfig
 from .errors import HapticdError
 from .sim import lockstep
+from .sim.emulator import find_program
 from .sim.picture import Film, draw
+from .sim.plate import PlateSettings
 from .sim.rigprocess import RigProcess
 from .sim.scenarios import SCENARIOS, SPEED_MM_S
 from .sim.score import Score, score
@@ -38,9 +41,19 @@ FINGERS_WITHIN_S = 10.0
 END_WITHIN_S = 10.0
 PICTURE_S = 2.5
 
+BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process", "qemu": "hapticd, the board in QEMU"}
 
-def show(seconds: float, seed: int, out: Path) -> int:
-    """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code."""
+# What the plate inside another process leaves out, left out for the paper's scheme as well.
+BARE_PLATE = PlateSettings(
+    finger_decay_1_s=0.0, neighbour_coupling=0.0, neighbour_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
+)
+
+
+def show(seconds: float, seed: int, out: Path, *, board: str = "library", image: Path | None = None) -> int:
+    """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code.
+
+    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's.
+    """
     try:
         import hapticd_client
     except ImportError:
@@ -49,28 +62,35 @@ def show(seconds: float, seed: int, out: Path) -> int:
         raise HapticdError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
     if not out.absolute().parent.is_dir():
         raise HapticdError(f"{out}: its directory is missing, so the picture could not be written: create it first.")
+    if board == "library" and image is not None:
+        raise HapticdError("--image is for a board in another process: give --board qemu or --board host as well.")
+    program = None if board == "library" else find_program(board, image)
     try:
-        return _play(seconds, seed, out)
+        return _play(seconds, seed, out, board, program)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
 
-def _play(seconds: float, seed: int, out: Path) -> int:
+def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None) -> int:
     import hapticd_client
 
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
-        with RigProcess(SCENARIO, seed, record=record) as rig, _Daemon(Path(folder), rig) as runtime_dir:
+        rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
+        with rig, _Daemon(Path(folder), rig) as runtime_dir:
             with hapticd_client.Client(runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 t_asked_s = _ask(client, rig, seed)
                 status = _watch(client, seconds)
             t_end_s = time.monotonic() - rig.t_start_s
         with np.load(record) as arrays:
-            ours = _film(dict(arrays), "hapticd").between(t_asked_s, t_end_s)
-    played = lockstep.run(SCENARIO, settings=lockstep.paper(lockstep.Settings()), seed=seed, seconds=t_end_s)
+            ours = _film(dict(arrays), BOARD_NAMES[board]).between(t_asked_s, t_end_s)
+    same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
+    played = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
     paper = Film.of(played, "the paper's scheme").between(t_asked_s, t_end_s)
     draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
     print(summary(ours.score, paper.score, status))
+    if board != "library":
+        print("Both plates here feel no fingers and have no neighbouring modes: these figures flatter both schemes.")
     print(f"picture: {out.resolve()}")
     return 0
 

@@ -1,15 +1,18 @@
 """The simulated rig in real time: a process that is the hardware.
 
-    python -m hapticd.sim.rig DIRECTORY [--scenario NAME] [--seed N] [--record FILE]
+    python -m hapticd.sim.rig DIRECTORY [--scenario NAME] [--seed N] [--record FILE] [--board qemu|host --program FILE]
 
-`DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate, and
-`DIRECTORY/trackpad` a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
+`DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate: its core in
+this process, or with `--board` the whole program in QEMU or in a process of its own (`sim/emulator.py`).
+`DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
 The daemon cannot tell it from the real thing but by its file names. Bytes to and from the board take the link's 5 ms,
 reports the sensor's 10 ms. It prints `ready T` when both can be opened; T is its time zero on the
 host's monotonic clock. SIGTERM ends it and writes the recording, if asked; SIGUSR1 pulls the board's plug or puts it
 back, SIGUSR2 the trackpad's.
 
 What it leaves out: the serial line's speed beyond that constant delay, and the pull of a finger on the plate's shape.
+With `--board` also the damping of fingers, the neighbouring modes and the sensors' noise: that plate is inside the
+other process; up to 2 ms of the link's delay then depend on when this one looks.
 """
 
 from __future__ import annotations
@@ -30,6 +33,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import DeviceError
+from .emulator import BOARDS
+from .outboard import Outboard
 from .plate import PlateSettings, PlateTruth
 from .scenarios import SCENARIOS, SPEED_MM_S
 from .sensor import Report, SensorModel, SensorSettings
@@ -44,18 +50,26 @@ READ_SIZE = 4096
 class Rig:
     """Board and trackpad of one scenario, served in `directory` until told to stop; its time starts when it is made."""
 
-    def __init__(self, directory: Path, scenario: str, seed: int, *, keep: bool) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        scenario: str,
+        seed: int,
+        *,
+        keep: bool,
+        board: str = "library",
+        program: Path | None = None,
+    ) -> None:
         actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
         self.actors = actors
         self.plate = PlateTruth(PlateSettings())
-        self.world = World(
-            actors,
-            self.plate,
-            w_limit_um=(self.plate.settings.w_limit_um,) * 2,
-            seed=seed,
-            boot_id=os.getpid() & 0x7FFFFFFF,
-            keep=keep,
-        )
+        boot_id = os.getpid() & 0x7FFFFFFF
+        self.world: World | Outboard
+        if program is not None:
+            self.world = Outboard(actors, board, program, boot_id=boot_id, keep=keep)
+        else:
+            w_limit_um = (self.plate.settings.w_limit_um,) * 2
+            self.world = World(actors, self.plate, w_limit_um=w_limit_um, seed=seed, boot_id=boot_id, keep=keep)
         paths = [actor.path for actor in actors if actor.path is not None]
         self._scans = SensorModel(SensorSettings(), seed).scans(paths)
         self._reports: deque[Report] = deque()
@@ -99,12 +113,14 @@ class Rig:
             self._advance(self._now_s())
 
     def close(self) -> None:
-        """Pull both plugs."""
+        """Pull both plugs, and end a board that is another process."""
         if self._terminal is not None:
             self._replug_board()
         if self._listener is not None:
             self._replug_trackpad()
         self._selector.close()
+        if isinstance(self.world, Outboard):
+            self.world.close()
 
     def _replug_board(self) -> None:
         self._board_link.unlink(missing_ok=True)
@@ -143,7 +159,7 @@ class Rig:
 
     def _now_s(self) -> float:
         now_s = time.monotonic() - self.t_start_s
-        if now_s - self.world.t_s > MAX_BEHIND_S:
+        if now_s - self.world.t_s > MAX_BEHIND_S and isinstance(self.world, World):
             self.t_start_s += now_s - self.world.t_s
             now_s = self.world.t_s
         return now_s
@@ -205,7 +221,8 @@ class Rig:
         target_um = np.reshape(wants_um, (len(wants_um), len(recording.t_s))).T.copy()
         absent = ~np.isfinite(recording.finger_mm[..., 0])
         target_um[absent] = np.nan
-        truth_um = np.einsum("tnp,tp->tn", self.plate.shapes(recording.finger_mm), recording.plate_um)
+        shapes = self.plate.shapes(recording.finger_mm)[..., : recording.plate_um.shape[1]]
+        truth_um = np.einsum("tnp,tp->tn", shapes, recording.plate_um)
         truth_um[absent] = np.nan
         np.savez_compressed(
             path,
@@ -225,9 +242,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, help="write what the plate did (NPZ) at the end")
+    parser.add_argument("--board", choices=BOARDS, help="run the board in another process")
+    parser.add_argument("--program", type=Path, help="its image of the firmware")
     parser.add_argument("--owned", action="store_true", help="end with standard input too, as when its owner dies")
     options = parser.parse_args(arguments)
-    rig = Rig(options.directory, options.scenario, options.seed, keep=options.record is not None)
+    if (options.board is None) != (options.program is None):
+        parser.error("--board and --program belong together")
+    try:
+        _be_the_rig(options)
+    except DeviceError as error:
+        sys.exit(f"hapticd.sim.rig: {error}")
+
+
+def _be_the_rig(options: argparse.Namespace) -> None:
+    rig = Rig(
+        options.directory,
+        options.scenario,
+        options.seed,
+        keep=options.record is not None,
+        board=options.board,
+        program=options.program,
+    )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: rig.stop())
     signal.signal(signal.SIGUSR1, lambda *_: rig.replug_board())

@@ -13,9 +13,20 @@ END_WITHIN_S = 10.0
 
 
 class RigProcess:
-    """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock."""
+    """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    def __init__(self, scenario: str, seed: int, *, record: Path | None = None) -> None:
+    `board` and `program` put another process behind the board's terminal (`emulator.find_program`).
+    """
+
+    def __init__(
+        self,
+        scenario: str,
+        seed: int,
+        *,
+        record: Path | None = None,
+        board: str = "library",
+        program: Path | None = None,
+    ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
         self.directory = Path(self._directory.name)
         command = [
@@ -31,6 +42,8 @@ class RigProcess:
         ]
         if record is not None:
             command += ["--record", str(record)]
+        if program is not None:
+            command += ["--board", board, "--program", str(program)]
         # Its own session: a Ctrl-C meant for the daemon must not unplug the hardware first. The pipe to its input ends
         # with this process however that ends, and the rig with it.
         self.process = subprocess.Popen(

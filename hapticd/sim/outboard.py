@@ -1,0 +1,104 @@
+"""The physical half of the rig where board and plate are another process: the same calls as `world.World`, in real time.
+
+The plate there feels no fingers, so they only say where its truth is looked at. Of the plate the bench tells the two
+driven modes, every 2 ms; what the daemon asked of it is read off the frames on their way to the board.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..wire import device
+from ..wire.framing import FrameSplitter
+from .emulator import MODES, BenchReport, Emulator
+from .scenarios import Actor
+from .world import Recording
+
+_KNOT = struct.Struct(f"<H{2 * MODES}f")
+
+
+class Outboard:
+    """A board in another process, with the fingers of a scenario at its plate; t = 0 is the rig's start."""
+
+    def __init__(self, actors: Sequence[Actor], board: str, program: Path, *, boot_id: int, keep: bool) -> None:
+        self.t_s = 0.0
+        self._emulator = Emulator(board, program, boot_id=boot_id)
+        self._paths = [actor.path for actor in actors if actor.path is not None]
+        self._keep = keep
+        self._reports: list[BenchReport] = []
+        self._boot_s = np.inf
+        self._asked = Overheard()
+
+    def close(self) -> None:
+        """End the process."""
+        self._emulator.close()
+
+    def receive(self, data: bytes, t_s: float) -> None:
+        """Bytes reach the board. It takes them now: it is real time that runs."""
+        del t_s
+        self._emulator.write(data)
+        if self._keep:
+            self._asked.feed(data)
+
+    def advance(self, t_s: float) -> bytes:
+        """Time has gone on to `t_s`: what the board has said since."""
+        self.t_s = max(self.t_s, t_s)
+        for report in self._emulator.reports():
+            # The board's clock against the rig's, by the report that was fastest: nothing arrives before it is sent.
+            self._boot_s = min(self._boot_s, t_s - report.t_us * 1e-6)
+            if self._keep:
+                self._reports.append(report)
+        return self._emulator.read()
+
+    def recording(self) -> Recording:
+        """Everything so far, at the instants of the bench's reports."""
+        t_us = np.array([report.t_us for report in self._reports], dtype=np.int64)
+        plate_um = np.array([report.plate_um for report in self._reports], dtype=np.complex128).reshape(-1, MODES)
+        t_s = t_us * 1e-6 + self._boot_s
+        finger_mm = np.full((len(t_s), len(self._paths), 2), np.nan)
+        for index, path in enumerate(self._paths):
+            finger_mm[:, index] = path.position_mm(t_s)
+        return Recording(
+            t_s=t_s,
+            finger_mm=finger_mm,
+            reference_um=self._asked.at(t_us),
+            measured_um=plate_um,
+            plate_um=plate_um,
+            flags=np.zeros(len(t_s), dtype=np.uint8),
+        )
+
+
+class Overheard:
+    """The references on their way to a board: polylines in its time, as `firmware/PROTOCOL.md` lays them out."""
+
+    def __init__(self) -> None:
+        self._splitter = FrameSplitter(device.FRAME_MAX)
+        self._lines: list[tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]] = []
+
+    def feed(self, data: bytes) -> None:
+        """Bytes to the board, in pieces of any size."""
+        for frame in self._splitter.feed(data):
+            if frame[0] == device.MSG_REFERENCE:
+                self._take(frame[1:])
+
+    def _take(self, payload: bytes) -> None:
+        _, t_apply_us, _, modes = device.REFERENCE.unpack_from(payload)
+        knots = np.array(list(_KNOT.iter_unpack(payload[device.REFERENCE.size :])))
+        assert modes == MODES, "the daemon refuses a board of other modes"
+        t_us = t_apply_us + knots[:, 0] * (device.KNOT_UNIT_NS // 1000)
+        self._lines.append((t_us, knots[:, 1::2] + 1j * knots[:, 2::2]))
+
+    def at(self, t_us: npt.NDArray[np.int64]) -> npt.NDArray[np.complex128]:
+        """(T, M) um: what was asked for at rising instants of the board's clock. From its first knot on a later frame
+        takes the place of those before it; ramps and limits of the board are not in it."""
+        asked_um = np.zeros((len(t_us), MODES), dtype=np.complex128)
+        for line_us, modal_um in self._lines:
+            part = t_us >= line_us[0]
+            for mode in range(MODES):
+                asked_um[part, mode] = np.interp(t_us[part], line_us, modal_um[:, mode])
+        return asked_um
