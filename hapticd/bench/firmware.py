@@ -175,6 +175,7 @@ def _corner_table(qualities: Sequence[float]) -> Table:
         default=f"{DEFAULT}, Q {500.0 if 500.0 in qualities else qualities[0]:g}",
         rows=finite_rows(rows),
         compared=("large_ms",),
+        time="small_ms",
         error="large_ms",
         notes=("corners in which the voltage cannot hold the amplitude are left out",),
     )
@@ -211,7 +212,8 @@ def _stroke_table(speeds_mm_s: Sequence[float]) -> Table:
         default=f"{DEFAULT}, {speeds_mm_s[0]:g} mm/s",
         rows=finite_rows(rows),
         compared=("error_um",),
-        error="error_um",
+        time="error_um",
+        error="leak_um",
         notes=("leak: what the loop alone lets the still finger feel",),
     )
 
