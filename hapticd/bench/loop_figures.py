@@ -112,6 +112,7 @@ def _truth_board(law: Law, truth: PlateTruth) -> Board:
         sensor=truth.sensor,
         noise_um=truth.settings.sensor_noise_um,
         amplifier_limit_v=truth.settings.v_limit_v,
+        loop_phase_rad=truth.loop_phase_rad,
     )
     config = BoardConfig(
         controller=law.controller,
