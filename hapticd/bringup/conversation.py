@@ -25,14 +25,13 @@ Answer = TypeVar("Answer", bound=Message)
 
 
 class Conversation:
-    """An async context: inside it the port is ours, the board has been greeted and speaks this protocol.
+    """An async context: inside it the link is ours, the board has been greeted and speaks this protocol.
 
-    Everything that goes wrong is a DeviceError in one sentence.
+    `where` names the link in sentences. Everything that goes wrong is a DeviceError in one of them.
     """
 
-    def __init__(self, port: str, baud: int) -> None:
-        self._link = SerialLink(port, baud)
-        self._port, self._baud = port, baud
+    def __init__(self, link: SerialLink, where: str) -> None:
+        self._link, self._where = link, where
         self._decoder = Decoder()
         self._heard: asyncio.Queue[Message | DeviceError] = asyncio.Queue()
         self._is_driving = False
@@ -102,7 +101,7 @@ class Conversation:
             self.say(command)
             if (answer := await self.wait_for(kind, ANSWER_WITHIN_S)) is not None:
                 return answer
-        raise DeviceError(f"The board on {self._port} stopped answering: look at its cable and its supply.")
+        raise DeviceError(f"The board on {self._where} stopped answering: look at its cable and its supply.")
 
     async def demand(self, command: ToolCommand) -> None:
         """Say it, and raise DeviceError unless the board does it."""
@@ -139,12 +138,8 @@ class Conversation:
                 check_protocol(hello)
                 return hello
         if self.damaged_frames:
-            raise DeviceError(
-                f"What comes from {self._port} makes no sense at {self._baud} baud: look at --baud and the cable."
-            )
-        raise DeviceError(
-            f"Nobody answers on {self._port} at {self._baud} baud: look at port, baud rate, and the board's supply."
-        )
+            raise DeviceError(f"What comes from {self._where} makes no sense: look at --baud and the cable.")
+        raise DeviceError(f"Nobody answers on {self._where}: look at port, baud rate, and the board's supply.")
 
     def _on_bytes(self, data: bytes) -> None:
         for message in self._decoder.feed(data):

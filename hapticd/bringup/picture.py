@@ -33,6 +33,7 @@ def draw_sweep(points: list[SweepPoint], mode: int, found: Resonance, path: Path
     amplitude.axvline(found.frequency_hz, color="grey", linewidth=0.8)
     amplitude.set(xlabel="frequency, Hz", ylabel="amplitude, nm/V")
     amplitude.set_title(f"mode {mode}: {found.frequency_hz:.2f} Hz, Q {found.q_factor:.0f}")
+    amplitude.locator_params(axis="x", nbins=5)
     amplitude.legend()
     circle.plot(fit.real, fit.imag)
     circle.plot(y.real, y.imag, ".")

@@ -11,6 +11,7 @@ from collections.abc import Awaitable, Callable
 
 from .. import config
 from ..errors import ConfigError, DeviceError
+from ..io.device import SerialLink
 from ..sim.rigprocess import RigProcess
 from ..tool_values import BoardController, BoardLog, ControllerRequest, LogRequest, RawVoltage, SetGains
 from ..values import BoardState, BoardStatus, BoardTime, ClearFault, TimeRequest
@@ -19,6 +20,7 @@ from .conversation import Conversation
 
 STATUS_WITHIN_S = 1.0  # the board says how it is ten times a second
 ECHOES = 5
+FULL_FRAC = 0.999  # of the voltage asked for, as float32 has it
 SIM_SCENARIO = "step"  # nobody touches the plate
 
 
@@ -44,7 +46,7 @@ def _port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str
 
 
 async def _converse(port: str, baud: int, options: argparse.Namespace) -> None:
-    async with Conversation(port, baud) as board:
+    async with Conversation(SerialLink(port, baud), f"{port} at {baud} baud") as board:
         await SUBCOMMANDS[options.subcommand](board, options)
 
 
@@ -106,9 +108,12 @@ async def _raw(board: Conversation, options: argparse.Namespace) -> None:
         await board.demand(RawVoltage(options.mode, voltage_v, options.ms))
         measured_um: tuple[complex, ...] = ()
         while (status := await _status(board)).state is BoardState.TOOL:
-            measured_um = status.measured_um
+            if abs(status.voltage_v[options.mode]) >= FULL_FRAC * options.volts:  # not on a ramp
+                measured_um = status.measured_um
     if status.state is BoardState.FAULT:
         raise DeviceError("The board ended the voltage with a fault: see `hapticd firmware info`.")
+    if not measured_um:
+        print("too short to be measured: the board says how it is ten times a second")
     for k, w_um in enumerate(measured_um):
         print(f"mode {k}    {abs(w_um):.5f} um at {math.degrees(cmath.phase(w_um)):+.2f} degrees")
 
