@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
-CORTEX_M4 = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-ffreestanding")
+MAKEFILE = (FIRMWARE / "Makefile").read_text()
+CORTEX_M4 = tuple(re.search(r"^M4 := (.+)$", MAKEFILE, re.MULTILINE)[1].split())  # type: ignore[index]
 FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.sim.board import BoardTrace
+from hapticd.sim.board import RESET_POWER, BoardTrace
 from hapticd.tool_values import (
     BoardController,
     BoardLog,
@@ -326,7 +326,7 @@ def test_the_log_keeps_the_last_eight_events_and_counts_all(bench: Any) -> None:
     bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
     found = log(bench)
-    assert (found.reset_cause, found.events) == (0, 11)
+    assert (found.reset_cause, found.events) == (RESET_POWER, 11)
     assert [entry.code for entry in found.entries] == [64] * 7 + [1]
     assert [entry.boot_id for entry in found.entries] == [0x1234] * 8
     times_us = [entry.t_board_us for entry in found.entries]
