@@ -134,7 +134,11 @@ class ModeShapes:
 
     def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
         """d(evaluate)/dx and /dy, (N, M, 2) in 1/mm, at `points_mm` (N, 2): outside the map, along its edge only."""
-        return self._surfaces.gradient(_points(points_mm))
+        points = _points(points_mm)
+        if len(points) <= _FEW_POINTS:
+            rows = [self.at_with_gradient(x_mm, y_mm) for x_mm, y_mm in points.tolist()]
+            return np.array(rows, float).reshape(-1, self.M, 3)[..., 1:]
+        return self._surfaces.gradient(points)
 
     def steepest_1_mm(self) -> float:
         """The greatest slope of any mode, in 1/mm, seen at the map's points and halfway between them."""

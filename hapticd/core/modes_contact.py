@@ -20,16 +20,21 @@ from hapticd.core.bicubic import FloatArray
 from hapticd.core.modes import ModeShapes, Row
 
 _NODES = 10  # per panel and direction: 2e-5 of the peak's square for discs of up to 5 mm on the reference plate
+_LEAST_RADIUS_MM, _MOST_RADIUS_MM = 1e-6, 1e6  # wider could overflow, and no finger has it
 _AT_ONCE = 2000  # discs integrated together: some tens of megabytes
 
 
 class ContactGram:
-    """Gram matrices of M shapes over discs of `radius_mm`; immutable. `radius_mm` is above 0."""
+    """Gram matrices of M shapes over discs of `radius_mm`; immutable.
+
+    The maps are within 5e-4 of the quadrature inside the plate for discs of 5 mm, and within 1e-2 nearer the edge than
+    that, where it cuts the disc; smaller discs vary faster (1 mm: 4e-3 and 2e-2), and a point needs no disc.
+    """
 
     __slots__ = ("M", "_pairs", "_roots", "radius_mm")
 
     def __init__(self, modes: ModeShapes, radius_mm: float) -> None:
-        """Integrate over a disc about every knot of `modes`. Raises ValueError for a radius that is none."""
+        """Integrate over a disc about every knot of `modes`. Raises ValueError as `disc_gram` does."""
         self.M, self.radius_mm = modes.M, float(radius_mm)
         knots = np.stack(np.meshgrid(modes.x_mm, modes.y_mm), axis=-1).reshape(-1, 2)
         roots = _symmetric_root(disc_gram(modes, knots, radius_mm))
@@ -63,11 +68,15 @@ def disc_gram(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float, nod
     """G (N, M, M) by Gauss quadrature over each disc's part on the map: what the maps are made of.
 
     A disc about a point beyond the edge is moved to the edge, as shapes are; NaN gives zeros.
-    Raises ValueError for a radius that is not above 0 and finite.
+    Raises ValueError for points of another form and for a radius beyond 1e-6 to 1e6 mm.
     """
-    if not 0.0 < radius_mm < math.inf:
-        raise ValueError(f"radius_mm is {radius_mm}; a contact has a radius above 0 mm.")
+    if not _LEAST_RADIUS_MM <= radius_mm <= _MOST_RADIUS_MM:
+        raise ValueError(f"radius_mm is {radius_mm}; give a contact's radius in mm, above 0.")
     points = np.asarray(points_mm, np.float64)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
+    unknown = np.asarray(np.isnan(points).any(axis=1), np.bool_)
+    points = np.where(unknown[:, None], 0.0, points)
     gram = np.zeros((len(points), modes.M, modes.M))
     for start in range(0, len(points), _AT_ONCE):
         part = slice(start, start + _AT_ONCE)
@@ -76,6 +85,7 @@ def disc_gram(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float, nod
         counts = weight > 0.0  # most panels are empty away from the edges
         phi[counts] = modes.evaluate(where[counts])
         gram[part] = np.swapaxes(phi, 1, 2) @ (phi * weight[..., None])
+    gram[unknown] = 0.0
     return gram
 
 

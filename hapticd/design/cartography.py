@@ -29,7 +29,7 @@ import numpy.typing as npt
 from hapticd.core.modes import ModeShapes
 from hapticd.errors import ModesError
 
-from .checks import MIN_LINES, require_grid, require_scan, require_step
+from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step
 from .free_fit import FreeFit, FreePlateModes
 from .legendre import FloatArray
 from .pose import AS_TOLD, Pose
@@ -37,6 +37,7 @@ from .readings import InPhase, Readings, in_phase, numbers, outliers
 from .smoothing import PlateBasis, ScatteredData, Smoothed, plate_equation, third_derivatives
 
 REFERENCE_SIZE_MM = (137.5, 137.5)
+FITS = ("best", "plate_equation", "free_plate")
 
 _MAX_DEGREE = 40  # per axis: 861 products, a second of work; enough for seven wavelengths across the plate
 _SMOOTHING = 1e-3  # share of the third derivatives; from 1e-4 to 1e-2 the map's error changes by a sixth
@@ -59,8 +60,9 @@ class CartographyFit:
     of it. `wavelength_mm` is of the plate wave found, one for all modes.
 
     `scale` (M,) complex: a reading is the shape times this. `across_rms`: what of complex readings was out of the
-    mode's phase; more than the noise means that not one mode alone was measured. `pose`: how the scan lies on the
-    plate, where free-plate modes could tell. `left_out`: how many points were no readings of the plate.
+    mode's phase; more than the noise means that not one mode alone was measured. `by`: which of `FITS` it is.
+    `pose`: how the scan lies on the plate, where free-plate modes could tell. `left_out`: how many points were no
+    readings of the plate.
     """
 
     modes: ModeShapes
@@ -72,6 +74,7 @@ class CartographyFit:
     wavelength_mm: float
     scale: npt.NDArray[np.complex128]
     across_rms: FloatArray
+    by: str
     pose: Pose
     left_out: int
 
@@ -84,20 +87,24 @@ def fit_cartography(
     size_mm: tuple[float, float] = REFERENCE_SIZE_MM,
     step_mm: float = 1.375,
     normalise: bool = True,
+    by: str = "best",
 ) -> CartographyFit:
     """Fit measured `shapes` (M, ny, nx), real or complex, on the grid `x_mm` (nx,), `y_mm` (ny,); NaN is a lost point.
 
     A point lost in one mode is left out in all. The map covers the whole plate of `size_mm`, edge to edge, in steps
     of at most `step_mm`. `normalise` scales every shape to a peak of 1 over the plate. That peak lies at an edge or
     a corner, where noise is averaged least, so give False where the data's own scale is known better: readings
-    divided by the modal amplitude that the plate's sensors showed during the scan.
-    Raises ModesError when the data does not describe mode shapes on this plate, ValueError for a step below 0.1 mm.
+    divided by the modal amplitude that the plate's sensors showed during the scan. `by`, of `FITS`, names a fit to take
+    whether or not it is the best.
+    Raises ModesError when the data does not describe mode shapes on this plate, ValueError for a step below 0.1 mm,
+    a size that is none or an unknown fit.
     """
     x, y = np.asarray(x_mm, np.float64), np.asarray(y_mm, np.float64)
     data = numbers(shapes)
+    require_size(size_mm)
     require_grid(x, y, data)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return _fitted(points, data.reshape(len(data), -1).T, (x.size, y.size), size_mm, step_mm, normalise)
+    return _fitted(points, data.reshape(len(data), -1).T, (x.size, y.size), size_mm, step_mm, normalise, by)
 
 
 def fit_scan(
@@ -107,6 +114,7 @@ def fit_scan(
     size_mm: tuple[float, float] = REFERENCE_SIZE_MM,
     step_mm: float = 1.375,
     normalise: bool = True,
+    by: str = "best",
 ) -> CartographyFit:
     """The same for `readings` (N, M), real or complex, at `points_mm` (N, 2) anywhere on the plate, in any order.
 
@@ -117,8 +125,9 @@ def fit_scan(
         raise ModesError(
             f"points and readings are {points.shape} and {data.shape}; give (N, 2) and (N, modes), a row per point."
         )
+    require_size(size_mm)
     lines = [round(math.sqrt(len(points) * edge / other)) for edge, other in (size_mm, size_mm[::-1])]
-    return _fitted(points, data, (lines[0], lines[1]), size_mm, step_mm, normalise)
+    return _fitted(points, data, (lines[0], lines[1]), size_mm, step_mm, normalise, by)
 
 
 def _fitted(
@@ -128,14 +137,17 @@ def _fitted(
     size_mm: tuple[float, float],
     step_mm: float,
     normalise: bool,
+    by: str,
 ) -> CartographyFit:
+    if by not in FITS:
+        raise ValueError(f"there is no fit by {by!r}; it is one of {', '.join(FITS)}.")
     require_scan(points_mm, readings, lines, size_mm)
     require_step(step_mm)
     basis = PlateBasis(
         (min(lines[0] - 1, _MAX_DEGREE), min(lines[1] - 1, _MAX_DEGREE)), (size_mm[0] / 2.0, size_mm[1] / 2.0)
     )
     whole = np.isfinite(readings).all(axis=1)
-    told, best = _without_outliers(basis, points_mm[whole], readings[whole])
+    told, best = _without_outliers(basis, points_mm[whole], readings[whole], by)
     fit = best.fit
 
     map_x_mm, map_y_mm = _map_axis(size_mm[0], step_mm), _map_axis(size_mm[1], step_mm)
@@ -154,6 +166,7 @@ def _fitted(
         wavelength_mm=2.0 * math.pi / best.wave_rad_mm,
         scale=peak * np.exp(1j * told.phase_rad),
         across_rms=told.across_rms / peak,
+        by="plate_equation" if isinstance(best.surfaces, PlateBasis) else "free_plate",
         pose=best.pose,
         left_out=int(whole.sum()) - len(told.values),
     )
@@ -168,11 +181,11 @@ class _Best(NamedTuple):
     pose: Pose
 
 
-def _without_outliers(basis: PlateBasis, points_mm: FloatArray, readings: Readings) -> tuple[InPhase, _Best]:
+def _without_outliers(basis: PlateBasis, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
     """The readings that are the plate's, and their fit."""
     for _ in range(_MOST_ROUNDS):
         told = in_phase(readings)
-        best = _best(basis, points_mm, told.values)
+        best = _fit(basis, points_mm, told.values, by)
         lost = outliers(told.values, best.fit.residual)
         if not lost.any():
             break
@@ -182,18 +195,21 @@ def _without_outliers(basis: PlateBasis, points_mm: FloatArray, readings: Readin
     return told, best
 
 
-def _best(basis: PlateBasis, points_mm: FloatArray, values: FloatArray) -> _Best:
-    """The fit that would miss a fresh measurement by less."""
+def _fit(basis: PlateBasis, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
+    """The fit that is asked for; "best" is the one that would miss a fresh measurement by less."""
     on_plate = np.clip(points_mm, -np.array(basis.half_mm), basis.half_mm)
     scan = ScatteredData(basis, on_plate[:, 0], on_plate[:, 1], values)
     wave_rad_mm = _wave_number(basis, scan)
-    smooth = scan.smooth(plate_equation(basis, wave_rad_mm) + _SMOOTHING * third_derivatives(basis, wave_rad_mm))
-    free = _free_plate_fit(basis, wave_rad_mm, points_mm, values)
-    if free is not None:
+    found = []
+    if by != "free_plate":
+        smooth = scan.smooth(plate_equation(basis, wave_rad_mm) + _SMOOTHING * third_derivatives(basis, wave_rad_mm))
+        found.append(_Best(basis, smooth, wave_rad_mm, AS_TOLD))
+    if by != "plate_equation" and (free := _free_plate_fit(basis, wave_rad_mm, points_mm, values)) is not None:
         modes, (fit, pose) = free
-        if (fit.prediction_rms**2).sum() < (smooth.prediction_rms**2).sum():
-            return _Best(modes, fit, wave_rad_mm, pose)
-    return _Best(basis, smooth, wave_rad_mm, AS_TOLD)
+        found.append(_Best(modes, fit, wave_rad_mm, pose))
+    if not found:
+        raise ModesError("theory has no free-plate modes for this scan; fit it by the plate equation.")
+    return min(found, key=lambda one: float((one.fit.prediction_rms**2).sum()))
 
 
 def _free_plate_fit(

@@ -52,6 +52,12 @@ def require_scan(
             raise ModesError(f"mode {mode} is zero everywhere; leave it out or measure it again.")
 
 
+def require_size(size_mm: tuple[float, float]) -> None:
+    """A plate's width and depth; raises ValueError."""
+    if not all(0.0 < edge_mm < math.inf for edge_mm in size_mm):
+        raise ValueError(f"size_mm is {size_mm}; give the plate's width and depth in mm.")
+
+
 def require_step(step_mm: float) -> None:
     """A step that a map can have; raises ValueError."""
     if not _MIN_STEP_MM <= step_mm < math.inf:

@@ -48,10 +48,14 @@ class FreePlateModes:
     def __len__(self) -> int:
         return len(self._shapes)
 
+    def tables(self) -> FloatArray:
+        """The modes as coefficients of Legendre products, (modes, nx, ny); see `free_plate.ModeShape`."""
+        return np.stack([shape.coefficients for shape in self._shapes])
+
     def at(self, points_mm: FloatArray, order: Order = (0, 0)) -> FloatArray:
         """A partial derivative, per mm, of all modes at `points_mm` (N, 2): (N, modes). Beyond an edge, the edge's."""
         x, y = np.clip(points_mm / self._half_mm, -1.0, 1.0).T
-        coefficients = np.stack([shape.coefficients for shape in self._shapes])
+        coefficients = self.tables()
         along_x, along_y = (
             legendre.values(position, degrees - 1, derivative) / half_mm**derivative
             for position, degrees, derivative, half_mm in zip(

@@ -137,7 +137,32 @@ def test_any_number_of_modes_has_its_maps(count: int) -> None:
     assert contact.evaluate(np.empty((0, 2))).shape == (0, count, count)
 
 
-@pytest.mark.parametrize("radius_mm", [0.0, -1.0, math.nan, math.inf])
+def test_positions_that_no_finger_has_are_held_at_the_edge_or_silent(modes: ModeShapes) -> None:
+    points = [[math.inf, 3.0], [1e300, 3.0], [HALF_MM, 3.0], [math.nan, 3.0], [3.0, math.nan]]
+
+    far, huge, edge, *unknown = disc_gram(modes, points, RADIUS_MM)
+
+    np.testing.assert_array_equal(far, edge)
+    np.testing.assert_array_equal(huge, edge)
+    np.testing.assert_array_equal(unknown, np.zeros((2, 2, 2)))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(1e-6, 1e6))
+def test_a_disc_of_any_size_has_the_mean_of_its_part_of_the_plate(modes: ModeShapes, radius_mm: float) -> None:
+    gram = disc_gram(modes, [[10.0, -66.0]], radius_mm)[0]
+
+    assert np.isfinite(gram).all()
+    assert (np.linalg.eigvalsh(gram) >= -1e-12).all()
+    assert np.trace(gram) <= np.square(modes.shapes).max(axis=(1, 2)).sum() + 1e-9
+
+
+def test_points_of_another_form_are_refused(modes: ModeShapes) -> None:
+    with pytest.raises(ValueError, match=r"\(N, 2\)"):
+        disc_gram(modes, [1.0, 2.0], RADIUS_MM)
+
+
+@pytest.mark.parametrize("radius_mm", [0.0, -1.0, 5e-324, 1e300, math.nan, math.inf])
 def test_a_contact_without_a_size_is_refused(modes: ModeShapes, radius_mm: float) -> None:
     with pytest.raises(ValueError, match="radius_mm"):
         ContactGram(modes, radius_mm)

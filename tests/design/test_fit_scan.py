@@ -156,3 +156,34 @@ def test_what_is_no_scan_is_refused_in_a_sentence(points: np.ndarray, readings: 
     with pytest.raises(ModesError, match=what) as refusal:
         fit_scan(points, readings)
     assert str(refusal.value).endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "what"),
+    [
+        ({"size_mm": (137.5, 0.0)}, "size_mm"),
+        ({"size_mm": (math.nan, 137.5)}, "size_mm"),
+        ({"step_mm": 0.01}, "step_mm"),
+        ({"by": "guess"}, "no fit by 'guess'"),
+    ],
+)
+def test_what_no_fit_can_have_is_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
+    with pytest.raises(ValueError, match=what) as refusal:
+        fit_scan(POINTS, WAVE, **wrong)
+    assert str(refusal.value).endswith(".")
+
+
+def test_a_fit_asked_for_by_name_is_the_one_taken() -> None:
+    scan = sample_scan(driven_modes(), seed=1)
+
+    assert fit_scan(*scan).by == fit_scan(*scan, by="free_plate").by == "free_plate"
+    assert fit_scan(*scan, by="plate_equation").by == "plate_equation"
+
+
+def test_a_plate_that_theory_has_no_modes_for_can_still_be_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapticd.design.cartography._MOST_THEORY_RAD", 1.0)
+    scan = sample_scan(driven_modes(), seed=1)
+
+    assert fit_scan(*scan).by == "plate_equation"
+    with pytest.raises(ModesError, match="no free-plate modes"):
+        fit_scan(*scan, by="free_plate")
