@@ -51,6 +51,8 @@ def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: f
         default=DEFAULT,
         rows=finite_rows(rows),
         compared=("limited_frac", "slip_frac"),
+        time="time_us",
+        error="limited_frac",
         notes=(
             f"fingers' area: {EDGE_MM:g} mm from the edge; edge: the plate's greatest motion at the limit of one mode",
         ),

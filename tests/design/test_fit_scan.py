@@ -59,6 +59,23 @@ def test_the_map_errs_by_a_small_part_of_the_noise(scan: dict[str, Any], most: f
     np.testing.assert_allclose(fit.across_rms, NOISE, rtol=0.1)
 
 
+def test_a_scan_has_the_faults_that_it_is_told_and_no_others() -> None:
+    points, readings = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
+    where = TURNED.on_plate(points)
+
+    assert (np.abs(where) <= 68.75).all()
+    assert 0.6 * 961 < len(points) < 0.8 * 961
+    assert (np.diff(points[:, 0]) < 0.0).any()
+    expected = np.stack([mode.evaluate(where) for mode in driven_modes()], axis=-1) * SCALE
+    np.testing.assert_allclose(readings, expected, rtol=1e-12)
+
+    again = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
+    np.testing.assert_array_equal(again[1], readings)
+    lost = sample_scan(driven_modes(), noise_frac=0.0, dropout_frac=0.1, seed=3)
+    wrong = np.abs(lost[1] - np.stack([mode.evaluate(lost[0]) for mode in driven_modes()], axis=-1)).max(axis=1) > 1e-9
+    assert 0.06 < wrong.mean() < 0.14
+
+
 def test_drop_outs_are_left_out_and_counted() -> None:
     points, readings = sample_scan(driven_modes(), seed=2, dropout_frac=0.05)
     clean = fit_scan(*sample_scan(driven_modes(), seed=2))
