@@ -2,7 +2,9 @@
 
 A map is values on a rectangular grid; between its points the shapes are bicubic splines. Two ways in: `at` and
 `at_with_gradient` give one point in plain Python floats, for the tick; `evaluate` and `gradient` take arrays of points.
-Both do the same operations in the same order, so they agree to the last bit.
+Both do the same operations in the same order, so they agree to the last bit. Of the interpolators compared in `hapticd
+bench modes` this is the cheapest whose own error does not show: read from a fitted map the reference plate's still
+finger gets 0.011 um per um at the other, of which 1e-5 is interpolation (bilinear: 5e-3, and a tenth of its slopes).
 
 Outside the map the shapes are those of the nearest edge point, and `inside` says so; a NaN position gives zeros.
 """
