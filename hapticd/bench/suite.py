@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import HapticdError
-from . import carrier, firmware, leak, modes, prediction, solver, tick
+from . import carrier, firmware, leak, modes, modes_contact, modes_fit, modes_scale, prediction, solver, tick
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
@@ -22,7 +22,7 @@ __all__ = ["PARTS", "run"]
 Part = Callable[[float], tuple[Table, ...]]  # takes the seconds of paced passes
 
 PARTS: dict[str, Part] = {
-    "modes": lambda _: (modes.run(),),
+    "modes": lambda _: (modes.run(), modes_fit.run(), modes_contact.run(), modes_scale.run()),
     "prediction": lambda _: (prediction.run(),),
     "solver": lambda _: (solver.run(),),
     "tick": lambda seconds: tick.run(seconds=seconds),

@@ -1,6 +1,17 @@
 """What a plate's mode shapes are: free-plate theory, and the fit of a measured cartography."""
 
-from .cartography import CartographyFit, fit_cartography, sample_cartography
+from .cartography import CartographyFit, fit_cartography, fit_scan
 from .free_plate import ModeShape, free_plate_modes
+from .pose import Pose
+from .scan import sample_cartography, sample_scan
 
-__all__ = ["CartographyFit", "ModeShape", "fit_cartography", "free_plate_modes", "sample_cartography"]
+__all__ = [
+    "CartographyFit",
+    "ModeShape",
+    "Pose",
+    "fit_cartography",
+    "fit_scan",
+    "free_plate_modes",
+    "sample_cartography",
+    "sample_scan",
+]

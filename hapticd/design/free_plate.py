@@ -101,13 +101,15 @@ def free_plate_modes(
 def _modes_in_band(
     size_mm: tuple[float, float], poisson: float, wave_speed: float, low_hz: float, high_hz: float
 ) -> tuple[tuple[float, ModeShape], ...]:
-    degrees = tuple(_degree(math.sqrt(2.0 * math.pi * high_hz / wave_speed) * edge * 5e-4) for edge in size_mm)
+    wave_rad_m = math.sqrt(2.0 * math.pi * high_hz / wave_speed)
+    degrees = tuple(_degree(wave_rad_m * edge * 5e-4) for edge in size_mm)
+    shift = wave_rad_m**4 + (1e3 / max(size_mm)) ** 4
     found: list[tuple[float, FloatArray]] = []
     for parity_x, parity_y in ((1, 0), (0, 1), (0, 0), (1, 1)):
         if size_mm[0] == size_mm[1] and (parity_x, parity_y) == (0, 1):
             found += [(frequency_hz, np.ascontiguousarray(shape.T)) for frequency_hz, shape in found]
             continue
-        eigenvalues, shapes = _class_modes(size_mm, degrees, (parity_x, parity_y), poisson)
+        eigenvalues, shapes = _class_modes(size_mm, degrees, (parity_x, parity_y), poisson, shift)
         frequencies_hz = np.sqrt(np.maximum(eigenvalues, 0.0)) * (wave_speed / (2.0 * math.pi))
         inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz)
         found += list(zip(frequencies_hz[inside].tolist(), shapes[inside], strict=True))
@@ -116,19 +118,34 @@ def _modes_in_band(
 
 
 def _class_modes(
-    size_mm: tuple[float, float], degrees: tuple[int, ...], parities: tuple[int, int], poisson: float
+    size_mm: tuple[float, float], degrees: tuple[int, ...], parities: tuple[int, int], poisson: float, shift: float
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues k^4 (n,) in 1/m^4, and the modes of one symmetry class as coefficients (n, nx, ny)."""
-    (mass_x, twist_x, bend_x, cross_x), (mass_y, twist_y, bend_y, cross_y) = (
+    edges = (
         _edge_integrals(degree, parity, edge) for degree, parity, edge in zip(degrees, parities, size_mm, strict=True)
     )
+    (mass_x, twist_x, bend_x, cross_x), (mass_y, twist_y, bend_y, cross_y) = edges
     stiffness = np.kron(bend_x, mass_y) + np.kron(mass_x, bend_y)
     stiffness += poisson * (np.kron(cross_x, cross_y.T) + np.kron(cross_x.T, cross_y))
     stiffness += 2.0 * (1.0 - poisson) * np.kron(twist_x, twist_y)
-    eigenvalues, vectors = np.linalg.eigh(stiffness)
+    eigenvalues, vectors = _smallest_first(stiffness, shift)
     shapes = np.zeros((eigenvalues.size, degrees[0] + 1, degrees[1] + 1))
     shapes[:, parities[0] :: 2, parities[1] :: 2] = vectors.T.reshape(-1, len(mass_x), len(mass_y))
     return eigenvalues, shapes
+
+
+def _smallest_first(stiffness: FloatArray, shift: float) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and vectors of `stiffness`, whose small ones matter and whose large ones are 1e6 to 1e10 times those.
+
+    A solver of symmetric problems errs by the rounding of the largest eigenvalue. So it is given the inverse of
+    stiffness + shift, where the small ones are the largest; scaled to a diagonal of 1 that inverse is well conditioned.
+    """
+    raised = stiffness + shift * np.eye(len(stiffness))
+    scale = 1.0 / np.sqrt(np.diag(raised))
+    inverse = np.linalg.inv(raised * scale[:, None] * scale) * scale[:, None] * scale
+    inverses, vectors = np.linalg.eigh((inverse + inverse.T) / 2.0)
+    eigenvalues: FloatArray = 1.0 / np.maximum(inverses[::-1], np.finfo(float).tiny) - shift
+    return eigenvalues, np.ascontiguousarray(vectors[:, ::-1])
 
 
 def _edge_integrals(degree: int, parity: int, edge_mm: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

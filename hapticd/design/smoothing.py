@@ -64,13 +64,32 @@ class PlateBasis:
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """M fitted surfaces `coefficients` (products, M), and per surface (M,) what `CartographyFit` tells of them."""
+    """M fitted surfaces `coefficients` (products, M), how many parameters the data decided in each, `freedom` (M,),
+    and data minus fit, `residual` (N, M)."""
 
     coefficients: FloatArray
     freedom: FloatArray
-    residual_rms: FloatArray
-    noise_rms: FloatArray
-    prediction_rms: FloatArray
+    residual: FloatArray
+
+    @property
+    def residual_rms(self) -> FloatArray:
+        """Of each surface, (M,)."""
+        return np.asarray(np.sqrt((self.residual**2).mean(axis=0)), np.float64)
+
+    @property
+    def noise_rms(self) -> FloatArray:
+        """The data's noise as residual and freedom imply it, (M,)."""
+        return self.residual_rms / np.sqrt(self._spare_frac)
+
+    @property
+    def prediction_rms(self) -> FloatArray:
+        """By how much the surfaces would miss fresh data: square root of the generalised cross validation, (M,)."""
+        return self.residual_rms / self._spare_frac
+
+    @property
+    def _spare_frac(self) -> FloatArray:
+        points = len(self.residual)
+        return np.maximum(1.0 - self.freedom / points, 1.0 / points)
 
 
 class ScatteredData:
@@ -102,9 +121,7 @@ class ScatteredData:
         spare_frac = np.maximum(1.0 - freedom / points, 1.0 / points)
         best = np.argmin(misfit / spare_frac[:, None] ** 2, axis=0)
         coefficients = directions @ answers[best, :, np.arange(surfaces)].T
-        residual_rms = np.sqrt(((self._values - self._design @ coefficients) ** 2).mean(axis=0))
-        spare = spare_frac[best]
-        return Smoothed(coefficients, freedom[best], residual_rms, residual_rms / np.sqrt(spare), residual_rms / spare)
+        return Smoothed(coefficients, freedom[best], self._values - self._design @ coefficients)
 
 
 def third_derivatives(basis: PlateBasis, wave_rad_mm: float) -> FloatArray:

@@ -62,6 +62,25 @@ def test_one_point_and_many_points_agree_to_the_last_bit(modes: ModeShapes, x_mm
     np.testing.assert_array_equal(modes.evaluate(many[:1]), [one])
 
 
+@settings(deadline=None, max_examples=200)
+@given(st.floats(width=64), st.floats(width=64))
+def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
+    rows = np.array(modes.at_with_gradient(x_mm, y_mm))
+
+    assert np.isfinite(rows).all()
+    np.testing.assert_array_equal(rows[:, 0], modes.at(x_mm, y_mm))
+    np.testing.assert_array_equal(rows[:, 1:], modes.gradient(np.full((40, 2), (x_mm, y_mm)))[0])
+
+
+def test_value_and_gradient_agree_on_the_plate_beside_it_and_on_every_line(modes: ModeShapes) -> None:
+    points = np.concatenate((anywhere(300), np.stack((modes.x_mm, modes.y_mm[::-1]), axis=-1)))
+
+    rows = np.array([modes.at_with_gradient(x, y) for x, y in points.tolist()])
+
+    np.testing.assert_array_equal(rows[..., 0], modes.evaluate(points))
+    np.testing.assert_array_equal(rows[..., 1:], modes.gradient(points))
+
+
 def test_one_point_and_many_points_agree_on_every_line_of_the_grid(modes: ModeShapes) -> None:
     lines = np.concatenate((modes.x_mm, np.nextafter(modes.x_mm, np.inf), np.nextafter(modes.x_mm, -np.inf)))
     points = np.stack((lines, lines[::-1]), axis=-1)

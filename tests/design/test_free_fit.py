@@ -10,6 +10,7 @@ import pytest
 
 from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes
 from hapticd.design.free_fit import FreePlateModes
+from hapticd.design.pose import AS_TOLD
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
 WAVE_RAD_MM = 2.0 * math.pi / 26.2
@@ -150,10 +151,11 @@ def test_exact_values_give_the_exact_shares() -> None:
     modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
     shares = np.random.default_rng(3).normal(size=(len(modes), 2))
     axis_mm = scan_axis_mm(137.5)
-    columns, rows = (axis.ravel() for axis in np.meshgrid(axis_mm, axis_mm))
+    points = np.stack(np.meshgrid(axis_mm, axis_mm), axis=-1).reshape(-1, 2)
 
-    fit = modes.fit(columns, rows, modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
+    fit, pose = modes.fit(points, modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
 
+    assert pose == AS_TOLD
     np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)
     assert (fit.residual_rms < 1e-12).all()
     np.testing.assert_array_equal(fit.freedom, [len(modes)] * 2)

@@ -1,0 +1,64 @@
+"""What a scan must be before it is fitted, each refusal a sentence that says what to do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hapticd.errors import ModesError
+
+from .legendre import FloatArray
+from .readings import Readings
+
+MIN_LINES = 8  # per axis: fewer cannot hold a wave and its surroundings
+
+_MIN_STEP_MM = 0.1
+_MOST_SHIFT_MM = 5.0  # a scan shifted by so much seems to reach beyond the plate
+_MAX_VALUE = 1e12  # larger is a damaged file, and squares could overflow
+
+
+def require_grid(x_mm: FloatArray, y_mm: FloatArray, shapes: Readings) -> None:
+    """Axes that increase, and `shapes` (M, ny, nx) on them; raises ModesError."""
+    for axis, name in ((x_mm, "x_mm"), (y_mm, "y_mm")):
+        if axis.ndim != 1 or axis.size < MIN_LINES or not (np.diff(axis) > 0.0).all():
+            raise ModesError(f"{name} is no increasing row of at least {MIN_LINES} positions; sort or extend it.")
+    if shapes.ndim != 3 or len(shapes) < 1 or shapes.shape[1:] != (y_mm.size, x_mm.size):
+        wanted = f"(modes, {y_mm.size}, {x_mm.size})"
+        raise ModesError(f"the shapes are {shapes.shape} where the axes ask for {wanted}; order them as mode, y, x.")
+
+
+def require_scan(
+    points_mm: FloatArray, readings: Readings, lines: tuple[int, int], size_mm: tuple[float, float]
+) -> None:
+    """Points (N, 2) on the plate and readings (N, M) of modes, enough of them; raises ModesError."""
+    if min(lines) < MIN_LINES or readings.shape[1] < 1:
+        raise ModesError(f"{len(points_mm)} points are too few; measure at least {MIN_LINES} lines by {MIN_LINES}.")
+    if not np.isfinite(points_mm).all():
+        raise ModesError("a point's position is not a number; give it or leave the point out.")
+    for position_mm, name, edge_mm in zip(points_mm.T, ("x_mm", "y_mm"), size_mm, strict=True):
+        low, high = float(position_mm.min()), float(position_mm.max())
+        if not (-edge_mm / 2.0 - _MOST_SHIFT_MM <= low and high <= edge_mm / 2.0 + _MOST_SHIFT_MM):
+            raise ModesError(
+                f"{name} runs from {low:g} to {high:g} mm, off a plate of {edge_mm:g} mm; "
+                "give the plate's size, or measure positions from its centre."
+            )
+    if (np.abs(readings) > _MAX_VALUE).any():
+        raise ModesError("a shape is infinite or absurdly large somewhere; measure that point again or leave it empty.")
+    if np.isfinite(readings).all(axis=1).mean() < 0.5:
+        raise ModesError("more than half of the points have no value in some mode; measure them again.")
+    for mode, shape in enumerate(readings.T, 1):
+        if not np.nanmax(np.abs(shape)) > 0.0:
+            raise ModesError(f"mode {mode} is zero everywhere; leave it out or measure it again.")
+
+
+def require_size(size_mm: tuple[float, float]) -> None:
+    """A plate's width and depth; raises ValueError."""
+    if not all(0.0 < edge_mm < math.inf for edge_mm in size_mm):
+        raise ValueError(f"size_mm is {size_mm}; give the plate's width and depth in mm.")
+
+
+def require_step(step_mm: float) -> None:
+    """A step that a map can have; raises ValueError."""
+    if not _MIN_STEP_MM <= step_mm < math.inf:
+        raise ValueError(f"step_mm is {step_mm}; give a map step of at least {_MIN_STEP_MM} mm.")

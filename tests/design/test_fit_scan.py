@@ -1,0 +1,206 @@
+"""A scan as laboratories have it: points in no order, turned, shifted, in nanometres and degrees, with drop-outs."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.design import CartographyFit, ModeShape, Pose, fit_cartography, fit_scan, free_plate_modes, sample_scan
+from hapticd.design.readings import in_phase, outliers
+from hapticd.errors import ModesError
+
+NOISE = 0.02
+FINE_MM = np.linspace(-68.75, 68.75, 139)
+FINE_POINTS = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)
+SCALE = (740.0 * cmath.exp(1.1j), 0.3 * cmath.exp(-2.5j))
+TURNED = Pose(math.radians(3.0), 2.0, -2.0)
+
+
+@cache
+def driven_modes() -> list[ModeShape]:
+    by_name = {shape.name: shape for _, shape in free_plate_modes()}
+    return [by_name["11x0"], by_name["0x11"]]
+
+
+@cache
+def truth() -> np.ndarray:
+    return np.stack([mode.evaluate(FINE_POINTS) for mode in driven_modes()], axis=-1)
+
+
+def map_errors(fit: CartographyFit, scale: Any = 1.0) -> np.ndarray:
+    """RMS over the plate of what the map says of the readings, against what they are of, per mode."""
+    error = fit.modes.evaluate(FINE_POINTS) * fit.scale / scale - truth()
+    return np.sqrt((np.abs(error) ** 2).mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("scan", "most"),
+    [
+        ({"missing_frac": 0.3}, 5.0),
+        ({"pose": TURNED}, 5.0),
+        ({"scale": SCALE}, 5.0),
+        ({"dropout_frac": 0.1}, 5.0),
+        ({"missing_frac": 0.2, "dropout_frac": 0.05, "pose": TURNED, "scale": SCALE}, 4.0),
+    ],
+    ids=["lost points", "turned", "scaled", "drop-outs", "all at once"],
+)
+def test_the_map_errs_by_a_small_part_of_the_noise(scan: dict[str, Any], most: float) -> None:
+    fit = fit_scan(*sample_scan(driven_modes(), seed=4, **scan))
+
+    assert (map_errors(fit, np.array(scan.get("scale", 1.0))) < NOISE / most).all()
+    np.testing.assert_allclose(fit.noise_rms, NOISE, rtol=0.1)
+    np.testing.assert_allclose(fit.across_rms, NOISE, rtol=0.1)
+
+
+def test_a_scan_has_the_faults_that_it_is_told_and_no_others() -> None:
+    points, readings = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
+    where = TURNED.on_plate(points)
+
+    assert (np.abs(where) <= 68.75).all()
+    assert 0.6 * 961 < len(points) < 0.8 * 961
+    assert (np.diff(points[:, 0]) < 0.0).any()
+    expected = np.stack([mode.evaluate(where) for mode in driven_modes()], axis=-1) * SCALE
+    np.testing.assert_allclose(readings, expected, rtol=1e-12)
+
+    again = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
+    np.testing.assert_array_equal(again[1], readings)
+    lost = sample_scan(driven_modes(), noise_frac=0.0, dropout_frac=0.1, seed=3)
+    wrong = np.abs(lost[1] - np.stack([mode.evaluate(lost[0]) for mode in driven_modes()], axis=-1)).max(axis=1) > 1e-9
+    assert 0.06 < wrong.mean() < 0.14
+
+
+def test_drop_outs_are_left_out_and_counted() -> None:
+    points, readings = sample_scan(driven_modes(), seed=2, dropout_frac=0.05)
+    clean = fit_scan(*sample_scan(driven_modes(), seed=2))
+    fit = fit_scan(points, readings)
+
+    assert clean.left_out == 0
+    assert 0.02 * len(points) < fit.left_out < 0.07 * len(points)
+
+
+def test_the_order_of_points_does_not_matter() -> None:
+    points, readings = sample_scan(driven_modes(), seed=5, missing_frac=0.2, pose=TURNED)
+    order = np.random.default_rng(1).permutation(len(points))
+
+    one, other = fit_scan(points, readings), fit_scan(points[order], readings[order])
+
+    np.testing.assert_allclose(one.modes.shapes, other.modes.shapes, rtol=0.0, atol=1e-8)
+
+
+def test_a_grid_is_a_scan_whose_points_have_an_order() -> None:
+    axis_mm = 4.5 * np.arange(-15, 16)
+    points, readings = sample_scan(driven_modes(), seed=6)
+    column, row = np.rint(points / 4.5 + 15).astype(int).T
+    shapes = np.empty((2, 31, 31), complex)
+    shapes[:, row, column] = readings.T
+
+    as_grid, as_scan = fit_cartography(axis_mm, axis_mm, shapes), fit_scan(points, readings)
+
+    np.testing.assert_allclose(as_grid.modes.shapes, as_scan.modes.shapes, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(as_grid.scale, as_scan.scale, rtol=1e-9)
+
+
+def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
+    points, readings = sample_scan(driven_modes(), seed=7)
+    missed = []
+    for fold in range(4):
+        held = np.arange(len(points)) % 4 == fold
+        fit = fit_scan(points[~held], readings[~held], normalise=False)
+        missed.append(readings[held] * np.exp(-1j * np.angle(fit.scale)) - fit.modes.evaluate(points[held]))
+
+    told = fit_scan(points, readings, normalise=False).prediction_rms
+
+    # 240 points a fold, each judged by a map made of three quarters of the points.
+    np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), told, rtol=0.05)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.floats(-math.pi, math.pi), st.floats(1e-6, 1e6), st.integers(0, 100))
+def test_one_phase_is_taken_out_of_each_mode(phase_rad: float, size: float, seed: int) -> None:
+    real = np.random.default_rng(seed).standard_normal((50, 2))
+
+    told = in_phase(real * size * np.exp(1j * np.array([phase_rad, 0.3])))
+
+    sign = np.sign((told.values * real).sum(axis=0))
+    np.testing.assert_allclose(told.values * sign, real * size, rtol=0.0, atol=1e-12 * size)
+    assert (np.abs(told.phase_rad) <= math.pi / 2.0 + 1e-12).all()
+    assert (told.across_rms <= 1e-12 * size).all()
+
+
+def test_real_readings_keep_their_sign() -> None:
+    told = in_phase(-np.ones((9, 1)))
+
+    np.testing.assert_array_equal(told.values, -np.ones((9, 1)))
+    np.testing.assert_array_equal(told.phase_rad, [0.0])
+
+
+def test_normal_noise_has_no_outliers_and_a_reading_far_off_is_one() -> None:
+    random = np.random.default_rng(8)
+    values, residual = random.standard_normal((2000, 2)), 0.02 * random.standard_normal((2000, 2))
+    assert not outliers(values, residual).any()
+
+    residual[17, 1] = 0.2
+    np.testing.assert_array_equal(np.flatnonzero(outliers(values, residual)), [17])
+    assert not outliers(values, np.where(residual > 0.1, 1e-9, 0.0)).any()  # far beyond no noise at all, but harmless
+
+
+POINTS = np.random.default_rng(9).uniform(-60.0, 60.0, (400, 2))
+WAVE = np.cos(0.24 * POINTS)
+
+
+@pytest.mark.parametrize(
+    ("points", "readings", "what"),
+    [
+        (POINTS, WAVE[:399], "a row per point"),
+        (POINTS.ravel(), WAVE, "a row per point"),
+        (POINTS[:40], WAVE[:40], "too few"),
+        (POINTS, WAVE[:, :0], "too few"),
+        (np.where(POINTS > 59.0, np.nan, POINTS), WAVE, "not a number"),
+        (POINTS + 30.0, WAVE, "off a plate of 137.5 mm"),
+        (POINTS, WAVE * 1e13, "absurdly large"),
+        (POINTS, np.where(POINTS > 0.0, np.nan, WAVE), "more than half"),
+        (POINTS, WAVE * [1.0, 0.0], "mode 2 is zero"),
+    ],
+)
+def test_what_is_no_scan_is_refused_in_a_sentence(points: np.ndarray, readings: np.ndarray, what: str) -> None:
+    with pytest.raises(ModesError, match=what) as refusal:
+        fit_scan(points, readings)
+    assert str(refusal.value).endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "what"),
+    [
+        ({"size_mm": (137.5, 0.0)}, "size_mm"),
+        ({"size_mm": (math.nan, 137.5)}, "size_mm"),
+        ({"step_mm": 0.01}, "step_mm"),
+        ({"by": "guess"}, "no fit by 'guess'"),
+    ],
+)
+def test_what_no_fit_can_have_is_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
+    with pytest.raises(ValueError, match=what) as refusal:
+        fit_scan(POINTS, WAVE, **wrong)
+    assert str(refusal.value).endswith(".")
+
+
+def test_a_fit_asked_for_by_name_is_the_one_taken() -> None:
+    scan = sample_scan(driven_modes(), seed=1)
+
+    assert fit_scan(*scan).by == fit_scan(*scan, by="free_plate").by == "free_plate"
+    assert fit_scan(*scan, by="plate_equation").by == "plate_equation"
+
+
+def test_a_plate_that_theory_has_no_modes_for_can_still_be_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapticd.design.cartography._MOST_THEORY_RAD", 1.0)
+    scan = sample_scan(driven_modes(), seed=1)
+
+    assert fit_scan(*scan).by == "plate_equation"
+    with pytest.raises(ModesError, match="no free-plate modes"):
+        fit_scan(*scan, by="free_plate")
