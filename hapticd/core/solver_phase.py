@@ -17,7 +17,8 @@ are linear, and every X >= 0 has a W, so rules (1) to (4) of `core.solver` are a
 * where that interval is empty, at most one limit met means W real (`solver_box`); both met, W = (L1, L2 e^(j theta)),
   and the error is convex in cos theta. The best of these is the best of all.
 Up to sqrt(2) more amplitude than with signs, where two fingers see the modes unlike; nothing near a singular position,
-where fingers see them alike and one of the signs is best anyway. There the gain is the missing jump.
+where fingers see them alike and one of the signs is best anyway. What jumps there, the amplitude along what neither
+finger sees, turns as well: from one X to another leads a straight line, and on it every square goes straight too.
 
 More fingers or modes turn between their real solutions: no finger ever gets less than at the worse end, but what a
 third phase could add is left. `effort` has no part in this.
@@ -29,17 +30,19 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from .solver_arithmetic import Pair, Row
 from .solver_box import box_least_squares, square_solution
 from .solver_choice import misses
 from .solver_policies import Rows, solve_fast
-from .solver_turn import Phasors, in_phase, magnitude, nearer_hand, turn_patterns
+from .solver_turn import Phasors, given, in_phase, magnitude, nearer_hand, turn_patterns
 
 TURN_RAD = math.pi / 8  # the chord between knots this far apart sags by 2 % of |w| at most
 _SAFE = 1e100  # squares of larger ratios would leave the range of floats
-_HALVINGS = 60
+_UNFELT = 0.02  # of a target: less than this no finger feels
+_HALVINGS = 32  # to 1e-9 of the cosine, the error being flat there
+_EASING_HALVINGS = 10
 
 
 def solve_phased_fast(
@@ -79,7 +82,7 @@ def _pair(
         return None
     cosines = _cosines(first, second, limits)
     if cosines is None:
-        return _pair_at_limits(rows, targets, limits, previous)
+        return _pair_at_limits(rows, targets, limits, previous, turn_rad)
     low, high = cosines
     falls = first[0] * second[0] + first[1] * second[1] > 0.0  # |W|^2 with cos tau falling
     tau_rad = math.acos(low if falls else high)
@@ -88,7 +91,62 @@ def _pair(
         tau_rad = min(max(tau_rad, now_rad - turn_rad), now_rad + turn_rad)
     cos = min(max(math.cos(tau_rad), low), high)
     turn = complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
-    return nearer_hand((first[0] + turn * second[0], first[1] + turn * second[1]), limits, previous), False
+    modal = first[0] + turn * second[0], first[1] + turn * second[1]
+    return _eased(rows, targets, limits, modal, previous, turn_rad), False
+
+
+def _eased(
+    rows: Rows, targets: Row, limits: Pair, wanted: Phasors, previous: Phasors | None, turn_rad: float
+) -> Phasors:
+    """As much of the way to the wanted phasors as no finger feels: X goes in a straight line, and so do all squares.
+
+    The best X jumps where fingers at the limits pass a singular position: what neither of them sees changes its sign.
+    """
+    wanted = nearer_hand(wanted, limits, previous)
+    if previous is None:
+        return wanted
+    was, slack = given(rows, previous), [_UNFELT * target for target in targets]
+    keep = math.cos(min(turn_rad, math.pi) / 2)
+    if not _sags(was, given(rows, wanted), keep, slack):
+        return wanted
+    begin, end = _squares(previous), _squares(wanted)
+    low, high, eased = 0.0, 1.0, wanted
+    for _ in range(_EASING_HALVINGS):
+        share = (low + high) / 2
+        phasors = _phasors([p + share * (q - p) for p, q in zip(begin, end, strict=True)])
+        phasors = nearer_hand(phasors, limits, previous)
+        if _sags(was, given(rows, phasors), keep, slack):
+            high = share
+        else:
+            low, eased = share, phasors
+    return eased
+
+
+def _sags(was: Sequence[complex], now: Sequence[complex], keep: float, slack: Sequence[float]) -> bool:
+    """Midway on the chord some finger gets clearly less than at either end."""
+    return any(
+        magnitude(u + v) / 2 < keep * min(magnitude(u), magnitude(v)) - unfelt
+        for u, v, unfelt in zip(was, now, slack, strict=True)
+    )
+
+
+def _squares(modal: Phasors) -> tuple[float, float, float]:
+    """X of phasors: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)."""
+    one, other = modal
+    return _square(one), _square(other), one.real * other.real + one.imag * other.imag
+
+
+def _phasors(squares: Sequence[float]) -> Phasors:
+    """Phasors of an X, the first of them real."""
+    one, other, product = math.sqrt(squares[0]), math.sqrt(squares[1]), squares[2]
+    if one * other == 0.0:
+        return complex(one), complex(other)
+    cos = min(max(product / (one * other), -1.0), 1.0)
+    return complex(one), other * complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
+
+
+def _square(w: complex) -> float:
+    return w.real * w.real + w.imag * w.imag
 
 
 def _cosines(first: Pair, second: Pair, limits: Pair) -> Pair | None:
@@ -115,25 +173,31 @@ def _phase_between(rows: Rows, modal: Phasors) -> float | None:
     return abs(cmath.phase(between)) if 0.0 < magnitude(between) < math.inf else None
 
 
-def _pair_at_limits(rows: Rows, targets: Row, limits: Pair, previous: Phasors | None) -> tuple[Phasors, bool]:
+def _pair_at_limits(
+    rows: Rows, targets: Row, limits: Pair, previous: Phasors | None, turn_rad: float
+) -> tuple[Phasors, bool]:
     """No phase serves both fingers: the best of both sign patterns and of both modes at their limits."""
     size = max([abs(value) for row in rows for value in row])
     if not (1.0 / _SAFE < size < _SAFE and min(limits) > 1.0 / _SAFE and max(*limits, *targets) < _SAFE):
         return _real(rows, targets, limits, previous)
-    candidates: list[Phasors] = [(complex(limits[0]), limits[1] * _best_turn(rows, targets, limits))]
+    turn = _best_turn(rows, targets, limits)
+    candidates: list[Phasors] = [] if turn is None else [(complex(limits[0]), limits[1] * turn)]
     for sign in (1.0, -1.0):
         real, _ = box_least_squares(rows, (targets[0], sign * targets[1]), limits, 0.0)
         candidates.append((complex(real[0]), complex(real[1])))
-    best, given = candidates[0], _amplitudes(rows, candidates[0])
+    best, amplitudes = candidates[0], _amplitudes(rows, candidates[0])
     for modal in candidates[1:]:
-        amplitudes = _amplitudes(rows, modal)
-        if _excess(amplitudes, given, targets) < 0.0:
-            best, given = modal, amplitudes
-    return nearer_hand(best, limits, previous), misses(given, targets)
+        others = _amplitudes(rows, modal)
+        if _excess(others, amplitudes, targets) < 0.0:
+            best, amplitudes = modal, others
+    return _eased(rows, targets, limits, best, previous, turn_rad), misses(amplitudes, targets)
 
 
-def _best_turn(rows: Rows, targets: Row, limits: Pair) -> complex:
-    """exp(j theta) of the second mode against the first, both at their limits: where the convex error is least."""
+def _best_turn(rows: Rows, targets: Row, limits: Pair) -> complex | None:
+    """exp(j theta) of the second mode against the first, both at their limits: where the convex error is least.
+
+    None where that is real: a corner of the box, and `solver_box` knows it.
+    """
     squares = []
     for (x, y), target in zip(rows, targets, strict=True):
         u, v = x * limits[0], y * limits[1]
@@ -148,16 +212,14 @@ def _best_turn(rows: Rows, targets: Row, limits: Pair) -> complex:
         return total
 
     cos = _zero_of_rising(slope)
-    return complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
+    return None if cos is None else complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
 
 
-def _zero_of_rising(slope: Callable[[float], float]) -> float:
-    """Where on [-1, 1] a rising function is 0; the end nearest to it where it is nowhere."""
+def _zero_of_rising(slope: Callable[[float], float]) -> float | None:
+    """Where within (-1, 1) a rising function is 0; None where it is nowhere."""
     low, high = -1.0, 1.0
-    if not slope(low) < 0.0:
-        return low
-    if not slope(high) > 0.0:
-        return high
+    if not slope(low) < 0.0 < slope(high):
+        return None
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         if slope(middle) < 0.0:

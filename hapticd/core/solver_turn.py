@@ -20,6 +20,7 @@ Phasors = tuple[complex, ...]
 
 _REAL_RAD = 1e-6  # fingers this near to one phase, or opposite, vibrate in one real pattern
 _HEARD = 1e-9  # of the strongest finger's amplitude: below, a phase is noise
+_LAST_BIT = 1.0 - 2.0**-52
 _EQUAL = 1e-9  # of the targets' squares: patterns that serve alike, by least squares' own rounding
 
 
@@ -132,8 +133,8 @@ def in_phase(modal: Sequence[complex], limits: Row, previous: Phasors | None) ->
     lean = 0j if previous is None else _lean(modal, previous)
     size = magnitude(lean)
     factor = lean / size if 0.0 < size < math.inf else 1 + 0j
-    if factor.imag == 0.0:
-        return _within(tuple([complex(w * factor.real) for w in modal]), limits)
+    if factor.imag == 0.0 and not any(w.imag for w in modal):
+        return tuple([complex(w.real * factor.real) for w in modal])
     return _within(tuple([w * factor for w in modal]), limits)
 
 
@@ -143,9 +144,12 @@ def _lean(modal: Sequence[complex], previous: Phasors) -> complex:
 
 
 def _within(modal: Phasors, limits: Row) -> Phasors:
-    """All modes scaled by what rounding left beyond a limit: a still finger stays still."""
+    """All modes scaled by what rounding left beyond a limit: a still finger stays still.
+
+    A last bit more is given up, for one library's hypot is not another's.
+    """
     shave = 2.0**-53
-    while any(magnitude(w) > limit for w, limit in zip(modal, limits, strict=True)):
+    while any(magnitude(w) > limit * _LAST_BIT for w, limit in zip(modal, limits, strict=True)):
         modal = tuple([w * (1.0 - shave) for w in modal])
         shave *= 2.0
     return modal

@@ -23,7 +23,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_knows_every_part() -> None:
-    assert list(suite.PARTS) == ["modes", "prediction", "solver", "tick", "leak", "firmware"]
+    assert list(suite.PARTS) == ["modes", "prediction", "solver", "stability", "tick", "leak", "firmware"]
 
 
 @pytest.mark.usefixtures("quick")
@@ -53,7 +53,8 @@ def test_json_on_standard_output_stands_there_alone(capsys: pytest.CaptureFixtur
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
-    "arguments", [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"]]
+    "arguments",
+    [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"], ["--steps", "-1"]],
 )
 def test_what_cannot_be_done_is_one_sentence_before_anything_runs(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
