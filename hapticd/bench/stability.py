@@ -41,6 +41,7 @@ DEFAULT = "condition 1"
 DIGITS = 60
 FULL_DIGITS = 17  # what a float64 can agree in
 LAP = 2000
+NOTHING_UM = 1e-12  # drifts below are rounding
 
 
 def run(*, problems: int = 200, steps: int = STEPS) -> tuple[Table, ...]:
@@ -187,6 +188,9 @@ def walk(steps: int = STEPS) -> Table:
         default="solve_fast, one still",
         rows=finite_rows(rows),
         compared=(),
+        time="time_us",
+        error="drift_um",
+        floor=NOTHING_UM,
         skipped={} if mpmath else {"error": "mpmath is not installed"},
         notes=(
             "drift: greatest difference of |w_i| between the second lap and the last",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import firmware, solver, suite
+from hapticd.bench import firmware, solver, stability, suite
 from hapticd.errors import HapticdError
 
 
@@ -41,6 +41,13 @@ def test_all_parts_are_told_as_tables_json_and_a_picture(tmp_path: Path, capsys:
     assert "solve_fast" in out
     assert "pi_ff" in out
     assert str(picture) in out
+
+
+def test_a_picture_leaves_out_the_tables_that_are_for_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(suite.PARTS, "stability", lambda extent: stability.run(problems=1, steps=extent.steps))
+    picture = tmp_path / "bench.png"
+    assert main(["bench", "stability", "--steps", "100", "--plot", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.usefixtures("quick")

@@ -150,7 +150,7 @@ def test_nothing_fails_at_the_ends_of_the_solver_s_range() -> None:
         figure(situations, "condition 1e+08", "digits_one_still_count") >= 7
     )  # the rows' own digits less the condition
     for row in walk.rows:
-        assert row.figures["drift_um"] < 1e-9, row.name
+        assert row.figures["drift_um"] < stability.NOTHING_UM, row.name
     assert figure(walk, "solve_fast, one still", "drift_um") == 0.0
 
 
