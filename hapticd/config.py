@@ -30,7 +30,7 @@ PREDICTOR_NAMES = (
     "least_squares",
     "kalman_ca",
 )
-POLICY_NAMES = ("keep_zero", "keep_ratio", "least_squares", "paper")
+POLICY_NAMES = ("keep_zero", "keep_ratio", "least_squares", "priority", "paper")
 SCENARIO_NAMES = (
     "strokes",
     "circles",

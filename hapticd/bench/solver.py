@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver import solve, solve_batch, solve_fast
+from ..core.solver import solve, solve_batch, solve_fast, solve_phased_fast
 from ..sim.plate import DRIVEN_MODES, PlateTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
 FloatArray = npt.NDArray[np.float64]
-Solver = Callable[[FloatArray, tuple[float, float]], FloatArray]  # phi (K, 2, 2), targets -> modal_um (K, 2)
+Phasors = npt.NDArray[np.complex128]
+Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | Phasors]  # phi (K, 2, 2), targets -> modal_um (K, 2)
 
 ONE_STILL, BOTH_SLIP = (1.0, 0.0), (1.0, 0.6)
 DEFAULT = "solve_fast"
@@ -72,9 +73,14 @@ def _alternatives() -> tuple[dict[str, Solver], dict[str, str]]:
         "solve_fast": _fast,
         "solve_fast, keep_ratio": partial(_fast, policy="keep_ratio"),
         "solve_fast, least_squares": partial(_fast, policy="least_squares"),
+        "solve_fast, priority": partial(_fast, policy="priority"),
         "solve_fast, paper": partial(_fast, policy="paper"),
         "solve_fast, effort 0.02": partial(_fast, effort=0.02),
-        "solve": lambda phi, target_um: np.array([solve(one, target_um, W_LIMIT_UM).modal_um for one in phi]),
+        "solve_phased_fast": _phased,
+        "solve": _solve,
+        "solve, from lists": lambda phi, target_um: np.array(
+            [solve(one, target_um, W_LIMIT_UM).modal_um for one in phi.tolist()]
+        ),
         "solve_batch": lambda phi, target_um: solve_batch(phi, target_um, W_LIMIT_UM),
         "numpy solve + clip": _numpy_clip,
     }
@@ -96,6 +102,16 @@ def _fast(
 ) -> FloatArray:
     rows = [(tuple(first), tuple(second)) for first, second in phi.tolist()]
     return np.array([solve_fast(pair, target_um, W_LIMIT_UM, None, policy, effort)[0] for pair in rows])
+
+
+def _solve(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
+    targets, limits = np.array(target_um), np.array(W_LIMIT_UM)
+    return np.array([solve(one, targets, limits).modal_um for one in phi])
+
+
+def _phased(phi: FloatArray, target_um: tuple[float, float]) -> Phasors:
+    rows = [(tuple(first), tuple(second)) for first, second in phi.tolist()]
+    return np.array([solve_phased_fast(pair, target_um, W_LIMIT_UM)[0] for pair in rows])
 
 
 def _numpy_clip(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
@@ -132,7 +148,7 @@ def _daqp(daqp: Any, phi: FloatArray, target_um: tuple[float, float]) -> FloatAr
     return np.array(solved)
 
 
-def _achieved_um(phi: FloatArray, modal_um: FloatArray) -> FloatArray:
+def _achieved_um(phi: FloatArray, modal_um: FloatArray | Phasors) -> FloatArray:
     return np.asarray(np.abs(np.einsum("knm,km->kn", phi, modal_um)))
 
 

@@ -8,43 +8,56 @@ import platform
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
 from .. import __version__
 from ..errors import HapticdError
-from . import carrier, firmware, leak, modes, modes_contact, modes_fit, modes_scale, prediction, solver, tick
+from . import carrier, firmware, leak, modes, modes_contact, modes_fit, modes_scale, prediction, solver, solver_tracks, stability, tick
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
 
-Part = Callable[[float], tuple[Table, ...]]  # takes the seconds of paced passes
+
+class Extent(NamedTuple):
+    """How long the parts take that can be told: seconds of paced passes, steps of the long walk."""
+
+    seconds: float
+    steps: int
+
+
+Part = Callable[[Extent], tuple[Table, ...]]
+
+MOST_STEPS = 1_000_000_000  # half an hour
 
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(), modes_fit.run(), modes_contact.run(), modes_scale.run()),
     "prediction": lambda _: (prediction.run(),),
-    "solver": lambda _: (solver.run(),),
-    "tick": lambda seconds: tick.run(seconds=seconds),
+    "solver": lambda _: (solver.run(), *solver_tracks.run()),
+    "stability": lambda extent: stability.run(steps=extent.steps),
+    "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(),),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
 }
 
 
-def run(part: str, *, seconds: float, json_file: str | None, plot: Path | None) -> None:
+def run(part: str, *, seconds: float, json_file: str | None, plot: Path | None, steps: int = stability.STEPS) -> None:
     """Run a part, or `all`: tables as they are found, then JSON and the picture where they are asked for.
 
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
     """
     if not 0.0 <= seconds <= 600.0:  # False for NaN
         raise HapticdError(f"--seconds: {seconds:g} is out of bounds, it must be 0 .. 600.")
+    if not 0 <= steps <= MOST_STEPS:
+        raise HapticdError(f"--steps: {steps} is out of bounds, it must be 0 .. {MOST_STEPS}.")
     for path in (plot, Path(json_file) if json_file not in (None, "-") else None):
         if path is not None and not path.absolute().parent.is_dir():
             raise HapticdError(f"{path}: its directory is missing, so it could not be written: create it first.")
     out = sys.stderr if json_file == "-" else sys.stdout
     told: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
-    for name, tables in _results(part, seconds):
+    for name, tables in _results(part, Extent(seconds, steps)):
         told[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)
@@ -53,13 +66,18 @@ def run(part: str, *, seconds: float, json_file: str | None, plot: Path | None) 
     if plot is not None:
         from .plot import draw
 
-        draw(found, plot)
+        draw([table for table in found if _is_drawn(table)], plot)
         print(f"picture: {plot}", file=out)
 
 
-def _results(part: str, seconds: float) -> Iterator[tuple[str, tuple[Table, ...]]]:
+def _is_drawn(table: Table) -> bool:
+    """A picture shows error over time, a line over something, or the times of passes; other tables are for reading."""
+    return bool(table.time or table.across or "hot_us" in table.compared)
+
+
+def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
     for name in PARTS if part == "all" else (part,):
-        yield name, PARTS[name](seconds)
+        yield name, PARTS[name](extent)
 
 
 def _print(tables: tuple[Table, ...], out: TextIO) -> None:

@@ -7,6 +7,7 @@ position is therefore met by amplitudes that stay where they are, where the inve
 
 `keep_ratio`     as `keep_zero` without limits, then all modes scaled into them: the fingers' ratios survive.
 `least_squares`  a finger with target 0 counts like any other in (3): some leak there, less error elsewhere.
+`priority`       fingers are served in the order of their rows, still or slipping: see `core.solver_priority`.
 `paper`          the founding paper's scheme, as a baseline: the inverse of Phi, signs fixed, scaled into the limits
                  (section IV.B). It needs two fingers and two modes; otherwise it is `keep_zero` from scratch.
 
@@ -14,8 +15,13 @@ position is therefore met by amplitudes that stay where they are, where the inve
 `hysteresis` > 0 lets (5) decide between sign patterns whose error and |W|^2 differ by no more than that share. Two
 slipping fingers have two patterns; where their norms cross, (4) alone would jump between them with every wobble.
 At an exactly singular position (4) gives W = 0, as coincident fingers want; only `effort` makes the way there smooth.
+`gram` puts contact discs in the place of the still fingers' points: see `core.solver_contact`.
 
-Cost: one and two modes, plain floats, O(n^2) for n slipping fingers. Three and more: see `core.solver_general`.
+`solve_phased` also frees the phases: a change of pattern becomes a rotation that no finger feels
+(`core.solver_phase`).
+
+Cost, N fingers, M modes: up to 2 x 2 plain floats and closed forms. Two modes: O(n^2) for n slipping fingers. Three
+and more: see `core.solver_general`. What each takes stands in `hapticd bench solver`.
 """
 
 from __future__ import annotations
@@ -26,12 +32,27 @@ import numpy as np
 import numpy.typing as npt
 
 from ..values import Solution
-from .solver_arithmetic import Row
-from .solver_policies import Rows, named, solve_fast
+from .solver_arithmetic import Pair, Row
+from .solver_checks import (
+    FloatArray,
+    PairRows,
+    Rows,
+    check_weight,
+    checked_grams,
+    checked_limits,
+    checked_phasors,
+    checked_previous,
+    checked_shapes,
+    checked_target_track,
+    checked_targets,
+    checked_track,
+    plain_pair,
+)
+from .solver_contact import contact_problem
+from .solver_phase import TURN_RAD, solve_phased_fast
+from .solver_policies import named, solve_fast
 
-__all__ = ["condition_number", "solve", "solve_batch", "solve_fast"]
-
-FloatArray = npt.NDArray[np.float64]
+__all__ = ["condition_number", "solve", "solve_batch", "solve_fast", "solve_phased", "solve_phased_fast"]
 
 
 def solve(
@@ -43,24 +64,29 @@ def solve(
     effort: float = 0.0,
     previous_um: npt.ArrayLike | None = None,
     hysteresis: float = 0.0,
+    gram: npt.ArrayLike | None = None,
 ) -> Solution:
     """Modal amplitudes for one instant.
 
-    phi (N, M): mode shapes at the fingers; target_um (N,); limit_um (M,) or one number; previous_um (M,) or None.
+    phi (N, M): mode shapes at the fingers; target_um (N,); limit_um (M,) or one number; previous_um (M,) or None;
+    gram (N, M, M) or None: the mean of phi_k phi_l over each finger's contact.
     Raises ValueError, in one sentence, for wrong shapes, numbers that are not finite, negative targets, effort or
     hysteresis, limits that are not positive, an unknown policy.
     """
-    shapes = _finite("phi", phi, 2)
-    targets = _not_negative("target_um", target_um, (len(shapes),))
-    limits, previous = _modal_arguments(shapes.shape[1], limit_um, previous_um)
-    _check_weights(effort, hysteresis)
-    modal, limited = solve_fast(
-        _row_tuples(shapes), tuple(targets.tolist()), limits, previous, policy, effort, hysteresis
-    )
-    modal_um = np.array(modal)
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        achieved_um = np.abs(shapes @ modal_um)
-    return Solution(modal_um, achieved_um, limited, condition_number(shapes))
+    plain = plain_pair(phi, target_um, limit_um, previous_um) if gram is None else None
+    if plain is not None and effort == hysteresis == 0.0:
+        return _solve_pair(*plain, policy)
+    rows, modes = checked_shapes(phi)
+    targets = checked_targets(target_um, len(rows))
+    limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
+    check_weight("effort", effort)
+    check_weight("hysteresis", hysteresis)
+    served, wanted = rows, targets
+    if gram is not None:
+        served, wanted = contact_problem(rows, targets, checked_grams(gram, len(rows), modes))
+    modal, limited = solve_fast(served, wanted, limits, previous, policy, effort, hysteresis)
+    achieved = [_amplitude(row, modal) for row in rows]
+    return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
 
 
 def solve_batch(
@@ -77,84 +103,88 @@ def solve_batch(
 
     phi (K, N, M); target_um (K, N), or (N,) for all instants; the rest as in `solve`.
     """
-    shapes = _finite("phi", phi, 3)
-    count, fingers, modes = shapes.shape
-    single = np.ndim(target_um) == 1
-    targets = _not_negative("target_um", target_um, (fingers,) if single else (count, fingers))
-    limits, previous = _modal_arguments(modes, limit_um, previous_um)
-    _check_weights(effort, hysteresis)
+    track, fingers, modes = checked_track(phi)
+    targets = checked_target_track(target_um, len(track), fingers)
+    limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
+    check_weight("effort", effort)
+    check_weight("hysteresis", hysteresis)
     named(policy)
-    modal_um = np.zeros((count, modes))
-    target = tuple(targets.tolist()) if single else ()
-    for index in range(count):
-        if not single:
-            target = tuple(targets[index].tolist())
-        previous, _ = solve_fast(_row_tuples(shapes[index]), target, limits, previous, policy, effort, hysteresis)
-        modal_um[index] = previous
-    return modal_um
+    modal_um = []
+    for rows, target in zip(track, targets, strict=True):
+        previous, _ = solve_fast(rows, target, limits, previous, policy, effort, hysteresis)
+        modal_um.append(previous)
+    return np.array(modal_um).reshape(len(track), modes)
+
+
+def solve_phased(
+    phi: npt.ArrayLike,
+    target_um: npt.ArrayLike,
+    limit_um: npt.ArrayLike,
+    *,
+    previous_um: npt.ArrayLike | None = None,
+    turn_rad: float = TURN_RAD,
+) -> npt.NDArray[np.complex128]:
+    """Complex modal amplitudes (M,) for one instant, `keep_zero` with the fingers' phases free.
+
+    phi, target_um, limit_um as in `solve`; previous_um (M,) complex or None; `turn_rad`: how far the phase between
+    fingers may turn from what `previous_um` gives them, where their amplitudes leave the choice.
+    Raises ValueError as `solve` does.
+    """
+    rows, modes = checked_shapes(phi)
+    targets = checked_targets(target_um, len(rows))
+    limits, previous = checked_limits(limit_um, modes), checked_phasors(previous_um, modes)
+    check_weight("turn_rad", turn_rad)
+    return np.array(solve_phased_fast(rows, targets, limits, previous, turn_rad)[0])
 
 
 def condition_number(phi: FloatArray) -> float:
     """The 2-norm condition number of phi (N, M), inf where it is singular to rounding, 1 where it is empty."""
-    if phi.size == 0:
+    return _condition(tuple(map(tuple, phi.tolist())))
+
+
+def _solve_pair(rows: PairRows, targets: Pair, limits: Pair, previous: Pair | None, policy: str) -> Solution:
+    """`solve` for two fingers on two modes, the case of nearly every call, without loops."""
+    modal, limited = solve_fast(rows, targets, limits, previous, policy)
+    (a, b), (c, d) = rows
+    x, y = modal
+    first, second = abs(a * x + b * y), abs(c * x + d * y)
+    if not first + second < math.inf:
+        first, second = _amplitude((a, b), modal), _amplitude((c, d), modal)
+    return Solution(np.array(modal), np.array((first, second)), limited, _condition_of_pair(a, b, c, d))
+
+
+def _amplitude(row: Row, modal: Row) -> float:
+    amplitude = abs(sum([shape * w for shape, w in zip(row, modal, strict=True)]))
+    if amplitude < math.inf:
+        return amplitude
+    size = max([abs(shape) for shape in row])  # products beyond the range of floats may still cancel
+    return abs(sum([shape / size * w for shape, w in zip(row, modal, strict=True)])) * size
+
+
+def _condition(rows: Rows) -> float:
+    if len(rows) == 2 == len(rows[0]):
+        return _condition_of_pair(*rows[0], *rows[1])
+    if not rows:
         return 1.0
-    size = float(np.max(np.abs(phi)))
+    matrix = np.array(rows)
+    size = float(np.max(np.abs(matrix)))
     if size == 0.0:
         return math.inf
-    singular = np.linalg.svd(phi / size, compute_uv=False)
+    singular = np.linalg.svd(matrix / size, compute_uv=False)
     largest, smallest = float(singular[0]), float(singular[-1])
     return largest / smallest if smallest > 0.0 else math.inf
 
 
-# --- the public edge ----------------------------------------------------------------------------------------------
-
-
-def _row_tuples(phi: FloatArray) -> Rows:
-    return tuple([tuple(row) for row in phi.tolist()])
-
-
-def _modal_arguments(modes: int, limit_um: npt.ArrayLike, previous_um: npt.ArrayLike | None) -> tuple[Row, Row | None]:
-    if modes < 1:
-        raise ValueError("phi: has no modes; its last axis must hold at least one.")
-    limits = _finite("limit_um", limit_um, np.ndim(limit_um))
-    if limits.ndim == 0:
-        limits = np.full(modes, limits)
-    _check_shape("limit_um", limits, (modes,))
-    if not np.all(limits > 0.0):
-        raise ValueError("limit_um: every limit must be greater than 0.")
-    if previous_um is None:
-        return tuple(limits.tolist()), None
-    previous = _finite("previous_um", previous_um, 1)
-    _check_shape("previous_um", previous, (modes,))
-    return tuple(limits.tolist()), tuple(previous.tolist())
-
-
-def _check_weights(effort: float, hysteresis: float) -> None:
-    for name, value in (("effort", effort), ("hysteresis", hysteresis)):
-        if not 0.0 <= value < math.inf:
-            raise ValueError(f"{name}: {value!r} must be a finite number, 0 or more.")
-
-
-def _not_negative(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    array = _finite(name, values, len(shape))
-    _check_shape(name, array, shape)
-    if not np.all(array >= 0.0):
-        raise ValueError(f"{name}: amplitudes must be 0 or more; the sign is the solver's to choose.")
-    return array
-
-
-def _check_shape(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise ValueError(f"{name}: has shape {array.shape}, but phi asks for {shape}.")
-
-
-def _finite(name: str, values: npt.ArrayLike, dimensions: int) -> FloatArray:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: must be an array of numbers, all rows of the same length.") from None
-    if array.ndim != dimensions:
-        raise ValueError(f"{name}: has {array.ndim} dimensions and needs {dimensions}.")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name}: holds NaN or infinity; give finite numbers.")
-    return array
+def _condition_of_pair(a: float, b: float, c: float, d: float) -> float:
+    """Of (a b; c d): the largest singular value squared over the determinant (Blinn, IEEE CG&A 16(2), 1996)."""
+    determinant = abs(a * d - b * c)
+    largest = (math.hypot(a + d, b - c) + math.hypot(a - d, b + c)) / 2
+    if determinant > 1e-100 and largest < 1e100:
+        return max(largest * largest / determinant, 1.0)
+    size = max(abs(a), abs(b), abs(c), abs(d))
+    if size == 0.0:
+        return math.inf
+    a, b, c, d = a / size, b / size, c / size, d / size
+    determinant = abs(a * d - b * c)
+    largest = (math.hypot(a + d, b - c) + math.hypot(a - d, b + c)) / 2
+    return max(largest * largest / determinant, 1.0) if determinant > 0.0 else math.inf

@@ -54,8 +54,8 @@ def _both_met(rows: Sequence[Row], targets: Sequence[float], limits: Pair, previ
 
     What is unclear (no pattern fits, or their norms are close) is left to the comparison of candidates.
     """
-    plus = _square_solution(rows, targets)
-    minus = _square_solution(rows, (targets[0], -targets[1]))
+    plus = square_solution(rows, targets)
+    minus = square_solution(rows, (targets[0], -targets[1]))
     if plus is None or minus is None:
         return None
     (x, y), (p, q), (limit_x, limit_y) = plus, minus, limits
@@ -93,7 +93,7 @@ def box_least_squares(rows: Sequence[Row], wanted: Sequence[float], limits: Pair
     """The W in the box with least sum (row . W - wanted)^2 + effort |W|^2, of those the least |W|^2; was it clamped?"""
     if len(rows) == 1:
         return least_norm(rows[0], wanted[0], limits, effort)
-    free = _square_solution(rows, wanted) if len(rows) == 2 and effort == 0.0 else _tall_solution(rows, wanted, effort)
+    free = square_solution(rows, wanted) if len(rows) == 2 and effort == 0.0 else _tall_solution(rows, wanted, effort)
     if free is None:
         return _least_norm_of_parallel(rows, wanted, limits, effort)
     (x, y), (limit_x, limit_y) = free, limits
@@ -140,7 +140,7 @@ def _least_norm_of_parallel(
     return least_norm((x * weight, y * weight), together / weight, limits, effort)
 
 
-def _square_solution(rows: Sequence[Row], wanted: Sequence[float]) -> Pair | None:
+def square_solution(rows: Sequence[Row], wanted: Sequence[float]) -> Pair | None:
     """Two fingers, two modes: elimination from the row that is larger in the first mode; None where singular."""
     forward, backward = cross_terms(rows[0], rows[1])
     if not abs(forward - backward) > NOISE * (abs(forward) + abs(backward)):

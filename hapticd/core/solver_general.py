@@ -40,6 +40,14 @@ class Space(NamedTuple):
     effort: float
 
 
+class Scaled(NamedTuple):
+    """A problem brought to a largest gain and limit of 1; W is to be multiplied by `reach`."""
+
+    space: Space
+    wanted: list[float]
+    reach: float
+
+
 class Attempt(NamedTuple):
     """A sign pattern that does not fit the box, and what it would do without limits: a bound on what it can do."""
 
@@ -57,26 +65,54 @@ def solve_space(
     hysteresis: float = 0.0,
 ) -> tuple[Row, bool]:
     """`keep_zero` for any number of modes: modal amplitudes, and whether a limit keeps a finger from its target."""
-    silence = (0.0,) * len(limits)
+    problem = _scaled(still, slipping, targets, limits, effort)
+    if problem is None:
+        return (0.0,) * len(limits), False
+    near = None if previous is None else tuple([w / problem.reach for w in previous])
+    candidates = _candidates(problem.space, problem.wanted, near, hysteresis)
+    chosen = choose(candidates, problem.wanted, near, problem.space.effort, hysteresis)
+    limited = chosen.clamped and misses(chosen.amplitudes, problem.wanted)
+    return _unscaled(chosen.modal, problem.reach, limits), limited
+
+
+def solve_pattern(
+    still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[float], signs: Sequence[float], limits: Row
+) -> Row:
+    """As `solve_space`, with the slipping fingers' signs given."""
+    problem = _scaled(still, slipping, targets, limits, 0.0)
+    if problem is None:
+        return (0.0,) * len(limits)
+    basis, gains, box, _ = problem.space
+    factored = Factored.of(gains, 0.0)
+    wanted = np.array(signs) * np.array(problem.wanted)
+    z = factored.least_norm(wanted)
+    if not np.all(np.abs(basis @ z) <= box):
+        z = least_norm_in_polytope(factored, wanted, basis, box)
+    return _unscaled((basis @ z).tolist(), problem.reach, limits)
+
+
+def _scaled(
+    still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[float], limits: Row, effort: float
+) -> Scaled | None:
+    """The problem at a largest gain and limit of 1; None where nothing can move a slipping finger."""
     basis = null_basis(still, len(limits))
     phi = np.array(slipping)
     size = float(np.max(np.abs(phi)))
     if basis.shape[1] == 0 or size == 0.0:
-        return silence, False
+        return None
     phi = phi / size
     gains = phi @ basis
     gains[np.abs(gains) <= NOISE * (np.abs(phi) @ np.abs(basis))] = 0.0
     largest = float(np.max(np.abs(gains)))
     if largest == 0.0:
-        return silence, False
+        return None
     size = max(size * largest, sys.float_info.min)
     wanted, box, effort, reach = normalised(size, targets, limits, effort)
-    near = None if previous is None else tuple([w / reach for w in previous])
-    candidates = _candidates(Space(basis, gains / largest, np.array(box), effort), wanted, near, hysteresis)
-    chosen = choose(candidates, wanted, near, effort, hysteresis)
-    limited = chosen.clamped and misses(chosen.amplitudes, wanted)
-    modal = [w * reach for w in chosen.modal]
-    return tuple([max(-limit, min(limit, w)) for w, limit in zip(modal, limits, strict=True)]), limited
+    return Scaled(Space(basis, gains / largest, np.array(box), effort), wanted, reach)
+
+
+def _unscaled(modal: Sequence[float], reach: float, limits: Row) -> Row:
+    return tuple([max(-limit, min(limit, w * reach)) for w, limit in zip(modal, limits, strict=True)])
 
 
 def null_basis(still: Sequence[Row], modes: int) -> FloatArray:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 
 from .solver_arithmetic import NOISE, Row, within
 from .solver_general import solve_space
-from .solver_plane import faces_away, solve_plane
+from .solver_plane import solve_plane
+from .solver_priority import serve_in_order
 
 Rows = tuple[Row, ...]
 
@@ -64,9 +65,13 @@ def _hold_one_still(
         return (0.0, 0.0), False
     wanted = target / (size + effort * (ux * ux + uy * uy) / size) if effort > 0.0 else target / size
     t = wanted if wanted <= top else top
-    if faces_away((ux, uy), gain, previous):
+    lean = gain if previous is None else previous[0] * ux + previous[1] * uy
+    if lean < 0.0 or (lean == 0.0 and gain < 0.0):
         t = -t
-    return within((t * ux, t * uy), (limit_x, limit_y)), not wanted <= top
+    w_x, w_y = t * ux, t * uy
+    if -limit_x <= w_x <= limit_x and -limit_y <= w_y <= limit_y:
+        return (w_x, w_y), not wanted <= top
+    return within((w_x, w_y), (limit_x, limit_y)), not wanted <= top
 
 
 def _all_finite(rows: Rows) -> bool:
@@ -101,6 +106,12 @@ def _keep_ratio(
         return _keep_zero(rows, targets, limits, previous, effort, hysteresis)
     scaled = [w / excess for w in free]
     return tuple([max(-limit, min(limit, w)) for w, limit in zip(scaled, limits, strict=True)]), True
+
+
+def _priority(
+    rows: Rows, targets: Row, limits: Row, previous: Row | None, _effort: float, _hysteresis: float
+) -> tuple[Row, bool]:
+    return serve_in_order(rows, targets, limits, previous)
 
 
 def _paper(
@@ -152,6 +163,7 @@ POLICIES: dict[str, Policy] = {
     "keep_zero": _keep_zero,
     "keep_ratio": _keep_ratio,
     "least_squares": _least_squares,
+    "priority": _priority,
     "paper": _paper,
 }
 

@@ -58,17 +58,17 @@ def least_norm_in_polytope(factored: Factored, b: FloatArray, c: FloatArray, h: 
     right_side = np.concatenate([b, np.zeros(len(matrix) - len(b))])
     normals = np.vstack([c, -c])
     bounds = np.concatenate([h, h])
-    z = _descend(matrix, right_side, normals, bounds)
+    z = descend(matrix, right_side, normals, bounds)
     if factored.unseen.shape[1] == 0:
         return z
     unseen = factored.unseen
     slack = np.maximum(bounds - normals @ z, 0.0)
-    x = _descend(np.eye(unseen.shape[1]), -(unseen.T @ z), normals @ unseen, slack)
+    x = descend(np.eye(unseen.shape[1]), -(unseen.T @ z), normals @ unseen, slack)
     return z + unseen @ x
 
 
-def _descend(a: FloatArray, b: FloatArray, normals: FloatArray, bounds: FloatArray) -> FloatArray:
-    """argmin |A z - b| subject to normals z <= bounds, from z = 0."""
+def descend(a: FloatArray, b: FloatArray, normals: FloatArray, bounds: FloatArray) -> FloatArray:
+    """argmin |A z - b| subject to normals z <= bounds (bounds >= 0), from z = 0, by the shortest way."""
     seen = RANK * float(np.linalg.norm(a))
     z = np.zeros(a.shape[1])
     face: list[int] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import firmware, solver, suite
+from hapticd.bench import firmware, solver, stability, suite
 from hapticd.errors import HapticdError
 
 
@@ -25,7 +25,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_knows_every_part() -> None:
-    assert list(suite.PARTS) == ["modes", "prediction", "solver", "tick", "leak", "firmware"]
+    assert list(suite.PARTS) == ["modes", "prediction", "solver", "stability", "tick", "leak", "firmware"]
 
 
 @pytest.mark.usefixtures("quick")
@@ -45,6 +45,13 @@ def test_all_parts_are_told_as_tables_json_and_a_picture(tmp_path: Path, capsys:
     assert str(picture) in out
 
 
+def test_a_picture_leaves_out_the_tables_that_are_for_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(suite.PARTS, "stability", lambda extent: stability.run(problems=1, steps=extent.steps))
+    picture = tmp_path / "bench.png"
+    assert main(["bench", "stability", "--steps", "100", "--plot", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.usefixtures("quick")
 def test_json_on_standard_output_stands_there_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "firmware", "--json", "-"]) == 0
@@ -55,7 +62,8 @@ def test_json_on_standard_output_stands_there_alone(capsys: pytest.CaptureFixtur
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
-    "arguments", [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"]]
+    "arguments",
+    [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"], ["--steps", "-1"]],
 )
 def test_what_cannot_be_done_is_one_sentence_before_anything_runs(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -80,7 +80,7 @@ def scatter(kind: str, count: int, source: random.Random) -> list[tuple[float, f
 
 @pytest.mark.parametrize("kind", ["coincident", "node", "outside", "jumping"])
 @pytest.mark.parametrize("count", [1, 3, 15])
-@pytest.mark.parametrize("policy", ["keep_zero", "keep_ratio", "least_squares", "paper"])
+@pytest.mark.parametrize("policy", ["keep_zero", "keep_ratio", "least_squares", "priority", "paper"])
 def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: int, policy: str) -> None:
     source = random.Random(f"{kind}{count}{policy}")
     scene = Scene(w_limit_um=max(W_LIMIT_UM))

@@ -347,7 +347,7 @@ GOOD: dict[str, object] = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 
         ({"effort": -1.0}, "effort"),
         ({"effort": math.nan}, "effort"),
         ({"hysteresis": -0.1}, "hysteresis"),
-        ({"policy": "best"}, "keep_zero, keep_ratio, least_squares, paper"),
+        ({"policy": "best"}, "keep_zero, keep_ratio, least_squares, priority, paper"),
     ],
 )
 def test_bad_input_gets_one_sentence_that_names_it(change: dict[str, object], named: str) -> None:

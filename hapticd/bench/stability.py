@@ -1,0 +1,255 @@
+"""What the solver does at the ends of its range: `hapticd bench stability`.
+
+Every situation is solved by every policy and with free phases, warnings raised as errors. What counts is what breaks:
+an exception, a number that is not finite, a limit; what the still finger gets, before and after the wire's float32; and
+how many digits agree with the same solution at 60 digits (mpmath). The long walk asks whether anything adds up
+over consecutive steps, each of which begins at the last one's amplitudes.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..core.limits import gate
+from ..core.solver import solve, solve_fast, solve_phased_fast
+from ..core.solver_checks import Rows
+from ..core.solver_policies import POLICIES
+from ..sim.plate import PlateTruth
+from ..values import Drive, Knot
+from ..wire.device import FRAME_MAX, REFERENCE, encode_reference
+from ..wire.framing import FrameSplitter
+from .hard_problems import SITUATIONS, Problem, row_tuples
+from .modes import W_LIMIT_UM
+from .tables import Table, finite_rows
+from .timing import no_garbage_collection, optional
+
+FloatArray = npt.NDArray[np.float64]
+Phasors = Sequence[complex]
+Step = Callable[[Rows, tuple[float, float], Any], Phasors]  # rows, targets, the last step's amplitudes
+
+STEPS = 10_000_000
+PHASED_SHARE = 40  # steps with free phases cost some ten times as much: so many times fewer
+DEFAULT = "condition 1"
+DIGITS = 60
+FULL_DIGITS = 17  # what a float64 can agree in
+LAP = 2000
+NOTHING_UM = 1e-12  # drifts below are rounding
+
+
+def run(*, problems: int = 200, steps: int = STEPS) -> tuple[Table, ...]:
+    """The situations, `problems` of each, and the long walk."""
+    return situations(problems), walk(steps)
+
+
+# --- situations -----------------------------------------------------------------------------------------------------
+
+
+def situations(problems: int = 200) -> Table:
+    """One row for each kind of awkward input."""
+    mpmath = optional("mpmath")
+    random = np.random.default_rng(29)
+    rows = []
+    for name, make in SITUATIONS.items():
+        made = [make(random) for _ in range(problems)]
+        rows.append((name, _figures(made, mpmath)))
+    return Table(
+        name="stability",
+        title="stability: the solver at the ends of its range, every policy; worst of all problems",
+        default=DEFAULT,
+        rows=finite_rows(rows),
+        compared=(),
+        skipped={} if mpmath else {"digits": "mpmath is not installed"},
+        notes=(
+            "failures: exceptions, warnings, numbers that are not finite; limits broken: by the last bit",
+            "leak: keep_zero's and free phases' still finger, its row's largest entry 1; wire leak: after the float32",
+            f"digits: of W, two fingers on two modes, in which keep_zero agrees with {DIGITS}-digit arithmetic",
+            "(both slip: where no limit is met); W carries the rows' condition, the still finger's zero does not",
+        ),
+    )
+
+
+def _figures(problems: Sequence[Problem], mpmath: Any | None) -> dict[str, float]:
+    failures, broken, leak_um, wire_leak_um = 0, 0, 0.0, 0.0
+    digits: dict[bool, list[float]] = {True: [], False: []}  # by whether the second finger is still
+    for problem in problems:
+        told = _told(problem)
+        failures += len(POLICIES) + 2 - len(told)
+        for modal in told.values():
+            broken += any(math.hypot(w.real, w.imag) > b for w, b in zip(modal, problem.limits, strict=True))
+        for name in ("keep_zero", "phases"):
+            if name in told:
+                leak_um = max(leak_um, leak(problem, told[name]))
+                wire_leak_um = max(wire_leak_um, leak(problem, wired(told[name], problem.limits)))
+        if mpmath is not None and "keep_zero" in told:
+            agree = agreeing_digits(mpmath, problem, told["keep_zero"])
+            digits[problem.targets[1:2] == (0.0,)] += [] if math.isnan(agree) else [agree]
+    return {
+        "problems_count": len(problems),
+        "failures_count": failures,
+        "limits_broken_count": broken,
+        "leak_um": leak_um,
+        "wire_leak_um": wire_leak_um,
+        **{
+            name: math.floor(min(digits[is_still])) if digits[is_still] else math.nan
+            for name, is_still in (("digits_one_still_count", True), ("digits_both_slip_count", False))
+        },
+    }
+
+
+def _told(problem: Problem) -> dict[str, Phasors]:
+    """What each policy, the public edge and free phases answer; whoever fails is missing."""
+    ways: dict[str, Callable[[], Phasors]] = {
+        **{policy: (lambda name=policy: solve_fast(*problem, None, name)[0]) for policy in POLICIES},  # type: ignore[misc]
+        "solve": lambda: solve(*problem).modal_um.tolist(),
+        "phases": lambda: solve_phased_fast(*problem)[0],
+    }
+    told: dict[str, Phasors] = {}
+    for name, way in ways.items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                modal = way()
+            except (ArithmeticError, ValueError, Warning, np.linalg.LinAlgError):
+                continue
+        if all(math.isfinite(w.real) and math.isfinite(w.imag) for w in modal):
+            told[name] = modal
+    return told
+
+
+def leak(problem: Problem, modal: Phasors) -> float:
+    """What the still fingers get, um, were their rows' largest entries 1: a tiny row must not hide a leak."""
+    worst = 0.0
+    for row, target in zip(problem.rows, problem.targets, strict=True):
+        size = max([abs(shape) for shape in row])
+        if target == 0.0 < size:
+            worst = max(worst, abs(sum([shape / size * w for shape, w in zip(row, modal, strict=True)])))
+    return worst
+
+
+def wired(modal: Phasors, limits: tuple[float, ...]) -> Phasors:
+    """Modal amplitudes as the board reads them: through the gate, the encoder and a frame's bytes."""
+    drive = gate(Drive(0, (Knot(0, tuple(map(complex, modal))),)), limits)
+    (message,) = FrameSplitter(FRAME_MAX).feed(encode_reference(0, drive, 0))
+    parts = struct.unpack_from(f"<{2 * len(limits)}f", message, 1 + REFERENCE.size + 2)
+    return [complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True)]
+
+
+def agreeing_digits(mpmath: Any, problem: Problem, modal: Phasors) -> float:
+    """Digits of W, real, that agree with two fingers' exact solution on two modes of the same signs; NaN where that is
+    not one in closed form."""
+    if len(problem.rows) != 2 or len(problem.limits) != 2 or problem.targets[0] == 0.0:
+        return math.nan
+    with mpmath.workdps(DIGITS):
+        (a, b), (c, d) = rows = [[mpmath.mpf(shape) for shape in row] for row in problem.rows]
+        given = [sum(shape * w.real for shape, w in zip(row, modal, strict=True)) for row in rows]
+        first, second = (mpmath.mpf(t) * (-1 if w < 0 else 1) for t, w in zip(problem.targets, given, strict=True))
+        determinant = a * d - b * c
+        if problem.targets[1] == 0.0 == determinant:
+            return math.nan if c == d == 0 else 0.0 if any(modal) else FULL_DIGITS
+        if determinant == 0:
+            return math.nan
+        exact = [(d * first - b * second) / determinant, (a * second - c * first) / determinant]
+        excess = max(abs(w) / limit for w, limit in zip(exact, problem.limits, strict=True))
+        if excess > 1 and second != 0:
+            return math.nan
+        exact = [w / max(excess, 1) for w in exact]
+        size = max(map(abs, exact))
+        error = max(abs(mpmath.mpf(w.real) - x) for w, x in zip(modal, exact, strict=True)) / size
+        return float(max(0, min(-mpmath.log10(error), FULL_DIGITS))) if error > 0 else FULL_DIGITS
+
+
+# --- the long walk --------------------------------------------------------------------------------------------------
+
+
+def walk(steps: int = STEPS) -> Table:
+    """Two fingers walk the same closed way lap after lap; the last lap against the first, and against 60 digits."""
+    mpmath = optional("mpmath")
+    track = _closed_way()
+    few = steps // PHASED_SHARE
+    ways: dict[str, tuple[int, tuple[float, float], Step]] = {
+        "solve_fast, one still": (steps, (1.0, 0.0), _real_step),
+        "solve_phased_fast, one still": (few, (1.0, 0.0), _phased_step),
+        "solve_phased_fast, both slip": (few, (1.0, 0.6), _phased_step),
+    }
+    rows = []
+    for name, (count, wanted, way) in ways.items():
+        rows.append((name, _walked(track, wanted, way, max(count // LAP, 3), mpmath)))
+    return Table(
+        name="stability_walk",
+        title="stability: consecutive steps along a closed way, each from the last one's amplitudes",
+        default="solve_fast, one still",
+        rows=finite_rows(rows),
+        compared=(),
+        time="time_us",
+        error="drift_um",
+        floor=NOTHING_UM,
+        skipped={} if mpmath else {"error": "mpmath is not installed"},
+        notes=(
+            "drift: greatest difference of |w_i| between the second lap and the last",
+            "error: of W in the last lap, against the same line at 60 digits",
+        ),
+    )
+
+
+def _real_step(rows: Rows, wanted_um: tuple[float, float], previous: Any) -> Phasors:
+    return solve_fast(rows, wanted_um, W_LIMIT_UM, previous)[0]
+
+
+def _phased_step(rows: Rows, wanted_um: tuple[float, float], previous: Any) -> Phasors:
+    return solve_phased_fast(rows, wanted_um, W_LIMIT_UM, previous)[0]
+
+
+def _closed_way() -> list[Rows]:
+    angle = 2 * np.pi * np.arange(LAP) / LAP
+    way_mm = np.stack(
+        [
+            np.column_stack([40 * np.cos(angle), 30 * np.sin(2 * angle)]),
+            np.column_stack([35 * np.sin(3 * angle) + 5, 45 * np.cos(angle)]),
+        ],
+        axis=1,
+    )
+    return [row_tuples(rows) for rows in PlateTruth().shapes(way_mm)[..., :2]]
+
+
+def _walked(
+    track: list[Rows], wanted: tuple[float, float], way: Step, laps: int, mpmath: Any | None
+) -> dict[str, float]:
+    previous: Any = None
+    second: list[Phasors] = []
+    with no_garbage_collection():
+        t_start_ns = time.perf_counter_ns()
+        for lap in range(laps):
+            last = []
+            for rows in track:
+                previous = way(rows, wanted, previous)
+                last.append(previous)
+            if lap == 1:
+                second = last
+        took_us = (time.perf_counter_ns() - t_start_ns) * 1e-3
+    got, was = (np.abs(np.einsum("snm,sm->sn", np.array(track), np.array(lap))) for lap in (last, second))
+    errors = []
+    if mpmath is not None and wanted[1] == 0.0:
+        for rows, modal in zip(track, last, strict=True):
+            turned = _real(modal)
+            errors.append(10 ** -agreeing_digits(mpmath, Problem(rows, wanted, W_LIMIT_UM), turned))
+    return {
+        "steps_count": laps * len(track),
+        "time_us": took_us / (laps * len(track)),
+        "drift_um": float(np.max(np.abs(got - was))),
+        "leak_um": float(np.max(got[:, 1])) if wanted[1] == 0.0 else math.nan,
+        "error_frac": max(errors, default=math.nan),
+    }
+
+
+def _real(modal: Phasors) -> Phasors:
+    """Without its common phase."""
+    largest = max(modal, key=abs)
+    return [w * largest.conjugate() / abs(largest) for w in modal] if abs(largest) > 0.0 else modal
