@@ -115,13 +115,13 @@ class Machine:
         for report in batch:
             for frame in self.trackpad.decode(report.data, report.t_host_ns):
                 self.pipeline.touch(frame, report.t_host_ns)
-        wanted = len(self.pipeline.wanted(t_now_ns)) > 0
-        self._supervise(Event.TOUCHED if wanted else Event.RELEASED, "", t_now_ns)
+        keys = self.pipeline.wanted(t_now_ns)
+        self._supervise(Event.TOUCHED if keys else Event.RELEASED, "", t_now_ns)
         if not self.supervisor.may_drive:
             return self.pipeline.rest(t_now_ns, ahead_ns)
         if not self.session.follows(t_now_ns):
             self.pipeline.forget_standing()  # what the board did not take is said again, until it does
-        return self.pipeline.drive(t_now_ns, ahead_ns)
+        return self.pipeline.drive(t_now_ns, ahead_ns, keys)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no

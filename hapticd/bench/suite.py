@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import HapticdError
-from . import firmware, leak, modes, prediction, solver, tick
+from . import firmware, knots, leak, modes, prediction, solver, tick
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
@@ -25,6 +25,7 @@ PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda _: (prediction.run(),),
     "solver": lambda _: (solver.run(),),
+    "knots": lambda _: knots.run(),
     "tick": lambda seconds: tick.run(seconds=seconds),
     "leak": lambda _: (leak.run(),),
     "firmware": lambda _: firmware.run(),
