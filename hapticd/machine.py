@@ -76,6 +76,7 @@ class Machine:
         self.board = device_wire.Decoder()
         self.last_tick: Tick | None = None
         self.published = 0
+        self.skipped_no_subscriber = 0
         self.messages_refused = 0
         self.last_refusal = ""
         self.publish = publish
@@ -107,7 +108,9 @@ class Machine:
         self.last_tick = tick
         if tick.drive is not None:
             self._say(self.session.reference(tick.drive, tick, t_now_ns))
-        if self.publish is not None:
+        if self.publish is None:
+            self.skipped_no_subscriber += 1
+        else:
             self.published += 1
             self.publish(status.telemetry(self, tick))
 
@@ -126,7 +129,9 @@ class Machine:
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
         report makes a pass, virtual fingers walk on."""
-        self.pipeline.release(self.scene.expire(t_now_ns))
+        released = self.scene.expire(t_now_ns)
+        if released:
+            self.pipeline.release(released)
         if self.pipeline.sensor_is_silent(t_now_ns):
             log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
             self.pipeline.sensor_lost()

@@ -2,7 +2,8 @@
 
 Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8 at most, in the middle of a smooth
 piece: so the middle is looked at, and becomes a knot if the chord misses it. A half then errs by a quarter, and is
-taken as it is where that is within the tolerance: only at the corner where a mode meets its limit it errs by more.
+taken as it is where that is within the tolerance; beside an inflection, or the corner where a mode meets its limit, it
+may err by a little more.
 Where the wish itself has corners (a square grating's edges, a map's pixels) nothing is taken for granted and every half
 is looked at in turn, down to the board's own pace.
 """

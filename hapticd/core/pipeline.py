@@ -88,6 +88,8 @@ class PipelineCounters:
     solves: int = 0
     limited: int = 0
     gated: int = 0
+    knots: int = 0
+    skipped_knots: int = 0
     skipped_no_finger: int = 0
     skipped_no_target: int = 0
     skipped_standing: int = 0
@@ -192,6 +194,8 @@ class Pipeline:
         drive = gate(Drive(t_apply_ns, knots), self._settings.w_limit_um)
 
         limited = first.limited or last.limited
+        self.counters.knots += len(knots)
+        self.counters.skipped_knots += self._settings.max_knots - len(knots)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
         self._standing, self._standing_keys, self._standing_places = drive, keys, last.places

@@ -95,6 +95,8 @@ class Scene:
 
     def expire(self, t_ns: int) -> tuple[Key, ...]:
         """Release what has run out by `t_ns`. Returns all fingers released since the last call, however that was."""
+        if not self._held and not self._released:
+            return ()
         self._drop_expired(t_ns)
         released = tuple(self._released)
         self._released.clear()
