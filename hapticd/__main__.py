@@ -165,7 +165,7 @@ def _add_bench(commands: Any) -> None:
         "compare the choices on a touch's path, error against run time",
         "hapticd bench all --json bench.json --plot bench.png",
     )
-    parts = ("modes", "prediction", "solver", "stability", "tick", "leak", "firmware", "all")
+    parts = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "all")
     parser.add_argument("part", nargs="?", choices=parts, default="all", metavar="PART", help=f"{', '.join(parts)}")
     parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
     parser.add_argument("--steps", type=int, default=10_000_000, help="of stability's long walk (default 10000000)")

@@ -122,7 +122,7 @@ class SolverConfig:
         0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0: not", low=0, high=4
     )
     tolerance_um: float = _key(
-        0.01, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
+        0.02, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
     )
     max_knots: int = _key(16, "knots in one reference frame", low=1, high=24)
 

@@ -83,6 +83,7 @@ class Machine:
         self.board = device_wire.Decoder()
         self.last_tick: Tick | None = None
         self.published = 0
+        self.skipped_no_subscriber = 0
         self.messages_refused = 0
         self.last_refusal = ""
         self.publish = publish
@@ -115,7 +116,9 @@ class Machine:
         self.last_tick = tick
         if tick.drive is not None:
             self._say(self.session.reference(tick.drive, tick, t_now_ns))
-        if self.publish is not None:
+        if self.publish is None:
+            self.skipped_no_subscriber += 1
+        else:
             self.published += 1
             self.publish(status.telemetry(self, tick))
 
@@ -123,18 +126,20 @@ class Machine:
         for report in batch:
             for frame in self.trackpad.decode(report.data, report.t_host_ns):
                 self.pipeline.touch(frame, report.t_host_ns)
-        wanted = len(self.pipeline.wanted(t_now_ns)) > 0
-        self._supervise(Event.TOUCHED if wanted else Event.RELEASED, "", t_now_ns)
+        keys = self.pipeline.wanted(t_now_ns)
+        self._supervise(Event.TOUCHED if keys else Event.RELEASED, "", t_now_ns)
         if not self.supervisor.may_drive:
             return self.pipeline.rest(t_now_ns, ahead_ns)
         if not self.session.follows(t_now_ns):
             self.pipeline.forget_standing()  # what the board did not take is said again, until it does
-        return self.pipeline.drive(t_now_ns, ahead_ns)
+        return self.pipeline.drive(t_now_ns, ahead_ns, keys)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
         report makes a pass, virtual fingers walk on."""
-        self.pipeline.release(self.scene.expire(t_now_ns))
+        released = self.scene.expire(t_now_ns)
+        if released:
+            self.pipeline.release(released)
         if self.pipeline.sensor_is_silent(t_now_ns):
             log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
             self.pipeline.sensor_lost()

@@ -65,6 +65,7 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
         "fingers": len(machine.pipeline.fingers),
         "virtual_fingers": len(machine.scene.virtual_names(t_now_ns)),
         "touch": dataclasses.asdict(machine.pipeline.counters),
+        "telemetry": {"published": machine.published, "skipped_no_subscriber": machine.skipped_no_subscriber},
         "trackpad": {
             "model": machine.trackpad.model,
             "silent_ms": _ago_ms(machine.t_reports_ns, t_now_ns),

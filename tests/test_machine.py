@@ -113,6 +113,17 @@ def test_telemetry_is_built_for_listeners_only() -> None:
     assert bench.machine.published == len(states)
 
 
+def test_a_listener_changes_nothing_of_what_the_board_hears_and_the_unbuilt_are_counted() -> None:
+    alone, watched = Bench(SLIPPERY, STICKY).driven(), Bench(SLIPPERY, STICKY).driven()
+    states: list[bytes] = []
+    watched.machine.publish = states.append
+    heard = [bench.run(300) for bench in (alone, watched)]
+    assert heard[0] == heard[1]
+    assert alone.machine.skipped_no_subscriber - watched.machine.skipped_no_subscriber == len(states) > 20
+    said = alone.ask("status")["body"]["telemetry"]
+    assert said == {"published": 0, "skipped_no_subscriber": alone.machine.skipped_no_subscriber}
+
+
 def test_bad_messages_are_counted_and_the_last_refusal_is_kept() -> None:
     bench = Bench()
     bench.machine.targets(b"\xc1", bench.t_ns)

@@ -14,7 +14,21 @@ import numpy as np
 
 from .. import __version__
 from ..errors import HapticdError
-from . import carrier, firmware, leak, modes, modes_contact, modes_fit, modes_scale, prediction, solver, solver_tracks, stability, tick
+from . import (
+    carrier,
+    firmware,
+    knots,
+    leak,
+    modes,
+    modes_contact,
+    modes_fit,
+    modes_scale,
+    prediction,
+    solver,
+    solver_tracks,
+    stability,
+    tick,
+)
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
@@ -35,6 +49,7 @@ PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(), modes_fit.run(), modes_contact.run(), modes_scale.run()),
     "prediction": lambda _: (prediction.run(),),
     "solver": lambda _: (solver.run(), *solver_tracks.run()),
+    "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(),),

@@ -2,7 +2,8 @@
 
     touch():  track the contacts, give each finger's predictor its sample
     drive():  for each knot time: predict the positions, ask the scene what each finger should feel, evaluate the
-              mode matrix there, solve for the modal amplitudes; then gate the polyline
+              mode matrix there, solve for the modal amplitudes; then gate the polyline. There are as many knots as
+              the tolerance asks for (`core.knots`)
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
 skipped and counted: no finger, no target, or fingers so still that the last reference stands.
@@ -12,10 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
+from .knots import SHORTEST_NS, Row, Step, refine
 from .limits import gate, silence
 from .modes import ModeShapes
 from .scene import Scene
@@ -34,8 +36,6 @@ class Predictor(Protocol):
 
     def predict(self, t_ns: int) -> tuple[float, float]: ...
 
-    def velocity(self, t_ns: int) -> tuple[float, float]: ...
-
 
 @dataclass(frozen=True, slots=True)
 class PipelineSettings:
@@ -51,7 +51,7 @@ class PipelineSettings:
     policy: str = "keep_zero"
     effort: float = 0.0
     fade: float = 0.0
-    tolerance_um: float = 0.01
+    tolerance_um: float = 0.02
     max_knots: int = 16
     sensor_latency_ns: int = 10_000_000
     loop_delay_ns: int = 0
@@ -59,13 +59,24 @@ class PipelineSettings:
     silence_ns: int = 40_000_000
 
 
-class Place(NamedTuple):
-    """Where a finger will be at one knot, and the amplitude wanted there."""
+Key = int | str  # a finger's id, or a virtual finger's name
 
-    key: int | str
+
+class Place(NamedTuple):
+    """Where a finger will be at an instant, and the amplitude wanted there."""
+
     x_mm: float
     y_mm: float
     target_um: float
+
+
+class Moment(NamedTuple):
+    """The plate at one instant: the fingers' places, the mode shapes there, and the amplitudes that serve them."""
+
+    places: list[Place]
+    phi: list[Row]
+    modal_um: Row
+    limited: bool
 
 
 @dataclass(slots=True)
@@ -77,6 +88,8 @@ class PipelineCounters:
     solves: int = 0
     limited: int = 0
     gated: int = 0
+    knots: int = 0
+    skipped_knots: int = 0
     skipped_no_finger: int = 0
     skipped_no_target: int = 0
     skipped_standing: int = 0
@@ -101,7 +114,8 @@ class Pipeline:
         self._t_read_ns = 0
         self._steepness_1_mm = modes.steepest_1_mm()
         self._standing = silence(0, modes.M)
-        self._standing_places: tuple[Place, ...] = ()
+        self._standing_keys: list[Key] = []
+        self._standing_places: list[Place] = []
         self._is_told = True
         self._t_settled_ns = 0
         self._standing_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
@@ -148,48 +162,46 @@ class Pipeline:
         """Fingers are down and no report came for too long (then call `sensor_lost`)."""
         return len(self.fingers) > 0 and t_now_ns - self._t_read_ns > self._settings.silence_ns
 
-    def release(self, keys: Sequence[int | str]) -> None:
+    def release(self, keys: Sequence[Key]) -> None:
         """Targets of these fingers ended: while such a finger stays down it is held at 0 um."""
         self._released.update(key for key in keys if isinstance(key, int) and key in self._predictors)
 
     # --- to the plate ---
 
-    def wanted(self, t_now_ns: int) -> list[int | str]:
+    def wanted(self, t_now_ns: int) -> list[Key]:
         """Fingers to solve for: those with a target, and those whose target ended while they are down."""
-        scene, released = self._scene, self._released
-        keys: list[int | str] = [
-            finger.finger_id
-            for finger in self.fingers
-            if finger.finger_id in released or scene.target_of(finger.finger_id) is not None
-        ]
-        keys += [name for name in scene.virtual_names(t_now_ns) if scene.target_of(name) is not None]
-        return keys
+        return self._scene.wanted(self._predictors, self._released, t_now_ns)
 
-    def drive(self, t_now_ns: int, link_ns: int) -> Tick:
-        """One pass: the reference polyline that takes effect `link_ns` from now, or none where the last one stands."""
+    def drive(self, t_now_ns: int, link_ns: int, keys: list[Key] | None = None) -> Tick:
+        """One pass: the reference polyline that takes effect `link_ns` from now, or none where the last one stands.
+
+        `keys` is what `wanted` says of this instant, if the caller has asked already.
+        """
         self.counters.passes += 1
-        t_apply_ns = t_now_ns + link_ns
-        t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
-        keys = self.wanted(t_now_ns)
+        keys = self.wanted(t_now_ns) if keys is None else keys
         if not keys:
             return self.rest(t_now_ns, link_ns)
-        offsets_ns = self._knot_offsets_ns(keys, t_plate_ns)
-        still = self._still(keys, t_apply_ns, (t_plate_ns, t_plate_ns + offsets_ns[-1]))
+        t_apply_ns = t_now_ns + link_ns
+        t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
+        still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
             self.counters.skipped_standing += 1
             points, limited = self._standing_points
             return self._tick(t_now_ns, t_plate_ns, None, tuple(map(_moved, points, still)), limited)
 
-        track = [[self._place(key, t_plate_ns + dt_ns) for key in keys] for dt_ns in offsets_ns]
-        phi = [tuple(self._modes.at(place.x_mm, place.y_mm) for place in places) for places in track]
-        modal_um, limited = self._solve(phi, track, self._standing_um(t_apply_ns))
-        knots = tuple(Knot(dt_ns, tuple(map(complex, w_um))) for dt_ns, w_um in zip(offsets_ns, modal_um, strict=True))
+        first, last, steps = self._polyline(keys, t_plate_ns, self._standing_um(t_apply_ns))
+        knots = tuple([Knot(dt_ns, tuple([complex(w_um) for w_um in modal_um])) for dt_ns, modal_um in steps])
         drive = gate(Drive(t_apply_ns, knots), self._settings.w_limit_um)
 
+        limited = first.limited or last.limited
+        self.counters.knots += len(knots)
+        self.counters.skipped_knots += self._settings.max_knots - len(knots)
+        self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
-        self._standing, self._standing_places, self._is_told = drive, tuple(track[-1]), True
+        self._standing, self._standing_keys, self._standing_places = drive, keys, last.places
+        self._is_told = True
         self._t_settled_ns = _settles_ns(drive, self._settings.tolerance_um)
-        self._standing_points = _points(track[0], track[-1], phi[0], modal_um[0]), limited
+        self._standing_points = _points(keys, first, last), limited
         return self._tick(t_now_ns, t_plate_ns, drive, *self._standing_points)
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
@@ -201,7 +213,7 @@ class Pipeline:
         is_silent = len(self._standing.knots) == 1 and not any(self._standing.knots[0].modal_um)
         drive = None if is_silent and self._is_told else silence(t_now_ns + link_ns, self._modes.M)
         if drive is not None:
-            self._standing, self._standing_places, self._is_told = drive, (), True
+            self._standing, self._standing_keys, self._standing_places, self._is_told = drive, [], [], True
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
     def forget_standing(self) -> None:
@@ -210,81 +222,95 @@ class Pipeline:
 
     # --- the steps of a pass ---
 
-    def _place(self, key: int | str, t_ns: int) -> Place:
-        x_mm, y_mm = self._position_mm(key, t_ns)
-        target_um = self._scene.amplitude_um(key, x_mm, y_mm)
-        return Place(key, x_mm, y_mm, 0.0 if target_um is None else target_um)
-
-    def _position_mm(self, key: int | str, t_ns: int) -> tuple[float, float]:
-        if isinstance(key, str):
-            return self._scene.virtual_position_mm(key, t_ns)
-        return self._predictors[key].predict(min(t_ns, self._t_sample_ns + MAX_HORIZON_NS))
-
-    def _speed_mm_s(self, key: int | str, t_ns: int) -> float:
-        if isinstance(key, str):
-            return self._scene.virtual_speed_mm_s(key)
-        return math.hypot(*self._predictors[key].velocity(t_ns))
-
-    def _knot_offsets_ns(self, keys: Sequence[int | str], t_plate_ns: int) -> list[int]:
-        """As many knots as the tolerance needs: over dt a chord of W sin(rate t) errs by W (rate dt)^2 / 8."""
+    def _polyline(self, keys: list[Key], t_plate_ns: int, previous_um: Row) -> tuple[Moment, Moment, list[Step]]:
+        """The plate at the frame's beginning and end, and the knots from one to the other."""
         settings = self._settings
-        rate_1_s = self._steepness_1_mm * sum(self._speed_mm_s(key, t_plate_ns) for key in keys)
-        chord_s = math.sqrt(8 * settings.tolerance_um / max(settings.w_limit_um))
-        intervals = math.ceil(min(settings.cover_ns * 1e-9 * rate_1_s / chord_s, settings.max_knots - 1))
+        first = self._moment(keys, t_plate_ns, previous_um)
         if settings.max_knots == 1:
-            return [0]
-        count = max(intervals, 1)
-        return [settings.cover_ns * index // count // 1000 * 1000 for index in range(count + 1)]
+            return first, first, [Step(0, first.modal_um)]
+        span_ns = settings.cover_ns
+        last = self._moment(keys, t_plate_ns + span_ns, first.modal_um)
+        ends = [Step(0, first.modal_um), Step(span_ns, last.modal_um)]
+        moved_mm = [math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in zip(first.places, last.places, strict=True)]
+        pieces, smooth = self._pieces(keys, moved_mm)
+        if pieces == 1 and smooth and self._bend_um(ends, moved_mm) <= settings.tolerance_um:
+            return first, last, ends
 
-    def _still(self, keys: Sequence[int | str], t_apply_ns: int, span_ns: tuple[int, int]) -> list[Place] | None:
+        def solve(dt_ns: int, modal_um: Row) -> Row:
+            return self._moment(keys, t_plate_ns + dt_ns, modal_um).modal_um
+
+        for piece in range(1, pieces):
+            dt_ns = span_ns * piece // pieces // 1000 * 1000
+            ends.insert(piece, Step(dt_ns, solve(dt_ns, ends[piece - 1].modal_um)))
+        return first, last, refine(solve, ends, settings.tolerance_um, settings.max_knots, smooth=smooth)
+
+    def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row) -> Moment:
+        """Predict, ask the scene, evaluate the modes and solve, for one instant."""
+        settings = self._settings
+        places = [self._place(key, t_ns) for key in keys]
+        phi = [self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
+        targets_um = tuple([target_um for _, _, target_um in places])
+        modal_um, limited = solve_fast(
+            tuple(phi), targets_um, settings.w_limit_um, previous_um, settings.policy, settings.effort
+        )
+        if limited and settings.fade > 0.0:
+            modal_um = _faded(phi, targets_um, modal_um, settings.fade)
+        self.counters.solves += 1
+        return Moment(places, phi, modal_um, limited)
+
+    def _place(self, key: Key, t_ns: int) -> Place:
+        if isinstance(key, str):
+            x_mm, y_mm = self._scene.virtual_position_mm(key, t_ns)
+        else:
+            t_latest_ns = self._t_sample_ns + MAX_HORIZON_NS
+            x_mm, y_mm = self._predictors[key].predict(t_ns if t_ns < t_latest_ns else t_latest_ns)
+        target_um = self._scene.amplitude_um(key, x_mm, y_mm)
+        return Place(x_mm, y_mm, 0.0 if target_um is None else target_um)
+
+    def _pieces(self, keys: Sequence[Key], moved_mm: Sequence[float]) -> tuple[int, bool]:
+        """Into how many spans the textures ask to cut the way before it is looked at, and whether they are smooth."""
+        pieces, smooth = 1.0, True
+        for key, way_mm in zip(keys, moved_mm, strict=True):
+            finest_mm, is_smooth = self._scene.detail(key)
+            if way_mm > pieces * finest_mm:
+                pieces = way_mm / finest_mm
+            smooth = smooth and is_smooth
+        return math.ceil(min(pieces, self._settings.max_knots - 1, self._settings.cover_ns / SHORTEST_NS)), smooth
+
+    def _bend_um(self, ends: Sequence[Step], moved_mm: Sequence[float]) -> float:
+        """At most by how much a chord can err over so short a way: W (steepness * way)^2 / 8."""
+        largest_um = max([max(map(abs, modal_um)) for _, modal_um in ends])
+        return largest_um * (self._steepness_1_mm * sum(moved_mm)) ** 2 / 8.0
+
+    def _still(self, keys: list[Key], t_apply_ns: int, t_plate_ns: int) -> list[Place] | None:
         """Where the fingers are when the frame begins, if the last reference has come to rest and they are, from then
         to the frame's end, where it was made for: then it stands."""
         standing = self._standing_places
-        if not self._is_told or len(standing) != len(keys) or t_apply_ns < self._t_settled_ns:
+        if not self._is_told or self._standing_keys != keys or t_apply_ns < self._t_settled_ns:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
-        first, last = ([self._place(key, t_ns) for key in keys] for t_ns in span_ns)
-        for now, was in zip((*first, *last), (*standing, *standing), strict=True):
-            moved_um = steepness_um_mm * math.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm)
-            if now.key != was.key or now.target_um != was.target_um or not moved_um <= self._settings.tolerance_um:
-                return None
-        return first
+        first: list[Place] = []
+        for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns):
+            for key, was in zip(keys, standing, strict=True):
+                now = self._place(key, t_ns)
+                moved_um = steepness_um_mm * math.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm)
+                if now.target_um != was.target_um or not moved_um <= self._settings.tolerance_um:
+                    return None
+                first.append(now)
+        return first[: len(keys)]
 
-    def _solve(
-        self,
-        phi: Sequence[tuple[tuple[float, ...], ...]],
-        track: Sequence[Sequence[Place]],
-        previous_um: tuple[float, ...],
-    ) -> tuple[list[tuple[float, ...]], bool]:
-        """Modal amplitudes knot by knot, each as near to the one before as its finger's wishes leave free."""
-        settings = self._settings
-        modal_um, any_limited = [], False
-        for rows, places in zip(phi, track, strict=True):
-            targets_um = tuple(place.target_um for place in places)
-            previous_um, limited = solve_fast(
-                rows, targets_um, settings.w_limit_um, previous_um, settings.policy, settings.effort
-            )
-            if limited and settings.fade > 0.0:
-                previous_um = _faded(rows, targets_um, previous_um, settings.fade)
-            modal_um.append(previous_um)
-            any_limited |= limited
-        self.counters.solves += len(modal_um)
-        self.counters.limited += any_limited
-        return modal_um, any_limited
-
-    def _standing_um(self, t_ns: int) -> tuple[float, ...]:
+    def _standing_um(self, t_ns: int) -> Row:
         """The standing polyline at `t_ns`: what the new one continues."""
         drive = self._standing
-        before = drive.knots[0]
-        for after in drive.knots[1:]:
-            span_ns = after.dt_ns - before.dt_ns
-            share = (t_ns - drive.t_apply_ns - before.dt_ns) / span_ns
-            if share < 1.0:
-                share = max(share, 0.0)
-                pairs = zip(before.modal_um, after.modal_um, strict=True)
-                return tuple(a.real + (b.real - a.real) * share for a, b in pairs)
-            before = after
-        return tuple(w_um.real for w_um in before.modal_um)
+        since_ns = t_ns - drive.t_apply_ns
+        before_ns, before_um = drive.knots[0]
+        for after_ns, after_um in drive.knots[1:]:
+            if since_ns < after_ns:
+                share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
+                pairs = zip(before_um, after_um, strict=True)
+                return tuple([a.real + (b.real - a.real) * share for a, b in pairs])
+            before_ns, before_um = after_ns, after_um
+        return tuple([w_um.real for w_um in before_um])
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool
@@ -297,9 +323,7 @@ class Pipeline:
         self._released.discard(finger_id)
 
 
-def _faded(
-    rows: Sequence[Sequence[float]], targets_um: Sequence[float], modal_um: tuple[float, ...], fade: float
-) -> tuple[float, ...]:
+def _faded(rows: Sequence[Row], targets_um: Row, modal_um: Row, fade: float) -> Row:
     """Less amplitude where the limit leaves a slippery finger only a share of its target: that share to `fade`.
 
     Near a singular position the slippery finger gets next to nothing from modes at their limits, and the sticky one
@@ -308,41 +332,44 @@ def _faded(
     """
     if 0.0 not in targets_um:
         return modal_um
-    shares = [
-        abs(sum(phi * w_um for phi, w_um in zip(row, modal_um, strict=True))) / target_um
-        for row, target_um in zip(rows, targets_um, strict=True)
-        if target_um > 0.0
-    ]
-    scale = min(min(shares, default=1.0), 1.0) ** fade
-    return tuple(w_um * scale for w_um in modal_um)
+    share = 1.0
+    for row, target_um in zip(rows, targets_um, strict=True):
+        if target_um > 0.0:
+            share = min(share, _amplitude_um(row, modal_um) / target_um)
+    scale = share**fade
+    return tuple([w_um * scale for w_um in modal_um])
+
+
+def _amplitude_um(row: Row, modal_um: Row) -> float:
+    """What a finger gets of the modes: |w_i|."""
+    w_um = 0.0
+    for phi, mode_um in zip(row, modal_um, strict=True):
+        w_um += phi * mode_um
+    return abs(w_um)
 
 
 def _settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
     """From when on a polyline is within the tolerance of its last knot: at once, or when it gets there."""
-    last = drive.knots[-1]
-    is_flat = all(
-        abs(w_um - last_um) <= tolerance_um
-        for knot in drive.knots
-        for w_um, last_um in zip(knot.modal_um, last.modal_um, strict=True)
-    )
-    return drive.t_apply_ns if is_flat else drive.t_apply_ns + last.dt_ns
+    last_ns, last_um = drive.knots[-1]
+    for _, modal_um in drive.knots:
+        for w_um, end_um in zip(modal_um, last_um, strict=True):
+            if not abs(w_um - end_um) <= tolerance_um:
+                return drive.t_apply_ns + last_ns
+    return drive.t_apply_ns
 
 
 def _moved(point: TouchPoint, now: Place) -> TouchPoint:
     """A finger that moved while the reference stood: by less than matters, or any way while all is still."""
-    return replace(point, x_mm=now.x_mm, y_mm=now.y_mm, end_x_mm=now.x_mm, end_y_mm=now.y_mm)
+    x_mm, y_mm, _ = now
+    return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
 
 
-def _points(
-    first: Sequence[Place], last: Sequence[Place], rows: Sequence[Sequence[float]], modal_um: Sequence[float]
-) -> tuple[TouchPoint, ...]:
+def _points(keys: Sequence[Key], first: Moment, last: Moment) -> tuple[TouchPoint, ...]:
     """The fingers at a frame's first knot, with the amplitude that the solved modes give each there."""
-    return tuple(
-        TouchPoint(
-            *start,
-            achieved_um=abs(sum(phi * w_um for phi, w_um in zip(row, modal_um, strict=True))),
-            end_x_mm=end.x_mm,
-            end_y_mm=end.y_mm,
-        )
-        for start, end, row in zip(first, last, rows, strict=True)
-    )
+    points = []
+    for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), row in zip(
+        keys, first.places, last.places, first.phi, strict=True
+    ):
+        achieved_um = _amplitude_um(row, first.modal_um)
+        points.append(TouchPoint(key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
+    return tuple(points)

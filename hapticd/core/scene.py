@@ -6,12 +6,12 @@ the finger up. Nothing outlives its owner: a client that falls silent leaves a s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
 from ..values import AmplitudeTarget, ClientTargets, FrictionTarget, Target, VirtualPath
 from .paths import Walk
-from .targets import DEFAULT_FRICTION_CURVE, FrictionCurve, Texture, highest_um, texture
+from .targets import DEFAULT_FRICTION_CURVE, NO_DETAIL, Detail, FrictionCurve, Texture, detail, highest_um, texture
 
 __all__ = ["DEFAULT_FRICTION_CURVE", "MAX_CLIENTS", "MAX_VIRTUALS", "FrictionCurve", "Scene", "Virtual"]
 
@@ -38,10 +38,11 @@ class _Held:
     t_expires_ns: int
     target: Target | None
     texture: Texture | None
+    detail: Detail
     walk: Walk | None
 
 
-_UNHELD = _Held(owner="", t_expires_ns=0, target=None, texture=None, walk=None)
+_UNHELD = _Held(owner="", t_expires_ns=0, target=None, texture=None, detail=NO_DETAIL, walk=None)
 
 
 class Scene:
@@ -94,6 +95,8 @@ class Scene:
 
     def expire(self, t_ns: int) -> tuple[Key, ...]:
         """Release what has run out by `t_ns`. Returns all fingers released since the last call, however that was."""
+        if not self._held and not self._released:
+            return ()
         self._drop_expired(t_ns)
         released = tuple(self._released)
         self._released.clear()
@@ -121,6 +124,11 @@ class Scene:
         held = self._held.get(key)
         return None if held is None or held.texture is None else held.texture(x_mm, y_mm)
 
+    def detail(self, key: Key) -> Detail:
+        """How closely a finger's texture must be looked at."""
+        held = self._held.get(key)
+        return NO_DETAIL if held is None else held.detail
+
     def virtuals(self, t_ns: int) -> tuple[Virtual, ...]:
         """The virtual fingers at `t_ns`, in the order in which they came."""
         return tuple(
@@ -133,13 +141,24 @@ class Scene:
         """The names of `virtuals`."""
         return tuple(name for name, held, _ in self._walking() if t_ns < held.t_expires_ns)
 
+    def wanted(self, finger_ids: Iterable[int], released: Container[Key], t_ns: int) -> list[Key]:
+        """Whom to solve for at `t_ns`: of these fingers those with a target or released from one, and the virtual
+        fingers with a target, in the order in which they came."""
+        held = self._held
+        keys: list[Key] = []
+        for finger_id in finger_ids:
+            mine = held.get(finger_id)
+            if (mine is not None and mine.target is not None) or finger_id in released:
+                keys.append(finger_id)
+        if len(held) > len(keys):
+            for name, virtual, _ in self._walking():
+                if virtual.target is not None and t_ns < virtual.t_expires_ns:
+                    keys.append(name)
+        return keys
+
     def virtual_position_mm(self, name: str, t_ns: int) -> tuple[float, float]:
         """Where a virtual finger is at any instant, also one to come. Raises KeyError where there is none."""
         return self._walk_of(name).position_mm(t_ns)
-
-    def virtual_speed_mm_s(self, name: str) -> float:
-        """The speed at which a virtual finger walks; 0 where it rests. Raises KeyError where there is none."""
-        return self._walk_of(name).speed_mm_s
 
     # --- ownership ---
 
@@ -174,6 +193,7 @@ class Scene:
             t_expires_ns=t_ns + message.ttl_ns,
             target=target,
             texture=before.texture if before.target == target else self._texture(target),
+            detail=detail(target, self._plate_size_mm),
             walk=_walk(path, t_ns, before.walk),
         )
 

@@ -12,6 +12,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from ..values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
 
@@ -73,6 +74,31 @@ class FrictionCurve:
 
 
 DEFAULT_FRICTION_CURVE = FrictionCurve.exponential()
+
+
+class Detail(NamedTuple):
+    """How closely a texture must be looked at along a path: corners hide at no more than `finest_mm` from each other,
+    and where it is not `smooth`, it has some."""
+
+    finest_mm: float
+    smooth: bool
+
+
+NO_DETAIL = Detail(math.inf, True)
+_PIECES_PER_WAVE = 4.0  # a smooth wave shows its curvature in the middle of a quarter of it
+
+
+def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
+    """What a target's texture holds between two places."""
+    match target:
+        case GratingTarget(period_mm, duty_frac=0.0):
+            return Detail(period_mm / _PIECES_PER_WAVE, True)
+        case GratingTarget(period_mm, duty_frac=duty_frac):
+            return Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
+        case MapTarget(width, height):
+            return Detail(min(plate_size_mm[0] / max(width - 1, 1), plate_size_mm[1] / max(height - 1, 1)), False)
+        case _:
+            return NO_DETAIL
 
 
 def highest_um(target: Target, curve: FrictionCurve) -> float:

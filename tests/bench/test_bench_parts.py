@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import firmware, leak, modes, prediction, solver, solver_tracks, stability, tick
+from hapticd.bench import firmware, knots, leak, modes, prediction, solver, solver_tracks, stability, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.stopwatch import STAGES, Stopwatch
 from hapticd.bench.tables import UNITS, Table, plain, render
@@ -25,6 +25,7 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
         solver.run(problems=120, repeats=1, timed=5),
         *solver_tracks.run(strokes=6, repeats=1, pairs=60, calls=1),
     ),
+    "knots": lambda: knots.run(seconds=0.3, repeats=1),
     "stability": lambda: stability.run(problems=5, steps=10_000),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=SWAPS),),
@@ -72,6 +73,14 @@ def test_an_outside_spline_agrees_with_ours() -> None:
     (table,) = part("modes")
     outside = figure(table, "RectBivariateSpline, fitted map", "leak_um_per_um")
     assert outside == pytest.approx(figure(table, modes.DEFAULT, "leak_um_per_um"), rel=0.02)
+
+
+def test_adaptive_knots_err_several_times_less_than_the_staircase_and_send_less_than_dense_ones() -> None:
+    for table in part("knots"):
+        ours, steps = figure(table, knots.DEFAULT, "error_um"), figure(table, "a step a report", "error_um")
+        assert ours < steps / 4
+        bytes_sent = figure(table, knots.DEFAULT, "frame_bytes_count")
+        assert bytes_sent < figure(table, "dense, 0.7 ms", "frame_bytes_count")
 
 
 def test_the_default_predictor_errs_least_on_every_motion() -> None:

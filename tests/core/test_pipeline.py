@@ -12,7 +12,16 @@ from hapticd.core.modes import ModeShapes
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.prediction import make_predictor
 from hapticd.core.scene import Scene
-from hapticd.values import AmplitudeTarget, ClientTargets, Contact, Target, Tick, TouchFrame, VirtualPath
+from hapticd.values import (
+    AmplitudeTarget,
+    ClientTargets,
+    Contact,
+    GratingTarget,
+    Target,
+    Tick,
+    TouchFrame,
+    VirtualPath,
+)
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000
@@ -175,9 +184,30 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
             between = [(a + b) / 2 for a, b in zip(before.modal_um, after.modal_um, strict=True)]
             got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), between, strict=True)))
             assert abs(got_um - 1.0) < 3 * 0.005 or tick.limited
+        assert bench.pipeline.counters.knots == len(knots)
+        assert bench.pipeline.counters.skipped_knots == 16 - len(knots)
     assert counts == sorted(counts)
     assert counts[0] == 2
     assert counts[-1] > 4
+
+
+def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
+    path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), 100.0, loop=True)
+    square = GratingTarget(period_mm=2.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.5)
+    counts = {}
+    for name, target in (("constant", AmplitudeTarget(1.0)), ("square", square)):
+        bench = Bench()
+        bench.want({"walker": target}, {"walker": path})
+        bench.t_ns += 150 * MS
+        tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
+        assert tick.drive is not None
+        counts[name] = len(tick.drive.knots)
+        for knot in tick.drive.knots:
+            here_mm = bench.scene.virtual_position_mm("walker", tick.drive.t_apply_ns + knot.dt_ns)
+            wanted_um = bench.scene.amplitude_um("walker", *here_mm)
+            got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), knot.modal_um, strict=True)))
+            assert got_um == pytest.approx(wanted_um, abs=1e-9) or tick.limited
+    assert counts["square"] > 2 * counts["constant"]
 
 
 def test_a_virtual_finger_takes_part_where_it_will_be() -> None:

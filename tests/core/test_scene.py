@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -191,7 +193,6 @@ def test_a_virtual_finger_walks_and_feels() -> None:
     assert scene.virtual_names(T0_NS + TTL_NS - 1) == ("ghost",)
     assert scene.virtual_names(T0_NS + TTL_NS) == ()  # though nobody swept yet
     assert scene.virtual_position_mm("ghost", T0_NS + 800_000_000) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert scene.virtual_speed_mm_s("ghost") == 50.0
     assert scene.amplitude_um("ghost", 0.0, 0.0) == 0.0
 
 
@@ -239,9 +240,20 @@ def test_the_plate_serves_only_so_many_virtual_fingers_and_refreshing_them_needs
 def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error() -> None:
     scene = a_scene()
     scene.apply(wants("a", {1: STILL}), T0_NS)
-    for ask in (lambda: scene.virtual_position_mm("nobody", T0_NS), lambda: scene.virtual_speed_mm_s("nobody")):
-        with pytest.raises(KeyError):
-            ask()
+    with pytest.raises(KeyError):
+        scene.virtual_position_mm("nobody", T0_NS)
+
+
+def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at() -> None:
+    scene = a_scene()
+    square = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
+    sine = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
+    scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
+    assert scene.wanted((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
+    assert scene.wanted((), (), T0_NS + TTL_NS) == []
+    assert scene.detail(1) == scene.detail("nobody") == (math.inf, True)
+    assert scene.detail(2) == (1.0, False)
+    assert scene.detail(5) == (1.0, True)
 
 
 # --- whatever clients do ----------------------------------------------------------------------------------------

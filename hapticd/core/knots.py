@@ -1,0 +1,79 @@
+"""As few knots as the tolerance needs: a polyline through modal amplitudes, refined where a chord would miss them.
+
+Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8 at most, in the middle of a smooth
+piece: so the middle is looked at, and becomes a knot if the chord misses it. A half then errs by a quarter, and is
+taken as it is where that is within the tolerance; beside an inflection, or the corner where a mode meets its limit, it
+may err by a little more.
+Where the wish itself has corners (a square grating's edges, a map's pixels) nothing is taken for granted and every half
+is looked at in turn, down to the board's own pace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+Row = tuple[float, ...]
+Solve = Callable[[int, Row], Row]  # an instant after the first knot, and the amplitudes before it: those there
+
+SHORTEST_NS = 500_000  # the board's control tick: a finer polyline is never seen
+GRAIN_NS = 4_000  # the wire's unit of time
+
+
+class Step(NamedTuple):
+    """One knot: when, after the first, and the modal amplitudes (M,) there."""
+
+    dt_ns: int
+    modal_um: Row
+
+
+class _Miss(NamedTuple):
+    """A chord that misses its middle, by how much, and the knots around it."""
+
+    error_um: float
+    left: Step
+    middle: Step
+    right: Step
+
+
+def refine(solve: Solve, start: Sequence[Step], tolerance_um: float, most: int, *, smooth: bool) -> list[Step]:
+    """`start` (two knots or more, in order) and what must lie between, `most` knots in all; the worst chords first.
+
+    `solve(dt_ns, modal_um)` gives the amplitudes at an instant, continuing those of the knot to its left. `smooth`
+    promises that no span of `start` hides a corner or a whole wave.
+    """
+    knots = list(start)
+    spans = [(knots[i], knots[i + 1]) for i in range(len(knots) - 1)]
+    settled_um = 4.0 * tolerance_um if smooth else 0.0
+    while spans and len(knots) < most:
+        misses = [miss for left, right in spans if (miss := _missed(solve, left, right, tolerance_um)) is not None]
+        room = most - len(knots)
+        if len(misses) > room:
+            misses = sorted(misses, key=_severity)[:room]
+        spans = []
+        for error_um, left, middle, right in misses:
+            knots.append(middle)
+            if error_um > settled_um:
+                spans += ((left, middle), (middle, right))
+    if len(knots) > len(start):
+        knots.sort()
+    return knots
+
+
+def _missed(solve: Solve, left: Step, right: Step, tolerance_um: float) -> _Miss | None:
+    span_ns = right[0] - left[0]
+    if span_ns < 2 * SHORTEST_NS:
+        return None
+    half_ns = span_ns // (2 * GRAIN_NS) * GRAIN_NS
+    middle_um = solve(left[0] + half_ns, left[1])
+    share = half_ns / span_ns
+    error_um = 0.0
+    for before_um, here_um, after_um in zip(left[1], middle_um, right[1], strict=True):
+        miss_um = abs(here_um - before_um - share * (after_um - before_um))
+        if miss_um > error_um:
+            error_um = miss_um
+    return _Miss(error_um, left, Step(left[0] + half_ns, middle_um), right) if error_um > tolerance_um else None
+
+
+def _severity(miss: _Miss) -> tuple[float, int]:
+    return -miss.error_um, miss.left.dt_ns
