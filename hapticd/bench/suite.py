@@ -23,7 +23,7 @@ Part = Callable[[float], tuple[Table, ...]]  # takes the seconds of paced passes
 
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
-    "prediction": lambda _: (prediction.run(),),
+    "prediction": lambda _: prediction.run(),
     "solver": lambda _: (solver.run(),),
     "tick": lambda seconds: tick.run(seconds=seconds),
     "leak": lambda _: (leak.run(),),

@@ -60,7 +60,7 @@ def test_every_gain_from_the_second_sample_on_is_exact(
     exact = exact_gains(period_s, order, density, noise_mm, 60)
     ours = kalman_gains([period_s], [density], noise_mm, order, steps=60)[:, 0, 0].tolist()
     for gain, expected in zip(ours, exact, strict=True):
-        assert gain == pytest.approx(expected, rel=1e-7)
+        assert gain == pytest.approx(expected, rel=1e-9)
 
 
 @moving_models
