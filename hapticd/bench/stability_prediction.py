@@ -62,7 +62,8 @@ def origins() -> Rows:
 def intervals() -> Rows:
     """A sample that comes at once, a microsecond later or after ten seconds: how far the worst predictor is thrown.
 
-    It strays by 0.1 mm, so that it is no stale duplicate. Measured against where the finger was said to be without that sample, or, after a pause, against the sample.
+    It strays by 0.1 mm, so that it is no stale duplicate. Measured against where the finger was said to be without
+    that sample, or, after a pause, against the sample.
     """
     played = touch(MOTIONS["straight"], 1)
     t_ns, x_mm, y_mm = played.samples[-1]

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import HapticdError
-from . import firmware, leak, modes, prediction, solver, tick
+from . import firmware, leak, modes, prediction, remains, solver, tick
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
@@ -26,7 +26,7 @@ PARTS: dict[str, Part] = {
     "prediction": lambda _: prediction.run(),
     "solver": lambda _: (solver.run(),),
     "tick": lambda seconds: tick.run(seconds=seconds),
-    "leak": lambda _: (leak.run(),),
+    "leak": lambda _: (leak.run(), remains.run()),
     "firmware": lambda _: firmware.run(),
 }
 
