@@ -25,10 +25,14 @@ PREDICTOR_NAMES = (
     "hold",
     "linear",
     "alpha_beta",
+    "alpha_beta_gamma",
     "double_exponential",
     "one_euro_linear",
     "least_squares",
+    "kalman_cv",
     "kalman_ca",
+    "kalman_singer",
+    "kalman_jerk",
 )
 POLICY_NAMES = ("keep_zero", "keep_ratio", "least_squares", "priority", "paper")
 SCENARIO_NAMES = (

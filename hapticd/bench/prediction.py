@@ -1,106 +1,209 @@
-"""Where a finger will be: every predictor's error at two horizons, and what an update and a prediction cost.
+"""Where a finger will be: every predictor's error on many motions, and what an update and a prediction cost.
 
-Samples as the pad gives them: 88.9 Hz, 0.05 mm of noise on each axis, positions in steps of 0.02 mm, stamps off by up
-to 1 ms. The error is the distance, RMS, from the prediction to where the finger truly is.
+The error is the distance, RMS, from the prediction to where the finger truly is 15 ms after the sampling, on the
+motions of `motions`. Beside the predictors that one can choose stand the default without its parts, numpy's own
+least-squares parabola, and the best linear filter of each single motion, fitted to it on other seeds: a bound for what
+does not know which motion it sees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
-from ..core.prediction import PREDICTORS, Recipe
-from ..sim.fingers import Path, Rest, Strokes
+from ..core.prediction import PREDICTORS, Predictor, Recipe
+from ..core.prediction_motion import QuadraticMotion, Sample
+from ..sim.fingers import Reach
+from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, FloatArray, Motion, Touch, touch
 from .tables import Table, finite_rows
-from .timing import REPEATS, compare
+from .timing import REPEATS, Timing, compare
 
-FloatArray = npt.NDArray[np.float64]
-Samples = list[tuple[int, float, float]]
-
-PERIOD_S = 0.01125
-NOISE_MM, STEP_MM, STAMP_ERROR_S = 0.05, 0.02, 1e-3
-HORIZONS_MS = (15, 25)
-WARM_UP = 20  # samples after landing that are not judged: the start has its own tests
-SPEED_MM_S = 100.0
 DEFAULT = "default"
-AHEAD_NS = 15_000_000
+BOUND = "Wiener filter of each motion"
+AHEAD_S, FAR_AHEAD_S = 0.015, 0.025
+_TAPS = 20
+_FITTED_SEEDS = range(50, 54)
+
+Make = Callable[[], Predictor]
 
 
-@dataclass(frozen=True)
-class Straight:
-    """A finger that goes straight on for ever."""
-
-    start_mm: tuple[float, float] = (-50.0, -30.0)
-    velocity_mm_s: tuple[float, float] = (82.5, 56.5)
-
-    def position_mm(self, t_s: FloatArray) -> FloatArray:
-        way_mm: FloatArray = t_s[:, np.newaxis] * np.asarray(self.velocity_mm_s)
-        return np.asarray(self.start_mm) + way_mm
-
-
-def run(*, seeds: Sequence[int] = (1, 2, 3, 4), seconds: float = 6.0, repeats: int = REPEATS) -> Table:
-    """Compare all predictors on touches of `seconds`, one for each motion and seed."""
-    motions: dict[str, Callable[[int], Path]] = {
-        "strokes": lambda seed: Strokes(seed, SPEED_MM_S),
-        "straight": lambda _: Straight(),
-        "rest": lambda seed: Rest((21.7, -8.3), tremor_mm=0.02, seed=seed),
-    }
-    touches = {motion: [_sense(path(seed), seconds, seed) for seed in seeds] for motion, path in motions.items()}
-    samples = touches["strokes"][0][0]
-    times = compare({name: (_timed(recipe, samples), len(samples)) for name, recipe in PREDICTORS.items()}, repeats)
+def run(*, seeds: Sequence[int] = range(6), repeats: int = REPEATS) -> tuple[Table, Table]:
+    """Compare all predictors on a touch of each motion and seed: on strokes and slides, and where the finger turns."""
+    touches = {name: [touch(motion, seed) for seed in seeds] for name, motion in MOTIONS.items()}
+    update, query = _times(touches["strokes"][0], repeats)
     rows = []
-    for name, recipe in PREDICTORS.items():
-        errors = {
-            f"{motion}_{horizon_ms}ms_mm": _rms_mm([_errors_mm(recipe, *touch, horizon_ms * 1e-3) for touch in played])
-            for motion, played in touches.items()
-            for horizon_ms in HORIZONS_MS
-        }
-        rows.append((name, {**times[name].figures(), **errors}))
-    return Table(
-        name="prediction",
-        title="prediction: RMS distance to the true position, on strokes of 10 cm/s, straight slides and at rest",
-        default=DEFAULT,
-        rows=finite_rows(rows),
-        compared=("time_us", "strokes_15ms_mm"),
-        time="time_us",
-        error="strokes_15ms_mm",
-        notes=("time: one update and one prediction of one finger",),
+    for name, make in alternatives().items():
+        errors = {f"{motion}_mm": rms_mm(make, motion, played) for motion, played in touches.items()}
+        errors["strokes_25ms_mm"] = rms_mm(make, "strokes", touches["strokes"], FAR_AHEAD_S)
+        errors["overshoot_mm"] = overshoot_mm(make, touches["reach"])
+        rows.append((name, {**update[name].figures(), **query[name].figures("query"), **errors}))
+    rows.append((BOUND, {f"{name}_mm": _wiener_mm(motion, touches[name]) for name, motion in MOTIONS.items()}))
+    strokes = ("time_us", "time_spread_us", "query_us", *_columns(STROKES), "strokes_25ms_mm")
+    return (
+        Table(
+            name="prediction",
+            title="prediction: RMS distance to the true position 15 ms ahead, on strokes, slides and at rest",
+            default=DEFAULT,
+            rows=finite_rows([(name, _some(figures, strokes)) for name, figures in rows]),
+            compared=("time_us", "strokes_mm"),
+            time="time_us",
+            error="strokes_mm",
+            notes=(
+                "time: one update and one prediction of one finger; query: the prediction alone",
+                "strokes, slide, straight: 10 cm/s, fast 20 and 30; noise 0.05 mm, quiet 0.02; strokes 25ms: that far",
+            ),
+        ),
+        Table(
+            name="prediction_turns",
+            title="prediction: the same where a finger turns or stops",
+            default=DEFAULT,
+            rows=finite_rows(
+                [(name, _some(figures, ("time_us", *_columns(TURNS), "overshoot_mm"))) for name, figures in rows]
+            ),
+            compared=("time_us", "reach_mm"),
+            time="time_us",
+            error="reach_mm",
+            notes=(
+                "sines of 10, 20, 40 cm/s at most, circles of 15 and 30 cm/s, a stop from 10 cm/s in 40 ms",
+                "overshoot: mean of the farthest prediction beyond a reach's end, the noise's share in it",
+            ),
+        ),
     )
 
 
-def _sense(path: Path, seconds: float, seed: int) -> tuple[Samples, FloatArray, Path]:
-    """What the pad says of a finger, when each sample was truly taken, and the finger's path."""
-    rng = np.random.default_rng([seed, 5])
-    sampled_s = np.asarray(PERIOD_S * (np.arange(round(seconds / PERIOD_S)) + rng.uniform()), np.float64)
-    noisy_mm = path.position_mm(sampled_s) + NOISE_MM * rng.standard_normal((len(sampled_s), 2))
-    seen_mm = STEP_MM * np.round(noisy_mm / STEP_MM)
-    stamps_s = sampled_s + rng.uniform(-STAMP_ERROR_S, STAMP_ERROR_S, len(sampled_s))
-    stamps_ns: list[int] = np.rint(stamps_s * 1e9).astype(np.int64).tolist()
-    return [(t_ns, x, y) for t_ns, (x, y) in zip(stamps_ns, seen_mm.tolist(), strict=True)], sampled_s, path
+def alternatives() -> dict[str, Make]:
+    """How to make a predictor of each kind, by name."""
+    return {
+        **PREDICTORS,
+        "default, noise as given": partial(PREDICTORS[DEFAULT], noise_samples=0.0),
+        "default, stamps as given": partial(PREDICTORS[DEFAULT], stamp_error_ms=0.0),
+        "numpy polyfit": Recipe.of(NumpyParabola),
+    }
 
 
-def _errors_mm(recipe: Recipe, samples: Samples, sampled_s: FloatArray, path: Path, ahead_s: float) -> FloatArray:
-    predictor = recipe()
+def rms_mm(make: Make, motion: str, touches: Sequence[Touch], ahead_s: float = AHEAD_S) -> float:
+    """RMS error over the touches, the motion's warm-up left out."""
+    warm_up = MOTIONS[motion].warm_up
+    missed_mm = [(foretold_mm(make, one, ahead_s) - _truth_mm(one, ahead_s))[warm_up:] for one in touches]
+    return _rms_mm(missed_mm)
+
+
+def foretold_mm(make: Make, touched: Touch, ahead_s: float = AHEAD_S) -> FloatArray:
+    """(T, 2): after each sample, where the finger is said to be `ahead_s` after the sample was truly taken."""
+    predictor = make()
     foretold = []
-    for sample, t_s in zip(samples, sampled_s.tolist(), strict=True):
+    for sample, t_s in zip(touched.samples, touched.sampled_s.tolist(), strict=True):
         predictor.update(*sample)
         foretold.append(predictor.predict(round((t_s + ahead_s) * 1e9)))
-    missed_mm = np.array(foretold) - path.position_mm(sampled_s + ahead_s)
-    return np.hypot(missed_mm[:, 0], missed_mm[:, 1])[WARM_UP:]
+    return np.array(foretold)
 
 
-def _rms_mm(errors_mm: Sequence[FloatArray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(errors_mm) ** 2)))
+def overshoot_mm(make: Make, touches: Sequence[Touch]) -> float:
+    """How far beyond the end of a reach the farthest prediction goes, the mean over all ends."""
+    farthest_mm = []
+    for one in touches:
+        if not isinstance(one.path, Reach):
+            raise TypeError("overshoot is defined for reaches")
+        way_mm = np.subtract(one.path.end_mm, one.path.start_mm)
+        share = (foretold_mm(make, one) - one.path.start_mm) @ way_mm / (way_mm @ way_mm)
+        cycle_s = one.path.duration_s + REST_AFTER_REACH_S
+        legs = ((one.sampled_s + AHEAD_S) // cycle_s).astype(int)
+        for leg in range(1, int(legs.max())):
+            beyond = share[legs == leg] - 1.0 if leg % 2 == 0 else -share[legs == leg]
+            farthest_mm.append(float(beyond.max()) * math.hypot(*way_mm))
+    return float(np.mean(farthest_mm))
 
 
-def _timed(recipe: Recipe, samples: Samples) -> Callable[[], object]:
-    def follow() -> None:
-        predictor = recipe()
-        for t_ns, x_mm, y_mm in samples:
-            predictor.update(t_ns, x_mm, y_mm)
-            predictor.predict(t_ns + AHEAD_NS)
+class NumpyParabola(QuadraticMotion):
+    """The parabola through the last samples by numpy's own least squares, weighted as "least_squares" does."""
 
-    return follow
+    __slots__ = ("_samples",)
+    _WINDOW_S = 0.017
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=8)
+
+    def start(self, x_mm: float, y_mm: float) -> None:
+        self._samples.clear()
+        self._samples.append((0.0, x_mm, y_mm))
+        self._move(x_mm, y_mm, 0.0, 0.0)
+
+    def step(self, sample: Sample) -> None:
+        self._samples.append((self._samples[-1][0] + sample.interval_s, sample.x_mm, sample.y_mm))
+        t_s, x_mm, y_mm = np.array(self._samples).T
+        ages_s = t_s - t_s[-1]
+        degree = min(2, len(t_s) - 1)
+        weights = np.exp(ages_s / (2.0 * self._WINDOW_S))  # numpy squares its weights
+        fitted = np.polyfit(ages_s, np.stack((x_mm, y_mm), axis=-1), degree, w=weights)
+        (ax, ay), (vx, vy), (x, y) = np.vstack((np.zeros((2 - degree, 2)), fitted)).tolist()
+        self._move(x, y, vx, vy, 2.0 * ax, 2.0 * ay)
+
+
+def _wiener_mm(motion: Motion, touches: Sequence[Touch]) -> float:
+    """RMS error of the linear filter over the last samples that errs least on this motion's touches of other seeds."""
+    fitted = [_taps(touch(motion, seed), motion.warm_up) for seed in _FITTED_SEEDS]
+    taps, wanted_mm = (np.concatenate(parts) for parts in zip(*fitted, strict=True))
+    weights, *_ = np.linalg.lstsq(taps, wanted_mm, rcond=None)
+    missed_mm = []
+    for one in touches:
+        taps, wanted_mm = _taps(one, motion.warm_up)
+        missed_mm.append((taps @ weights - wanted_mm).reshape(2, -1).T)
+    return _rms_mm(missed_mm)
+
+
+def _taps(touched: Touch, warm_up: int) -> tuple[FloatArray, FloatArray]:
+    """For x, then y, of each sample: the ones before it (2T, taps) and what is to come (2T,), all relative to it."""
+    seen_mm = np.array([sample[1:] for sample in touched.samples])
+    first = max(warm_up, _TAPS)
+    windows = np.lib.stride_tricks.sliding_window_view(seen_mm, _TAPS + 1, axis=0)[first - _TAPS :]
+    ahead_mm = (_truth_mm(touched, AHEAD_S) - seen_mm)[first:]
+    before_mm = (windows - windows[..., -1:])[..., :-1]
+    return before_mm.swapaxes(0, 1).reshape(-1, _TAPS), ahead_mm.T.reshape(-1)
+
+
+def _truth_mm(touched: Touch, ahead_s: float) -> FloatArray:
+    return touched.path.position_mm(touched.sampled_s + ahead_s)
+
+
+def _times(touched: Touch, repeats: int) -> tuple[dict[str, Timing], dict[str, Timing]]:
+    """By name: an update with a prediction, and a prediction alone."""
+    samples = touched.samples
+    makes = alternatives()
+    whole = compare({name: (partial(_follow, make, samples), len(samples)) for name, make in makes.items()}, repeats)
+    ready = {name: make() for name, make in makes.items()}
+    for predictor in ready.values():
+        for sample in samples:
+            predictor.update(*sample)
+    t_ns = samples[-1][0] + round(AHEAD_S * 1e9)
+    asked = {name: (partial(_ask, predictor, t_ns, len(samples)), len(samples)) for name, predictor in ready.items()}
+    return whole, compare(asked, repeats)
+
+
+def _follow(make: Make, samples: Sequence[tuple[int, float, float]]) -> None:
+    predictor = make()
+    ahead_ns = round(AHEAD_S * 1e9)
+    for t_ns, x_mm, y_mm in samples:
+        predictor.update(t_ns, x_mm, y_mm)
+        predictor.predict(t_ns + ahead_ns)
+
+
+def _ask(predictor: Predictor, t_ns: int, times: int) -> None:
+    for _ in range(times):
+        predictor.predict(t_ns)
+
+
+def _rms_mm(missed_mm: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.sum(np.concatenate(missed_mm) ** 2, axis=1))))
+
+
+def _columns(motions: Mapping[str, Motion]) -> tuple[str, ...]:
+    return tuple(f"{name}_mm" for name in motions)
+
+
+def _some(figures: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    return {name: figures[name] for name in names if name in figures}

@@ -24,8 +24,10 @@ from ..core.solver_checks import Rows
 from ..core.solver_policies import POLICIES
 from ..sim.plate import PlateTruth
 from ..values import Drive, Knot
-from ..wire.device import FRAME_MAX, REFERENCE, encode_reference
+from ..wire.board_messages import FRAME_MAX
+from ..wire.device import encode_reference
 from ..wire.framing import FrameSplitter
+from ..wire.protocol import REFERENCE
 from .hard_problems import SITUATIONS, Problem, row_tuples
 from .modes import W_LIMIT_UM
 from .tables import Table, finite_rows

@@ -24,6 +24,7 @@ from . import (
     modes_fit,
     modes_scale,
     prediction,
+    remains,
     solver,
     solver_tracks,
     stability,
@@ -47,12 +48,12 @@ MOST_STEPS = 1_000_000_000  # half an hour
 
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(), modes_fit.run(), modes_contact.run(), modes_scale.run()),
-    "prediction": lambda _: (prediction.run(),),
+    "prediction": lambda _: prediction.run(),
     "solver": lambda _: (solver.run(), *solver_tracks.run()),
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(),),
+    "leak": lambda _: (leak.run(), remains.run()),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
 }
 

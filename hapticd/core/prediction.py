@@ -19,11 +19,17 @@ from functools import partial
 
 from .prediction_bank import ModelBank
 from .prediction_clock import SampleClock
+from .prediction_kalman import (
+    KalmanConstantAcceleration,
+    KalmanConstantJerk,
+    KalmanConstantVelocity,
+    KalmanSinger,
+)
 from .prediction_models import (
     AlphaBeta,
+    AlphaBetaGamma,
     DoubleExponential,
     Hold,
-    KalmanConstantAcceleration,
     LeastSquares,
     Linear,
     OneEuroLinear,
@@ -142,10 +148,14 @@ PREDICTORS: dict[str, Recipe] = {
     "hold": Recipe.of(Hold),
     "linear": Recipe.of(Linear),
     "alpha_beta": Recipe.of(AlphaBeta),
+    "alpha_beta_gamma": Recipe.of(AlphaBetaGamma),
     "double_exponential": Recipe.of(DoubleExponential),
     "one_euro_linear": Recipe.of(OneEuroLinear),
     "least_squares": Recipe.of(LeastSquares),
+    "kalman_cv": Recipe.of(KalmanConstantVelocity),
     "kalman_ca": Recipe.of(KalmanConstantAcceleration),
+    "kalman_singer": Recipe.of(KalmanSinger),
+    "kalman_jerk": Recipe.of(KalmanConstantJerk),
 }
 
 
@@ -154,8 +164,9 @@ def make_predictor(name: str = "default", **settings: float) -> Predictor:
 
     Settings common to all: the pad's nominal `period_ms` and how wrong that may be, `period_error_ms` (standard
     error); `stamp_error_ms`, the standard error of one time stamp, 0 to take stamps as they are. The default model
-    and "kalman_ca" add `noise_mm`, the standard error of one position on one axis: measure it, it matters most.
-    The very first default predictor of a (period, noise) takes some 10 ms to compute gains: make one at start-up.
+    and the Kalman filters add `noise_mm`, the standard error of one position on one axis: it matters most. The default
+    model takes it as a first guess and measures it. The very first default predictor of a (period, noise) takes some
+    0.2 s to compute gains: make one at start-up.
     """
     recipe = PREDICTORS.get(name)
     if recipe is None:

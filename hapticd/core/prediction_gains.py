@@ -1,111 +1,115 @@
-"""Kalman gains of the constant-acceleration model driven by white jerk, and the table of them that the bank uses.
+"""Kalman gains of the models in the bank, from a touch's second sample to the steady state.
 
-State (position, velocity, acceleration) of one axis, x(t+T) = x + vT + aT^2/2, process noise
-Q = q [[T^5/20, T^4/8, T^3/6], [T^4/8, T^3/3, T^2/2], [T^3/6, T^2/2, T]], one position measured with variance r^2
-(Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section 6.2.3). Gains do
-not depend on the data, so those of a regular sampler are computed once, from the first sample to the steady state.
+A model's order is the number of its states on one axis: 1 a random walk, 3 constant acceleration driven by white jerk,
+4 constant jerk driven by white snap. State x = (position, velocity, ...), transition F_ij = T^(j-i) / (j-i)!, process
+noise Q_ij = q T^k / (k (n-1-i)! (n-1-j)!) with k = 2n-1-i-j, one position measured with variance r^2 (Bar-Shalom, Li,
+Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section 6.2). Gains do not depend on the
+data, so those of regular samplers are computed once, for all intervals and densities together.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from functools import lru_cache
-from itertools import islice
 from typing import NamedTuple
 
-# White-jerk density of each moving model, mm^2/s^5: from a slow straight slide to a hard stop, 38 times apart.
-JERK_DENSITIES = (9.7e3, 3.7e5, 1.4e7, 5.2e8)
-REST_WALK_MM2_S = 1e-3  # a resting finger's position: random walk
+import numpy as np
+import numpy.typing as npt
 
-STARTUP_STEPS = 60  # by then every model is within 0.1 % of its steady gain
-_STEADY_STEPS = 800
-_STEADY_CHANGE = 1e-12  # relative, from one step to the next
+FloatArray = npt.NDArray[np.float64]
 
-# What is known of a finger that has just come down: it moves at some 10 cm/s, in any direction.
-_START_SPEED_VAR = 1e4  # mm^2/s^2
-_START_ACCELERATION_VAR = 1e5  # mm^2/s^4
+# Order and density of each model: a finger at rest (mm^2/s); white jerk of a straight slide, a hand's changes of speed
+# and a hard stop (mm^2/s^5); white snap of a slow bend, a circle and a fast one (mm^2/s^7). Fitted on slides, reaches,
+# circles, sines, stops and strokes together.
+MODELS = ((1, 1e-3), (3, 3e3), (3, 3.7e5), (3, 5.2e8), (4, 3e7), (4, 1.1e9), (4, 1.3e10))
 
+STEPS = 100  # by then every model that moves is within 0.1 % of its steady gain
 
-class Covariance(NamedTuple):
-    """Upper triangle of the covariance of (position, velocity, acceleration); mm and s."""
+# What is known of a finger that has just come down: it moves at some 10 cm/s, in any direction. Variances of velocity,
+# acceleration and jerk, mm and s.
+_START_VARIANCES = (1e4, 1e5, 1e7)
 
-    xx: float
-    xv: float
-    xa: float
-    vv: float
-    va: float
-    aa: float
+_FACTORIAL = (1, 1, 2, 6)
 
 
 class Gain(NamedTuple):
-    """What one mm of innovation adds to position, velocity (1/s), acceleration (1/s^2); its variance, mm^2."""
+    """What one mm of innovation adds to position, velocity (1/s), acceleration (1/s^2), jerk (1/s^3); its variance."""
 
     position: float
     velocity: float
     acceleration: float
+    jerk: float
     innovation_mm2: float
 
 
-def touchdown_covariance(noise_mm: float) -> Covariance:
-    """After the first sample of a touch."""
-    return Covariance(noise_mm * noise_mm, 0.0, 0.0, _START_SPEED_VAR, 0.0, _START_ACCELERATION_VAR)
+Rows = tuple[tuple[Gain, ...], ...]
 
 
-def riccati_step(p: Covariance, interval_s: float, jerk_density: float, noise_mm: float) -> tuple[Covariance, Gain]:
-    """Predict over `interval_s`, measure once: the covariance after, and the gain to measure with."""
-    t = interval_s
-    q = jerk_density * t
-    aa = p.aa + q
-    va = p.va + t * (p.aa + q / 2.0)
-    vv = p.vv + t * (2.0 * p.va + t * (p.aa + q / 3.0))
-    xa = p.xa + t * (p.va + t * (p.aa / 2.0 + q / 6.0))
-    xv = p.xv + t * (p.vv + p.xa + t * (1.5 * p.va + t * (p.aa / 2.0 + q / 8.0)))
-    xx = p.xx + t * (2.0 * p.xv + t * (p.vv + p.xa + t * (p.va + t * (p.aa / 4.0 + q / 20.0))))
-    noise = noise_mm * noise_mm
-    spread = xx + noise
-    k_x, k_v, k_a = xx / spread, xv / spread, xa / spread
-    left = noise / spread  # 1 - k_x, without its cancellation when the measurement is trusted
-    after = Covariance(left * xx, left * xv, left * xa, vv - k_v * xv, va - k_v * xa, aa - k_a * xa)
-    return after, Gain(k_x, k_v, k_a, spread)
+@lru_cache(maxsize=64)
+def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, ...]:
+    """For each interval the rows of gains, one per sample after the first, the last for all that follow.
 
-
-def moving_gains(period_s: float, jerk_density: float, noise_mm: float) -> Iterator[Gain]:
-    """Gains of the second, third, ... sample of a touch."""
-    p = touchdown_covariance(noise_mm)
-    while True:
-        p, gain = riccati_step(p, period_s, jerk_density, noise_mm)
-        yield gain
-
-
-def rest_gains(period_s: float, noise_mm: float) -> Iterator[Gain]:
-    """The same for a finger that does not move but for a slow random walk."""
-    noise = noise_mm * noise_mm
-    variance = noise
-    while True:
-        variance += REST_WALK_MM2_S * period_s
-        spread = variance + noise
-        yield Gain(variance / spread, 0.0, 0.0, spread)
-        variance *= noise / spread
-
-
-@lru_cache(maxsize=256)
-def bank_gains(period_s: float, noise_mm: float) -> tuple[tuple[Gain, ...], ...]:
-    """Rows of gains, one per sample after the first; the last row is the steady state.
-
-    A row holds the rest model's gain, then those of the moving models in the order of `JERK_DENSITIES`.
+    A row holds the gains in the order of `MODELS`. Takes some 20 ms the first time.
     """
-    moving = (moving_gains(period_s, density, noise_mm) for density in JERK_DENSITIES)
-    columns = [_from_start_to_steady(gains) for gains in (rest_gains(period_s, noise_mm), *moving)]
-    return tuple(zip(*columns, strict=True))
+    columns = np.concatenate(
+        [
+            kalman_gains(intervals_s, [density for order_, density in MODELS if order_ == order], noise_mm, order)
+            for order in sorted({order for order, _ in MODELS})
+        ],
+        axis=2,
+    )
+    return tuple(
+        tuple(tuple(Gain(*gain) for gain in row) for row in interval) for interval in columns.swapaxes(0, 1).tolist()
+    )
 
 
-def _from_start_to_steady(gains: Iterator[Gain]) -> list[Gain]:
-    column = list(islice(gains, STARTUP_STEPS))
-    steady = column[-1]
-    for later in islice(gains, _STEADY_STEPS - STARTUP_STEPS):
-        settled = math.isclose(later.position, steady.position, rel_tol=_STEADY_CHANGE)
-        steady = later
-        if settled:
-            break
-    return [*column, steady]
+def kalman_gains(
+    intervals_s: Sequence[float], densities: Sequence[float], noise_mm: float, order: int, steps: int = STEPS
+) -> FloatArray:
+    """Gains (steps, intervals, densities, 5), from the second sample of a touch on; the fields are `Gain`'s."""
+    transition, process = process_model(np.asarray(intervals_s)[:, None], np.asarray(densities), order)
+    covariance = start_covariance(noise_mm, order)
+    noise_mm2 = noise_mm * noise_mm
+    gains = np.zeros((steps, len(intervals_s), len(densities), 5))
+    for step in gains:
+        covariance, gain, spread = riccati_step(covariance, transition, process, noise_mm2)
+        step[..., :order] = gain
+        step[..., 4] = spread
+    return gains
+
+
+def riccati_step(
+    covariance: FloatArray, transition: FloatArray, process: FloatArray, noise_mm2: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Predict, then measure a position: covariance (..., n, n) after, gain (..., n), innovation variance (...)."""
+    ahead = transition @ covariance @ transition.swapaxes(-1, -2) + process
+    spread = ahead[..., 0, 0] + noise_mm2
+    gain = ahead[..., 0] / spread[..., None]
+    after = ahead - gain[..., :, None] * ahead[..., None, 0, :]
+    after[..., 0, :] = after[..., :, 0] = (noise_mm2 / spread)[..., None] * ahead[
+        ..., 0
+    ]  # without 1 - k's cancellation
+    return after, gain, spread
+
+
+def start_covariance(noise_mm: float, order: int) -> FloatArray:
+    """(n, n) after the first sample of a touch."""
+    return np.diag([noise_mm * noise_mm, *_START_VARIANCES[: order - 1]])
+
+
+def process_model(
+    interval_s: float | FloatArray, density: float | FloatArray, order: int
+) -> tuple[FloatArray, FloatArray]:
+    """Transition and process noise (..., n, n) of intervals and densities that broadcast to (...)."""
+    powers = np.array([interval_s**power for power in range(2 * order)])
+    transition = np.zeros((*powers.shape[1:], order, order))
+    process = np.zeros((*np.broadcast_shapes(powers.shape[1:], np.shape(density)), order, order))
+    for i in range(order):
+        for j in range(order):
+            power = 2 * order - 1 - i - j
+            process[..., i, j] = (
+                density * powers[power] / (power * _FACTORIAL[order - 1 - i] * _FACTORIAL[order - 1 - j])
+            )
+            if j >= i:
+                transition[..., i, j] = powers[j - i] / _FACTORIAL[j - i]
+    return transition, process

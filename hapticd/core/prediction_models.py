@@ -10,7 +10,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from .prediction_gains import riccati_step, touchdown_covariance
 from .prediction_motion import QuadraticMotion, Sample, checked
 
 
@@ -62,6 +61,40 @@ class AlphaBeta(QuadraticMotion):
         ex, ey = sample.x_mm - x, sample.y_mm - y
         rate = self._beta / sample.interval_s
         self._move(x + self._alpha * ex, y + self._alpha * ey, self._vx + rate * ex, self._vy + rate * ey)
+
+
+class AlphaBetaGamma(QuadraticMotion):
+    """The alpha-beta-gamma filter: a least-squares parabola whose samples fade by `fading` each period.
+
+    Source: as `AlphaBeta`, section 1.3 (fading-memory g-h-k filter).
+    """
+
+    __slots__ = ("_alpha", "_beta", "_gamma")
+
+    def __init__(self, *, fading: float = 0.435) -> None:
+        super().__init__()
+        fading = checked("fading", fading, 0.0, 0.999)
+        self._alpha = 1.0 - fading**3
+        self._beta = 1.5 * (1.0 - fading) ** 2 * (1.0 + fading)
+        self._gamma = (1.0 - fading) ** 3
+
+    def start(self, x_mm: float, y_mm: float) -> None:
+        self._move(x_mm, y_mm, 0.0, 0.0)
+
+    def step(self, sample: Sample) -> None:
+        d = sample.interval_s
+        x, y = self.position(d)
+        vx, vy = self.velocity(d)
+        ex, ey = sample.x_mm - x, sample.y_mm - y
+        to_v, to_a = self._beta / d, self._gamma / (d * d)
+        self._move(
+            x + self._alpha * ex,
+            y + self._alpha * ey,
+            vx + to_v * ex,
+            vy + to_v * ey,
+            self._ax + to_a * ex,
+            self._ay + to_a * ey,
+        )
 
 
 class DoubleExponential(QuadraticMotion):
@@ -125,35 +158,6 @@ class OneEuroLinear(QuadraticMotion):
 
 def _low_pass_share(cutoff_hz: float, interval_s: float) -> float:
     return 1.0 / (1.0 + 1.0 / (2.0 * math.pi * cutoff_hz * interval_s))
-
-
-class KalmanConstantAcceleration(QuadraticMotion):
-    """One Kalman filter of constant acceleration with white jerk, with its covariance carried along."""
-
-    __slots__ = ("_covariance", "_jerk_density", "_noise_mm")
-
-    def __init__(self, *, jerk_density_mm2_s5: float = 1.56e7, noise_mm: float = 0.07) -> None:
-        super().__init__()
-        self._jerk_density = checked("jerk_density_mm2_s5", jerk_density_mm2_s5, 1.0, 1e12)
-        self._noise_mm = checked("noise_mm", noise_mm, 1e-4, 10.0)
-
-    def start(self, x_mm: float, y_mm: float) -> None:
-        self._covariance = touchdown_covariance(self._noise_mm)
-        self._move(x_mm, y_mm, 0.0, 0.0)
-
-    def step(self, sample: Sample) -> None:
-        self._covariance, gain = riccati_step(self._covariance, sample.interval_s, self._jerk_density, self._noise_mm)
-        x, y = self.position(sample.interval_s)
-        vx, vy = self.velocity(sample.interval_s)
-        ex, ey = sample.x_mm - x, sample.y_mm - y
-        self._move(
-            x + gain.position * ex,
-            y + gain.position * ey,
-            vx + gain.velocity * ex,
-            vy + gain.velocity * ey,
-            self._ax + gain.acceleration * ex,
-            self._ay + gain.acceleration * ey,
-        )
 
 
 class LeastSquares(QuadraticMotion):

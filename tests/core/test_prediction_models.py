@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from hapticd.core.prediction_bank import ModelBank
+from hapticd.core.prediction_gains import process_model
+from hapticd.core.prediction_kalman import (
+    KalmanConstantAcceleration,
+    KalmanConstantJerk,
+    KalmanConstantVelocity,
+    KalmanSinger,
+)
 from hapticd.core.prediction_models import (
     AlphaBeta,
+    AlphaBetaGamma,
     DoubleExponential,
     Hold,
-    KalmanConstantAcceleration,
     LeastSquares,
     Linear,
     OneEuroLinear,
@@ -41,7 +48,11 @@ def irregular_times(samples: int) -> list[float]:
         Linear(),
         AlphaBeta(),
         AlphaBeta(fading=0.6),
+        AlphaBetaGamma(),
+        KalmanConstantVelocity(),
         KalmanConstantAcceleration(),
+        KalmanSinger(),
+        KalmanConstantJerk(),
         LeastSquares(),
         ModelBank(period_ms=11.25),
     ],
@@ -56,7 +67,9 @@ def test_a_straight_line_is_continued_exactly(model: MotionModel) -> None:
 
 
 @pytest.mark.parametrize(
-    "model", [LeastSquares(), KalmanConstantAcceleration()], ids=lambda model: type(model).__name__
+    "model",
+    [LeastSquares(), AlphaBetaGamma(), KalmanConstantAcceleration(), KalmanConstantJerk(damping=1.0)],
+    ids=lambda model: type(model).__name__,
 )
 def test_a_parabola_is_continued_exactly(model: MotionModel) -> None:
     t_s = irregular_times(100)
@@ -149,3 +162,53 @@ def test_the_bank_changes_from_rest_to_motion_and_back_without_a_long_memory() -
         bank.step(Sample(PERIOD_S, PERIOD_S, 16.0, 0.0))
     assert abs(bank.velocity(0.0)[0]) < 5.0
     assert bank.position(0.015)[0] == pytest.approx(16.0, abs=0.1)
+
+
+def test_a_kalman_filter_of_constant_acceleration_is_singer_s_whose_acceleration_never_fades() -> None:
+    rng = np.random.default_rng(9)
+    t_s = irregular_times(100)
+    x, y = np.cumsum(rng.normal(size=100)).tolist(), np.cumsum(rng.normal(size=100)).tolist()
+    settings = {"jerk_density_mm2_s5": 3e7, "noise_mm": 0.05}
+    plain = feed(KalmanConstantAcceleration(**settings), t_s, x, y)
+    slow = feed(KalmanSinger(**settings, manoeuvre_s=1e6, damping=1.0), t_s, x, y)
+    quick = feed(KalmanSinger(**settings, manoeuvre_s=0.05, damping=1.0), t_s, x, y)
+    assert slow.position(0.02) == pytest.approx(plain.position(0.02), abs=1e-4)
+    assert quick.position(0.02) != pytest.approx(plain.position(0.02), abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("model", "order", "density"),
+    [
+        (KalmanConstantVelocity(acceleration_density_mm2_s3=2e4, noise_mm=0.06), 2, 2e4),
+        (KalmanConstantAcceleration(jerk_density_mm2_s5=2e7, noise_mm=0.06), 3, 2e7),
+        (KalmanConstantJerk(snap_density_mm2_s7=2e9, noise_mm=0.06, damping=1.0), 4, 2e9),
+    ],
+    ids=["velocity", "acceleration", "jerk"],
+)
+def test_each_kalman_filter_is_the_matrix_recursion_of_the_books(
+    model: MotionModel, order: int, density: float
+) -> None:
+    rng = np.random.default_rng(5)
+    t_s = irregular_times(40)
+    x, y = np.cumsum(rng.normal(size=(2, 40)), axis=1).tolist()
+    feed(model, t_s, x, y)
+    state, covariance = np.zeros(order), np.diag([0.06**2, 1e4, 1e5, 1e7][:order])
+    state[0] = x[0]
+    for k in range(1, 40):
+        transition, process = process_model(t_s[k] - t_s[k - 1], density, order)
+        state, covariance = transition @ state, transition @ covariance @ transition.T + process
+        gain = covariance[:, 0] / (covariance[0, 0] + 0.06**2)
+        state, covariance = state + gain * (x[k] - state[0]), covariance - np.outer(gain, covariance[0])
+    assert model.position(0.0)[0] == pytest.approx(state[0], abs=1e-6)
+    assert model.velocity(0.0)[0] == pytest.approx(state[1], rel=1e-6, abs=1e-6)
+
+
+def test_the_bank_follows_a_circle_nearer_than_a_filter_of_constant_acceleration() -> None:
+    """What the models of constant jerk are for: radius 20 mm at 30 cm/s, without noise only the lag is left."""
+    t_s = [k * PERIOD_S for k in range(120)]
+    x, y = [20.0 * math.cos(15.0 * t) for t in t_s], [20.0 * math.sin(15.0 * t) for t in t_s]
+    ahead = 15.0 * (t_s[-1] + 0.015)
+    truth = 20.0 * math.cos(ahead), 20.0 * math.sin(ahead)
+    bank = feed(ModelBank(period_ms=11.25), t_s, x, y)
+    single = feed(KalmanConstantAcceleration(), t_s, x, y)
+    assert math.dist(bank.position(0.015), truth) < 0.5 * math.dist(single.position(0.015), truth)

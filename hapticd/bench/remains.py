@@ -1,0 +1,127 @@
+"""What is left of the leak, and whose it is: lock-step strokes with one part at a time made perfect.
+
+    positions   each finger's predictor is replaced by its true path
+    map         the measured cartography is replaced by the true shapes
+    loop        the plate does what the reference says, at once, and its neighbour modes keep still
+
+The trajectories, noise and links stay the same. What is left when all three are perfect is the polyline's: knots, and
+the tolerance within which a reference may stand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from ..core.modes import ModeShapes
+from ..sim.fingers import Path, Touch
+from ..sim.lockstep import T_START_NS, Run, Settings, Simulation
+from ..sim.plate import DRIVEN_MODES
+from ..sim.scenarios import SCENARIOS
+from ..sim.score import score, settled
+from .leak import SCENARIO
+from .tables import Table, finite_rows
+
+DEFAULT = "hapticd"
+_MAP_POINTS = 138  # a millimetre apart
+_STEP_NS = 1_000_000  # of the difference that is the true velocity
+
+
+class TruePath:
+    """A predictor that knows: at its first sample it takes the path that is nearest."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = paths
+        self._path: Path | None = None
+
+    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None:
+        """Take the first sample to know whose finger this is."""
+        if self._path is None:
+            self._path = min(self._paths, key=lambda path: math.dist(_at(path, t_ns), (x_mm, y_mm)))
+
+    def predict(self, t_ns: int) -> tuple[float, float]:
+        """Where the finger is at `t_ns`; NaN before the first sample."""
+        return (math.nan, math.nan) if self._path is None else _at(self._path, t_ns)
+
+    def velocity(self, t_ns: int) -> tuple[float, float]:
+        """How fast it is there, mm/s."""
+        (x0, y0), (x1, y1) = self.predict(t_ns - _STEP_NS), self.predict(t_ns + _STEP_NS)
+        return (x1 - x0) / (2e-9 * _STEP_NS), (y1 - y0) / (2e-9 * _STEP_NS)
+
+
+def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settings: Settings | None = None) -> Table:
+    """The leak with every part as it is, with each made perfect, and with all; RMS over the seeds."""
+    settings = Settings() if settings is None else settings
+    leaks_um: dict[str, list[float]] = {}
+    errors_mm: dict[str, list[float]] = {}
+    for seed, true_path, true_map in product(seeds, (False, True), (False, True)):
+        simulation = _simulation(settings, seed, true_path=true_path, true_map=true_map)
+        simulation.run(seconds)
+        played = simulation.result(SCENARIO)
+        for ideal_loop in (False, True):
+            name = _name(positions=true_path, map=true_map, loop=ideal_loop)
+            leak_um = _ideal_loop_um(simulation, played) if ideal_loop else played.score.leak_um
+            leaks_um.setdefault(name, []).append(leak_um)
+            errors_mm.setdefault(name, []).append(_position_error_mm(played))
+    rows = [
+        (name, {"leak_um": _rms(leaks_um[name]), "position_error_mm": _rms(errors_mm[name])})
+        for name in sorted(leaks_um, key=lambda name: (name != DEFAULT, name.count("+"), name))
+    ]
+    return Table(
+        name="leak_remains",
+        title=f"what remains of the leak: {SCENARIO} at {settings.speed_mm_s / 10:g} cm/s, parts made perfect",
+        default=DEFAULT,
+        rows=finite_rows(rows),
+        compared=("leak_um",),
+        error="leak_um",
+        notes=("position error: from where the reference in force took the fingers to be, RMS",),
+    )
+
+
+def _simulation(settings: Settings, seed: int, *, true_path: bool, true_map: bool) -> Simulation:
+    simulation = Simulation(SCENARIOS[SCENARIO].build(seed, settings.speed_mm_s), settings, seed)
+    pipeline = simulation.machine.pipeline
+    if true_path:
+        paths = [actor.path.path if isinstance(actor.path, Touch) else actor.path for actor in simulation.actors]
+        known = [path for path in paths if path is not None]
+        pipeline._settings = replace(pipeline._settings, make_predictor=lambda: TruePath(known))
+    if true_map:
+        pipeline._modes = _true_map(simulation)
+    return simulation
+
+
+def _true_map(simulation: Simulation) -> ModeShapes:
+    edge_mm = np.linspace(-68.75, 68.75, _MAP_POINTS)
+    points_mm = np.stack(np.meshgrid(edge_mm, edge_mm), axis=-1)
+    shapes = simulation.world.plate.shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
+
+
+def _ideal_loop_um(simulation: Simulation, played: Run) -> float:
+    phi = simulation.world.plate.shapes(played.finger_true_mm)[..., : played.reference_um.shape[1]]
+    truth_um = np.einsum("tnm,tm->tn", phi, played.reference_um)
+    return score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited).leak_um
+
+
+def _position_error_mm(played: Run) -> float:
+    missed_mm = np.linalg.norm(played.finger_predicted_mm - played.finger_true_mm, axis=-1)
+    counts = settled(played.t_s, played.target_um) & np.isfinite(missed_mm)
+    return _rms(missed_mm[counts].tolist())
+
+
+def _name(**perfect: bool) -> str:
+    parts = [part for part, is_perfect in perfect.items() if is_perfect]
+    return f"true {' + '.join(parts)}" if parts else DEFAULT
+
+
+def _at(path: Path, t_ns: int) -> tuple[float, float]:
+    ((x_mm, y_mm),) = path.position_mm(np.array([(t_ns - T_START_NS) * 1e-9])).tolist()
+    return x_mm, y_mm
+
+
+def _rms(values: Iterable[float]) -> float:
+    return math.sqrt(np.mean(np.square(list(values))))
