@@ -174,7 +174,7 @@ def test_a_disc_s_own_axis_leaks_least_over_the_contact_of_all_with_one_line() -
 
 
 def test_nothing_fails_at_the_ends_of_the_solver_s_range() -> None:
-    situations, walk = part("stability")
+    situations, walk, *_ = part("stability")
     for row in situations.rows:
         assert row.figures["failures_count"] == row.figures["limits_broken_count"] == 0, row.name
         assert row.figures["leak_um"] < 1e-12, row.name

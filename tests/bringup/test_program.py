@@ -131,7 +131,7 @@ def test_a_raw_voltage_is_held_for_its_time_and_what_it_moves_is_said(link: Any,
 
 
 def test_gains_are_shown_and_chosen(link: Any, type_in: TypeIn) -> None:
-    assert "law       pi_ff" in type_in(link, "gains")
+    assert "law       deadbeat" in type_in(link, "gains")
     said = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
     assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in said
     assert json.loads(type_in(link, "gains", "--json"))["law"] == "pi"

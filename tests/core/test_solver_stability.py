@@ -15,8 +15,10 @@ from hapticd.core.limits import gate
 from hapticd.core.solver import solve, solve_batch, solve_fast, solve_phased_fast
 from hapticd.core.solver_policies import POLICIES
 from hapticd.values import Drive, Knot
-from hapticd.wire.device import FRAME_MAX, REFERENCE, encode_reference
+from hapticd.wire.board_messages import FRAME_MAX
+from hapticd.wire.device import encode_reference
 from hapticd.wire.framing import FrameSplitter
+from hapticd.wire.protocol import REFERENCE
 
 LIMITS_UM = (4.0, 4.0)
 shape = st.floats(-1.0, 1.0)
