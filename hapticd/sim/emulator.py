@@ -51,7 +51,7 @@ class BenchReport:
 
 
 def find_program(board: str, given: Path | None = None) -> Path:
-    """The program of `board`: `given`, or the source checkout's. Raises DeviceError with what to do if something lacks."""
+    """The program of `board`: `given`, or the source checkout's. Raises DeviceError, with what to do, if it lacks."""
     if board == "qemu" and shutil.which(QEMU) is None:
         raise DeviceError(
             f"{QEMU} is not installed, so no board can be emulated: install it (Debian: apt install {QEMU})."
@@ -188,7 +188,9 @@ def _pair() -> tuple[socket.socket, socket.socket]:
 
 
 def _qemu_command(program: Path, line: int, bench: int, options: tuple[int, int, int]) -> list[str]:
-    command = [QEMU, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(program)]
+    # QEMU does not mind its ports being closed: this ends it with whoever started it, however that ends.
+    leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
+    command = [*leash, QEMU, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(program)]
     for name, descriptor in (("line", line), ("bench", bench)):
         command += ["-chardev", f"socket,id={name},fd={descriptor}", "-serial", f"chardev:{name}"]
     for index, value in enumerate(options):

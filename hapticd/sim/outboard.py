@@ -1,4 +1,4 @@
-"""The physical half of the rig where board and plate are another process: the same calls as `world.World`, in real time.
+"""The physical half of the rig where board and plate are another process: the calls of `world.World`, in real time.
 
 The plate there feels no fingers, so they only say where its truth is looked at. Of the plate the bench tells the two
 driven modes, every 2 ms; what the daemon asked of it is read off the frames on their way to the board.
@@ -6,6 +6,7 @@ driven modes, every 2 ms; what the daemon asked of it is read off the frames on 
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..wire import device
+from ..wire import protocol
 from ..wire.framing import FrameSplitter
 from .emulator import MODES, BenchReport, Emulator
 from .scenarios import Actor
 from .world import Recording
 
+_FRAME_MAX = 512  # encoded; a reference of two modes has at most 450 bytes
 _KNOT = struct.Struct(f"<H{2 * MODES}f")
 
 
@@ -27,12 +29,12 @@ class Outboard:
 
     def __init__(self, actors: Sequence[Actor], board: str, program: Path, *, boot_id: int, keep: bool) -> None:
         self.t_s = 0.0
-        self._emulator = Emulator(board, program, boot_id=boot_id)
         self._paths = [actor.path for actor in actors if actor.path is not None]
         self._keep = keep
         self._reports: list[BenchReport] = []
-        self._boot_s = np.inf
+        self._boot_s = math.inf
         self._asked = Overheard()
+        self._emulator = Emulator(board, program, boot_id=boot_id)
 
     def close(self) -> None:
         """End the process."""
@@ -59,7 +61,7 @@ class Outboard:
         """Everything so far, at the instants of the bench's reports."""
         t_us = np.array([report.t_us for report in self._reports], dtype=np.int64)
         plate_um = np.array([report.plate_um for report in self._reports], dtype=np.complex128).reshape(-1, MODES)
-        t_s = t_us * 1e-6 + self._boot_s
+        t_s = np.asarray(t_us * 1e-6 + self._boot_s, dtype=np.float64)
         finger_mm = np.full((len(t_s), len(self._paths), 2), np.nan)
         for index, path in enumerate(self._paths):
             finger_mm[:, index] = path.position_mm(t_s)
@@ -77,20 +79,20 @@ class Overheard:
     """The references on their way to a board: polylines in its time, as `firmware/PROTOCOL.md` lays them out."""
 
     def __init__(self) -> None:
-        self._splitter = FrameSplitter(device.FRAME_MAX)
+        self._splitter = FrameSplitter(_FRAME_MAX)
         self._lines: list[tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]] = []
 
     def feed(self, data: bytes) -> None:
         """Bytes to the board, in pieces of any size."""
         for frame in self._splitter.feed(data):
-            if frame[0] == device.MSG_REFERENCE:
+            if frame[0] == protocol.MSG_REFERENCE:
                 self._take(frame[1:])
 
     def _take(self, payload: bytes) -> None:
-        _, t_apply_us, _, modes = device.REFERENCE.unpack_from(payload)
-        knots = np.array(list(_KNOT.iter_unpack(payload[device.REFERENCE.size :])))
+        _, t_apply_us, _, modes = protocol.REFERENCE.unpack_from(payload)
+        knots = np.array(list(_KNOT.iter_unpack(payload[protocol.REFERENCE.size :])))
         assert modes == MODES, "the daemon refuses a board of other modes"
-        t_us = t_apply_us + knots[:, 0] * (device.KNOT_UNIT_NS // 1000)
+        t_us = t_apply_us + knots[:, 0] * (protocol.KNOT_UNIT_NS // 1000)
         self._lines.append((t_us, knots[:, 1::2] + 1j * knots[:, 2::2]))
 
     def at(self, t_us: npt.NDArray[np.int64]) -> npt.NDArray[np.complex128]:

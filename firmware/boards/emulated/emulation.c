@@ -79,12 +79,12 @@ void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *opt
     board->stepped = options->stepped != 0;
 }
 
-uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us)
+uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us, uint32_t most)
 {
     uint32_t due = (clock_us - board->t_us) / HD_CHUNK_US;
-    if (due > HD_CATCH_UP) {
-        board->t_us += (due - HD_CATCH_UP) * HD_CHUNK_US;
-        due = HD_CATCH_UP;
+    if (due > most) {
+        board->t_us += (due - most) * HD_CHUNK_US;
+        due = most;
     }
     return due;
 }

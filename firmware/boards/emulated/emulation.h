@@ -59,10 +59,9 @@ typedef struct {
 void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *options, hd_config_t *config,
                         hd_converters_t *converters);
 
-/* How many chunks are due by the board's clock: at most HD_CATCH_UP. A computer that was busy elsewhere for longer skips
- * the rest of that time, in which the plate stood still. */
-#define HD_CATCH_UP 80
-uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us);
+/* How many chunks are due by the board's clock, `most` at most: a computer that was busy elsewhere for longer skips the
+ * rest of that time, in which the plate stood still. */
+uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us, uint32_t most);
 
 /* Never ahead of the samples: an instant that the main program gives must not lie behind the next tick's. */
 uint32_t hd_emulation_now_us(const hd_emulation_t *board, uint32_t clock_us);

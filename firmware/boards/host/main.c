@@ -24,6 +24,7 @@
 #include "board.h"
 #include "emulation.h"
 
+#define CATCH_UP 4000 /* chunks at once, 0.2 s: they take about 5 ms */
 #define SLEEP_MS 1 /* at most: two ticks come together */
 #define STEPPED_SLEEP_MS 100 /* a signal may fall between the look at `stopping` and the sleep */
 #define UNSENT 1024
@@ -205,7 +206,7 @@ static void sleep_until_something_comes(int timeout_ms)
 static void run_due_chunks(void)
 {
     running_chunks = true;
-    for (uint32_t due = hd_emulation_due(&emulation, clock_us()); due > 0; due--) {
+    for (uint32_t due = hd_emulation_due(&emulation, clock_us(), CATCH_UP); due > 0; due--) {
         if (hd_emulation_chunk(&emulation)) {
             report();
         }
