@@ -108,6 +108,11 @@ bool hd_emulation_chunk(hd_emulation_t *board)
     return board->chunks % REPORT_CHUNKS == 0;
 }
 
+bool hd_emulation_may_read(const hd_emulation_t *board, uint32_t arrived)
+{
+    return !board->stepped || (board->stepping && arrived == board->step.line_bytes);
+}
+
 void hd_emulation_hear(hd_emulation_t *board, uint8_t byte)
 {
     if (!board->stepped || board->stepping) {

@@ -16,6 +16,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
 #include <sysexits.h>
 #include <termios.h>
 #include <time.h>
@@ -80,7 +82,10 @@ static void open_terminal(void)
     }
     const char *name = ttyname(held);
     if (started.link != NULL) {
-        unlink(started.link);
+        struct stat before;
+        if (lstat(started.link, &before) == 0 && S_ISLNK(before.st_mode)) {
+            unlink(started.link); /* of a process that was killed; anything else stays */
+        }
         if (symlink(name, started.link) != 0) {
             const char *path = started.link;
             started.link = NULL; /* what is there is not ours */
@@ -123,6 +128,11 @@ uint32_t board_now_us(void)
 
 size_t board_read(uint8_t *bytes, size_t capacity)
 {
+    int waiting = 0;
+    ioctl(started.line, FIONREAD, &waiting);
+    if (!hd_emulation_may_read(&emulation, emulation.line_read + (uint32_t)waiting)) {
+        return 0;
+    }
     ssize_t n = read(started.line, bytes, capacity);
     if (n == 0) {
         leave(EXIT_SUCCESS);

@@ -139,7 +139,7 @@ uint32_t board_now_us(void)
 size_t board_read(uint8_t *bytes, size_t capacity)
 {
     size_t n = 0;
-    while (n < capacity && get(&line, &bytes[n])) {
+    while (hd_emulation_may_read(&emulation, line.put) && n < capacity && get(&line, &bytes[n])) {
         n++;
     }
     emulation.line_read += (uint32_t)n;
@@ -176,7 +176,8 @@ void board_unlock(void)
 static void sleep_unless(bool busy)
 {
     board_lock();
-    if (!busy && line.got == line.put && bench.got == bench.put) {
+    bool unread = line.got != line.put && hd_emulation_may_read(&emulation, line.put);
+    if (!busy && !unread && bench.got == bench.put) {
         __asm volatile("wfi" ::: "memory");
     }
     board_unlock();
