@@ -1,7 +1,7 @@
 /* What a board provides to run the core on real hardware: a dozen calls, one implementation per folder under boards/.
  *
- * The program is the same everywhere (main.c): board_start, hd_init, board_run, then for ever read, hd_receive,
- * hd_transmit, write and sleep. The board's interrupt hands every chunk of samples to hd_on_chunk. The lock-step board
+ * The program is the same everywhere (main.c): board_start, hd_init, board_run, then for ever read, hd_hear, hd_obey,
+ * hd_say, write and sleep. The board's interrupt hands every chunk of samples to hd_on_chunk. The lock-step board
  * in boards/host needs none of this, for its caller holds the time.
  */
 #ifndef HD_BOARD_H
@@ -27,7 +27,7 @@ uint32_t board_now_us(void);
 /* Bytes that came since the last call, 0 if none; never waits. */
 size_t board_read(uint8_t *bytes, size_t capacity);
 
-/* Room in the link's output, and whole frames into it. */
+/* Room in the link's output, and a frame into it. */
 size_t board_write_room(void);
 void board_write(const uint8_t *bytes, size_t n);
 

@@ -1,10 +1,10 @@
 /* The program, the same on every board that runs in real time: the link in the main loop, everything else in the chunk
- * interrupt. The core is shared by both, so the main loop holds the interrupt off while it is inside.
+ * interrupt. Both share the core, and a chunk comes every 50 us, so the main loop holds the interrupt off only to obey a
+ * frame that it has checked and to take a message that it will encode.
  */
 #include "board.h"
 
-/* Bytes of one visit to the core: the interrupt waits for a visit, and a chunk comes every 50 us. */
-#define VISIT 16
+#define PIECE 64 /* bytes */
 
 static hd_core_t core;
 static hd_carrier_t carrier;
@@ -45,43 +45,38 @@ void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][H
 
 void hd_on_missed_chunk(void)
 {
-    static uint32_t missed_chunks;
     hd_phasor_t silence_v[HD_MODES] = {{0.0f, 0.0f}};
-    hd_wire_log_entry_t entry = {
-        .t_board_us = board_now_us(),
-        .boot_id = core.config.boot_id,
-        .code = HD_EVENT_MISSED_CHUNK,
-        .mode = 255,
-        .value = (float)++missed_chunks,
-    };
     board_enable_amplifiers(false);
-    hd_silence(&core);
-    hd_deadman_reset(&core.deadman); /* the next tick counts a trip, and only fresh references end it */
+    hd_lose_samples(&core, board_now_us());
     hd_carrier_drive(&carrier, silence_v);
-    hd_log_add(&core.config.log, &entry);
 }
 
 static void listen_to_host(void)
 {
-    uint8_t bytes[VISIT];
-    size_t n;
-    while ((n = board_read(bytes, sizeof bytes)) > 0) {
-        board_lock();
-        hd_receive(&core, bytes, n, board_now_us());
-        board_unlock();
+    uint8_t bytes[PIECE];
+    size_t n = board_read(bytes, sizeof bytes);
+    for (size_t i = 0; i < n; i++) {
+        if (hd_hear(&core, bytes[i])) {
+            board_lock();
+            hd_obey(&core, board_now_us());
+            board_unlock();
+        }
     }
 }
 
-/* A frame is made when the line takes it, so what it says is never old. Whether one waits may be read without the lock:
- * if the interrupt asks for one now, the next round sends it. */
+/* Whether something waits may be read without the lock: what the interrupt asks for just now, the next round sends. */
 static void answer_host(void)
 {
     uint8_t frame[HD_TRANSMIT_MIN];
-    if (core.pending != 0 && board_write_room() >= sizeof frame) {
-        board_lock();
-        size_t n = hd_transmit(&core, board_now_us(), frame, sizeof frame);
-        board_unlock();
-        board_write(frame, n);
+    hd_message_t message;
+    if (core.pending == 0 || board_write_room() < sizeof frame) {
+        return;
+    }
+    board_lock();
+    bool said = hd_say(&core, board_now_us(), &message);
+    board_unlock();
+    if (said) {
+        board_write(frame, hd_message_encode(&message, frame));
     }
 }
 

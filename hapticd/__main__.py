@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | doctor`."""
+"""The command line: `hapticd demo | run | simulate | bench | firmware | doctor`."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_simulate(commands)
     _add_bench(commands)
+    _add_firmware(commands)
     _add_doctor(commands)
     return parser
 
@@ -176,6 +177,21 @@ def _bench(options: argparse.Namespace) -> None:
     from .bench import suite
 
     suite.run(options.part, seconds=options.seconds, json_file=options.json, plot=options.plot)
+
+
+# --- firmware ---------------------------------------------------------------------------------------------------
+
+
+def _add_firmware(commands: Any) -> None:
+    from .bringup import arguments
+
+    parser = _command(
+        commands,
+        "firmware",
+        "talk to the board: who it is, sweeps, telemetry, gains",
+        "hapticd firmware sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
+    )
+    arguments.add(parser)
 
 
 # --- doctor -----------------------------------------------------------------------------------------------------

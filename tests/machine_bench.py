@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +19,7 @@ from hapticd.core.supervisor import State
 from hapticd.machine import TIMER_NS, Machine
 from hapticd.sim.fingers import Path, Rest, Touch
 from hapticd.sim.sensor import SensorModel, SensorSettings
-from hapticd.values import RawReport
+from hapticd.values import ModeCalibration, RawReport
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
@@ -35,6 +35,7 @@ NAMES = {
     protocol.MSG_TIME_REQUEST: "time",
     protocol.MSG_CLEAR_FAULT: "clear fault",
     protocol.MSG_SET_CONTROLLER: "controller",
+    protocol.MSG_SET_MODEL: "model",
 }
 
 
@@ -133,12 +134,17 @@ def peak_um(payload: bytes) -> float:
 class Bench:
     """A machine between a pad, a board and a client, and the instant they are at."""
 
-    def __init__(self, *paths: Path, protocol_hash: int = protocol.PROTOCOL_HASH) -> None:
+    def __init__(
+        self,
+        *paths: Path,
+        protocol_hash: int = protocol.PROTOCOL_HASH,
+        calibration: Sequence[ModeCalibration] = (),
+    ) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
         self.published: list[dict[str, Any]] = []
-        self.machine = Machine(Config(), PLATE, write_board=self.board.write, instance=4)
+        self.machine = Machine(Config(), PLATE, write_board=self.board.write, instance=4, calibration=calibration)
         self.machine.trackpad_link(True, "a pad", self.t_ns)
         self.machine.board_link(True, "a board", self.t_ns)
         self._reports = self._sense(paths)

@@ -53,6 +53,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[trackpad]\nsource = 'replay'", "trackpad.replay_file"),
         ("[trackpad]\noffset_mm = [1]", "trackpad.offset_mm: needs 2 numbers, not 1"),
         ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
+        ("[device]\ncalibration_file = 'gone.toml'", "device.calibration_file: there is no file"),
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),

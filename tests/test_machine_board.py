@@ -12,6 +12,7 @@ from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Be
 
 from hapticd.core.supervisor import State
 from hapticd.sim.fingers import Line
+from hapticd.values import ModeCalibration
 from hapticd.wire import protocol
 
 
@@ -235,3 +236,28 @@ def test_a_refused_board_s_fault_is_none_of_ours() -> None:
     bench.board.state, bench.board.fault_code = FAULT, 3
     bench.run(500)
     assert bench.state is State.IDLE
+
+
+def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY).driven()
+    caplog.clear()
+    for request, verdict in ((protocol.MSG_SET_CONTROLLER, 0), (protocol.MSG_SET_MODEL, 1)):
+        bench.board.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(request, verdict))
+    bench.run(50)
+    assert [line for line in lines(caplog) if "refused" in line] == ["board: it refused the calibration of a mode"]
+
+
+def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
+    bench = Bench(SLIPPERY, STICKY, calibration=[ModeCalibration(1, 29215.0, 500.0, 5.0, 0.0)]).driven()
+    assert [each.name for each in bench.board.heard].count("model") == 1
+    bench.board.mute = True
+    bench.run(1100)
+    bench.board.mute = False
+    assert [each.name for each in bench.run(600)].count("model") == 1
+
+
+def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY, calibration=[ModeCalibration(0, 40_000.0, 500.0, 5.0, 0.0)])
+    bench.run(500)
+    assert bench.state is State.IDLE
+    assert any("Mode 0 is calibrated at 40000 Hz but the board drives at 29205 Hz" in line for line in lines(caplog))

@@ -1,8 +1,8 @@
 /* The firmware's core: bytes from the host, measurements from the plate and an instant in; voltages and bytes out.
  *
  * No globals, no allocation, no clock: `now_us` is the board's free-running microsecond counter and may wrap at any
- * time. All calls on one core must exclude each other; a board masks its control interrupt around the two that move
- * bytes.
+ * time. All calls on one core must exclude each other, but for hd_hear, which a tick may interrupt: a board masks its
+ * control interrupt around hd_obey and hd_say, which are short, and checks and makes frames outside.
  */
 #ifndef HD_CORE_H
 #define HD_CORE_H
@@ -23,15 +23,32 @@
 
 #define HD_FIRMWARE_VERSION "0.1.0"
 
-/* Anything a board sends fits: a buffer of this size takes at least one frame from hd_transmit. */
-typedef union {
-    hd_wire_hello_t hello;
-    hd_wire_status_t status;
-    hd_wire_controller_t controller;
-    hd_wire_telemetry_t telemetry;
-    hd_wire_log_t log;
-} hd_longest_message_t;
-#define HD_TRANSMIT_MIN HD_LINE_SIZE(1 + sizeof(hd_longest_message_t) + 2)
+/* What the board says: taken out of the core in one piece, made into a frame at leisure. */
+typedef struct {
+    uint8_t type; /* enum hd_message */
+    uint8_t n;    /* of the payload */
+    union {
+        hd_wire_hello_t hello;
+        hd_wire_status_t status;
+        hd_wire_time_t time;
+        hd_wire_verdict_t verdict;
+        hd_wire_controller_t controller;
+        hd_wire_sweep_point_t sweep_point;
+        hd_wire_telemetry_t telemetry;
+        hd_wire_log_t log;
+    } payload;
+} hd_message_t;
+
+/* Any frame of the board's fits into a buffer of this size: type, payload and CRC. */
+#define HD_TRANSMIT_MIN HD_LINE_SIZE(sizeof(hd_message_t) - 1 + 2)
+
+/* A frame from the host, checked as far as the state of the core does not matter. */
+typedef struct {
+    bool valid;
+    size_t frame_n;
+    uint32_t t_apply_us; /* of a REFERENCE, whose knots are these, within the limits */
+    hd_polyline_t line;
+} hd_heard_t;
 
 typedef struct {
     uint32_t boot_id; /* another one after every reset: the host notices that the board has forgotten it */
@@ -65,6 +82,7 @@ enum hd_tick_flag {
 typedef struct {
     hd_config_t config;
     hd_receiver_t receiver;
+    hd_heard_t heard;
     hd_timeline_t timeline;
     hd_control_t control;
     hd_deadman_t deadman;
@@ -93,6 +111,7 @@ typedef struct {
     hd_receipt_t applied; /* last one that has taken effect */
     uint32_t bad_frames;
     uint32_t late_frames;
+    uint32_t missed_chunks;
 
     uint16_t pending; /* messages to send, one bit of hd_pending each: the transmit queue */
     bool acknowledge; /* the pending STATUS is about `applied` */
@@ -106,18 +125,33 @@ typedef struct {
 /* Returns false, with the core silent for good, if the configuration makes no sense. */
 bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us);
 
-/* Takes any bytes from the line, in pieces of any size. */
+/* Takes any bytes from the line, in pieces of any size: hd_hear and, where a frame ends, hd_obey. */
 void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us);
 
 /* One control tick: the mean amplitudes over the tick just ended in, the voltages to apply out. */
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
              hd_phasor_t voltage_v[HD_MODES]);
 
-/* Writes as many whole pending frames as fit and returns their length. */
+/* The two halves of hd_receive. The first checks and limits: it takes as long as a frame is, and may go on while a tick
+ * interrupts it. True if hd_obey is to be called before the next byte. */
+bool hd_hear(hd_core_t *core, uint8_t byte);
+void hd_obey(hd_core_t *core, uint32_t now_us);
+
+/* Writes as many whole pending frames as fit and returns their length: hd_say and hd_message_encode, again and again. */
 size_t hd_transmit(hd_core_t *core, uint32_t now_us, uint8_t *out, size_t capacity);
+
+/* The most urgent message that waits; false if none does. */
+bool hd_say(hd_core_t *core, uint32_t now_us, hd_message_t *message);
+
+/* Its frame; `out` holds HD_TRANSMIT_MIN. Returns its length. */
+size_t hd_message_encode(const hd_message_t *message, uint8_t *out);
 
 /* Zero voltage now; references, trajectories and integrals are forgotten. */
 void hd_silence(hd_core_t *core);
+
+/* Samples were lost, so nobody knows what the plate does: silence now, and trust again only after a run of fresh
+ * references. Who was live sees a trip of the dead-man. */
+void hd_lose_samples(hd_core_t *core, uint32_t now_us);
 
 /* Whether a model of a mode is one that a controller can be built on. */
 bool hd_model_valid(const hd_mode_model_t *model);

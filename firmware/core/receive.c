@@ -47,15 +47,12 @@ static bool reference_valid(const hd_wire_reference_t *head, const uint8_t *knot
         && knots_size == head->knots * sizeof(hd_wire_knot_t) && knots_valid(knots, head->knots);
 }
 
-static void store_polyline(hd_core_t *core, const hd_wire_reference_t *head, const uint8_t *knots, uint32_t now_us)
+/* The knots as the timeline wants them: in us after the first, and within the limits. */
+static void read_polyline(hd_core_t *core, const hd_wire_reference_t *head, const uint8_t *knots)
 {
     uint32_t lead_us = (uint32_t)wire_knot(knots, 0).offset * HD_KNOT_UNIT_US;
-    hd_polyline_t *line = hd_timeline_open(&core->timeline, head->t_apply_us + lead_us);
-    line->t_received_us = now_us;
-    line->seq = head->seq;
-    line->limited = false;
-    line->acknowledged = false;
-    line->n = head->knots;
+    hd_polyline_t *line = &core->heard.line;
+    *line = (hd_polyline_t){.t_start_us = head->t_apply_us + lead_us, .seq = head->seq, .n = head->knots};
     for (int i = 0; i < head->knots; i++) {
         hd_wire_knot_t knot = wire_knot(knots, i);
         line->knot[i].offset_us = (uint32_t)knot.offset * HD_KNOT_UNIT_US - lead_us;
@@ -65,33 +62,50 @@ static void store_polyline(hd_core_t *core, const hd_wire_reference_t *head, con
         hd_limit_t limit = hd_limit_amplitudes(line->knot[i].modal_um, core->config.w_limit_um);
         line->limited = line->limited || limit != HD_LIMIT_UNTOUCHED;
     }
-    if (hd_before(line->t_start_us, now_us)) {
+}
+
+static bool read_reference(hd_core_t *core, const uint8_t *payload, size_t n)
+{
+    hd_wire_reference_t head;
+    if (n < sizeof head) {
+        return false;
+    }
+    memcpy(&head, payload, sizeof head);
+    const uint8_t *knots = payload + sizeof head;
+    if (!reference_valid(&head, knots, n - sizeof head)) {
+        return false;
+    }
+    core->heard.t_apply_us = head.t_apply_us;
+    read_polyline(core, &head, knots);
+    return true;
+}
+
+static void store_polyline(hd_core_t *core, uint32_t now_us)
+{
+    core->heard.line.t_received_us = now_us;
+    *hd_timeline_open(&core->timeline, core->heard.line.t_start_us) = core->heard.line;
+    if (hd_before(core->heard.line.t_start_us, now_us)) {
         core->late_frames++;
     }
 }
 
-static void take_reference(hd_core_t *core, const uint8_t *payload, size_t n, uint32_t now_us)
+static void take_reference(hd_core_t *core, uint32_t now_us)
 {
-    hd_wire_reference_t head;
-    if (n < sizeof head) {
-        refuse(core);
-        return;
-    }
-    memcpy(&head, payload, sizeof head);
-    int32_t ahead_us = (int32_t)(head.t_apply_us - now_us);
-    if (!reference_valid(&head, payload + sizeof head, n - sizeof head) || ahead_us > HD_AHEAD_US) {
+    uint16_t seq = core->heard.line.seq;
+    int32_t ahead_us = (int32_t)(core->heard.t_apply_us - now_us);
+    if (ahead_us > HD_AHEAD_US) {
         refuse(core);
     } else if (core->state == HD_STATE_TOOL) {
         core->late_frames++; /* the plate is a person's now: when that ends, nothing may be waiting */
-    } else if (core->has_seq && (int16_t)(uint16_t)(head.seq - core->newest.seq) <= 0) {
+    } else if (core->has_seq && (int16_t)(uint16_t)(seq - core->newest.seq) <= 0) {
         core->late_frames++; /* a duplicate or an older one: it changes nothing and proves nothing */
     } else if (ahead_us < -HD_STALE_US) {
         core->late_frames++;
         hd_deadman_bad_frame(&core->deadman);
     } else {
-        store_polyline(core, &head, payload + sizeof head, now_us);
+        store_polyline(core, now_us);
         core->has_seq = true;
-        core->newest = (hd_receipt_t){.seq = head.seq, .t_received_us = now_us};
+        core->newest = (hd_receipt_t){.seq = seq, .t_received_us = now_us};
         hd_deadman_good_reference(&core->deadman, now_us);
     }
 }
@@ -181,34 +195,37 @@ static const message_t *known(uint8_t type, size_t size)
     return NULL;
 }
 
-static void take_frame(hd_core_t *core, const uint8_t *frame, size_t frame_n, uint32_t now_us)
+bool hd_hear(hd_core_t *core, uint8_t byte)
 {
-    uint8_t type = frame[0];
-    const uint8_t *payload = frame + 1;
-    size_t size = frame_n - 1;
-    const message_t *message = known(type, size);
-    if (type == HD_MSG_REFERENCE) {
-        take_reference(core, payload, size, now_us);
-    } else if (message != NULL) {
-        message->take(core, payload, now_us);
-    } else {
+    hd_heard_t *heard = &core->heard;
+    const uint8_t *frame = core->receiver.bytes;
+    hd_rx_t event = hd_receiver_push(&core->receiver, byte, &heard->frame_n);
+    if (event == HD_RX_PENDING) {
+        return false;
+    }
+    heard->valid = event == HD_RX_FRAME
+        && (frame[0] == HD_MSG_REFERENCE ? read_reference(core, frame + 1, heard->frame_n - 1)
+                                         : known(frame[0], heard->frame_n - 1) != NULL);
+    return true;
+}
+
+void hd_obey(hd_core_t *core, uint32_t now_us)
+{
+    const uint8_t *frame = core->receiver.bytes;
+    if (!core->heard.valid) {
         refuse(core);
+    } else if (frame[0] == HD_MSG_REFERENCE) {
+        take_reference(core, now_us);
+    } else {
+        known(frame[0], core->heard.frame_n - 1)->take(core, frame + 1, now_us);
     }
 }
 
 void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us)
 {
     for (size_t i = 0; i < n; i++) {
-        size_t frame_n;
-        switch (hd_receiver_push(&core->receiver, bytes[i], &frame_n)) {
-        case HD_RX_FRAME:
-            take_frame(core, core->receiver.bytes, frame_n, now_us);
-            break;
-        case HD_RX_DAMAGED:
-            refuse(core);
-            break;
-        case HD_RX_PENDING:
-            break;
+        if (hd_hear(core, bytes[i])) {
+            hd_obey(core, now_us);
         }
     }
 }

@@ -1,22 +1,21 @@
-/* What the core tells the host: frames are made when the line takes them, so what they say is never old. */
+/* What the core tells the host: messages are made when the line takes them, so what they say is never old. */
 #include <string.h>
 
 #include "core.h"
 
-static size_t send_time(hd_core_t *core, uint32_t now_us, uint8_t *out)
+static void say_time(hd_core_t *core, uint32_t now_us, hd_wire_time_t *time)
 {
-    hd_wire_time_t time = {
+    *time = (hd_wire_time_t){
         .t_host_ns = core->time_request_ns,
         .t_received_us = core->t_time_request_us,
         .t_sent_us = now_us,
     };
-    return hd_frame_encode(HD_MSG_TIME, &time, sizeof time, out);
 }
 
-static size_t send_hello(hd_core_t *core, uint8_t *out)
+static void say_hello(hd_core_t *core, hd_wire_hello_t *hello)
 {
     const hd_config_t *config = &core->config;
-    hd_wire_hello_t hello = {
+    *hello = (hd_wire_hello_t){
         .protocol_version = HD_PROTOCOL_VERSION,
         .protocol_hash = HD_PROTOCOL_HASH,
         .modes = HD_MODES,
@@ -27,14 +26,13 @@ static size_t send_hello(hd_core_t *core, uint8_t *out)
         .deadman_ms = HD_DEADMAN_US / 1000,
         .v_limit_v = config->v_limit_v,
     };
-    memcpy(hello.w_limit_um, config->w_limit_um, sizeof hello.w_limit_um);
-    return hd_frame_encode(HD_MSG_HELLO, &hello, sizeof hello, out);
+    memcpy(hello->w_limit_um, config->w_limit_um, sizeof hello->w_limit_um);
 }
 
-static size_t send_status(hd_core_t *core, uint32_t now_us, uint8_t *out)
+static void say_status(hd_core_t *core, uint32_t now_us, hd_wire_status_t *status)
 {
     const hd_receipt_t *receipt = core->acknowledge ? &core->applied : &core->newest;
-    hd_wire_status_t status = {
+    *status = (hd_wire_status_t){
         .t_board_us = now_us,
         .state = core->state,
         .flags = (uint8_t)(core->status_flags | (receipt->applied ? HD_STATUS_APPLIED : 0)),
@@ -49,29 +47,27 @@ static size_t send_status(hd_core_t *core, uint32_t now_us, uint8_t *out)
     };
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t w_um = core->measured_um[k], v_v = core->voltage_v[k];
-        status.mode[k] = (hd_wire_mode_t){w_um.d, w_um.q, v_v.d, v_v.q};
+        status->mode[k] = (hd_wire_mode_t){w_um.d, w_um.q, v_v.d, v_v.q};
     }
     core->status_flags = 0;
     core->acknowledge = false;
     core->t_status_us = now_us;
-    return hd_frame_encode(HD_MSG_STATUS, &status, sizeof status, out);
 }
 
-static size_t send_verdict(hd_core_t *core, uint8_t *out)
+static void say_verdict(hd_core_t *core, hd_wire_verdict_t *verdict)
 {
     uint8_t request = 0;
     while ((core->verdicts & (1U << request)) == 0) {
         request++;
     }
     core->verdicts &= (uint16_t)~(1U << request);
-    hd_wire_verdict_t verdict = {request, core->verdict[request]};
-    return hd_frame_encode(HD_MSG_VERDICT, &verdict, sizeof verdict, out);
+    *verdict = (hd_wire_verdict_t){request, core->verdict[request]};
 }
 
-static size_t send_controller(hd_core_t *core, uint8_t *out)
+static void say_controller(hd_core_t *core, hd_wire_controller_t *controller)
 {
     const hd_gains_t *gains = &core->control.gains;
-    hd_wire_controller_t controller = {
+    *controller = (hd_wire_controller_t){
         .law = gains->law,
         .bandwidth_1_s = gains->bandwidth_1_s,
         .integral_time_s = gains->integral_time_s,
@@ -79,55 +75,50 @@ static size_t send_controller(hd_core_t *core, uint8_t *out)
     };
     for (int k = 0; k < HD_MODES; k++) {
         const hd_mode_model_t *model = &core->control.plant.model[k];
-        controller.model[k] = (hd_wire_model_t){
+        controller->model[k] = (hd_wire_model_t){
             model->decay_1_s, model->detuning_rad_s, model->gain_um_per_v_s, model->loop.d, model->loop.q,
         };
     }
-    return hd_frame_encode(HD_MSG_CONTROLLER, &controller, sizeof controller, out);
 }
 
-static size_t send_log(hd_core_t *core, uint8_t *out)
+static void say_log(hd_core_t *core, hd_wire_log_t *log)
 {
-    hd_wire_log_t log = {.reset_cause = core->config.reset_cause};
-    hd_log_read(&core->config.log, &log);
-    return hd_frame_encode(HD_MSG_LOG, &log, sizeof log, out);
+    *log = (hd_wire_log_t){.reset_cause = core->config.reset_cause};
+    hd_log_read(&core->config.log, log);
 }
 
-static size_t send_sweep_point(hd_core_t *core, uint8_t *out)
-{
-    hd_wire_sweep_point_t point;
-    bool taken = hd_tool_pop(&core->tool, &point);
-    return taken ? hd_frame_encode(HD_MSG_SWEEP_POINT, &point, sizeof point, out) : 0;
-}
+#define FILLED(message, which, id) ((message)->n = sizeof (message)->payload.which, (message)->type = (id), true)
 
-static size_t send_telemetry(hd_core_t *core, uint8_t *out)
-{
-    hd_wire_telemetry_t sample;
-    bool taken = hd_telemetry_pop(&core->telemetry, &sample);
-    return taken ? hd_frame_encode(HD_MSG_TELEMETRY, &sample, sizeof sample, out) : 0;
-}
-
-static size_t send(hd_core_t *core, enum hd_pending kind, uint32_t now_us, uint8_t *out)
+/* False if the stream that asked has run dry. */
+static bool say(hd_core_t *core, enum hd_pending kind, uint32_t now_us, hd_message_t *message)
 {
     switch (kind) {
     case HD_PENDING_TIME:
-        return send_time(core, now_us, out);
+        say_time(core, now_us, &message->payload.time);
+        return FILLED(message, time, HD_MSG_TIME);
     case HD_PENDING_HELLO:
-        return send_hello(core, out);
+        say_hello(core, &message->payload.hello);
+        return FILLED(message, hello, HD_MSG_HELLO);
     case HD_PENDING_STATUS:
-        return send_status(core, now_us, out);
+        say_status(core, now_us, &message->payload.status);
+        return FILLED(message, status, HD_MSG_STATUS);
     case HD_PENDING_VERDICT:
-        return send_verdict(core, out);
+        say_verdict(core, &message->payload.verdict);
+        return FILLED(message, verdict, HD_MSG_VERDICT);
     case HD_PENDING_CONTROLLER:
-        return send_controller(core, out);
+        say_controller(core, &message->payload.controller);
+        return FILLED(message, controller, HD_MSG_CONTROLLER);
     case HD_PENDING_LOG:
-        return send_log(core, out);
+        say_log(core, &message->payload.log);
+        return FILLED(message, log, HD_MSG_LOG);
     case HD_PENDING_SWEEP_POINT:
-        return send_sweep_point(core, out);
+        return hd_tool_pop(&core->tool, &message->payload.sweep_point)
+            && FILLED(message, sweep_point, HD_MSG_SWEEP_POINT);
     case HD_PENDING_TELEMETRY:
-        return send_telemetry(core, out);
+        return hd_telemetry_pop(&core->telemetry, &message->payload.telemetry)
+            && FILLED(message, telemetry, HD_MSG_TELEMETRY);
     }
-    return 0;
+    return false;
 }
 
 /* Several of these may wait: their bit stays until the last is sent. */
@@ -138,15 +129,30 @@ static bool more_of(const hd_core_t *core, enum hd_pending kind)
         || (kind == HD_PENDING_TELEMETRY && core->telemetry.count > 0);
 }
 
-size_t hd_transmit(hd_core_t *core, uint32_t now_us, uint8_t *out, size_t capacity)
+bool hd_say(hd_core_t *core, uint32_t now_us, hd_message_t *message)
 {
-    size_t n = 0;
-    while (core->pending != 0 && capacity - n >= HD_TRANSMIT_MIN) {
+    bool said = false;
+    while (!said && core->pending != 0) {
         enum hd_pending kind = (enum hd_pending)(core->pending & -core->pending); /* the lowest bit: the most urgent */
-        n += send(core, kind, now_us, out + n);
+        said = say(core, kind, now_us, message);
         if (!more_of(core, kind)) {
             core->pending &= (uint16_t)~kind;
         }
+    }
+    return said;
+}
+
+size_t hd_message_encode(const hd_message_t *message, uint8_t *out)
+{
+    return hd_frame_encode(message->type, &message->payload, message->n, out);
+}
+
+size_t hd_transmit(hd_core_t *core, uint32_t now_us, uint8_t *out, size_t capacity)
+{
+    size_t n = 0;
+    hd_message_t message;
+    while (capacity - n >= HD_TRANSMIT_MIN && hd_say(core, now_us, &message)) {
+        n += hd_message_encode(&message, out + n);
     }
     return n;
 }

@@ -151,7 +151,7 @@ def _bars(axis: Any, table: Table) -> None:
 def _lines(axis: Any, table: Table) -> None:
     lines: dict[str, list[Row]] = {}
     for row in table.rows:
-        lines.setdefault(row.name.partition(", ")[0], []).append(row)
+        lines.setdefault(row.name.rpartition(", ")[0], []).append(row)
     for name, rows in lines.items():
         xs = [row.figures[table.across] for row in rows]
         axis.plot(xs, [row.figures[table.error] for row in rows], marker="o", label=name)

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import HapticdError
-from . import firmware, leak, modes, prediction, solver, tick
+from . import carrier, firmware, leak, modes, prediction, solver, tick
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
@@ -27,7 +27,7 @@ PARTS: dict[str, Part] = {
     "solver": lambda _: (solver.run(),),
     "tick": lambda seconds: tick.run(seconds=seconds),
     "leak": lambda _: (leak.run(),),
-    "firmware": lambda _: firmware.run(),
+    "firmware": lambda _: (*firmware.run(), *carrier.run()),
 }
 
 

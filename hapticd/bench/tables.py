@@ -15,6 +15,7 @@ UNITS = {
     "_um_per_um": "um/um",
     "_count": "",
     "_frac": "frac",
+    "_deg": "deg",
     "_us": "us",
     "_ns": "ns",
     "_ms": "ms",

@@ -246,6 +246,12 @@ class Board:
             )
         )
 
+    def estimate(self) -> npt.NDArray[np.float64]:
+        """Decay (1/s) and detuning (rad/s) of each mode (M, 2) as the board's observer has learned them."""
+        learned = np.zeros((self.model.modes, 2))
+        self._library.hd_board_estimate(self._board, learned.ctypes.data)
+        return learned
+
     def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
         """From now on the sensors say `measured_um` (M,), which may be NaN; None lets them see the plate again."""
         if measured_um is None:

@@ -64,6 +64,7 @@ class PlateSettings:
     sensor_crosstalk: float = 0.01  # of Y in the sensor of X, and the other way round
     neighbour_pickup: float = 0.01  # of each neighbour mode in each sensor
     sensor_noise_um: float = 0.0006
+    loop_phase_rad: float = 0.0  # what amplifiers, electrodes and sensors add, the same in both loops
 
     detune_hz: float = 0.0  # all modes drift together, as with temperature
     damping_factor: float = 1.0
@@ -91,7 +92,7 @@ class PlateTruth:
     `gain_um_per_v_s` (P, M): such that, damped as it is sized for and not drifted, `v_limit_v` just holds `w_limit_um`.
     `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): what a sweep of the bare plate finds
     of the driven modes, and the board's firmware is told.
-    `sensor` (M, P): what each sensor shows of each mode.
+    `sensor` (M, P): what each sensor shows of each mode. `loop_phase_rad` (M,): the constant phase of each loop.
     """
 
     def __init__(self, settings: PlateSettings | None = None) -> None:
@@ -106,6 +107,7 @@ class PlateTruth:
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
         self.gain_um_per_v_s = _read_only(_gain_um_per_v_s(settings, pair_hz))
         self.sensor = _read_only(_sensor(settings))
+        self.loop_phase_rad = (settings.loop_phase_rad,) * len(DRIVEN_MODES)
         self.nominal_decay_1_s = _read_only(math.pi * pair_hz / settings.q_factor)
         self.nominal_detuning_rad_s = _read_only(2.0 * math.pi * (pair_hz - settings.drive_hz))
         self.nominal_gain_um_per_v_s = _read_only(np.diag(self.gain_um_per_v_s).copy())

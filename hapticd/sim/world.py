@@ -55,6 +55,7 @@ class World:
                 sensor=plate.sensor,
                 noise_um=plate.settings.sensor_noise_um,
                 amplifier_limit_v=plate.settings.v_limit_v,
+                loop_phase_rad=plate.loop_phase_rad,
             ),
             config=BoardConfig(
                 w_limit_um=w_limit_um,

@@ -17,7 +17,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two parts of tiny sizes in place of all."""
     parts = {
         "solver": lambda _: (solver.run(problems=20, repeats=1, timed=2),),
-        "firmware": lambda _: firmware.run(frequencies_hz=(5.0,), repeats=1, ticks=5),
+        "firmware": lambda _: firmware.run(
+            frequencies_hz=(5.0,), speeds_mm_s=(100.0,), qualities=(500.0,), repeats=1, ticks=5
+        ),
     }
     monkeypatch.setattr(suite, "PARTS", parts)
 
@@ -33,7 +35,7 @@ def test_all_parts_are_told_as_tables_json_and_a_picture(tmp_path: Path, capsys:
     told = json.loads(figures.read_text(encoding="utf-8"))
     assert {part: list(tables) for part, tables in told["parts"].items()} == {
         "solver": ["solver"],
-        "firmware": ["step", "tracking"],
+        "firmware": ["step", "corners", "tracking", "strokes"],
     }
     assert told["machine"]["cpu_count"] >= 1
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,8 +18,10 @@ from hapticd.values import (
     BoardTime,
     HelloRequest,
     KeepAlive,
+    ModeCalibration,
     ReferenceFrame,
     SelectController,
+    SetModel,
     Tick,
     TimeRequest,
     TouchPoint,
@@ -135,6 +138,32 @@ def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_c
     (frame,) = bench.send()
     assert isinstance(frame, ReferenceFrame)
     assert frame.t_apply_us == pytest.approx(board_us(bench.t_ns + 5 * MS), abs=2)
+
+
+def test_an_accepted_board_is_told_what_was_measured_of_its_modes_before_its_clock_is_asked() -> None:
+    calibration = [ModeCalibration(k, 29195.0 + 20 * k, 500.0, 5.0, math.pi / 2) for k in range(2)]
+    session = BoardSession(link_start_ns=5 * MS, controller="pi", calibration=calibration)
+    session.link_up(START_NS)
+    controller, x, y, time = session.receive_hello(HELLO, START_NS)
+    assert (controller, time) == (SelectController("pi"), TimeRequest(START_NS))
+    for k, command in enumerate((x, y)):
+        assert isinstance(command, SetModel)
+        assert command.mode == k
+        assert command.model.detuning_rad_s == pytest.approx(2 * math.pi * (20 * k - 10))
+        assert command.model.decay_1_s == pytest.approx(math.pi * (29195 + 20 * k) / 500)
+        assert command.model.loop == pytest.approx(1j)
+
+
+def test_a_board_that_is_a_persons_tool_is_neither_armed_nor_kept_alive() -> None:
+    bench = Bench().met()
+    said = []
+    for _ in range(10):
+        bench.say(BoardState.TOOL)
+        said += [command for _, command in bench.run(50 * MS)]
+    assert {type(command) for command in said} == {TimeRequest}
+    assert not bench.session.follows(bench.t_ns)
+    bench.say(BoardState.QUIET)
+    assert any(isinstance(command, ReferenceFrame) for _, command in bench.run(60 * MS))
 
 
 @pytest.mark.parametrize("phase_ms", range(10))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy.linalg import expm
 
 from hapticd.sim import firmware
-from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
 TICK_S = 0.0005
-OUTPUT_DELAY_S = 0.2 * TICK_S
+LOOP_PHASE_RAD = (0.4, -0.7)
 
 
 def plate(noise_um: float = 0.0, amplifier_limit_v: float = 150.0) -> PlateModel:
@@ -25,6 +27,7 @@ def plate(noise_um: float = 0.0, amplifier_limit_v: float = 150.0) -> PlateModel
         sensor=np.array([[1.0, 0.01, 0.1, -0.05], [-0.02, 1.0, 0.08, 0.06]]),
         noise_um=noise_um,
         amplifier_limit_v=amplifier_limit_v,
+        loop_phase_rad=LOOP_PHASE_RAD,
     )
 
 
@@ -46,7 +49,11 @@ def touched_run(board: Board, ticks: int = 80) -> tuple[BoardTrace, npt.NDArray[
 
 
 def exact(
-    model: PlateModel, trace: BoardTrace, phi: npt.NDArray[np.float64], decay_1_s: npt.NDArray[np.float64]
+    model: PlateModel,
+    trace: BoardTrace,
+    phi: npt.NDArray[np.float64],
+    decay_1_s: npt.NDArray[np.float64],
+    tick_s: float = TICK_S,
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """Plate and measurement at each tick for the recorded voltages, by matrix exponentials: dW/dt = A W - j g V."""
     w_um = np.zeros(4, dtype=np.complex128)
@@ -57,21 +64,24 @@ def exact(
         contact = np.einsum("f,fp,fq->pq", decay_1_s[i], phi[i], phi[i])
         a = np.diag(-model.decay_1_s + 1j * model.detuning_rad_s) - contact
         integral = np.zeros(4, dtype=np.complex128)
-        for voltage, span_s in ((voltage_v[i], OUTPUT_DELAY_S), (voltage_v[i + 1], TICK_S - OUTPUT_DELAY_S)):
-            drive = -1j * model.gain_um_per_v_s @ voltage
+        for voltage, span_s in ((voltage_v[i], CHUNK_S), (voltage_v[i + 1], tick_s - CHUNK_S)):
+            drive = -1j * model.gain_um_per_v_s @ (np.exp(1j * np.array(model.loop_phase_rad)) * voltage)
             steady = -np.linalg.solve(a, drive)
             after = steady + expm(a * span_s) @ (w_um - steady)
             integral += np.linalg.solve(a, after - w_um - drive * span_s)
             w_um = after
         plate_um.append(w_um)
-        measured_um.append(model.sensor @ integral / TICK_S)
+        measured_um.append(model.sensor @ integral / tick_s)
     return np.array(plate_um), np.array(measured_um)
 
 
-def test_the_plate_moves_as_the_exact_solution_does() -> None:
+@pytest.mark.parametrize("control_hz", [2000.0, 5000.0])
+def test_the_plate_moves_as_the_exact_solution_does(control_hz: float) -> None:
+    """The voltage comes one chunk after its tick at every rate, turned by the loop's phase."""
     model = plate()
-    trace, phi, decay_1_s = touched_run(Board(model))
-    plate_um, measured_um = exact(model, trace, phi, decay_1_s)
+    config = BoardConfig(control_hz=control_hz, loop_phase_rad=LOOP_PHASE_RAD)
+    trace, phi, decay_1_s = touched_run(Board(model, config=config))
+    plate_um, measured_um = exact(model, trace, phi, decay_1_s, 1 / control_hz)
     assert np.abs(trace.plate_um).max() > 1
     np.testing.assert_allclose(trace.plate_um, plate_um, rtol=0, atol=1e-6)
     np.testing.assert_allclose(trace.measured_um, measured_um, rtol=0, atol=1e-6)
@@ -171,8 +181,12 @@ def test_arrays_that_do_not_fit_are_refused_before_c_sees_them() -> None:
 def test_a_configuration_without_sense_is_refused_in_a_sentence() -> None:
     with pytest.raises(ValueError, match="The firmware refuses its configuration"):
         Board(plate(), config=BoardConfig(v_limit_v=float("nan")))
-    with pytest.raises(ValueError, match="controller is 'pid', not one of pi, pi_ff"):
+    with pytest.raises(ValueError, match="controller is 'pid', not one of pi, pi_ff, deadbeat"):
         BoardConfig(controller="pid")
+    with pytest.raises(ValueError, match="loop_phase_rad has 1 values for 2 modes"):
+        BoardConfig(loop_phase_rad=(0.1,))
+    with pytest.raises(ValueError, match="give 2 finite numbers, or none"):
+        replace(plate(), loop_phase_rad=(0.1, float("nan")))
     with pytest.raises(ValueError, match="configured for 3 modes, its plate has 2"):
         Board(plate(), config=BoardConfig(w_limit_um=(4.0,) * 3, decay_1_s=(1.0,) * 3, **three_more()))
 

@@ -31,6 +31,11 @@ def test_the_modes_are_the_paper_s_pair_and_its_neighbours(truth: PlateTruth) ->
     np.testing.assert_allclose(truth.detuning_rad_s[:2], [-62.83, 62.83], rtol=1e-4)
 
 
+def test_the_loops_have_the_phase_of_the_settings(truth: PlateTruth) -> None:
+    assert truth.loop_phase_rad == (0.0, 0.0)
+    assert PlateTruth(PlateSettings(loop_phase_rad=0.2)).loop_phase_rad == (0.2, 0.2)
+
+
 @pytest.mark.parametrize("q_factor", [200.0, 500.0, 1000.0])
 def test_the_full_voltage_just_holds_the_limit_with_fingers_on_the_plate(q_factor: float) -> None:
     truth = PlateTruth(PlateSettings(q_factor=q_factor))

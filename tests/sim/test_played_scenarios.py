@@ -31,7 +31,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-@pytest.mark.parametrize("controller", ["pi_ff", "pi"])
+@pytest.mark.parametrize("controller", ["deadbeat", "pi_ff", "pi"])
 def test_figure_7_a_step_settles_within_10_ms_and_leaves_the_quadrature_alone(controller: str) -> None:
     config = Config()
     run = lockstep.run(
@@ -43,10 +43,10 @@ def test_figure_7_a_step_settles_within_10_ms_and_leaves_the_quadrature_alone(co
     assert told["final_um"] == pytest.approx(1.0, abs=0.02)
     assert told["settling_ms"] <= 10.0
     assert told["overshoot_frac"] < 0.05
-    assert told["largest_q_um"] < (0.01 if controller == "pi_ff" else 0.1)
+    assert told["largest_q_um"] < (0.1 if controller == "pi" else 0.01)
     assert np.abs(run.modal_um[:, 1]).max() < 0.05  # the other mode stays out of it
     assert np.abs(run.modal_um[run.t_s < STEP_S]).max() < 0.01
-    assert Config().device.controller == "pi_ff"
+    assert Config().device.controller == "deadbeat"
 
 
 def test_figure_10_the_references_stay_within_the_limits_and_both_fingers_are_served() -> None:

@@ -57,7 +57,7 @@ void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *opt
     *converters = (hd_converters_t){.drive_hz = DRIVE_HZ, .control_hz = CONTROL_HZ};
     *config = (hd_config_t){
         .boot_id = options->boot_id, .control_hz = CONTROL_HZ, .drive_hz = DRIVE_HZ, .v_limit_v = V_LIMIT_V,
-        .gains = {.law = HD_LAW_PI_FF}, .output_delay_frac = HD_CHUNK * CONTROL_HZ / HD_SAMPLE_HZ,
+        .gains = {.law = HD_LAW_DEADBEAT}, .output_delay_frac = HD_CHUNK * CONTROL_HZ / HD_SAMPLE_HZ,
         .reset_cause = HD_RESET_POWER,
     };
     hd_resonance_t resonance[HD_MODES];

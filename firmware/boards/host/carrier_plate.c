@@ -127,5 +127,5 @@ double complex hd_carrier_plate_amplitude_um(const hd_carrier_plate_t *plate, in
 {
     double speed_um = plate->signal[plate->modes + p] * plate->drive_rad_s / drive_rad_s;
     double angle_rad = (double)phase * (2.0 * 3.141592653589793 / 0x1p32);
-    return CMPLX(plate->signal[p], -speed_um) * cexp(-I * angle_rad);
+    return (plate->signal[p] - I * speed_um) * cexp(-I * angle_rad);
 }

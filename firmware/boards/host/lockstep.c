@@ -135,6 +135,15 @@ size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint6
     return hd_transmit(&board->core, (uint32_t)at_us, out, capacity);
 }
 
+void hd_board_estimate(const hd_board_t *board, double *estimate)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_estimate_t learned = hd_control_estimate(&board->core.control, k);
+        estimate[2 * k] = (double)learned.decay_1_s;
+        estimate[2 * k + 1] = (double)learned.detuning_rad_s;
+    }
+}
+
 void hd_board_fake_measurement(hd_board_t *board, const double *measured_um)
 {
     board->faked = measured_um != NULL;

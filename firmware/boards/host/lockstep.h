@@ -81,6 +81,9 @@ size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const doub
                     const double *contact_decay_1_s, const hd_board_trace_t *trace, size_t offset,
                     int32_t stop_on_transmit);
 
+/* What the observer has learned of each mode: (HD_MODES, 2), decay in 1/s and detuning in rad/s. */
+void hd_board_estimate(const hd_board_t *board, double *estimate);
+
 /* Overwrites what the sensors say from now on; NaN is a value like any other. NULL listens to the plate again. */
 void hd_board_fake_measurement(hd_board_t *board, const double *measured_um);
 

@@ -18,6 +18,10 @@
 
 #include "protocol.h"
 
+#ifndef CMPLX /* clang, for which glibc leaves it out */
+#define CMPLX(x, y) __builtin_complex((double)(x), (double)(y))
+#endif
+
 #define HD_PLATE_MODES_MAX 8
 
 typedef struct {

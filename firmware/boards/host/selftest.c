@@ -9,6 +9,7 @@
 #include "codec.h"
 #include "core.h"
 #include "lockstep.h"
+#include "plate.h"
 
 #define ROWS 400
 #define TICK_US 500
@@ -155,6 +156,21 @@ static void what_cannot_be_reached_saturates_and_lets_go(enum hd_law law)
     hd_board_free(bench.board);
 }
 
+/* The mode at the frame's own frequency stands still in it; seen from another frame it turns, and nothing jumps. */
+static void a_changed_drive_turns_the_frame(void)
+{
+    const double frame_rad_s = 300.0, span_s = 0.004;
+    hd_plate_t plate = {.modes = 1, .decay_1_s = {1e-3}, .detuning_rad_s = {frame_rad_s}, .amplifier_limit_v = 1.0};
+    plate.w_um[0] = 1.0;
+    const hd_contact_t nobody = {.stiffest_1_s = 0.0};
+    const double complex silent_v[HD_MODES] = {0.0};
+    double complex integral_um_s[HD_PLATE_MODES_MAX] = {0.0};
+    hd_plate_advance(&plate, &nobody, silent_v, frame_rad_s, span_s, integral_um_s);
+    expect(cabs(plate.w_um[0] - 1.0) < 1e-5, "at the drive's frequency a mode stands still");
+    hd_plate_advance(&plate, &nobody, silent_v, 0.0, span_s, integral_um_s);
+    expect(cabs(plate.w_um[0] - cexp(I * frame_rad_s * span_s)) < 1e-4, "beside it, it turns");
+}
+
 static void silence_of_the_host_silences_the_plate(void)
 {
     bench_t bench;
@@ -238,6 +254,7 @@ int main(void)
         the_plate_follows_its_reference(0xFFFFFFFFu - 100000, law);
         what_cannot_be_reached_saturates_and_lets_go(law);
     }
+    a_changed_drive_turns_the_frame();
     silence_of_the_host_silences_the_plate();
     a_sensor_that_is_not_a_number_silences_the_plate();
     hostile_bytes_move_nothing();

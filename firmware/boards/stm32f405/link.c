@@ -58,9 +58,6 @@ size_t link_write_room(void)
 
 void link_write(const uint8_t *bytes, size_t n)
 {
-    if (n == 0) {
-        return;
-    }
     memcpy(sent, bytes, n);
     DMA2->HIFCR = DMA_ALL << 22; /* stream 7 */
     TX_STREAM->NDTR = (uint32_t)n;

@@ -76,7 +76,7 @@ def streams(p: Peripherals) -> dict[str, Stream]:
             control = p[f"{name}.CR"]
             if not control & 1:
                 continue
-            assert p[f"RCC.AHB1ENR"] >> (20 + unit) & 1, f"{name} runs without a clock"
+            assert p["RCC.AHB1ENR"] >> (20 + unit) & 1, f"{name} runs without a clock"
             assert control >> 11 & 3 == control >> 13 & 3, f"{name} changes the width"
             assert control >> 10 & 1, f"{name} stays at one address"
             request = REQUESTS[unit, i, control >> 25 & 7]

@@ -1,0 +1,124 @@
+"""What the closed loop does beyond plain steps: other modes, nodes, saturation, moving references.
+
+All figures come from the firmware's own C against the plate model; units are in their names.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from ..core.solver import solve_batch
+from ..sim.board import Board, BoardConfig, BoardTrace, PlateModel
+from ..sim.plate import PlateSettings, PlateTruth
+from ..sim.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
+from .closed_loop import Floats, Law, Phasors, Plate, follow, measure, step, step_trace, tracking_figures
+
+LARGE_UM = 2.0
+UNREACHABLE_UM = 3.9
+
+
+def other_mode_frac(law: Law) -> float:
+    """The largest |W_Y| while W_X steps by 2 um on the demo's plate and its neighbours; what the sensors themselves
+    mix, no control can tell from the truth, so here they do not."""
+    w_um = step(
+        _truth_board(law, PlateTruth(PlateSettings(sensor_crosstalk=0.0))),
+        np.zeros(2, complex),
+        np.array([LARGE_UM, 0j], dtype=np.complex128),
+    )
+    return float(np.abs(w_um[:, 1]).max()) / LARGE_UM
+
+
+def node_leak_um(law: Law) -> float:
+    """What a still finger feels at most while the other's amplitude steps: both modes go along its node."""
+    still, along = np.array([0.6, -0.8]), np.array([0.8, 0.6], dtype=np.complex128)
+    w_um = step(law.board(Plate(), noise_um=0.0), 0.5 * along, 3.0 * along)
+    return float(np.abs(w_um @ still).max())
+
+
+def saturation_figures(law: Law) -> dict[str, float]:
+    """A damped plate is asked for more than the voltage can hold, then for half of it: the phase of what it gives
+    meanwhile, and the time until it has let go."""
+    plate = Plate(damping=1.8)
+    asked: Phasors = np.array([UNREACHABLE_UM, 0.0], dtype=np.complex128)
+    trace = step_trace(law.board(plate), asked, 0.5 * asked)
+    ticks = law.phase_ticks
+    held, left = trace.plate_um[ticks - 20 : ticks, 0], trace.plate_um[ticks:, 0]
+    response = measure(np.concatenate((left, left, left)), UNREACHABLE_UM / 2, law.tick_ms)
+    return {
+        "phase_deg": math.degrees(float(np.abs(np.angle(held)).max())),
+        "let_go_ms": response.settling_ms,
+        "largest_voltage_v": float(np.abs(trace.voltage_v).max()),
+    }
+
+
+def tracking_trace(law: Law, f_hz: float) -> BoardTrace:
+    """Sinusoids of 3 um, sent as polylines of 3 ms knots 90 times a second."""
+
+    def amplitudes(t_s: float) -> Phasors:
+        return 3 * np.array([np.sin(2 * np.pi * f_hz * t_s), np.cos(1.6 * np.pi * f_hz * t_s)]) + 0j
+
+    def knots(t_s: float) -> list[tuple[float, Phasors]]:
+        return [(ms, amplitudes(t_s + ms * 1e-3)) for ms in range(0, 18, 3)]
+
+    return follow(law.board(Plate()), knots, round(0.8 * law.control_hz), round(0.011 * law.control_hz))
+
+
+def sinusoid_figures(law: Law, f_hz: float) -> dict[str, float]:
+    trace, settled = tracking_trace(law, f_hz), law.phase_ticks
+    return tracking_figures(trace.reference_um[settled:], trace.plate_um[settled:], law.tick_ms)
+
+
+def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[str, float]:
+    """Two fingers stroke the demo's plate, one slippery and one still, and both are known perfectly: how the plate
+    follows the solver's amplitudes, sent as 1 ms knots 90 times a second; the fingers damp and couple its modes."""
+    t_s, phi, wanted_um = _strokes(speed_mm_s, seconds)
+    truth = PlateTruth()
+    board = _truth_board(law, truth)
+    ticks, period_s = round(seconds * law.control_hz), 0.011
+
+    def knots(now_s: float) -> list[tuple[float, Phasors]]:
+        first = round(now_s * 1e3)
+        return [(float(i), wanted_um[min(first + i, len(wanted_um) - 1)] + 0j) for i in range(17)]
+
+    at_ticks = np.minimum((np.arange(ticks) + 1) / law.control_hz, t_s[-1])
+    phi_ticks = np.ascontiguousarray(phi[np.round(at_ticks * 1e3).astype(int)])
+    decay_1_s = np.full((ticks, 2), truth.settings.finger_decay_1_s)
+    trace = follow(board, knots, ticks, round(period_s * law.control_hz), (phi_ticks, decay_1_s))
+    settled = slice(law.phase_ticks, None)
+    figures = tracking_figures(trace.reference_um[settled], trace.plate_um[settled, :2], law.tick_ms)
+    still_um = np.einsum("tp,tp->t", phi_ticks[settled, 1, :2], trace.plate_um[settled, :2])
+    return {**figures, "leak_um": math.sqrt(float(np.mean(np.abs(still_um) ** 2)))}
+
+
+@lru_cache(maxsize=4)
+def _strokes(speed_mm_s: float, seconds: float) -> tuple[Floats, Floats, Floats]:
+    """Each millisecond: time (T,), shapes under both fingers (T, 2, P), wanted modal amplitudes (T, 2)."""
+    t_s: Floats = np.arange(round(seconds * 1e3) + 1, dtype=np.float64) * 1e-3
+    actors = SCENARIOS["strokes"].build(1, speed_mm_s)
+    paths = [actor.path for actor in actors if actor.path is not None]
+    phi = PlateTruth().shapes(np.stack([path.position_mm(t_s + 1.0) for path in paths], axis=1))
+    wanted_um = solve_batch(phi[..., :2], (SLIPPERY_UM, STICKY_UM), 4.0)
+    return t_s, phi, wanted_um
+
+
+def _truth_board(law: Law, truth: PlateTruth) -> Board:
+    model = PlateModel(
+        decay_1_s=truth.decay_1_s,
+        detuning_rad_s=truth.detuning_rad_s,
+        gain_um_per_v_s=truth.gain_um_per_v_s,
+        sensor=truth.sensor,
+        noise_um=truth.settings.sensor_noise_um,
+        amplifier_limit_v=truth.settings.v_limit_v,
+        loop_phase_rad=truth.loop_phase_rad,
+    )
+    config = BoardConfig(
+        controller=law.controller,
+        control_hz=law.control_hz,
+        decay_1_s=tuple(truth.nominal_decay_1_s),
+        detuning_rad_s=tuple(truth.nominal_detuning_rad_s),
+        gain_um_per_v_s=tuple(truth.nominal_gain_um_per_v_s),
+    )
+    return Board(model, config=config)

@@ -1,0 +1,1 @@
+"""A person at the bench and one board: what `hapticd firmware` does. The daemon needs none of it."""

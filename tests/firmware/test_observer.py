@@ -1,0 +1,230 @@
+"""The observer: its arithmetic against more digits, what it learns of a plate, and what it makes of nonsense."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step_trace
+from hapticd.bench.lqg import hold
+from hapticd.sim import firmware
+from hapticd.sim.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board import reference_decay_1_s as decay_1_s
+from hapticd.sim.board import reference_gain_um_per_v_s as gain_um_per_v_s
+
+DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
+LAWS = (DEADBEAT, FAST, PI_FF, PI)
+BANDWIDTH_1_S, INTEGRAL_TIME_S, STATE_BANDWIDTHS, MEMORY_S, LEAST_UM = 2400.0, 0.0007, 2.0, 0.02, 0.1
+
+
+class Phasor(ctypes.Structure):
+    _fields_ = [("d", ctypes.c_float), ("q", ctypes.c_float)]
+
+
+class Exponential(ctypes.Structure):
+    _fields_ = [("exp", Phasor), ("phi1", Phasor), ("phi2", Phasor)]
+
+
+def exponential(z: complex) -> tuple[complex, complex, complex]:
+    function = firmware.load(2).hd_exponential
+    function.argtypes, function.restype = [Phasor], Exponential
+    told = function(Phasor(z.real, z.imag))
+    return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))  # type: ignore[return-value]
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.floats(-2.75, 2.75, width=32), st.floats(-2.75, 2.75, width=32))
+@example(0.0, 0.0)
+@example(-1e-30, 1e-30)
+@example(0.5, 0.0)
+@example(-2.8, 2.8)
+def test_the_exponential_and_its_differences_agree_with_mpmath(real: float, imag: float) -> None:
+    z = mpmath.mpc(real, imag)
+    with mpmath.workdps(60):
+        exact = (
+            mpmath.exp(z),
+            mpmath.mpf(1) if z == 0 else mpmath.expm1(z) / z,
+            mpmath.mpf(1) / 2 if z == 0 else (mpmath.expm1(z) / z - 1) / z,
+        )
+        if abs(z) < 1e-20:
+            exact = (exact[0], mpmath.mpf(1), mpmath.mpf(1) / 2)
+    for told, wanted in zip(exponential(complex(real, imag)), exact, strict=True):
+        assert abs(told - complex(wanted)) <= 1e-6 * abs(complex(wanted)) + 1e-7
+
+
+def test_a_decay_far_beyond_a_tick_is_nothing_and_no_longer_a_number_is_still_no_danger() -> None:
+    assert exponential(-200.0)[0] == 0.0
+    assert abs(exponential(complex(-30.0, 200.0))[0]) < 1e-12
+    for z in (complex(-1e30, 0.0), complex(math.nan, 0.0), complex(0.0, math.inf)):
+        exponential(z)  # ends
+
+
+class Double:
+    """The deadbeat law and its observer for one mode in float64: firmware/core/observer.h and control.h, written anew.
+
+    `tick` takes the goal and the mean over the tick just ended and gives u.
+    """
+
+    def __init__(self, rate_1_s: complex, gain: float, tick_s: float) -> None:
+        ahead_s, back_s = tick_s - CHUNK_S, -CHUNK_S
+        whole, ahead, back = (hold(rate_1_s, gain, span_s) for span_s in (tick_s, ahead_s, back_s))
+        self.gain, self.a, self.b = gain, whole.keep, whole.push
+        self.c = (ahead_s * ahead.mean_keep - back_s * back.mean_keep) / tick_s
+        self.new, self.old = ahead_s * ahead.mean_push / tick_s, -back_s * back.mean_push / tick_s
+        both = self.new + self.old
+        self.pole = math.exp(-BANDWIDTH_1_S * tick_s)
+        poles = np.array([math.exp(-STATE_BANDWIDTHS * BANDWIDTH_1_S * tick_s), math.exp(-tick_s / INTEGRAL_TIME_S)])
+        # Pole placement by Ackermann's formula, for the pair that the correction follows.
+        f = np.array([[self.a, self.b], [0, 1]])
+        h = np.array([self.c, both])
+        desired = (f - poles[0] * np.eye(2)) @ (f - poles[1] * np.eye(2))
+        predictor = desired @ np.linalg.solve(np.array([h, h @ f]), np.array([0, 1]))
+        self.gains = np.linalg.solve(f, predictor)
+        self.forget = math.exp(-tick_s / MEMORY_S)
+        self.w = self.d = self.x = self.u = self.u_old = self.moment = 0j
+        self.power = 0.0
+
+    def tick(self, goal_um: complex, measured_um: complex) -> complex:
+        expected = self.c * self.w + self.new * (self.u + self.d) + self.old * (self.u_old + self.d)
+        before = self.w + self.gains[0] * (measured_um - expected)
+        self.d = self.d + self.gains[1] * (measured_um - expected)
+        self.w = self.a * before + self.b * (self.u + self.d)
+        if abs(before) > LEAST_UM:
+            self.moment = self.forget * self.moment + self.gain * before.conjugate() * self.d
+            self.power = self.forget * self.power + abs(before) ** 2
+        if self.power > 0:
+            self.d += self.moment / self.power / self.gain * (self.w - before)
+        stay = ((1 - self.pole) * self.x + (self.pole - self.a) * self.w) / self.b - self.d
+        move = (goal_um - self.x) / self.b
+        budget = max(LIMIT_V, abs(stay) + 0.03 * LIMIT_V)
+        fractions = np.roots([abs(move) ** 2, 2 * (stay.conjugate() * move).real, abs(stay) ** 2 - budget**2])
+        fraction = 1.0 if abs(stay + move) <= budget else float(fractions.real.max())
+        self.x += fraction * (goal_um - self.x)
+        u = stay + fraction * move
+        self.u_old, self.u = self.u, u * min(1.0, LIMIT_V / abs(u))
+        return self.u
+
+
+@pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
+@pytest.mark.parametrize("plate", [Plate(), Plate(200.0, 0.5, -20.0), Plate(1000.0, 1.0, 20.0)], ids=str)
+def test_single_precision_costs_a_few_picometres(law: Law, plate: Plate) -> None:
+    """The same law in float64 on the exact plate, all along a step."""
+    goal_um = 1.3 + 0.4j
+    gain, tick_s = gain_um_per_v_s(plate.quality), law.tick_ms * 1e-3
+    trace = step_trace(law.board(plate, noise_um=0.0), np.zeros(2, complex), np.array([goal_um, 0]))
+    double = Double(complex(-decay_1_s(plate.quality)[0], -20 * math.pi), gain, tick_s)
+    rate_1_s = complex(-plate.decay_1_s, 2 * math.pi * (plate.detune_hz - 10.0))
+    early, late, share = hold(rate_1_s, gain, CHUNK_S), hold(rate_1_s, gain, tick_s - CHUNK_S), CHUNK_S / tick_s
+    w_um = u_v = old_v = 0j
+    worst_um = worst_v = 0.0
+    for i in range(law.phase_ticks, 2 * law.phase_ticks):
+        mean_um = share * (early.mean_keep * w_um + early.mean_push * old_v)
+        w_um = early.keep * w_um + early.push * old_v
+        mean_um += (1 - share) * (late.mean_keep * w_um + late.mean_push * u_v)
+        w_um = late.keep * w_um + late.push * u_v
+        old_v, u_v = u_v, double.tick(goal_um, mean_um)
+        worst_um = max(worst_um, abs(w_um - trace.plate_um[i, 0]))
+        worst_v = max(worst_v, abs(1j * u_v - trace.voltage_v[i, 0]))
+    assert worst_um < 4e-6  # 2.3e-6 measured: five and a half digits of 1.36 um
+    assert worst_v < 1e-3  # 6.8e-4: as many of 150 V
+
+
+def hold_for(board: Board, w_um: Phasors, seconds: float, contacts_1_s: tuple[float, ...] = (0.0,)) -> BoardTrace:
+    """Holds amplitudes while a finger on X takes each of `contacts_1_s`, one after the other."""
+    ticks = round(seconds * board.config.control_hz)
+    touch = np.tile([1.0, 0.0], (ticks, 1, 1)), np.repeat(contacts_1_s, ticks // len(contacts_1_s))[:, np.newaxis]
+    return follow(board, lambda _: [(0.0, w_um)], ticks, round(0.02 * board.config.control_hz), touch)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.sampled_from(LAWS),
+    st.floats(200.0, 1000.0),
+    st.floats(0.5, 1.5),
+    st.floats(-20.0, 20.0),
+    st.floats(0.3, 1.5),
+    st.floats(-3.2, 3.2),
+)
+def test_damping_and_detuning_are_learned_from_holding_an_amplitude(
+    law: Law, quality: float, damping: float, detune_hz: float, amplitude_um: float, phase_rad: float
+) -> None:
+    """Under the sensors' noise and under any law: 5 % of the decay and 1 Hz within a quarter of a second."""
+    plate = Plate(quality, damping, detune_hz)
+    board = law.board(plate)
+    hold_for(board, np.array([amplitude_um, -amplitude_um]) * np.exp(1j * phase_rad), 0.25)
+    for mode, (decay, detuning) in enumerate(board.estimate()):
+        assert decay == pytest.approx(damping * decay_1_s(quality)[mode], rel=0.05)
+        true_hz = (-10.0, 10.0)[mode] + detune_hz
+        assert detuning / (2 * math.pi) == pytest.approx(true_hz, abs=1.0)
+
+
+def test_a_finger_s_damping_is_learned_and_its_lifting_too() -> None:
+    for contacts_1_s in ((90.0,), (90.0, 0.0), (90.0, 0.0, 45.0)):
+        board = DEADBEAT.board(Plate())
+        hold_for(board, np.array([2.0 + 0j, 0.0]), 0.15 * len(contacts_1_s), contacts_1_s)
+        assert board.estimate()[0, 0] == pytest.approx(decay_1_s()[0] + contacts_1_s[-1], rel=0.05)
+
+
+def test_nothing_is_learned_from_silence() -> None:
+    board = DEADBEAT.board(Plate(damping=1.4, detune_hz=9.0))
+    np.testing.assert_allclose(board.estimate(), np.transpose([decay_1_s(), (-20 * np.pi, 20 * np.pi)]), rtol=1e-6)
+    hold_for(board, np.array([1.0 + 0j, 1.0]), 0.2)
+    learned = board.estimate()
+    quiet = BoardTrace(2000, 2, 2)
+    board.run(2000, np.zeros((2000, 0, 2)), np.zeros((2000, 0)), quiet)  # the host has fallen silent
+    np.testing.assert_allclose(board.estimate(), learned, rtol=0.02, atol=1.0)
+    silent = board.estimate()
+    board.run(2000, np.zeros((2000, 0, 2)), np.zeros((2000, 0)), quiet)
+    np.testing.assert_array_equal(board.estimate(), silent)
+
+
+MEASUREMENTS = st.lists(
+    st.one_of(
+        st.complex_numbers(max_magnitude=5.9),
+        st.sampled_from([1e10 + 0j, 1e38j, complex(math.nan, 0), complex(0, math.inf), -1e30 + 1e30j]),
+    ),
+    min_size=1,
+    max_size=12,
+)
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(["pi", "pi_ff", "deadbeat"]), MEASUREMENTS, st.integers(1, 7))
+def test_whatever_the_sensors_say_voltages_and_estimates_stay_finite_and_bounded(
+    controller: str, measured_um: list[complex], ticks: int
+) -> None:
+    board = Law(controller).board(Plate())
+    hold_for(board, np.array([1.0 + 0j, -1.0]), 0.02)
+    trace = BoardTrace(ticks, 2, 2)
+    for value in measured_um:
+        board.fake_measurement(np.array([value, -0.5 * value]))
+        board.run(ticks, np.zeros((ticks, 0, 2)), np.zeros((ticks, 0)), trace)
+        assert (np.abs(trace.voltage_v) <= LIMIT_V * (1 + 1e-6)).all()  # False for NaN
+        assert np.isfinite(board.estimate()).all()
+        assert (np.abs(board.estimate()) < 2000.0).all()
+
+
+def test_a_long_memory_does_not_outweigh_what_is_new() -> None:
+    """The sums forget as fast as they grow: nine seconds under a finger weigh no more than none."""
+    short, long = DEADBEAT.board(Plate(damping=1.2)), DEADBEAT.board(Plate(damping=1.2))
+    hold_for(short, np.array([3.0 + 0j, 3.0]), 1.0)
+    hold_for(long, np.array([3.0 + 0j, 3.0]), 10.0, (40.0,) * 9 + (0.0,))
+    np.testing.assert_allclose(long.estimate(), short.estimate(), rtol=0.02, atol=1.0)
+
+
+@pytest.mark.parametrize("gains", [(20000.0, 0.0001), (10.0, 1.0), (20000.0, 1.0), (10.0, 0.0001)])
+def test_the_extremes_of_the_gains_neither_break_the_bound_nor_the_arithmetic(gains: tuple[float, float]) -> None:
+    gain = gain_um_per_v_s()
+    config = BoardConfig(bandwidth_1_s=gains[0], integral_time_s=gains[1])
+    model = PlateModel(
+        np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain * np.eye(2), np.eye(2), 0.0006, LIMIT_V
+    )
+    trace = step_trace(Board(model, config=config), np.zeros(2, complex), np.array([1.0 + 0j, -1.0]))
+    assert (np.abs(trace.voltage_v) <= LIMIT_V * (1 + 1e-6)).all()
+    assert np.abs(trace.plate_um[-1] - [1.0, -1.0]).max() < 0.02
