@@ -12,8 +12,8 @@
 #define TIMER_HZ 1000000000u /* of QEMU's timers, whatever the clocks say */
 #define POKE_HZ 4000u
 #define CATCH_UP 400 /* chunks in one interrupt, 20 ms: they take QEMU about a quarter of that */
-#define LATER 0x80u /* a priority below the ports' */
-#define RING 2048 /* a power of two, several of the longest frames */
+#define LATER 0x80u  /* a priority below the ports' */
+#define RING 2048    /* a power of two, several of the longest frames */
 
 /* Bytes from an interrupt to the main loop. */
 typedef struct {
