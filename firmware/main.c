@@ -45,20 +45,10 @@ void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][H
 
 void hd_on_missed_chunk(void)
 {
-    static uint32_t missed_chunks;
     hd_phasor_t silence_v[HD_MODES] = {{0.0f, 0.0f}};
-    hd_wire_log_entry_t entry = {
-        .t_board_us = board_now_us(),
-        .boot_id = core.config.boot_id,
-        .code = HD_EVENT_MISSED_CHUNK,
-        .mode = 255,
-        .value = (float)++missed_chunks,
-    };
     board_enable_amplifiers(false);
-    hd_silence(&core);
-    hd_deadman_reset(&core.deadman); /* the next tick counts a trip, and only fresh references end it */
+    hd_lose_samples(&core, board_now_us());
     hd_carrier_drive(&carrier, silence_v);
-    hd_log_add(&core.config.log, &entry);
 }
 
 static void listen_to_host(void)

@@ -141,6 +141,18 @@ def test_a_demo_of_no_length_is_refused(seconds: str, capsys: pytest.CaptureFixt
     assert "is too short" in complaint
 
 
+def test_an_image_without_a_board_to_run_it_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "demo", "--image", "qemu.elf")
+    assert code == 1
+    assert complaint.endswith("give --board qemu or --board host as well.\n")
+
+
+def test_an_image_that_is_missing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "demo", "--board", "host", "--image", "no-such-image")
+    assert code == 1
+    assert "no-such-image: there is no such image" in complaint
+
+
 def test_the_package_runs_as_a_module() -> None:
     command = [sys.executable, "-m", "hapticd", "--version"]
     said = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -124,6 +124,18 @@ static void trip(hd_core_t *core, uint32_t now_us)
     }
 }
 
+void hd_lose_samples(hd_core_t *core, uint32_t now_us)
+{
+    note(core, HD_EVENT_MISSED_CHUNK, ALL_MODES, (float)++core->missed_chunks, now_us);
+    hd_silence(core);
+    if (core->state == HD_STATE_LIVE) {
+        trip(core, now_us);
+    } else if (core->state == HD_STATE_TOOL) {
+        enter(core, HD_STATE_QUIET);
+    }
+    hd_deadman_reset(&core->deadman);
+}
+
 static void watch_host(hd_core_t *core, uint32_t now_us)
 {
     hd_deadman_tick(&core->deadman, now_us);

@@ -111,6 +111,7 @@ typedef struct {
     hd_receipt_t applied; /* last one that has taken effect */
     uint32_t bad_frames;
     uint32_t late_frames;
+    uint32_t missed_chunks;
 
     uint16_t pending; /* messages to send, one bit of hd_pending each: the transmit queue */
     bool acknowledge; /* the pending STATUS is about `applied` */
@@ -147,6 +148,10 @@ size_t hd_message_encode(const hd_message_t *message, uint8_t *out);
 
 /* Zero voltage now; references, trajectories and integrals are forgotten. */
 void hd_silence(hd_core_t *core);
+
+/* Samples were lost, so nobody knows what the plate does: silence now, and trust again only after a run of fresh
+ * references. Who was live sees a trip of the dead-man. */
+void hd_lose_samples(hd_core_t *core, uint32_t now_us);
 
 /* Whether a model of a mode is one that a controller can be built on. */
 bool hd_model_valid(const hd_mode_model_t *model);

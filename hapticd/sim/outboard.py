@@ -1,4 +1,4 @@
-"""The physical half of the rig where board and plate are another process: the same calls as `world.World`, in real time.
+"""The physical half of the rig where board and plate are another process: the calls of `world.World`, in real time.
 
 The plate there feels no fingers, so they only say where its truth is looked at. Of the plate the bench tells the two
 driven modes, every 2 ms; what the daemon asked of it is read off the frames on their way to the board.
@@ -6,6 +6,7 @@ driven modes, every 2 ms; what the daemon asked of it is read off the frames on 
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..wire import device
+from ..wire import protocol
 from ..wire.framing import FrameSplitter
 from .emulator import MODES, BenchReport, Emulator
 from .scenarios import Actor
 from .world import Recording
 
+_FRAME_MAX = 512  # encoded; a reference of two modes has at most 450 bytes
 _KNOT = struct.Struct(f"<H{2 * MODES}f")
 
 
@@ -27,12 +29,13 @@ class Outboard:
 
     def __init__(self, actors: Sequence[Actor], board: str, program: Path, *, boot_id: int, keep: bool) -> None:
         self.t_s = 0.0
-        self._emulator = Emulator(board, program, boot_id=boot_id)
         self._paths = [actor.path for actor in actors if actor.path is not None]
         self._keep = keep
-        self._reports: list[BenchReport] = []
-        self._boot_s = np.inf
+        self._reports: list[tuple[int, BenchReport]] = []
+        self._board_us = 0
+        self._boot_s = math.inf
         self._asked = Overheard()
+        self._emulator = Emulator(board, program, boot_id=boot_id)
 
     def close(self) -> None:
         """End the process."""
@@ -43,23 +46,24 @@ class Outboard:
         del t_s
         self._emulator.write(data)
         if self._keep:
-            self._asked.feed(data)
+            self._asked.feed(data, self._board_us)
 
     def advance(self, t_s: float) -> bytes:
         """Time has gone on to `t_s`: what the board has said since."""
         self.t_s = max(self.t_s, t_s)
         for report in self._emulator.reports():
+            self._board_us = unwrapped_us(report.t_us, self._board_us)
             # The board's clock against the rig's, by the report that was fastest: nothing arrives before it is sent.
-            self._boot_s = min(self._boot_s, t_s - report.t_us * 1e-6)
+            self._boot_s = min(self._boot_s, t_s - self._board_us * 1e-6)
             if self._keep:
-                self._reports.append(report)
+                self._reports.append((self._board_us, report))
         return self._emulator.read()
 
     def recording(self) -> Recording:
         """Everything so far, at the instants of the bench's reports."""
-        t_us = np.array([report.t_us for report in self._reports], dtype=np.int64)
-        plate_um = np.array([report.plate_um for report in self._reports], dtype=np.complex128).reshape(-1, MODES)
-        t_s = t_us * 1e-6 + self._boot_s
+        t_us = np.array([board_us for board_us, _ in self._reports], dtype=np.int64)
+        plate_um = np.array([report.plate_um for _, report in self._reports], dtype=np.complex128).reshape(-1, MODES)
+        t_s = np.asarray(t_us * 1e-6 + self._boot_s, dtype=np.float64)
         finger_mm = np.full((len(t_s), len(self._paths), 2), np.nan)
         for index, path in enumerate(self._paths):
             finger_mm[:, index] = path.position_mm(t_s)
@@ -73,24 +77,30 @@ class Outboard:
         )
 
 
+def unwrapped_us(t_us: int, near_us: int) -> int:
+    """The instant nearest to `near_us` that a 32-bit clock shows as `t_us`."""
+    half = 1 << 31
+    return near_us + (t_us - near_us + half) % (1 << 32) - half
+
+
 class Overheard:
     """The references on their way to a board: polylines in its time, as `firmware/PROTOCOL.md` lays them out."""
 
     def __init__(self) -> None:
-        self._splitter = FrameSplitter(device.FRAME_MAX)
+        self._splitter = FrameSplitter(_FRAME_MAX)
         self._lines: list[tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]] = []
 
-    def feed(self, data: bytes) -> None:
-        """Bytes to the board, in pieces of any size."""
+    def feed(self, data: bytes, near_us: int) -> None:
+        """Bytes to the board, in pieces of any size, at about `near_us` of its clock, which does not wrap."""
         for frame in self._splitter.feed(data):
-            if frame[0] == device.MSG_REFERENCE:
-                self._take(frame[1:])
+            if frame[0] == protocol.MSG_REFERENCE:
+                self._take(frame[1:], near_us)
 
-    def _take(self, payload: bytes) -> None:
-        _, t_apply_us, _, modes = device.REFERENCE.unpack_from(payload)
-        knots = np.array(list(_KNOT.iter_unpack(payload[device.REFERENCE.size :])))
+    def _take(self, payload: bytes, near_us: int) -> None:
+        _, t_apply_us, _, modes = protocol.REFERENCE.unpack_from(payload)
+        knots = np.array(list(_KNOT.iter_unpack(payload[protocol.REFERENCE.size :])))
         assert modes == MODES, "the daemon refuses a board of other modes"
-        t_us = t_apply_us + knots[:, 0] * (device.KNOT_UNIT_NS // 1000)
+        t_us = unwrapped_us(t_apply_us, near_us) + knots[:, 0] * (protocol.KNOT_UNIT_NS // 1000)
         self._lines.append((t_us, knots[:, 1::2] + 1j * knots[:, 2::2]))
 
     def at(self, t_us: npt.NDArray[np.int64]) -> npt.NDArray[np.complex128]:

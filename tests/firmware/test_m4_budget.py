@@ -59,6 +59,4 @@ def test_the_interrupt_takes_its_share_of_the_processor_and_no_more(control_hz: 
 
 def shown(costs: list[Count]) -> str:
     plain, tick = min(costs, key=lambda c: c.cycles), max(costs, key=lambda c: c.cycles)
-    return (
-        f"chunk {plain.instructions} instructions, {plain.cycles} cycles; with tick {tick.instructions}, {tick.cycles}"
-    )
+    return f"chunk {plain.instructions} instructions, {plain.cycles} cycles; with tick {tick.instructions}, {tick.cycles}"

@@ -57,7 +57,7 @@ void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *opt
     *converters = (hd_converters_t){.drive_hz = DRIVE_HZ, .control_hz = CONTROL_HZ};
     *config = (hd_config_t){
         .boot_id = options->boot_id, .control_hz = CONTROL_HZ, .drive_hz = DRIVE_HZ, .v_limit_v = V_LIMIT_V,
-        .gains = {.law = HD_LAW_PI_FF}, .output_delay_frac = HD_CHUNK * CONTROL_HZ / HD_SAMPLE_HZ,
+        .gains = {.law = HD_LAW_DEADBEAT}, .output_delay_frac = HD_CHUNK * CONTROL_HZ / HD_SAMPLE_HZ,
         .reset_cause = HD_RESET_POWER,
     };
     hd_resonance_t resonance[HD_MODES];
@@ -79,12 +79,12 @@ void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *opt
     board->stepped = options->stepped != 0;
 }
 
-uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us)
+uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us, uint32_t most)
 {
     uint32_t due = (clock_us - board->t_us) / HD_CHUNK_US;
-    if (due > HD_CATCH_UP) {
-        board->t_us += (due - HD_CATCH_UP) * HD_CHUNK_US;
-        due = HD_CATCH_UP;
+    if (due > most) {
+        board->t_us += (due - most) * HD_CHUNK_US;
+        due = most;
     }
     return due;
 }
@@ -106,6 +106,11 @@ bool hd_emulation_chunk(hd_emulation_t *board)
     board->t_us += HD_CHUNK_US;
     hd_on_chunk(board->in, playing); /* its turn comes again after the other's */
     return board->chunks % REPORT_CHUNKS == 0;
+}
+
+bool hd_emulation_may_read(const hd_emulation_t *board, uint32_t arrived)
+{
+    return !board->stepped || (board->stepping && arrived == board->step.line_bytes);
 }
 
 void hd_emulation_hear(hd_emulation_t *board, uint8_t byte)

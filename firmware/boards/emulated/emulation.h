@@ -17,7 +17,7 @@
 
 #define HD_CHUNK_US (HD_CHUNK * 1000000 / HD_SAMPLE_HZ)
 
-/* To the board: once it has read `line_bytes` from the line, ever, run so many chunks. */
+/* To the board: once `line_bytes` have come over the line, ever, run so many chunks. A step takes 2 kB at most. */
 typedef struct HD_PACKED {
     uint32_t line_bytes;
     uint16_t chunks;
@@ -59,16 +59,19 @@ typedef struct {
 void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *options, hd_config_t *config,
                         hd_converters_t *converters);
 
-/* How many chunks are due by the board's clock: at most HD_CATCH_UP. A computer that was busy elsewhere for longer skips
- * the rest of that time, in which the plate stood still. */
-#define HD_CATCH_UP 80
-uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us);
+/* How many chunks are due by the board's clock, `most` at most: a computer that was busy elsewhere for longer skips the
+ * rest of that time, in which the plate stood still. */
+uint32_t hd_emulation_due(hd_emulation_t *board, uint32_t clock_us, uint32_t most);
 
 /* Never ahead of the samples: an instant that the main program gives must not lie behind the next tick's. */
 uint32_t hd_emulation_now_us(const hd_emulation_t *board, uint32_t clock_us);
 
 /* Plays a chunk, samples the plate and calls hd_on_chunk; true if a report is due. */
 bool hd_emulation_chunk(hd_emulation_t *board);
+
+/* Whether the main loop may see the line's bytes, of which `arrived` have come, ever: in a step all at once, for what it
+ * answers depends on how they are grouped. */
+bool hd_emulation_may_read(const hd_emulation_t *board, uint32_t arrived);
 
 /* A byte from the bench. */
 void hd_emulation_hear(hd_emulation_t *board, uint8_t byte);

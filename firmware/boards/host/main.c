@@ -16,6 +16,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
 #include <sysexits.h>
 #include <termios.h>
 #include <time.h>
@@ -24,6 +26,7 @@
 #include "board.h"
 #include "emulation.h"
 
+#define CATCH_UP 4000 /* chunks at once, 0.2 s: they take about 5 ms */
 #define SLEEP_MS 1 /* at most: two ticks come together */
 #define STEPPED_SLEEP_MS 100 /* a signal may fall between the look at `stopping` and the sleep */
 #define UNSENT 1024
@@ -79,7 +82,10 @@ static void open_terminal(void)
     }
     const char *name = ttyname(held);
     if (started.link != NULL) {
-        unlink(started.link);
+        struct stat before;
+        if (lstat(started.link, &before) == 0 && S_ISLNK(before.st_mode)) {
+            unlink(started.link); /* of a process that was killed; anything else stays */
+        }
         if (symlink(name, started.link) != 0) {
             const char *path = started.link;
             started.link = NULL; /* what is there is not ours */
@@ -122,6 +128,11 @@ uint32_t board_now_us(void)
 
 size_t board_read(uint8_t *bytes, size_t capacity)
 {
+    int waiting = 0;
+    ioctl(started.line, FIONREAD, &waiting);
+    if (!hd_emulation_may_read(&emulation, emulation.line_read + (uint32_t)waiting)) {
+        return 0;
+    }
     ssize_t n = read(started.line, bytes, capacity);
     if (n == 0) {
         leave(EXIT_SUCCESS);
@@ -205,7 +216,7 @@ static void sleep_until_something_comes(int timeout_ms)
 static void run_due_chunks(void)
 {
     running_chunks = true;
-    for (uint32_t due = hd_emulation_due(&emulation, clock_us()); due > 0; due--) {
+    for (uint32_t due = hd_emulation_due(&emulation, clock_us(), CATCH_UP); due > 0; due--) {
         if (hd_emulation_chunk(&emulation)) {
             report();
         }

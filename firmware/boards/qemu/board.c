@@ -11,7 +11,9 @@
 
 #define TIMER_HZ 1000000000u /* of QEMU's timers, whatever the clocks say */
 #define POKE_HZ 4000u
-#define RING 2048 /* a power of two, several of the longest frames */
+#define CATCH_UP 400 /* chunks in one interrupt, 20 ms: they take QEMU about a quarter of that */
+#define LATER 0x80u  /* a priority below the ports' */
+#define RING 2048    /* a power of two, several of the longest frames */
 
 /* Bytes from an interrupt to the main loop. */
 typedef struct {
@@ -77,7 +79,7 @@ static uint32_t clock_us(void)
 void tim3_handler(void)
 {
     TIM3->SR = 0;
-    for (uint32_t due = hd_emulation_due(&emulation, clock_us()); due > 0; due--) {
+    for (uint32_t due = hd_emulation_due(&emulation, clock_us(), CATCH_UP); due > 0; due--) {
         if (hd_emulation_chunk(&emulation)) {
             report();
         }
@@ -116,6 +118,7 @@ void board_run(void)
     TIM2->CR1 = TIM_CR1_CEN;
     TIM3->DIER = TIM_DIER_UIE;
     TIM3->CR1 = TIM_CR1_CEN;
+    NVIC_IPR[TIM3_IRQ] = LATER; /* each byte waits for its interrupt, and the next byte for that */
     enable_interrupt(TIM3_IRQ);
     TIM3->ARR = TIMER_HZ / POKE_HZ; /* the last and only: any other write would be added to its period there */
 }
@@ -136,7 +139,7 @@ uint32_t board_now_us(void)
 size_t board_read(uint8_t *bytes, size_t capacity)
 {
     size_t n = 0;
-    while (n < capacity && get(&line, &bytes[n])) {
+    while (hd_emulation_may_read(&emulation, line.put) && n < capacity && get(&line, &bytes[n])) {
         n++;
     }
     emulation.line_read += (uint32_t)n;
@@ -173,7 +176,8 @@ void board_unlock(void)
 static void sleep_unless(bool busy)
 {
     board_lock();
-    if (!busy && line.got == line.put && bench.got == bench.put) {
+    bool unread = line.got != line.put && hd_emulation_may_read(&emulation, line.put);
+    if (!busy && !unread && bench.got == bench.put) {
         __asm volatile("wfi" ::: "memory");
     }
     board_unlock();

@@ -18,6 +18,7 @@ typedef struct {
 #define TIM2 ((timer_t *)0x40000000u)
 #define TIM3 ((timer_t *)0x40000400u)
 #define NVIC_ISER ((volatile uint32_t *)0xE000E100u)
+#define NVIC_IPR ((volatile uint8_t *)0xE000E400u)
 #define SCB_CPACR (*(volatile uint32_t *)0xE000ED88u)
 
 #define USART_SR_RXNE (1u << 5)

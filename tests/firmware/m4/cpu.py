@@ -63,9 +63,9 @@ class Cpu:
     def write(self, address: int, data: bytes) -> None:
         self._uc.mem_write(address, data)
 
-    def run_to(self, symbol: str, *, instructions: int = _INSTRUCTIONS_MAX) -> bool:
+    def run_to(self, symbol: str, *, instructions: int | None = None) -> bool:
         """Goes on until the symbol is about to be executed; False if `stop` or the number of instructions came first."""
-        self._uc.emu_start(self.pc | 1, self.address(symbol), count=instructions)
+        self._uc.emu_start(self.pc | 1, self.address(symbol), count=instructions or _INSTRUCTIONS_MAX)
         self.pc = self._uc.reg_read(arm.UC_ARM_REG_PC)
         return self.pc == self.address(symbol)
 
@@ -87,6 +87,11 @@ class Cpu:
             raise AssertionError(f"{symbol} did not return: pc is {self._uc.reg_read(arm.UC_ARM_REG_PC):#x}")
         return int(self._uc.reg_read(arm.UC_ARM_REG_R0))
 
+    def set_float(self, register: int, value: float) -> None:
+        """The next call's float arguments are in s0, s1, ..."""
+        (bits,) = struct.unpack("<I", struct.pack("<f", value))
+        self._uc.reg_write(arm.UC_ARM_REG_S0 + register, bits)
+
     def interrupt(self, symbol: str) -> None:
         """Calls a handler as an interrupt would: whatever ran before goes on as if nothing had happened."""
         before = self._uc.context_save()
@@ -94,6 +99,14 @@ class Cpu:
             self.call(symbol)
         finally:
             self._uc.context_restore(before)
+
+    def fault(self, handler: str, *, at: int) -> None:
+        """Takes the exception as the hardware would for an instruction at `at`, until `stop` is called."""
+        frame = struct.pack("<8I", 0, 0, 0, 0, 0, 0, at, 1 << 24)
+        stack = self._uc.reg_read(arm.UC_ARM_REG_SP) - len(frame)
+        self._uc.mem_write(stack, frame)
+        self._uc.reg_write(arm.UC_ARM_REG_SP, stack)
+        self._uc.emu_start(self.address(handler) | 1, RETURN, count=_INSTRUCTIONS_MAX)
 
     @property
     def masked(self) -> bool:

@@ -6,7 +6,7 @@ not in the tables raises: the firmware has no business there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 _GPIO = {"MODER": 0x00, "PUPDR": 0x0C, "ODR": 0x14, "BSRR": 0x18, "AFRL": 0x20, "AFRH": 0x24}
 _TIMER = {"CR1": 0x00, "CR2": 0x04, "EGR": 0x14, "CNT": 0x24, "PSC": 0x28, "ARR": 0x2C}
@@ -63,6 +63,7 @@ class Peripherals:
         self.t_fed_us: int | None = None  # None while the watchdog is not started
         self.reset_requested = False
         self.on_reset: Callable[[], None] = lambda: None
+        self.on_clear: Callable[[], None] = lambda: None  # what happens right after the ADC's flags were cleared
         self._crystal = crystal
         self._pll = pll
         self._effects: dict[str, Callable[[int], None]] = {
@@ -100,10 +101,6 @@ class Peripherals:
         self.trace.append((name, value))
         self._effects.get(name, lambda v: self.registers.__setitem__(name, v))(value)
 
-    def written(self, names: Iterable[str]) -> list[tuple[str, int]]:
-        chosen = set(names)
-        return [(name, value) for name, value in self.trace if name in chosen]
-
     def _clock_control(self, value: int) -> None:
         ready = (1 << 1) | (1 << 17 if value & 1 << 16 and self._crystal else 0)
         source_runs = self._crystal or not self.registers["RCC.PLLCFGR"] & 1 << 22
@@ -134,6 +131,8 @@ class Peripherals:
 
     def _clear(self, flags: str, value: int) -> None:
         self.registers[flags] &= ~value
+        if flags == "DMA2.LISR":
+            self.on_clear()
 
     def _pins(self, output: str, value: int) -> None:
         self.registers[output] = self.registers[output] & ~(value >> 16) | value & 0xFFFF

@@ -1,0 +1,287 @@
+"""The whole program of the firmware, in QEMU and as a process: it boots, talks, closes the loop and falls silent.
+
+Steps of the bench hold its time, so nothing here depends on how fast this computer is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from hapticd.core.session import BoardSession
+from hapticd.core.solver import solve
+from hapticd.errors import DeviceError
+from hapticd.io.device import SerialLink
+from hapticd.sim import emulator
+from hapticd.sim.emulator import Emulator, find_program
+from hapticd.sim.plate import PlateTruth
+from hapticd.sim.rig import Rig
+from hapticd.values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime
+from hapticd.wire import device
+from hapticd.wire.commands import encode
+
+from .emulated import STEP_US, Host
+
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+NEEDS = {"host": ("cc",), "qemu": ("arm-none-eabi-gcc", "qemu-system-arm")}
+TARGETS = {"host": "hapticd-board", "qemu": "qemu.elf"}
+WRAPS_SOON_US = (1 << 32) - 300_000  # the board's clock, in the middle of a run
+TARGET_UM = np.array((1.0, 0.0))
+W_LIM_UM = 4.0
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="session")
+def programs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Builds a board's program, or skips by the name of what is missing."""
+    build = tmp_path_factory.mktemp("firmware")
+
+    def program(board: str) -> Path:
+        for tool in NEEDS[board]:
+            if shutil.which(tool) is None:
+                pytest.skip(f"{tool} is not installed")
+        built = build / TARGETS[board]
+        if not built.exists():
+            made = subprocess.run(
+                ["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert made.returncode == 0, made.stderr
+        return built
+
+    return program
+
+
+@pytest.fixture
+def start(programs: Callable[[str], Path]) -> Iterator[Callable[..., Host]]:
+    with ExitStack() as stack:
+
+        def started(board: str, t_start_us: int = 0) -> Host:
+            running = Emulator(board, programs(board), boot_id=0x1234, t_start_us=t_start_us, stepped=True)
+            return Host(stack.enter_context(running), t_start_us=t_start_us)
+
+        yield started
+
+
+def still_finger_mm(t_us: np.ndarray) -> np.ndarray:
+    return np.stack((-25.0 + 0.0 * t_us, -35.0 + 0.0 * t_us), axis=-1)
+
+
+def moving_finger_mm(t_us: np.ndarray) -> np.ndarray:
+    """5 cm/s past the other, clear of positions where two modes cannot serve both."""
+    return np.stack((-34.0 + 5e-6 * t_us, -16.0 - 5e-5 * t_us), axis=-1)
+
+
+def shapes(t_us: np.ndarray) -> np.ndarray:
+    """(T, 2 fingers, 2 modes)"""
+    points = np.stack((moving_finger_mm(t_us), still_finger_mm(t_us)), axis=-2)
+    return PlateTruth().shapes(points)[..., :2]
+
+
+def play_two_fingers(host: Host, us: int) -> np.ndarray:
+    """Connect, then solve and ask every 10 ms as the daemon does; the knots asked for, (K, 3): us, W_X, W_Y."""
+    while not host.session.ready:
+        host.step()
+    start_us = host.now_us
+    previous = None
+    asked: list[tuple[float, ...]] = []
+    while host.now_us < start_us + us:
+        knots_us = host.now_us + np.array((2500, 7500, 12500, 17500))
+        references = []
+        for phi in shapes(knots_us - start_us):
+            previous = solve(phi, TARGET_UM, W_LIM_UM, previous_um=previous).modal_um
+            references.append(previous)
+        host.ask(*((int(at - host.now_us), w) for at, w in zip(knots_us, references, strict=True)))
+        asked += [(float(at), *w) for at, w in zip(knots_us[:2], references[:2], strict=True)]
+        host.run(10_000)
+    return np.array(asked)
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_the_program_boots_and_says_who_it_is(board: str, start: Callable[..., Host]) -> None:
+    host = start(board)
+    host.step()
+    (hello,) = (message for message in host.messages if isinstance(message, BoardHello))
+    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
+    assert hello.boot_id == 0x1234
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_the_clocks_find_each_other(board: str, start: Callable[..., Host]) -> None:
+    host = start(board, WRAPS_SOON_US)
+    host.run(500_000)
+    assert host.session.ready
+    away_us = host.session.clock.to_board_us(host.now_us * 1000) - host.now_us
+    # All that is between them is the step: the host stamps at its ends what the board answers within.
+    assert abs((away_us + (1 << 31)) % (1 << 32) - (1 << 31)) <= STEP_US
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_two_moving_fingers_close_the_loop(board: str, start: Callable[..., Host]) -> None:
+    host = start(board, WRAPS_SOON_US)
+    asked = play_two_fingers(host, 600_000)
+    t_us, w_um = host.plate_um()
+    settled = (t_us > asked[0, 0] + 60_000) & (t_us < asked[-1, 0])
+    t_us, w_um = t_us[settled], w_um[settled]
+    planned_um = np.stack([np.interp(t_us, asked[:, 0], asked[:, mode]) for mode in (1, 2)], axis=1)
+    got_um = np.abs(np.einsum("tnm,tm->tn", shapes(t_us - (asked[0, 0] - 2500)), w_um))
+
+    assert host.now_us > 1 << 32  # the board's clock has wrapped
+    assert host.statuses[-1].state is BoardState.LIVE
+    assert host.statuses[-1].deadman_trips == host.statuses[-1].bad_frames == host.statuses[-1].late_frames == 0
+    # References change by up to 6 um/s, and the clocks agree within a step of 2.5 ms: 0.015 um, and as much again for
+    # the corners at the knots.
+    assert np.ptp(planned_um, axis=0).max() > 0.8
+    assert np.abs(w_um - planned_um).max() < 0.03
+    assert np.sqrt(np.mean(got_um[:, 1] ** 2)) < 0.02
+    assert np.sqrt(np.mean((got_um[:, 0] - 1.0) ** 2)) < 0.03
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_what_the_board_measures_is_what_the_plate_does(board: str, start: Callable[..., Host]) -> None:
+    host = start(board)
+    while not host.session.ready:
+        host.step()
+    for _ in range(20):
+        host.ask((0, (1.5, -0.8)))
+        host.run(10_000)
+    truth_um = np.mean([report.plate_um for report in host.reports[-10:]], axis=0)
+    # Two microns of full scale 9 um in 12 bits, averaged over 500 samples, and 0.04 % of the oscillator's table.
+    np.testing.assert_allclose(host.statuses[-1].measured_um, truth_um, atol=2e-3)
+    np.testing.assert_allclose(truth_um, (1.5, -0.8), atol=2e-3)
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_a_host_that_falls_silent_quiets_the_plate_in_board_time(board: str, start: Callable[..., Host]) -> None:
+    host = start(board)
+    play_two_fingers(host, 100_000)
+    last_us = host.session.status.t_received_us if host.session.status is not None else 0
+    before = len(host.messages)
+    for _ in range(80):
+        host.step(timer=False)
+    trip = next(m for m in host.messages[before:] if isinstance(m, BoardStatus) and m.state is BoardState.QUIET)
+    assert trip.deadman_trips == 1
+    # 50 ms after the last frame; one may have come since the last status, and a tick is half a millisecond.
+    assert 50_000 <= trip.t_board_us - last_us <= 50_000 + 10_000 + 1_000
+    # 10 ms of ramp, then 85 ms of the plate's own decay at 183 1/s from 4 um at most.
+    assert max(map(abs, host.reports[-1].plate_um)) < 4.0 * np.exp(-0.08 * 183)
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_damaged_bytes_are_counted_and_move_nothing(board: str, start: Callable[..., Host]) -> None:
+    host = start(board)
+    host.step()
+    noise = np.random.default_rng(5).integers(1, 256, 3000, dtype=np.uint8).tobytes()
+    frames = [noise[at : at + 60] + b"\0" for at in range(0, len(noise), 60)]
+    for frame in frames:
+        host.say(frame)
+        host.step()
+    assert host.statuses[-1].bad_frames > 0
+    host.say(device.encode_clear_fault())  # which asks for a status
+    host.step()
+    assert host.statuses[-1].bad_frames == len(frames)
+    assert all(report.plate_um == (0j, 0j) for report in host.reports)
+
+
+def test_same_bytes_in_give_same_bytes_out_on_the_m4_and_on_this_computer(start: Callable[..., Host]) -> None:
+    runs = []
+    for board in ("qemu", "qemu", "host"):
+        host = start(board, WRAPS_SOON_US)
+        play_two_fingers(host, 100_000)
+        runs.append((host.line, host.reports))
+    assert len(runs[0][0]) > 500
+    assert runs[0] == runs[1]
+    assert runs[0] == runs[2]  # core, signal chain and plate agree to the last bit
+
+
+@pytest.mark.parametrize("board", emulator.BOARDS)
+def test_the_daemons_link_arms_the_board_in_real_time(
+    board: str, programs: Callable[[str], Path], tmp_path: Path
+) -> None:
+    """Through the rig's pseudo-terminal: SerialLink, Decoder and BoardSession, until the board is live."""
+    rig = Rig(tmp_path, "rest", 1, keep=True, board=board, program=programs(board))
+    thread = Thread(target=rig.serve)
+    thread.start()
+    try:
+        status = asyncio.run(asyncio.wait_for(armed(str(tmp_path / "board")), PATIENCE_S))
+    finally:
+        rig.stop()
+        thread.join()
+        rig.close()
+    assert status.state is BoardState.LIVE
+    rig.save(tmp_path / "plate.npz")
+    with np.load(tmp_path / "plate.npz") as arrays:
+        assert len(arrays["t_s"]) > 0
+        assert arrays["modal_um"].shape == arrays["reference_um"].shape == (len(arrays["t_s"]), 2)
+
+
+async def armed(port: str) -> BoardStatus:
+    """Talk to the board until it follows references."""
+    loop = asyncio.get_running_loop()
+    live: asyncio.Future[BoardStatus] = loop.create_future()
+    link, session, decoder = SerialLink(port, 921600), BoardSession(link_start_ns=5_000_000, controller="pi_ff"), None
+
+    def say(commands: list[BoardCommand]) -> None:
+        for command in commands:
+            link.write(encode(command))
+
+    def now_ns() -> int:
+        return round(loop.time() * 1e9)
+
+    def hear(data: bytes) -> None:
+        for message in decoder.feed(data):
+            if isinstance(message, BoardHello):
+                say(session.receive_hello(message, now_ns()))
+            elif isinstance(message, BoardTime):
+                session.receive_time(message, now_ns())
+            elif isinstance(message, BoardStatus):
+                session.receive_status(message, now_ns())
+                if message.state is BoardState.LIVE and not live.done():
+                    live.set_result(message)
+
+    def tick() -> None:
+        nonlocal timer
+        say(session.timer(now_ns()))
+        timer = loop.call_later(0.01, tick)
+
+    decoder = device.Decoder()
+    link.start(loop, hear, lambda up, _: say(session.link_up(now_ns())) if up else None)
+    timer = loop.call_soon(tick)
+    try:
+        return await live
+    finally:
+        timer.cancel()
+        link.close()
+
+
+def test_a_missing_emulator_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emulator.shutil, "which", lambda _: None)
+    with pytest.raises(DeviceError, match=r"^qemu-system-arm is not installed, .*: install it .*\.$"):
+        find_program("qemu")
+
+
+def test_a_missing_image_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(emulator.shutil, "which", lambda _: "/usr/bin/qemu-system-arm")
+    monkeypatch.setitem(emulator._PROGRAMS, "qemu", tmp_path / "qemu.elf")
+    with pytest.raises(DeviceError, match=r"gcc-arm-none-eabi .* run `make -C firmware`\.$"):
+        find_program("qemu")
+    with pytest.raises(DeviceError, match="no-image: there is no such image"):
+        find_program("qemu", tmp_path / "no-image")
+
+
+def test_a_board_that_dies_is_one_sentence(programs: Callable[[str], Path]) -> None:
+    with Emulator("host", programs("host"), stepped=True) as board:
+        board.process.kill()
+        board.process.wait()
+        with pytest.raises(DeviceError, match="ended by itself"):
+            board.step(b"", 1)

@@ -1,0 +1,213 @@
+"""The core on a Cortex-M4 and on this machine: the same calls, the same bits.
+
+Both start from what the board's own `board_start` says of itself. The plate between the calls is a stand-in, one pole
+per mode: it only has to keep every branch of the controller busy.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+pytest.importorskip("unicorn", reason="unicorn is not installed")
+
+from hapticd.sim.firmware import load
+from hapticd.tool_values import LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
+from hapticd.values import Knot, LimitReason, ModeModel, SafeDrive, SelectController, SetModel
+from hapticd.wire import device
+from hapticd.wire.commands import encode
+
+from .m4 import image
+from .m4.cpu import SCRATCH, Cpu
+from .m4.peripherals import Peripherals
+
+pytestmark = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))
+
+TICK_US = 500
+CONFIG_SIZE, OBJECT_SIZE, LINE_SIZE = 512, 32768, 2048
+CONFIG, CONVERTERS, OBJECT, IN, OUT = (SCRATCH + 0x8000 * i for i in range(5))
+CHUNK = 50
+
+
+def fresh_cpu() -> Cpu:
+    registers = Peripherals()
+    cpu = Cpu(image.build(), read=registers.read, write=registers.write)
+    assert cpu.run_to("main")
+    cpu.call("board_start", CONFIG, CONVERTERS)
+    return cpu
+
+
+class Twins:
+    """One object of the core, twice; every call goes to both and returns what both say, or fails."""
+
+    def __init__(self, init: str, argument: int, *extra: int) -> None:
+        self.cpu = fresh_cpu()
+        self.host = load(2)
+        given = ctypes.create_string_buffer(self.cpu.read(argument, CONFIG_SIZE), CONFIG_SIZE)
+        self.object = ctypes.create_string_buffer(OBJECT_SIZE)
+        assert self.cpu.call(init, OBJECT, argument, *extra) & 0xFF == 1
+        getattr(self.host, init).restype = ctypes.c_bool
+        assert getattr(self.host, init)(self.object, given, *map(ctypes.c_uint32, extra))
+
+    def call(self, name: str, *arguments: int | bytes, out: int = 0) -> tuple[bytes, int]:
+        """Arguments in order: integers, and bytes to read; last comes room for `out` bytes. Returns these and r0."""
+        target: list[int] = []
+        for value in arguments:
+            if isinstance(value, bytes):
+                self.cpu.write(IN, value)
+            target.append(IN if isinstance(value, bytes) else value)
+        self.cpu.write(OUT, bytes(out))
+        result = self.cpu.call(name, OBJECT, *target, *([OUT] if out else []))
+        written = ctypes.create_string_buffer(out)
+        host = [ctypes.c_uint32(value) if isinstance(value, int) else value for value in arguments]
+        getattr(self.host, name)(self.object, *host, *([written] if out else []))
+        assert self.cpu.read(OUT, out) == written.raw
+        return written.raw, result
+
+    def transmit(self, now_us: int) -> bytes:
+        self.cpu.write(OUT, bytes(LINE_SIZE))
+        n = self.cpu.call("hd_transmit", OBJECT, now_us, OUT, LINE_SIZE)
+        written = ctypes.create_string_buffer(LINE_SIZE)
+        self.host.hd_transmit.restype = ctypes.c_size_t
+        size = ctypes.c_size_t(LINE_SIZE)
+        assert n == self.host.hd_transmit(self.object, ctypes.c_uint32(now_us), written, size)
+        assert self.cpu.read(OUT, n) == written.raw[:n]
+        return written.raw[:n]
+
+    def receive(self, line: bytes, now_us: int) -> None:
+        self.cpu.write(IN, line)
+        self.cpu.call("hd_receive", OBJECT, IN, len(line), now_us)
+        self.host.hd_receive.restype = None
+        self.host.hd_receive(self.object, line, ctypes.c_size_t(len(line)), ctypes.c_uint32(now_us))
+
+    def tick(self, now_us: int, measured_um: np.ndarray) -> np.ndarray:
+        values, _ = self.call("hd_tick", now_us, measured_um.astype("<f4").tobytes(), out=16)
+        return np.frombuffer(values, dtype="<f4")
+
+
+def polyline(rng: np.random.Generator, seq: int, now_us: int) -> bytes:
+    offsets_ms = np.cumsum(np.r_[0, rng.uniform(0.1, 6, rng.integers(0, 8))])
+    amplitudes = rng.normal(0, 1.6, (len(offsets_ms), 2)) + 1j * rng.normal(0, 0.4, (len(offsets_ms), 2))
+    knots = tuple(Knot(round(1e6 * t), tuple(w)) for t, w in zip(offsets_ms, amplitudes, strict=True))
+    t_apply_us = now_us + int(rng.integers(-2000, 10000))
+    return device.encode_reference(seq, SafeDrive(0, knots, LimitReason.NONE), t_apply_us & 0xFFFFFFFF)
+
+
+def something_else(rng: np.random.Generator, seq: int) -> bytes:
+    model = ModeModel(float(rng.uniform(90, 500)), float(rng.uniform(-120, 120)), float(rng.uniform(3, 9)), 0.96 - 0.28j)
+    choices: tuple[Callable[[], bytes], ...] = (
+        lambda: device.encode_keepalive(seq),
+        lambda: device.encode_time_request(int(rng.integers(1 << 60))),
+        lambda: encode(SetModel(int(rng.integers(2)), model)),
+        lambda: encode(SetTelemetry(int(rng.integers(2000)))),
+        lambda: encode(LogRequest()),
+        lambda: bytes(rng.integers(0, 256, 40, dtype=np.uint8)) + b"\0",
+    )
+    return choices[rng.integers(len(choices))]()
+
+
+@pytest.mark.parametrize("law", ["pi", "pi_ff", "deadbeat"])
+def test_control_ticks_and_frames_give_the_same_bits(law: str) -> None:
+    """2500 ticks that follow random polylines on plates of random damping, across the wrap of the clock."""
+    rng = np.random.default_rng(7)
+    now_us = 2**32 - 600_000
+    twins = Twins("hd_init", CONFIG, now_us)
+    twins.receive(encode(SelectController(law)), now_us)
+    plate_um, pole, seq, driven, said = np.zeros(2, complex), np.full(2, 0.9, complex), 0, 0, 0
+    for tick in range(2500):
+        now_us = (now_us + TICK_US) & 0xFFFFFFFF
+        if tick % 25 == 0:
+            pole = np.exp(-rng.uniform(90, 500, 2) * 5e-4 + 1j * rng.uniform(-0.1, 0.1, 2))
+        if tick % 20 < 3 or rng.random() < 0.02:
+            seq += 1
+            twins.receive(polyline(rng, seq, now_us), now_us)
+        if rng.random() < 0.05:
+            twins.receive(something_else(rng, seq), now_us)
+        measured = plate_um + rng.normal(0, 1e-3, 2) + 1j * rng.normal(0, 1e-3, 2)
+        voltage_v = twins.tick(now_us, measured.astype(np.complex64).view(np.float32))
+        plate_um = pole * plate_um - 1j * 5.2 * 5e-4 * (voltage_v[::2] + 1j * voltage_v[1::2])
+        driven += bool(np.any(voltage_v))
+        said += len(twins.transmit(now_us))
+    assert driven > 2000
+    assert said > 10_000
+
+
+def test_tools_give_the_same_bits() -> None:
+    rng = np.random.default_rng(8)
+    now_us = 1000
+    twins = Twins("hd_init", CONFIG, now_us)
+    commands = [
+        Sweep(0, 29180.0, 29230.0, points=9, dwell_ms=10, voltage_v=20.0),
+        Stop(),
+        RawVoltage(1, 12.0 - 7.0j, 120),
+        Stop(),
+    ]
+    said = b""
+    for command in commands:
+        twins.receive(encode(command), now_us)
+        for _ in range(250):
+            now_us += TICK_US
+            twins.tick(now_us, rng.normal(0, 0.5, 4))
+            said += twins.transmit(now_us)
+            twins.receive(device.encode_keepalive(0), now_us)
+    kinds = {type(message).__name__ for message in device.Decoder().feed(said)}
+    assert {"SweepPoint", "BoardVerdict"} <= kinds
+
+
+EXTREMES = (0.0, -0.0, 1e-45, -1e-40, 3.4e38, -3.4e38, 1e19, np.inf, -np.inf, np.nan, 4.0, 6.0000005)
+
+
+def test_measurements_that_no_sensor_gives_end_the_same_way() -> None:
+    rng = np.random.default_rng(9)
+    now_us = 5
+    for _ in range(40):
+        twins = Twins("hd_init", CONFIG, now_us)
+        for seq in (1, 2, 3):
+            twins.receive(polyline(rng, seq, now_us), now_us)
+        for _ in range(30):
+            now_us += TICK_US
+            values = rng.choice(EXTREMES, 4) if rng.random() < 0.1 else rng.normal(0, 1, 4)
+            twins.tick(now_us, values)
+            twins.transmit(now_us)
+
+
+def chunks(rng: np.random.Generator, n: int) -> list[bytes]:
+    t = np.arange(n * CHUNK)
+    wave = 2048 + np.array([[1400.0], [600.0]]) * np.cos(2 * np.pi * 0.029205 * t + rng.uniform(0, 6, (2, 1)))
+    words = (np.clip(np.rint(wave + rng.normal(0, 2, wave.shape)), 0, 4095).astype("<u2") << 4).T
+    edges = np.arange(0, len(words) + 1, CHUNK)
+    return [words[a:b].tobytes() for a, b in pairwise(edges)]
+
+
+def test_synthesis_and_demodulation_give_the_same_bits() -> None:
+    """2000 chunks of samples in, as many out, the voltages and the frequency changing under way."""
+    rng = np.random.default_rng(10)
+    twins = Twins("hd_carrier_init", CONVERTERS)
+    ticks, words = 0, set()
+    for i, samples in enumerate(chunks(rng, 2000)):
+        _, complete = twins.call("hd_carrier_listen", samples)
+        if complete & 0xFF:
+            ticks += 1
+            measured, _ = twins.call("hd_carrier_measure", out=16)
+            assert np.all(np.isfinite(np.frombuffer(measured, "<f4")))
+            voltage_v = rng.normal(0, 90, 4) if i % 30 else rng.choice(EXTREMES, 4)
+            twins.call("hd_carrier_drive", voltage_v.astype("<f4").tobytes())
+        if i % 100 == 99:
+            tune(twins, float(rng.uniform(28000, 31000)))
+        played, _ = twins.call("hd_carrier_speak", out=4 * CHUNK)
+        words.update(struct.unpack(f"<{2 * CHUNK}H", played))
+    assert ticks == 200
+    assert len(words) > 3000
+
+
+def tune(twins: Twins, drive_hz: float) -> None:
+    """The one call that takes a float: in s0 there, in a register of its own here."""
+    twins.cpu.set_float(0, drive_hz)
+    twins.cpu.call("hd_carrier_tune", OBJECT)
+    twins.host.hd_carrier_tune.argtypes = [ctypes.c_char_p, ctypes.c_float]
+    twins.host.hd_carrier_tune(twins.object, drive_hz)

@@ -1,0 +1,240 @@
+"""The flashed program in the loop: the registers it writes make the converters run, and a plate closes the circle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("unicorn", reason="unicorn is not installed")
+
+from hapticd.tool_values import BoardLog
+from hapticd.values import BoardHello, BoardState, BoardStatus
+from hapticd.wire import device, protocol
+
+from .m4 import image, wiring
+from .m4.bench import HANDLER, Bench
+from .m4.cpu import Cpu
+from .m4.peripherals import COMPLETE, HALF, Peripherals
+from .m4.plate import Plate
+
+pytestmark = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))
+
+SOFTWARE_RESET = 1 << 28 | 1 << 26
+WATCHDOG_RESET = 1 << 29 | 1 << 26
+DEADMAN_TRIP, MISSED_CHUNK, SLOW_CLOCK, CRASH = 64, 66, 67, 68
+DEADMAN_MS = 50
+RAMP_MS = 10
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench(image.build())
+
+
+def last_status(bench: Bench) -> BoardStatus:
+    return [message for message in bench.messages if isinstance(message, BoardStatus)][-1]
+
+
+def log(bench: Bench) -> BoardLog:
+    bench.to_board += device.encode_log_request()
+    bench.run(5)
+    return [message for message in bench.messages if isinstance(message, BoardLog)][-1]
+
+
+def test_the_registers_make_one_clock_of_a_megahertz_for_both_directions(bench: Bench) -> None:
+    assert bench.sampling.sample_hz == 1e6
+    assert bench.sampling.words == 100
+    assert bench.sampling.channels == (1, 2)
+    assert wiring.core_hz(bench.registers) == 168e6
+    assert wiring.timer_hz(bench.registers, "TIM5") * 2**32 == 1e6
+    assert wiring.baud(bench.registers) == pytest.approx(921600, rel=0.01)
+
+
+def test_the_converters_are_at_mid_rail_before_anything_else(bench: Bench) -> None:
+    names = [name for name, _ in bench.registers.trace]
+    silent_at = names.index("DAC.CR")
+    clocks = ["SCB.CPACR", "RCC.AHB1ENR", "RCC.APB1ENR"]
+    assert names[:silent_at] == [*clocks, "GPIOB.BSRR", "GPIOB.MODER", "TIM2.CR1", "DAC.DHR12LD"]
+    assert dict(bench.registers.trace[:silent_at])["DAC.DHR12LD"] == 0x80008000
+    assert not bench.amplifiers
+
+
+def test_a_step_of_two_um_settles_and_stays(bench: Bench) -> None:
+    """2 % within 6 ms (150 V bound it to 3.4 ms), no overshoot worth the name, the other mode still."""
+    bench.arm(0j, 0j)
+    assert bench.amplifiers
+    bench.reference((0.0, (2.0, 0.0)))
+    bench.hold(40)
+    stepped, still = bench.amplitudes_um(40).T
+    outside = np.flatnonzero(np.abs(stepped - 2.0) > 0.04)
+    assert outside[-1] / 1000 < 7.0 + 1.6, "the frame itself needs some of the time"
+    assert stepped.max() < 2.04
+    assert still.max() < 0.02
+    assert np.sqrt(np.mean((stepped[-20000:] - 2.0) ** 2)) < 0.004
+
+
+def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:
+    bench.arm(1.5j, -0.8)
+    bench.hold(120)
+    truth_um = bench.amplitudes_um(1).mean(axis=0)
+    measured_um = last_status(bench).measured_um
+    assert np.abs(measured_um) == pytest.approx(truth_um, abs=0.005)
+    assert measured_um == pytest.approx((1.5j, -0.8), abs=0.01)
+
+
+def test_a_silent_host_ends_in_mid_rail_with_the_amplifiers_off(bench: Bench) -> None:
+    bench.arm(2.0, 1.0)
+    bench.to_board += device.encode_keepalive(bench.seq)
+    bench.run(DEADMAN_MS - 1)
+    assert bench.amplifiers
+    bench.run(RAMP_MS + 3)
+    assert bench.at_mid_rail
+    assert not bench.amplifiers
+    bench.run(100)
+    assert last_status(bench).deadman_trips == 1
+
+
+def test_the_watchdog_is_fed_only_while_both_main_loop_and_tick_live(bench: Bench) -> None:
+    bench.run(20)
+    assert bench.starved_us <= 500
+    bench.hold_main = True
+    bench.run(20)
+    assert bench.starved_us >= 19000
+    assert wiring.watchdog_s(bench.registers) == pytest.approx(0.010, abs=0.0005)
+
+
+def lose_a_chunk(bench: Bench) -> None:
+    bench.convert()
+    bench.convert()
+
+
+def underrun_the_dac(bench: Bench) -> None:
+    bench.convert()
+    bench.registers["DAC.SR"] |= 1 << 13
+
+
+def overrun_the_adc(bench: Bench) -> None:
+    bench.convert()
+    bench.registers["ADC1.SR"] |= 1 << 5
+
+
+def put_the_streams_out_of_step(bench: Bench) -> None:
+    bench.convert()
+    bench.registers["DMA1_S5.NDTR"] += 5
+
+
+def fail_a_transfer(bench: Bench) -> None:
+    bench.convert()
+    bench.registers["DMA2.LISR"] |= 1 << 3
+
+
+@pytest.mark.parametrize(
+    "mishap", [lose_a_chunk, underrun_the_dac, overrun_the_adc, put_the_streams_out_of_step, fail_a_transfer]
+)
+def test_lost_samples_end_in_silence_until_the_host_arms_anew(bench: Bench, mishap: object) -> None:
+    bench.arm(2.0, 0.0)
+    mishap(bench)  # type: ignore[operator]
+    bench.cpu.interrupt(HANDLER)
+    assert not bench.amplifiers
+    bench.restarted()
+    bench.come_round()
+    bench.hold(15)
+    assert not bench.amplifiers
+    assert bench.at_mid_rail
+    assert last_status(bench).state is BoardState.QUIET
+    assert [entry.code for entry in log(bench).entries] == [MISSED_CHUNK, DEADMAN_TRIP]
+    bench.arm(2.0, 0.0)
+    bench.hold(20)
+    assert bench.amplitudes_um(1)[:, 0] == pytest.approx(2.0, abs=0.04)
+
+
+def test_a_chunk_filled_too_late_is_a_lost_one(bench: Bench) -> None:
+    """While the handler works the DMA goes on: when the other half is through, what was filled is being played."""
+    bench.arm(2.0, 0.0)
+    bench.convert()
+    before = bench.registers["DMA2.LISR"]
+    bench.registers.on_clear = lambda: bench.registers.__setitem__("DMA2.LISR", before ^ (HALF | COMPLETE))
+    bench.cpu.interrupt(HANDLER)
+    assert not bench.amplifiers
+
+
+def test_a_chunk_may_interrupt_the_main_loop_anywhere_outside_the_lock() -> None:
+    """The same frames, with the interrupt at random places: the plate ends where it should, and no frame is lost."""
+    bench = Bench(image.build())
+    rng = np.random.default_rng(5)
+    inside = 0
+    for i in range(40):
+        bench.reference(*[(4.0 * k, (1.0 + 0.02 * k, 0.5j)) for k in range(1 + i % 24)])
+        for _ in range(200):
+            bench.convert()
+            done = bench.come_round(instructions=int(rng.integers(1, 3000)))
+            while bench.cpu.masked:
+                inside += 1
+                done = bench.come_round(instructions=1)
+            bench.cpu.interrupt(HANDLER)
+            if not done:
+                bench.come_round()
+    assert last_status(bench).bad_frames == 0
+    assert last_status(bench).seq == 40
+    assert bench.amplitudes_um(1)[:, 1] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_dead_crystal_leaves_a_board_that_talks_and_never_drives() -> None:
+    registers = Peripherals(crystal=False)
+    bench = Bench(image.build(), registers=registers)
+    assert not registers["RCC.PLLCFGR"] >> 22 & 1
+    assert wiring.core_hz(registers) == 168e6
+    assert registers.reads < 50_000, "the wait is bounded"
+    bench.to_board += device.encode_hello_request()
+    bench.run(5)
+    bench.arm(2.0, 0.0)
+    bench.hold(120)
+    assert isinstance(bench.messages[0], BoardHello)
+    assert last_status(bench).state is BoardState.FAULT
+    assert "config" in protocol.FAULTS[last_status(bench).fault_code]
+    assert not bench.amplifiers
+    assert bench.at_mid_rail
+    assert log(bench).entries[-1].code == SLOW_CLOCK
+
+
+def test_without_any_clock_the_board_tries_again_in_silence() -> None:
+    registers = Peripherals(pll=False)
+    cpu = Cpu(image.build(), read=registers.read, write=registers.write)
+    registers.on_reset = cpu.stop
+    assert not cpu.run_to("board_wait")
+    assert registers.reset_requested
+    assert registers.reads < 100_000
+    assert not registers["GPIOB.ODR"]
+    assert registers["DAC.DHR12LD"] == 0x80008000
+    assert registers["DAC.CR"] == 0x00010001
+
+
+def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(bench: Bench) -> None:
+    bench.arm(2.0, 0.0)
+    bench.cpu.fault("crash_handler", at=bench.cpu.address("hd_tick"))
+    assert bench.registers.reset_requested
+    assert not bench.amplifiers
+    assert bench.registers["DAC.CR"] == 0x00010001
+    assert not bench.registers["TIM2.CR1"] & 1
+    bench.boot(Peripherals(reset_flags=SOFTWARE_RESET))
+    found = log(bench)
+    assert found.reset_cause == 3
+    assert (found.entries[-1].code, found.entries[-1].value) == (CRASH, bench.cpu.address("hd_tick") - 0x08000000)
+
+
+def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> None:
+    identities, causes = set(), []
+    for flags in (0x0E000000, WATCHDOG_RESET, SOFTWARE_RESET, 1 << 26, 1 << 25 | 1 << 26, 1 << 31 | 1 << 26):
+        bench.boot(Peripherals(reset_flags=flags))
+        bench.to_board += device.encode_hello_request()
+        causes.append(log(bench).reset_cause)
+        identities.add([message for message in bench.messages if isinstance(message, BoardHello)][-1].boot_id)
+    assert len(identities) == 6
+    assert causes == [1, 4, 3, 2, 5, 6]
+
+
+def test_a_plate_that_resonates_elsewhere_is_still_driven_as_asked() -> None:
+    bench = Bench(image.build(), plate=Plate(mode_hz=(29200.0, 29210.0), quality=350.0))
+    bench.arm(1.0, 1.0)
+    bench.hold(60)
+    assert bench.amplitudes_um(1) == pytest.approx(1.0, abs=0.02)
