@@ -82,7 +82,7 @@ def test_a_sample_of_both_modes_costs_eleven_instructions_out_and_fourteen_in(ob
     out, into = by_function["hd_carrier_speak"], by_function["hd_carrier_listen"]
     assert len(out) / (products(out) / 2) <= 11.0  # two products to a sample of both modes
     assert len(into) / (products(into) / 4) <= 14.0  # four
-    assert not any("[sp" in line for line in into)
+    assert sum("[sp" in line for line in into) <= 1  # the loop's end, once in ten samples
 
 
 def test_the_chain_calls_nothing_but_itself_and_copies_of_memory(objects: Path) -> None:
