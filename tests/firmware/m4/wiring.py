@@ -84,7 +84,12 @@ def streams(p: Peripherals) -> dict[str, Stream]:
             memory, items = p[f"{name}.M0AR"], p[f"{name}.NDTR"]
             assert 0x20000000 <= memory < 0x20020000, f"{name} cannot reach {memory:#x}"
             found[request] = Stream(
-                name, p[f"{name}.PAR"], memory, items, 1 << (control >> 11 & 3), bool(control >> 6 & 1),
+                name,
+                p[f"{name}.PAR"],
+                memory,
+                items,
+                1 << (control >> 11 & 3),
+                bool(control >> 6 & 1),
                 bool(control >> 8 & 1),
             )
     return found
