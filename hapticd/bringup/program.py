@@ -7,6 +7,8 @@ import asyncio
 import cmath
 import contextlib
 import math
+import os
+import sys
 from collections.abc import Awaitable, Callable
 
 from .. import config
@@ -28,7 +30,10 @@ def run(options: argparse.Namespace) -> int:
     """The whole of one subcommand; returns the exit code."""
     with contextlib.ExitStack() as stack:
         port, baud = _port(options, stack)
-        asyncio.run(_converse(port, baud, options))
+        try:
+            asyncio.run(_converse(port, baud, options))
+        except BrokenPipeError:  # `| head` has seen enough; what is buffered must not be tried again at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
