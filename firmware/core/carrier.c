@@ -172,7 +172,7 @@ static void listen_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16_t i
     int32_t low_cosine = 0, low_minus_sine = 0, low_plain = 0;
     int32_t high_cosine = 0, high_minus_sine = 0, high_plain = 0;
     uint32_t phase = at.phase + HD_SINE_ROUNDING;
-    #pragma GCC unroll 10
+    #pragma GCC unroll 10 /* as there */
     for (int i = 0; i < HD_CHUNK; i++) {
         uint32_t sine = hd_sine_at(phase);
         uint32_t x = hd_subtract_halves(sample_pair(in[i], k) >> LSB_SHIFT, MID_RAIL_PAIR);

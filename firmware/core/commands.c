@@ -28,7 +28,7 @@ void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t no
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_NOT_QUIET);
     } else {
         core->control.gains = gains;
-        hd_control_reset(&core->control); /* one law's integral is another law's error */
+        hd_control_design(&core->control); /* one law's integral is another law's error */
         core->ramp = 0;
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_DONE);
     }
@@ -52,7 +52,7 @@ void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     } else {
         model.loop = hd_scale(1.0f / hd_magnitude(model.loop), model.loop);
         core->control.plant.model[wire.mode] = model;
-        hd_control_reset(&core->control);
+        hd_control_design(&core->control);
         answer(core, HD_MSG_SET_MODEL, HD_VERDICT_DONE);
     }
 }

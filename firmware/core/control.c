@@ -34,16 +34,25 @@ bool hd_gains_valid(const hd_gains_t *gains)
         && gains->integral_time_s >= HD_INTEGRAL_TIME_MIN_S && gains->integral_time_s <= HD_INTEGRAL_TIME_MAX_S;
 }
 
-void hd_control_reset(hd_control_t *control)
+void hd_control_design(hd_control_t *control)
 {
     const hd_plant_t *plant = &control->plant;
     const hd_gains_t *gains = &control->gains;
     control->pole = hd_decay(-gains->bandwidth_1_s * plant->tick_s);
     for (int k = 0; k < HD_MODES; k++) {
-        hd_observer_t observer = control->loop[k].observer;
-        hd_observer_start(&observer, &plant->model[k], plant->tick_s, plant->output_delay_frac, gains->bandwidth_1_s,
-                          gains->integral_time_s);
-        control->loop[k] = (hd_loop_t){.observer = observer};
+        hd_observer_design(&control->loop[k].observer, &plant->model[k], plant->tick_s, plant->output_delay_frac,
+                           gains->bandwidth_1_s, gains->integral_time_s);
+    }
+    hd_control_reset(control);
+}
+
+void hd_control_reset(hd_control_t *control)
+{
+    const hd_phasor_t zero = {0.0f, 0.0f};
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_loop_t *loop = &control->loop[k];
+        loop->x_um[0] = loop->x_um[1] = loop->x_um[2] = loop->integral_v = zero;
+        hd_observer_rest(&loop->observer);
     }
 }
 

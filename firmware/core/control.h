@@ -51,8 +51,10 @@ typedef struct {
 hd_gains_t hd_gains_complete(hd_gains_t gains);
 bool hd_gains_valid(const hd_gains_t *gains);
 
-/* Forgets integrals and trajectories: the next step starts from rest, with plant and gains as they are now. Must follow
- * every change of these. */
+/* At rest, with plant and gains as they are now: must follow every change of these. */
+void hd_control_design(hd_control_t *control);
+
+/* Forgets integrals and trajectories: the next step starts from rest. */
 void hd_control_reset(hd_control_t *control);
 
 /* How far ahead of the tick the law wants its reference: the end of the voltage hold, or nothing for the paper's. */

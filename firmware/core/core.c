@@ -61,6 +61,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->control.plant.tick_s = 1.0f / config->control_hz;
     core->control.plant.output_delay_frac = config->output_delay_frac;
     memcpy(core->control.plant.model, config->model, sizeof config->model);
+    hd_control_design(&core->control);
     hd_tool_init(&core->tool, config->control_hz, config->drive_hz, config->v_limit_v);
     hd_silence(core);
     return true;

@@ -55,19 +55,25 @@ static void place_poles(hd_observer_design_t *design, float state_pole, float di
     design->state_gain = hd_div(hd_sub(hd_sub(ONE, kept), by_disturbance), c);
 }
 
-void hd_observer_start(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
-                       float bandwidth_1_s, float integral_time_s)
+void hd_observer_design(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
+                        float bandwidth_1_s, float integral_time_s)
 {
-    hd_observer_t started = {.model = *model};
+    hd_observer_t designed = {.model = *model};
+    hd_observer_design_t *design = &designed.design;
     if (same_model(model, &observer->model)) {
-        started.moment_um2_1_s = observer->moment_um2_1_s;
-        started.power_um2 = observer->power_um2;
+        designed.moment_um2_1_s = observer->moment_um2_1_s;
+        designed.power_um2 = observer->power_um2;
     }
-    describe_tick(&started.design, model, tick_s, output_delay_frac);
-    place_poles(&started.design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
-    started.design.forget_frac = 1.0f - hd_decay(-tick_s / MEMORY_S);
-    started.design.change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;
-    *observer = started;
+    describe_tick(design, model, tick_s, output_delay_frac);
+    place_poles(design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
+    design->forget_frac = 1.0f - hd_decay(-tick_s / MEMORY_S);
+    design->change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;
+    *observer = designed;
+}
+
+void hd_observer_rest(hd_observer_t *observer)
+{
+    observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */

@@ -39,9 +39,13 @@ typedef struct {
     float power_um2;            /* sum of |W|^2; 0 while nothing is known */
 } hd_observer_t;
 
-/* At rest, for this model and these rates. What was learned is kept unless the model is another. */
-void hd_observer_start(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
-                       float bandwidth_1_s, float integral_time_s);
+/* At rest, for this model and these rates. What was learned is kept unless the model is another. As long as two ticks:
+ * not for the tick itself. */
+void hd_observer_design(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
+                        float bandwidth_1_s, float integral_time_s);
+
+/* At rest again, by the same design. */
+void hd_observer_rest(hd_observer_t *observer);
 
 /* Takes the mean over the tick just ended and moves the state on to where the next voltage takes over. */
 void hd_observer_correct(hd_observer_t *observer, hd_phasor_t measured_um);

@@ -99,7 +99,9 @@ def polyline(rng: np.random.Generator, seq: int, now_us: int) -> bytes:
 
 
 def something_else(rng: np.random.Generator, seq: int) -> bytes:
-    model = ModeModel(float(rng.uniform(90, 500)), float(rng.uniform(-120, 120)), float(rng.uniform(3, 9)), 0.96 - 0.28j)
+    model = ModeModel(
+        float(rng.uniform(90, 500)), float(rng.uniform(-120, 120)), float(rng.uniform(3, 9)), 0.96 - 0.28j
+    )
     choices: tuple[Callable[[], bytes], ...] = (
         lambda: device.encode_keepalive(seq),
         lambda: device.encode_time_request(int(rng.integers(1 << 60))),

@@ -59,18 +59,24 @@ def test_the_converters_are_at_mid_rail_before_anything_else(bench: Bench) -> No
     assert not bench.amplifiers
 
 
-def test_a_step_of_two_um_settles_and_stays(bench: Bench) -> None:
-    """2 % within 6 ms (150 V bound it to 3.4 ms), no overshoot worth the name, the other mode still."""
+@pytest.mark.parametrize("control_hz", [2000, 5000])
+@pytest.mark.parametrize(("target_um", "settled_ms"), [(2.0, 4.0), (0.4, 1.2)])
+def test_a_step_settles_and_stays(control_hz: int, target_um: float, settled_ms: float) -> None:
+    """Within 2 %, from the tick that took the frame on. The amplifiers' 150 V alone bound 2 um to 3.4 ms. A lag of the
+    converters that the firmware did not know of, 16 degrees, would cost the small step 4 ms and 9 % of overshoot.
+    """
+    bench = Bench(image.build(control_hz))
     bench.arm(0j, 0j)
-    assert bench.amplifiers
-    bench.reference((0.0, (2.0, 0.0)))
+    t_asked_us = bench.registers.now_us
+    bench.reference((0.0, (target_um, 0.0)))
     bench.hold(40)
-    stepped, still = bench.amplitudes_um(40).T
-    outside = np.flatnonzero(np.abs(stepped - 2.0) > 0.04)
-    assert outside[-1] / 1000 < 7.0 + 1.6, "the frame itself needs some of the time"
-    assert stepped.max() < 2.04
-    assert still.max() < 0.02
-    assert np.sqrt(np.mean((stepped[-20000:] - 2.0) ** 2)) < 0.004
+    applied = (m for m in bench.messages if isinstance(m, BoardStatus) and m.applied and m.seq == bench.seq)
+    stepped_um, still_um = bench.amplitudes_um(40)[next(applied).t_applied_us - t_asked_us :].T
+    outside = np.flatnonzero(np.abs(stepped_um - target_um) > 0.02 * target_um)
+    assert outside[-1] / 1000 <= settled_ms
+    assert stepped_um.max() < 1.02 * target_um
+    assert still_um.max() < 0.002
+    assert np.sqrt(np.mean((stepped_um[-20000:] - target_um) ** 2)) < 0.002
 
 
 def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:

@@ -141,7 +141,7 @@ class Bench:
         stream = wiring.streams(self.registers).get("USART1_TX")
         if stream is None:
             return
-        assert stream.to_peripheral and not stream.circular and stream.item_size == 1
+        assert (stream.to_peripheral, stream.circular, stream.item_size) == (True, False, 1)
         self._sending = self._sending or self.cpu.read(stream.memory, stream.items)
         self.messages += self._decoder.feed(self._sending[:room])
         self._sending = self._sending[room:]

@@ -64,7 +64,7 @@ class Cpu:
         self._uc.mem_write(address, data)
 
     def run_to(self, symbol: str, *, instructions: int | None = None) -> bool:
-        """Goes on until the symbol is about to be executed; False if `stop` or the number of instructions came first."""
+        """Goes on until the symbol comes next; False if `stop` or the end of `instructions` came first."""
         self._uc.emu_start(self.pc | 1, self.address(symbol), count=instructions or _INSTRUCTIONS_MAX)
         self.pc = self._uc.reg_read(arm.UC_ARM_REG_PC)
         return self.pc == self.address(symbol)

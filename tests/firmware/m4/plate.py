@@ -23,7 +23,7 @@ STEP_V = 3.3 / STEPS
 
 @dataclass(slots=True)
 class Plate:
-    """The reference plate behind 110 V/V and 4.85 um/V; `noise_steps` is the standard deviation of what the ADCs add."""
+    """The reference plate behind 110 V/V and 4.85 um/V; `noise_steps` is the standard deviation of the ADCs' noise."""
 
     mode_hz: tuple[float, ...] = (29195.0, 29215.0)
     quality: float = 500.0

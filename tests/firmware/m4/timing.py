@@ -11,7 +11,8 @@ sees few.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cache
 
 from .cpu import Cpu
@@ -78,31 +79,44 @@ def cycles(instruction: Instruction, before: Instruction | None = None) -> int:
 
 @dataclass(slots=True)
 class Count:
+    """Of instructions executed, and of the cycles they take."""
+
     instructions: int = 0
     cycles: int = 0
 
 
 class Meter:
-    """Counts what the processor executes, between `start` and `stop`."""
+    """Counts what the processor executes between `start` and `stop`; `watch` calls back where a function begins."""
 
     def __init__(self, cpu: Cpu) -> None:
         self._cpu = cpu
         self._blocks: dict[tuple[int, int], tuple[Count, int]] = {}
+        self._watched: dict[int, Callable[[], object]] = {}
         self._count = Count()
         self._fallthrough = 0
         self._remove = cpu.on_block(self._enter)
+
+    def measure(self, action: Callable[[], object]) -> Count:
+        self.start()
+        action()
+        return self.stop()
 
     def start(self) -> None:
         self._count = Count()
         self._fallthrough = 0
 
     def stop(self) -> Count:
-        return self._count
+        return replace(self._count)
+
+    def watch(self, address: int, callback: Callable[[], object]) -> None:
+        self._watched[address] = callback
 
     def remove(self) -> None:
         self._remove()
 
     def _enter(self, address: int, size: int) -> None:
+        if address in self._watched:
+            self._watched[address]()
         key = (address, size)
         if key not in self._blocks:
             self._blocks[key] = _block(self._cpu.image, address, size)
@@ -114,6 +128,7 @@ class Meter:
 
 
 def _block(image: Image, address: int, size: int) -> tuple[Count, int]:
+    """What a basic block costs, and what follows it if it ends without a branch."""
     count, at, before = Count(), address, None
     while at < address + size:
         instruction = image.instructions[at]

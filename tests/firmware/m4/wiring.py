@@ -1,7 +1,7 @@
 """What the registers mean: rates, routes and addresses, derived from nothing but what the firmware wrote.
 
-Numbers of channels, triggers and dividers are RM0090's: clock tree figure 21, DMA request tables 42 and 43, DAC triggers
-table 76, ADC triggers table 68.
+Channels, triggers and dividers are RM0090's: its DMA request tables 42 and 43, the trigger tables of its DAC and ADC
+chapters, its clock tree.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ REQUESTS: Final = {  # (unit, stream, channel) -> who asks
 }
 _TRIGGER_TIM2_DAC: Final = 4
 _TRIGGER_TIM2_ADC: Final = 6
-_WORDS: Final = 2
+_CONVERSION_CYCLES: Final = 3 + 12
+_CLOCKED: Final = (("APB1", 0), ("APB1", 29), ("APB2", 4), ("APB2", 8), ("APB2", 9))  # TIM2, DAC, USART1, ADC1, ADC2
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,12 @@ def streams(p: Peripherals) -> dict[str, Stream]:
             memory, items = p[f"{name}.M0AR"], p[f"{name}.NDTR"]
             assert 0x20000000 <= memory < 0x20020000, f"{name} cannot reach {memory:#x}"
             found[request] = Stream(
-                name, p[f"{name}.PAR"], memory, items, 1 << (control >> 11 & 3), bool(control >> 6 & 1),
+                name,
+                p[f"{name}.PAR"],
+                memory,
+                items,
+                1 << (control >> 11 & 3),
+                bool(control >> 6 & 1),
                 bool(control >> 8 & 1),
             )
     return found
@@ -103,48 +109,59 @@ class Sampling:
 
 def sampling(p: Peripherals) -> Sampling:
     """Reads the wiring of TIM2, DACs, ADCs and their streams; raises AssertionError where it would not work."""
-    assert p["TIM2.CR1"] & 1 and p["TIM2.CR2"] >> 4 & 7 == 2, "TIM2 does not run or does not trigger on update"
-    for name, bus, bit in (("TIM2", 1, 0), ("DAC", 1, 29), ("ADC1", 2, 8), ("ADC2", 2, 9), ("USART1", 2, 4)):
-        assert p[f"RCC.APB{bus}ENR"] >> bit & 1, f"{name} runs without a clock"
+    assert all(p[f"RCC.{bus}ENR"] >> bit & 1 for bus, bit in _CLOCKED), "a peripheral runs without a clock"
+    assert p["TIM2.CR1"] & 1, "TIM2 does not run"
+    assert _field(p, "TIM2.CR2", 4, 3) == 2, "TIM2 does not trigger on update"
     _check_dacs(p)
     channels = _check_adcs(p)
     running = streams(p)
     out, back = running["DAC1"], running["ADC1"]
-    assert (out.peripheral, back.peripheral) == (ADDRESS["DAC.DHR12LD"], ADDRESS["ADC.CDR"])
-    assert out.to_peripheral and not back.to_peripheral
-    assert out.circular and back.circular and out.items == back.items and out.item_size == back.item_size == 4
     assert "DAC2" not in running, "one stream feeds both DACs"
-    interrupts = [name for name in ("DMA1_S5", "DMA2_S0") if p[f"{name}.CR"] & (1 << 3 | 1 << 4)]
-    assert interrupts == ["DMA2_S0"] and p["DMA2_S0.CR"] >> 3 & 3 == 3, "half and full transfer of the ADCs interrupt"
-    assert p["NVIC.ISER1"] == 1 << 56 - 32
+    assert (out.peripheral, back.peripheral) == (ADDRESS["DAC.DHR12LD"], ADDRESS["ADC.CDR"])
+    assert (out.to_peripheral, back.to_peripheral) == (True, False)
+    assert (out.circular, out.item_size, out.items) == (True, 4, back.items)
+    assert (back.circular, back.item_size) == (True, 4)
+    _check_interrupt(p)
     return Sampling(timer_hz(p, "TIM2"), out.items, out.memory, back.memory, channels)
+
+
+def _field(p: Peripherals, name: str, at: int, width: int) -> int:
+    return p[name] >> at & ((1 << width) - 1)
 
 
 def _check_dacs(p: Peripherals) -> None:
     for channel in (0, 16):
-        control = p["DAC.CR"] >> channel
-        assert control & 1 and control >> 2 & 1, "a DAC is off or not triggered"
-        assert control >> 3 & 7 == _TRIGGER_TIM2_DAC
-    assert p["DAC.CR"] >> 12 & 1, "DAC channel 1 does not ask for DMA"
-    assert not p["DAC.CR"] >> 28 & 1, "channel 2's requests would go nowhere and count as underruns"
-    assert p["GPIOA.MODER"] >> 8 & 0xF == 0xF, "PA4 and PA5 are not analogue"
+        assert _field(p, "DAC.CR", channel, 1), "a DAC is off"
+        assert _field(p, "DAC.CR", channel + 2, 1), "a DAC is not triggered"
+        assert _field(p, "DAC.CR", channel + 3, 3) == _TRIGGER_TIM2_DAC
+    assert _field(p, "DAC.CR", 12, 1), "DAC channel 1 does not ask for DMA"
+    assert not _field(p, "DAC.CR", 28, 1), "channel 2's requests would go nowhere and count as underruns"
+    assert _field(p, "GPIOA.MODER", 8, 4) == 0xF, "PA4 and PA5 are not analogue"
 
 
 def _check_adcs(p: Peripherals) -> tuple[int, int]:
-    common = p["ADC.CCR"]
-    assert common & 0x1F == 6 and common >> 14 & 3 == 2, "not dual simultaneous with pairs by DMA"
-    assert common >> 13 & 1, "requests end with the buffer's first round"
-    clock_hz = apb_hz(p, 2) / (2 * (common >> 16 & 3) + 2)
-    assert clock_hz <= 36e6
+    assert _field(p, "ADC.CCR", 0, 5) == 6, "not dual simultaneous"
+    assert _field(p, "ADC.CCR", 14, 2) == 2, "not pairs by DMA"
+    assert _field(p, "ADC.CCR", 13, 1), "requests end with the buffer's first round"
     for name in ("ADC1", "ADC2"):
-        assert p[f"{name}.CR2"] & 1 and p[f"{name}.CR2"] >> 11 & 1, f"{name} is off or not left-aligned"
-        assert p[f"{name}.SQR1"] >> 20 & 0xF == 0 and p[f"{name}.SMPR2"] == 0, "one conversion, 3 cycles of sampling"
-    assert p["ADC1.CR2"] >> 24 & 0xF == _TRIGGER_TIM2_ADC and p["ADC1.CR2"] >> 28 & 3 == 1
-    assert p["ADC2.CR2"] >> 28 & 3 == 0, "the second converter follows the first"
-    assert 15 / clock_hz < 1 / timer_hz(p, "TIM2"), "a conversion outlasts the period"
+        assert _field(p, f"{name}.CR2", 0, 1), f"{name} is off"
+        assert _field(p, f"{name}.CR2", 11, 1), f"{name} is not left-aligned"
+        assert _field(p, f"{name}.SQR1", 20, 4) == 0, f"{name} converts more than one channel"
+        assert p[f"{name}.SMPR2"] == 0, f"{name} samples for more than 3 cycles"
+    assert _field(p, "ADC1.CR2", 24, 4) == _TRIGGER_TIM2_ADC
+    assert (_field(p, "ADC1.CR2", 28, 2), _field(p, "ADC2.CR2", 28, 2)) == (1, 0), "the second follows the first"
+    clock_hz = apb_hz(p, 2) / (2 * _field(p, "ADC.CCR", 16, 2) + 2)
+    assert clock_hz <= 36e6
+    assert _CONVERSION_CYCLES / clock_hz < 1 / timer_hz(p, "TIM2"), "a conversion outlasts the period"
     channels = p["ADC1.SQR3"] & 0x1F, p["ADC2.SQR3"] & 0x1F
-    assert all(p["GPIOA.MODER"] >> 2 * pin & 3 == 3 for pin in channels), "an input is not analogue"
+    assert all(_field(p, "GPIOA.MODER", 2 * pin, 2) == 3 for pin in channels), "an input is not analogue"
     return channels
+
+
+def _check_interrupt(p: Peripherals) -> None:
+    enabled = {name: _field(p, f"{name}.CR", 3, 2) for name in ("DMA1_S5", "DMA2_S0")}
+    assert enabled == {"DMA1_S5": 0, "DMA2_S0": 3}, "half and full transfer of the ADCs interrupt, and nothing else"
+    assert p["NVIC.ISER1"] == 1 << (56 - 32)
 
 
 def baud(p: Peripherals) -> float:
