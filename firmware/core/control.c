@@ -37,11 +37,12 @@ bool hd_gains_valid(const hd_gains_t *gains)
 void hd_control_design(hd_control_t *control)
 {
     const hd_plant_t *plant = &control->plant;
-    const hd_gains_t *gains = &control->gains;
-    control->pole = hd_decay(-gains->bandwidth_1_s * plant->tick_s);
+    /* The paper's law does not look at the observer, and its gains would make a dull plate's swing. */
+    const hd_gains_t *watch = control->gains.law == HD_LAW_PI ? &TESTED[HD_LAW_DEADBEAT] : &control->gains;
+    control->pole = hd_decay(-control->gains.bandwidth_1_s * plant->tick_s);
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_design(&control->loop[k].observer, &plant->model[k], plant->tick_s, plant->output_delay_frac,
-                           gains->bandwidth_1_s, gains->integral_time_s);
+                           watch->bandwidth_1_s, watch->integral_time_s);
     }
     hd_control_reset(control);
 }
