@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 from hapticd.sim.faulty import FaultySimulation, Way
 from hapticd.sim.lockstep import T_START_NS, Run, Settings
 from hapticd.sim.scenarios import SCENARIOS, Actor
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 QUIET_UM = 0.01  # of the largest mode: a hundredth of what a slippery finger asks for
 DRIVEN_UM = 0.3
@@ -106,10 +109,17 @@ def lines(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 def tell(fault: str, aftermath: Aftermath | None, lost: str, *said: str) -> None:
-    """A row of the README's table, for who runs the tests with `-s`."""
-    quiet, back = ("", "") if aftermath is None else map(_ms, (aftermath.quiet_ms, aftermath.back_ms))
-    print(f"\n| {fault} | {quiet} | {back} | {lost} | {'; '.join(said)} |", end="")
+    """A row of what was measured, for who runs the tests with `-s`. Where it has times the README has it too, and they
+    must agree."""
+    times_ms = [] if aftermath is None else [aftermath.quiet_ms, aftermath.back_ms]
+    row = [fault, *(_told(span_ms) for span_ms in times_ms), lost, "; ".join(said)]
+    print(f"\n| {' | '.join(row)} |", end="")
+    if times_ms:
+        (stated,) = [line.split(" | ") for line in README.splitlines() if line.startswith(f"| {fault} | ")]
+        for measured_ms, cell in zip(times_ms, stated[1:3], strict=True):
+            stated_ms = math.inf if cell == "never" else float(cell.removesuffix(" ms"))
+            assert math.isclose(measured_ms, stated_ms, rel_tol=0.1, abs_tol=5.0), f"the README says {cell}"
 
 
-def _ms(span_ms: float) -> str:
+def _told(span_ms: float) -> str:
     return "never" if math.isinf(span_ms) else f"{span_ms:.0f} ms"

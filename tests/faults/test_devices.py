@@ -31,7 +31,7 @@ def test_a_pulled_trackpad_is_a_quiet_plate_within_one_zero_frame(caplog: pytest
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert after.board["deadman_trips"] == 0
     assert lines(caplog) == ["WARNING trackpad: lost", "INFO trackpad: open"]
-    tell("trackpad unplugged, and back", after, "its fingers: they come back as new ones", *lines(caplog))
+    tell("trackpad unplugged", after, "its fingers: they come back as new ones", *lines(caplog))
 
 
 def test_a_trackpad_that_falls_silent_under_fingers_lifts_them(caplog: pytest.LogCaptureFixture) -> None:
@@ -55,7 +55,7 @@ def test_a_pulled_board_quiets_itself_and_is_driven_again_after_a_handshake(capl
     assert after.back_ms <= HANDSHAKE_MS
     assert after.board["reboots"] == 0  # it ran on
     assert lines(caplog) == ["WARNING board: the port is lost", "INFO board: open"]
-    tell("serial device unplugged, and back", after, "frames", *lines(caplog))
+    tell("serial device unplugged", after, "frames", *lines(caplog))
 
 
 # The board's clock wraps at 2 s. A reset half a second before looks like half a second that passed: then only the next
@@ -92,7 +92,7 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
     refusals = [record for record in caplog.records if record.levelname == "ERROR"]
     assert len(refusals) == 4  # one in each run, though it is greeted each 250 ms
     assert "flash the firmware that came with this hapticd" in refusals[0].getMessage()
-    tell("board of another firmware, mid-stream", after, "all, until it is flashed", refusals[0].getMessage())
+    tell("board of another firmware", after, "all, until it is flashed", refusals[0].getMessage())
 
 
 def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCaptureFixture) -> None:

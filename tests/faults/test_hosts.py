@@ -31,9 +31,7 @@ def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_
     assert after.quiet_ms <= LINK_MS + SILENT_MS
     assert after.back_ms <= TIMER_MS + HANDSHAKE_MS
     assert after.board["deadman_trips"] == 1
-    tell(
-        "daemon stopped for 2 s (SIGSTOP, or a host that stalls)", after, "fingers that moved come back as new ones", ""
-    )
+    tell("daemon stopped for 2 s", after, "fingers that moved come back as new ones", "")
     assert [line for line in lines(caplog) if not line.startswith("WARNING trackpad silent")] == []
 
 
@@ -46,7 +44,7 @@ def test_a_killed_daemon_leaves_a_quiet_plate_and_the_next_one_serves_it() -> No
     assert after.quiet_ms <= LINK_MS + SILENT_MS
     assert after.back_ms <= HANDSHAKE_MS
     tell(
-        "daemon killed (SIGKILL), and started again",
+        "daemon killed, and another started",
         after,
         "finger ids: clients see new ones",
         "the new one's start",
@@ -61,7 +59,7 @@ def test_a_daemon_that_ends_in_mid_stroke_says_zero_first() -> None:
     after = worst(set_up, 0.5)
     assert after.quiet_ms <= LINK_MS + LED_DOWN_MS
     assert after.back_ms <= HANDSHAKE_MS
-    tell("daemon ended in mid-stroke (SIGTERM)", after, "nothing", "INFO SIGTERM: stopping, the plate is made quiet")
+    tell("daemon ended in mid-stroke", after, "nothing", "INFO SIGTERM: stopping, the plate is made quiet")
 
 
 def test_a_client_that_dies_or_stops_is_released_when_its_time_to_live_ends(caplog: pytest.LogCaptureFixture) -> None:
@@ -74,7 +72,7 @@ def test_a_client_that_dies_or_stops_is_released_when_its_time_to_live_ends(capl
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert after.board["deadman_trips"] == 0
     assert lines(caplog) == []
-    tell("client killed or stopped (SIGKILL, SIGSTOP)", after, "its targets", "")
+    tell("client killed or stopped", after, "its targets", "")
 
 
 def test_an_hour_that_only_the_host_s_clock_saw_is_a_new_beginning(caplog: pytest.LogCaptureFixture) -> None:
@@ -86,21 +84,16 @@ def test_an_hour_that_only_the_host_s_clock_saw_is_a_new_beginning(caplog: pytes
     assert after.quiet_ms <= LINK_MS + SILENT_MS
     assert after.back_ms <= 250.0 + HANDSHAKE_MS
     assert "WARNING board: it has fallen silent; it is greeted until it answers" in lines(caplog)
-    tell("host's monotonic clock leaps an hour (suspend)", after, "all targets and fingers", *lines(caplog))
+    tell("host suspended for an hour", after, "all targets and fingers", *lines(caplog))
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_no_part_of_the_daemon_reads_the_wall_clock(path: Path) -> None:
-    if path.relative_to(PACKAGE).parts[0] in ("bench", "bringup"):
-        return
-    named = {ast.unparse(node) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
-    imported = {
-        alias.name
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, (ast.Import, ast.ImportFrom))
-        for alias in node.names
-    }
-    assert not (named | imported) & WALL_CLOCKS
+def test_no_part_of_the_daemon_reads_the_wall_clock() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        named = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
+        imports = [node for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))]
+        imported = {alias.name for node in imports for alias in node.names}
+        assert not (named | imported) & WALL_CLOCKS, path
 
 
 def test_the_run_does_not_depend_on_when_it_is_played(monkeypatch: pytest.MonkeyPatch) -> None:

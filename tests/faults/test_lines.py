@@ -78,7 +78,7 @@ def test_a_line_of_noise_alone_is_silence_and_is_survived(caplog: pytest.LogCapt
     assert board["deadman_trips"] == 1
     assert after.back_ms <= 250.0 + 150.0
     assert lines(caplog) == ["WARNING board: it has fallen silent; it is greeted until it answers"]
-    tell("line, both ways: nothing whole", after, "frames", *lines(caplog))
+    tell("line that leaves no frame whole", after, "frames", *lines(caplog))
 
 
 def test_damaged_frames_are_counted_at_both_ends() -> None:

@@ -65,7 +65,7 @@ def test_a_stamp_that_wraps_is_not_felt() -> None:
 
     leak = leak_um(wraps_at_the_fault)
     assert leak == pytest.approx(leak_um(lambda meant_ms, _: meant_ms), abs=1e-3)
-    tell("device's timestamp wraps", None, f"nothing: the sticky finger gets {leak:.3f} um", "")
+    tell("trackpad's clock wraps", None, f"nothing: the sticky finger gets {leak:.3f} um", "")
 
 
 def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogCaptureFixture) -> None:
@@ -84,7 +84,7 @@ def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogC
     assert after.quiet_ms <= PERIOD_MS + SILENCE_MS + TIMER_MS + LINK_MS + LED_DOWN_MS
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert lines(caplog) == ["WARNING trackpad silent with 2 fingers down: they count as lifted"]
-    tell("device's timestamp stands still", after, "its fingers", *lines(caplog))
+    tell("trackpad's clock stands still", after, "its fingers", *lines(caplog))
 
 
 def test_a_stamp_that_runs_backwards_is_survived(caplog: pytest.LogCaptureFixture) -> None:
@@ -98,7 +98,7 @@ def test_a_stamp_that_runs_backwards_is_survived(caplog: pytest.LogCaptureFixtur
 
     leak = leak_um(runs_backwards)
     assert leak <= 0.6
-    tell("device's timestamp runs backwards for 0.5 s", None, f"the sticky finger gets {leak:.3f} um", *lines(caplog))
+    tell("trackpad's clock runs backwards for 0.5 s", None, f"the sticky finger gets {leak:.3f} um", *lines(caplog))
 
 
 @pytest.mark.parametrize("fingers", [0, 1, 2, 5, 11, 15])
