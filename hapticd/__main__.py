@@ -101,10 +101,14 @@ def _run(options: argparse.Namespace) -> None:
         print(config.render(loaded), end="")
         return
     from . import daemon
+    from .io.journal import JournalHandler
 
     # The journal adds time and priority itself; a person at a terminal wants them too, and this suits both.
     logging.basicConfig(
-        level=loaded.log.level.upper(), format="%(asctime)s %(levelname)s %(message)s", datefmt="%H:%M:%S"
+        level=loaded.log.level.upper(),
+        format="%(asctime)s %(levelname)s %(message)s",
+        datefmt="%H:%M:%S",
+        handlers=[JournalHandler()],
     )
     daemon.run(loaded)
 

@@ -46,6 +46,7 @@ TIMER_NS = 10_000_000  # how often `timer` wants to be called
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
+FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
 COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
 
 
@@ -179,8 +180,11 @@ class Machine:
 
     def board_bytes(self, data: bytes, t_now_ns: int) -> None:
         """What the board said."""
+        was_accepted = self.session.hello is not None
         for message in self.board.feed(data):
             self._hear(message, t_now_ns)
+        if was_accepted and self.session.hello is None:
+            log.warning("board: its clock is another than before, as after a reset; it is greeted anew")
 
     def _hear(self, message: BoardMessage | ToolMessage, t_now_ns: int) -> None:
         match message:
@@ -230,7 +234,7 @@ class Machine:
 
     def _say(self, commands: Sequence[BoardCommand]) -> None:
         for command in commands:
-            if not self._write_board(encode(command)):
+            if not self._write_board(FRESH_START + encode(command)):
                 self.unsent += 1
                 self.pipeline.forget_standing()  # the board may hold another reference than is believed
 

@@ -108,6 +108,7 @@ class Pipeline:
         self._sensor_clock = SensorClock(settings.sensor_latency_ns)
         self._predictors: dict[int, Predictor] = {}
         self._released: set[int] = set()
+        self._t_stamp_ns: int | None = None
         self._t_frame_ns = 0
         self._old_in_a_row = 0
         self._t_sample_ns = 0
@@ -130,6 +131,9 @@ class Pipeline:
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
+        if frame.t_ns == self._t_stamp_ns:
+            return FingerFrame(frame.t_ns, self.fingers, ())  # a pad whose clock stands is as good as silent
+        self._t_stamp_ns = frame.t_ns
         self._t_read_ns = t_read_ns
         self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self._t_frame_ns else 0
         if self._old_in_a_row == OLD_IN_A_ROW:

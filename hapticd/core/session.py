@@ -36,6 +36,8 @@ KEEP_ALIVE_AFTER_NS = 12_500_000  # of saying nothing: with a timer of 10 ms one
 ARM_EVERY_NS = 20_000_000  # slower than references come: zero frames must not come between them
 ANSWER_WITHIN_NS = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
 SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
+LEAP_US = 2_000_000  # between two statuses: the board's clock is another, it was reset
+CLOCK_WRAP_US = 1 << 32
 LEDGER_LENGTH = 512
 
 
@@ -136,15 +138,21 @@ class BoardSession:
         return [SelectController(self._controller), *models, TimeRequest(self.clock.request(t_now_ns))]
 
     def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
-        """A time reply; one that went astray is ignored."""
+        """A time reply; one that went astray is ignored. One of another clock means a reset behind an open port."""
         self._t_heard_ns = t_now_ns
+        relocks = self.clock.relocks
         self.clock.update(reply, t_now_ns)
+        if self.clock.relocks != relocks:
+            self._start_over()
 
     def receive_status(self, status: BoardStatus, t_now_ns: int) -> None:
         """Book the frame it acknowledges: link delay, and how late its first knot took effect."""
         if self.hello is None:
             return  # who has not been accepted is not believed
         self._t_heard_ns = t_now_ns
+        if self.status is not None and _leapt(self.status.t_board_us, status.t_board_us):
+            self._start_over()
+            return
         self.status = status
         if not status.applied or not self.clock.ready:
             return
@@ -172,7 +180,7 @@ class BoardSession:
         if not self._linked:
             return []
         if self.hello is not None and t_now_ns - self._t_heard_ns > SILENT_AFTER_NS:
-            self.hello = self.status = None  # it hung or was replaced: start over
+            self._start_over()  # it hung or was replaced
         if self.hello is None:
             return [HelloRequest()] if self._greeting.due(t_now_ns) else []
         commands: list[BoardCommand] = []
@@ -190,6 +198,10 @@ class BoardSession:
             commands.append(KeepAlive(self._seq))
         return commands
 
+    def _start_over(self) -> None:
+        """The next timer greets: a board that was reset knows neither its controller nor its models any more."""
+        self.hello = self.status = None
+
     def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
         self._seq = (self._seq + 1) & 0xFFFF
         self._t_numbered_ns = t_now_ns
@@ -203,3 +215,9 @@ class BoardSession:
             if t_now_ns - self._in_flight[oldest][0] <= SILENT_AFTER_NS:
                 return
             del self._in_flight[oldest]
+
+
+def _leapt(before_us: int, after_us: int) -> bool:
+    """Whether no line and no stalled host explains what two statuses say of the board's wrapped clock."""
+    half_us = CLOCK_WRAP_US // 2
+    return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US

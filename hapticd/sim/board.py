@@ -25,6 +25,7 @@ PLATE_MODES_MAX: Final = 8
 
 CHUNK_S: Final = 50e-6  # from a tick to its voltage on the plate: HD_CHUNK of firmware/core/carrier.h
 RESET_POWER: Final = 1
+RESET_WATCHDOG: Final = 4
 
 _LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
 _TRANSMIT_BYTES: Final = 512  # all pending messages of three modes together need less
@@ -203,6 +204,10 @@ class Board:
     @property
     def t_ns(self) -> int:
         return self.unwrapped_us * 1000
+
+    def reset(self, boot_id: int, cause: int = RESET_WATCHDOG) -> None:
+        """The processor starts anew now: another boot, a clock from 0, no voltage. The plate rings down by itself."""
+        self._library.hd_board_reset(self._board, boot_id, cause)
 
     def receive(self, data: bytes, at_us: int | None = None) -> None:
         """Bytes come in now, or at an instant `at_us` before the next tick."""

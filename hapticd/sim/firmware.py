@@ -88,6 +88,7 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_setup_size": (size, []),
         "hd_board_new": (board, [ctypes.POINTER(Setup)]),
         "hd_board_free": (None, [board]),
+        "hd_board_reset": (None, [board, ctypes.c_uint32, ctypes.c_int32]),
         "hd_board_t_us": (ctypes.c_uint64, [board]),
         "hd_board_receive": (None, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
         "hd_board_transmit": (size, [board, ctypes.c_char_p, size, ctypes.c_uint64]),

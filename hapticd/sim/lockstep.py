@@ -155,7 +155,8 @@ class Simulation:
             boot_id=seed + 1,
             board_start_us=BOARD_START_US,
         )
-        self.machine = Machine(self._config, plate.cartography(seed), write_board=self._to_board)
+        self._modes = plate.cartography(seed)
+        self.machine = self._new_machine()
         self._sensor = SensorModel(
             SensorSettings(
                 model=self.machine.trackpad.model,
@@ -214,6 +215,9 @@ class Simulation:
         message = self._client.wants((t_ns - T_START_NS) * 1e-9, sampled_s, fingers)
         if message is not None:
             self.machine.want(message, t_ns)
+
+    def _new_machine(self) -> Machine:
+        return Machine(self._config, self._modes, write_board=self._to_board)
 
     def _to_board(self, data: bytes) -> bool:
         self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)

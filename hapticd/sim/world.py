@@ -104,6 +104,11 @@ class World:
         """Bytes reach the board at `t_s`, after the last tick and before the next."""
         self.board.receive(data, self._board_start_us + round(t_s * 1e6))
 
+    def reset_board(self, boot_id: int) -> None:
+        """Its processor starts anew after the last tick, with its clock; the plate goes on."""
+        self.board.reset(boot_id)
+        self._board_start_us = self.board.unwrapped_us - round(self.t_s * 1e6)
+
     def recording(self) -> Recording:
         """Everything so far."""
         parts = [(fingers, trace, CHUNK_TICKS) for fingers, trace in self._kept[:-1]]

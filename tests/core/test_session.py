@@ -230,6 +230,29 @@ def test_a_board_that_rebooted_has_another_clock_however_that_was_noticed(silent
     assert bench.session.ready
 
 
+@pytest.mark.parametrize("before_us", [3_000_000, 2**31, 2**32 - 3_000_000])
+def test_a_status_of_another_clock_means_a_reset_behind_an_open_port(before_us: int) -> None:
+    bench = Bench().met()
+    bench.session.receive_hello(HELLO, bench.t_ns)  # what was said before holds no more
+    said = replace(STATUS, t_board_us=before_us)
+    later = replace(said, t_board_us=(before_us + 1_900_000) % 2**32)  # to a host that stalled
+    for status in (said, later, said):  # and one that was overtaken
+        bench.session.receive_status(status, bench.t_ns)
+    assert bench.session.ready
+    bench.session.receive_status(replace(said, t_board_us=40_000), bench.t_ns)
+    assert (bench.session.hello, bench.session.status, bench.session.ready) == (None, None, False)
+    assert bench.session.timer(bench.t_ns + 250 * MS) == [HelloRequest()]
+
+
+def test_a_time_of_another_clock_means_the_same() -> None:
+    bench = Bench().met()
+    (asked,) = [command for _, command in bench.run(600 * MS) if isinstance(command, TimeRequest)]
+    t_board_us = board_us(bench.t_ns) - 400_000  # too small a leap for a status to tell
+    bench.session.receive_time(BoardTime(asked.t_host_ns, t_board_us, t_board_us), bench.t_ns)
+    assert not bench.session.ready
+    assert bench.session.timer(bench.t_ns + 250 * MS) == [HelloRequest()]
+
+
 def test_a_pulled_plug_forgets_the_board_and_the_next_one_is_no_reboot() -> None:
     bench = Bench().met()
     bench.session.link_down()

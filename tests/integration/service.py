@@ -61,11 +61,11 @@ class Rig:
 class Service:
     """`hapticd run` as a process; what it says goes to a file."""
 
-    def __init__(self, config: Path, log: Path) -> None:
+    def __init__(self, config: Path, log: Path, stderr: int | None = None) -> None:
         self._log = log
         with log.open("w") as file:
             command = [sys.executable, "-m", "hapticd", "run", "--config", str(config)]
-            self.process = subprocess.Popen(command, stderr=file)
+            self.process = subprocess.Popen(command, stderr=file if stderr is None else stderr)
 
     @property
     def lines(self) -> list[str]:
@@ -104,9 +104,10 @@ class Bench:
         self._running.append(rig.process)
         return rig
 
-    def service(self) -> Service:
+    def service(self, stderr: int | None = None) -> Service:
+        """`stderr` is a file descriptor that takes what it says, in the log's place."""
         self._services += 1
-        service = Service(self.config, self.folder / f"log-{self._services}")
+        service = Service(self.config, self.folder / f"log-{self._services}", stderr)
         self._running.append(service.process)
         return service
 

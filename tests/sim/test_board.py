@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from hapticd.sim import firmware
 from hapticd.sim.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.values import Knot, LimitReason, SafeDrive
+from hapticd.values import BoardHello, Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
 TICK_S = 0.0005
@@ -198,3 +198,21 @@ def three_more() -> dict[str, tuple[float, ...]]:
 def test_a_firmware_that_was_not_built_is_named() -> None:
     with pytest.raises(RuntimeError, match=r"firmware for 7 modes .* is not built: install a C compiler"):
         firmware.load(7)
+
+
+def test_a_reset_board_is_another_boot_that_drives_nothing_while_the_plate_rings_down() -> None:
+    model = plate()
+    board = Board(model, boot_id=7)
+    touched_run(board)
+    board.reset(8)
+    assert board.t_us == 0
+    board.receive(device.encode_hello_request())
+    (hello,) = [said for said in device.Decoder().feed(board.transmit()) if isinstance(said, BoardHello)]
+    assert hello.boot_id == 8
+    after = BoardTrace(60, 2, 4)
+    board.run(60, np.zeros((60, 0, 4)), np.zeros((60, 0)), after)
+    assert board.t_us == 60 * 500
+    assert not after.voltage_v.any()
+    ringing_um = np.abs(after.plate_um)
+    assert ringing_um[0, 0] > 1.0
+    np.testing.assert_allclose(ringing_um[1:] / ringing_um[:-1], np.tile(np.exp(-model.decay_1_s * TICK_S), (59, 1)))

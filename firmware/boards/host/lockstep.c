@@ -15,6 +15,7 @@
 
 struct hd_board {
     hd_core_t core;
+    hd_config_t configured; /* what every boot begins with */
     hd_plate_t plate;
     hd_carrier_loop_t *carrier; /* NULL: the plate's envelopes are all there is */
     uint64_t t_start_us;
@@ -105,6 +106,7 @@ hd_board_t *hd_board_new(const hd_board_setup_t *setup)
         hd_board_free(board);
         return NULL;
     }
+    board->configured = config;
     set_up_plate(&board->plate, setup);
     board->t_start_us = setup->t_start_us;
     board->tick_us = 1e6 / setup->control_hz;
@@ -120,9 +122,27 @@ void hd_board_free(hd_board_t *board)
     }
 }
 
+static uint64_t elapsed_us(const hd_board_t *board)
+{
+    return (uint64_t)llround((double)board->tick * board->tick_us);
+}
+
+void hd_board_reset(hd_board_t *board, uint32_t boot_id, int32_t cause)
+{
+    hd_config_t config = board->configured;
+    config.boot_id = boot_id;
+    config.reset_cause = (uint8_t)cause;
+    config.log = board->core.config.log; /* in memory that a reset does not clear */
+    board->t_start_us = 0 - elapsed_us(board);
+    hd_init(&board->core, &config, 0);
+    memset(board->voltage_v, 0, sizeof board->voltage_v);
+    memset(board->applied_v, 0, sizeof board->applied_v);
+    memset(board->asked_um, 0, sizeof board->asked_um);
+}
+
 uint64_t hd_board_t_us(const hd_board_t *board)
 {
-    return board->t_start_us + (uint64_t)llround((double)board->tick * board->tick_us);
+    return board->t_start_us + elapsed_us(board);
 }
 
 void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us)

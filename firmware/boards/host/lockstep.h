@@ -70,6 +70,10 @@ size_t hd_board_setup_size(void); /* for the caller to compare with its own idea
 hd_board_t *hd_board_new(const hd_board_setup_t *setup);
 void hd_board_free(hd_board_t *board);
 
+/* The processor starts anew, as after its watchdog or its reset pin: another boot, a clock from 0, no voltage. The plate
+ * goes on from where it is. */
+void hd_board_reset(hd_board_t *board, uint32_t boot_id, int32_t cause);
+
 uint64_t hd_board_t_us(const hd_board_t *board); /* not wrapped */
 void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us);
 size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint64_t at_us);

@@ -1,0 +1,111 @@
+"""The daemon or a client stops, dies or ends; the host's clock leaps."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stand import LED_DOWN_MS, LINK_MS, SILENT_MS, T_FAULT_S, lines, simulate, tell, worst
+
+import hapticd
+from hapticd.sim.faulty import FaultySimulation
+
+HANDSHAKE_MS = 150.0  # greeting, four looks at its clock 20 ms apart, three zero frames, and the next report
+TTL_MS = 500.0
+PERIOD_MS = 11.25
+TIMER_MS = 10.0
+PACKAGE = Path(hapticd.__file__).parent
+WALL_CLOCKS = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "datetime", "time.clock_gettime"}
+
+
+def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        stand.at(t_fault_s, stand.stop_daemon)
+        stand.at(t_over_s, stand.resume_daemon)
+
+    after = worst(set_up, 2.0)
+    assert after.quiet_ms <= LINK_MS + SILENT_MS
+    assert after.back_ms <= TIMER_MS + HANDSHAKE_MS
+    assert after.board["deadman_trips"] == 1
+    tell("daemon stopped for 2 s", after, "fingers that moved come back as new ones", "")
+    assert [line for line in lines(caplog) if not line.startswith("WARNING trackpad silent")] == []
+
+
+def test_a_killed_daemon_leaves_a_quiet_plate_and_the_next_one_serves_it() -> None:
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        stand.at(t_fault_s, stand.stop_daemon)
+        stand.at(t_over_s, stand.start_daemon)
+
+    after = worst(set_up, 0.5)
+    assert after.quiet_ms <= LINK_MS + SILENT_MS
+    assert after.back_ms <= HANDSHAKE_MS
+    tell(
+        "daemon killed, and another started",
+        after,
+        "finger ids: clients see new ones",
+        "the new one's start",
+    )
+
+
+def test_a_daemon_that_ends_in_mid_stroke_says_zero_first() -> None:
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        stand.at(t_fault_s, stand.end_daemon)
+        stand.at(t_over_s, stand.start_daemon)
+
+    after = worst(set_up, 0.5)
+    assert after.quiet_ms <= LINK_MS + LED_DOWN_MS
+    assert after.back_ms <= HANDSHAKE_MS
+    tell("daemon ended in mid-stroke", after, "nothing", "INFO SIGTERM: stopping, the plate is made quiet")
+
+
+def test_a_client_that_dies_or_stops_is_released_when_its_time_to_live_ends(caplog: pytest.LogCaptureFixture) -> None:
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        stand.at(t_fault_s, stand.stop_client)
+        stand.at(t_over_s, stand.resume_client)
+
+    after = worst(set_up, 1.0)
+    assert after.quiet_ms <= TTL_MS + max(TIMER_MS, PERIOD_MS) + LINK_MS + LED_DOWN_MS
+    assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
+    assert after.board["deadman_trips"] == 0
+    assert lines(caplog) == []
+    tell("client killed or stopped", after, "its targets", "")
+
+
+def test_an_hour_that_only_the_host_s_clock_saw_is_a_new_beginning(caplog: pytest.LogCaptureFixture) -> None:
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        stand.at(t_fault_s, stand.leap_host_clock(3600.0))
+        del t_over_s
+
+    after = worst(set_up, 0.1)
+    assert after.quiet_ms <= LINK_MS + SILENT_MS
+    assert after.back_ms <= 250.0 + HANDSHAKE_MS
+    assert "WARNING board: it has fallen silent; it is greeted until it answers" in lines(caplog)
+    tell("host suspended for an hour", after, "all targets and fingers", *lines(caplog))
+
+
+def test_no_part_of_the_daemon_reads_the_wall_clock() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        named = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
+        imports = [node for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))]
+        imported = {alias.name for node in imports for alias in node.names}
+        assert not (named | imported) & WALL_CLOCKS, path
+
+
+def test_the_run_does_not_depend_on_when_it_is_played(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The wall clock steps by an hour with every look, and nobody looks."""
+
+    def play() -> np.ndarray:
+        return simulate(lambda *_: None, T_FAULT_S, T_FAULT_S, 0.3).run().modal_um
+
+    before = play()
+    with monkeypatch.context() as patch:
+        instants = iter(range(0, 10**9, 3600))
+        patch.setattr("time.time", lambda: float(next(instants)))
+        patch.setattr("time.time_ns", lambda: next(instants) * 10**9)
+        assert np.array_equal(before, play())
+    tell("host's wall clock stepped by an hour", None, "nothing: nobody reads it", "")

@@ -1,0 +1,94 @@
+"""A line that loses, cuts, damages, doubles, swaps or holds up what it carries, for two seconds and both ways."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from stand import Aftermath, lines, nanoseconds, rms_um, simulate, tell
+
+from hapticd.sim.faulty import FaultySimulation
+from hapticd.sim.line import Line, LineFaults
+
+FROM_S, UNTIL_S = 1.0, 3.0
+STICKY = 1
+CLEAN_UM = 0.040
+
+
+def through(**shares: float) -> Aftermath:
+    """Two seconds of such a line, with all that passes in both directions."""
+
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        faults = LineFaults(**shares, from_ns=nanoseconds(t_fault_s), until_ns=nanoseconds(t_over_s))  # type: ignore[arg-type]
+        stand.ways["board"], stand.ways["host"] = Line(faults, 3), Line(faults, 5)
+
+    return simulate(set_up, FROM_S, UNTIL_S, 1.0)
+
+
+def counters(after: Aftermath, way: str) -> Counter[str]:
+    line = after.simulation.ways[way]
+    assert isinstance(line, Line)
+    return line.counters
+
+
+def leaks_um(after: Aftermath) -> tuple[float, float]:
+    """Under the sticky finger while the line was bad, and from 0.2 s later on."""
+    run = after.run()
+    return rms_um(run, STICKY, FROM_S, UNTIL_S), rms_um(run, STICKY, UNTIL_S + 0.2, UNTIL_S + 1.0)
+
+
+def test_a_clean_line_is_what_the_others_are_measured_by() -> None:
+    during_um, later_um = leaks_um(through())
+    assert during_um <= CLEAN_UM
+    assert later_um <= CLEAN_UM
+
+
+# A frame that comes to nothing leaves the plate on the polyline before, whose last knot lies half a period beyond.
+@pytest.mark.parametrize(
+    ("what", "shares", "most_um"),
+    [
+        ("a fifth of all frames lost", {"lost": 0.2}, 0.12),
+        ("a fifth corrupted, 1 to 3 bits", {"corrupted": 0.2}, 0.12),
+        ("a fifth truncated", {"truncated": 0.2}, 0.12),
+        ("a third duplicated", {"duplicated": 0.33}, CLEAN_UM),
+        ("a fifth reordered", {"reordered": 0.2}, 0.06),
+        ("half delayed by up to 20 ms", {"delayed": 0.5, "delay_ns": 20_000_000}, 0.08),
+    ],
+)
+def test_the_plate_goes_on_within_its_limits_and_recovers_at_once(
+    what: str, shares: dict[str, float], most_um: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    after = through(**shares)
+    during_um, later_um = leaks_um(after)
+    board = after.board
+    assert sum(counters(after, "board").values()) > 20
+    assert during_um <= most_um
+    assert later_um <= 1.2 * CLEAN_UM
+    assert board["deadman_trips"] == 0
+    assert board["state"] == "LIVE"
+    assert not board["limited"]
+    assert lines(caplog) == []
+    tell(f"line, both ways: {what}", None, f"the sticky finger gets {during_um:.3f} um", "`status` counts")
+
+
+def test_a_line_of_noise_alone_is_silence_and_is_survived(caplog: pytest.LogCaptureFixture) -> None:
+    after = through(corrupted=1.0, truncated=1.0)
+    board = after.board
+    assert board["state"] == "LIVE"
+    assert board["deadman_trips"] == 1
+    assert after.back_ms <= 250.0 + 150.0
+    assert lines(caplog) == ["WARNING board: it has fallen silent; it is greeted until it answers"]
+    tell("line that leaves no frame whole", after, "frames", *lines(caplog))
+
+
+def test_damaged_frames_are_counted_at_both_ends() -> None:
+    after = through(corrupted=0.2)
+    assert after.board["bad_frames"] >= 0.9 * counters(after, "board")["corrupted"]
+    dropped = sum(after.simulation.machine.board.counters.values())
+    assert dropped >= 0.9 * counters(after, "host")["corrupted"]
+
+
+def test_late_duplicates_and_old_numbers_are_counted_and_change_nothing() -> None:
+    clean, doubled = through(), through(duplicated=1.0)
+    assert doubled.board["late_frames"] > 100
+    assert (doubled.run().reference_um == clean.run().reference_um).all()  # to the last bit

@@ -1,0 +1,157 @@
+"""A trackpad whose clock wraps, stands still or runs backwards; any number of fingers; fingers that jump."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from stand import (
+    LED_DOWN_MS,
+    LINK_MS,
+    QUIET_UM,
+    T_FAULT_S,
+    W_LIM_UM,
+    lines,
+    play,
+    rms_um,
+    seconds,
+    simulate,
+    tell,
+    worst,
+)
+
+from hapticd.sim.faulty import FaultySimulation
+from hapticd.sim.fingers import Path, Rest, Touch
+from hapticd.sim.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
+from hapticd.wire.trackpad import STAMP_WRAP_MS
+
+STAMP_AT = 9  # of a Magic Trackpad 2 over USB: 8 bytes, the report's type, then 21 bits of milliseconds above 3 others
+STICKY = 1
+PERIOD_MS, SILENCE_MS, TIMER_MS = 11.25, 40.0, 10.0
+CLEAN_UM = 0.040
+
+
+def with_stamps(stand: FaultySimulation, stamp_ms: Callable[[int, float], int]) -> None:
+    """The pad says another time: a function of the one it meant and of the instant of the run."""
+
+    def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+        word = int.from_bytes(data[STAMP_AT : STAMP_AT + 3], "little")
+        said = stamp_ms(word >> 3, seconds(t_ns)) % STAMP_WRAP_MS
+        return [(t_ns, data[:STAMP_AT] + (said << 3 | word & 7).to_bytes(3, "little") + data[STAMP_AT + 3 :])]
+
+    stand.ways["report"] = way
+
+
+def leak_um(stamp_ms: Callable[[int, float], int], t_until_s: float = 3.5) -> float:
+    """Under the sticky finger from a little before the fault to the end."""
+
+    def set_up(stand: FaultySimulation, *_: float) -> None:
+        with_stamps(stand, stamp_ms)
+
+    after = simulate(set_up, T_FAULT_S, t_until_s, 0.0)
+    assert after.board["state"] == "LIVE"
+    assert after.simulation.machine.report_status(after.simulation.t_ns)["state"] == "ACTIVE"
+    return rms_um(after.run(), STICKY, 1.0, t_until_s)
+
+
+def test_a_stamp_that_wraps_is_not_felt() -> None:
+    first: list[int] = []
+
+    def wraps_at_the_fault(meant_ms: int, t_s: float) -> int:
+        first.append(meant_ms - round((t_s - T_FAULT_S) * 1e3))
+        return meant_ms - first[0]
+
+    leak = leak_um(wraps_at_the_fault)
+    assert leak == pytest.approx(leak_um(lambda meant_ms, _: meant_ms), abs=1e-3)
+    tell("trackpad's clock wraps", None, f"nothing: the sticky finger gets {leak:.3f} um", "")
+
+
+def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogCaptureFixture) -> None:
+    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        held: list[int] = []
+
+        def stands_still(meant_ms: int, t_s: float) -> int:
+            if t_fault_s <= t_s < t_over_s:
+                held.append(meant_ms)
+                return held[0]
+            return meant_ms
+
+        with_stamps(stand, stands_still)
+
+    after = worst(set_up, 0.5)
+    assert after.quiet_ms <= PERIOD_MS + SILENCE_MS + TIMER_MS + LINK_MS + LED_DOWN_MS
+    assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
+    assert lines(caplog) == ["WARNING trackpad silent with 2 fingers down: they count as lifted"]
+    tell("trackpad's clock stands still", after, "its fingers", *lines(caplog))
+
+
+def test_a_stamp_that_runs_backwards_is_survived(caplog: pytest.LogCaptureFixture) -> None:
+    turn: list[int] = []
+
+    def runs_backwards(meant_ms: int, t_s: float) -> int:
+        if T_FAULT_S <= t_s < T_FAULT_S + 0.5:
+            turn.append(meant_ms)
+            return 2 * turn[0] - meant_ms
+        return meant_ms
+
+    leak = leak_um(runs_backwards)
+    assert leak <= 0.6
+    tell("trackpad's clock runs backwards for 0.5 s", None, f"the sticky finger gets {leak:.3f} um", *lines(caplog))
+
+
+@pytest.mark.parametrize("fingers", [0, 1, 2, 5, 11, 15])
+def test_any_number_of_fingers_stays_within_the_limits(fingers: int, caplog: pytest.LogCaptureFixture) -> None:
+    """The first slips, all others stick."""
+    places = [(-52.0 + 26.0 * (i % 5), -30.0 + 25.0 * (i // 5)) for i in range(fingers)]
+    actors = tuple(
+        Actor(((LAND_S, SLIPPERY_UM if i == 0 else STICKY_UM),), path=Touch(Rest(place), LAND_S))
+        for i, place in enumerate(places)
+    )
+    after = play(actors, lambda *_: None, 1.0, 1.6, 0.0)
+    recording = after.simulation.world.recording()
+    level_um = np.abs(recording.plate_um[recording.t_s > 1.0]).max(axis=1)
+    assert np.abs(recording.reference_um).max() <= W_LIM_UM
+    assert after.simulation.machine.report_status(after.simulation.t_ns)["fingers"] == fingers
+    assert lines(caplog) == []
+    if fingers == 0:
+        assert level_um.max() <= QUIET_UM
+        tell("no finger", None, "nothing: the plate is quiet", "")
+        return
+    run = after.run()
+    slips_um = rms_um(run, 0, 1.0, 1.6)
+    sticks_um = max((rms_um(run, i, 1.0, 1.6) for i in range(1, fingers)), default=0.0)
+    assert sticks_um <= 0.05 or fingers > 2  # two modes cannot quiet more than one place
+    tell(
+        f"{fingers} fingers", None, f"the slippery gets {slips_um:.2f}, the worst of the sticky {sticks_um:.3f} um", ""
+    )
+
+
+class Teleport:
+    """A finger that is elsewhere every 0.2 s, without a lift."""
+
+    def __init__(self, places: tuple[Path, ...]) -> None:
+        self._places = places
+
+    def position_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        at = (np.asarray(t_s) / 0.2).astype(int) % len(self._places)
+        return np.choose(at[:, np.newaxis], [place.position_mm(t_s) for place in self._places])
+
+
+def test_a_finger_that_jumps_across_the_plate_is_a_new_one_and_asks_for_nothing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    jumping = Teleport((Rest((-40.0, 30.0)), Rest((35.0, -40.0)), Rest((50.0, 45.0)), Rest((-20.0, -45.0))))
+    actors = (
+        Actor(((LAND_S, SLIPPERY_UM),), path=Touch(jumping, LAND_S)),
+        Actor(((LAND_S, STICKY_UM),), path=Touch(Rest((10.0, 5.0)), LAND_S)),
+    )
+    after = play(actors, lambda *_: None, 1.0, 2.6, 0.0)
+    run = after.run()
+    sticks_um = rms_um(run, STICKY, 1.0, 2.6)
+    assert np.abs(run.reference_um).max() <= W_LIM_UM
+    assert sticks_um <= 0.1
+    assert max(after.simulation.machine.pipeline.fingers, key=lambda finger: finger.finger_id).finger_id >= 10
+    assert lines(caplog) == []
+    tell("a finger that jumps", None, f"its id; the sticky one beside it gets {sticks_um:.3f} um", "")
