@@ -14,6 +14,8 @@ from typing import Any
 from . import __version__, config
 from .errors import HapticdError
 
+STDERR = 2  # the descriptor
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code. Errors of hapticd's own end in one sentence on stderr."""
@@ -94,19 +96,30 @@ def _add_run(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    loaded = config.load(options.config) if options.config is not None else config.Config()
-    if options.sim:
-        loaded = config.simulated(loaded)
+    loaded = _configuration(options)
     if options.print_config:
         print(config.render(loaded), end="")
         return
-    from . import daemon
+    from . import service
 
-    # The journal adds time and priority itself; a person at a terminal wants them too, and this suits both.
-    logging.basicConfig(
-        level=loaded.log.level.upper(), format="%(asctime)s %(levelname)s %(message)s", datefmt="%H:%M:%S"
-    )
-    daemon.run(loaded)
+    _log_to_stderr(loaded.log.level)
+    service.run(loaded, lambda: _configuration(options))
+
+
+def _configuration(options: argparse.Namespace) -> config.Config:
+    """What --config and --sim say; read anew at each call."""
+    loaded = config.load(options.config) if options.config is not None else config.Config()
+    return config.simulated(loaded) if options.sim else loaded
+
+
+def _log_to_stderr(level: str) -> None:
+    """Lines for a person at a terminal, with the time; for the journal with what it asks for."""
+    from .io.systemd import JournalFormatter, speaks_to_journal
+
+    handler = logging.StreamHandler()
+    plain = logging.Formatter("%(asctime)s %(levelname)s %(message)s", "%H:%M:%S")
+    handler.setFormatter(JournalFormatter() if speaks_to_journal(STDERR) else plain)
+    logging.basicConfig(level=level.upper(), handlers=[handler])
 
 
 # --- simulate ---------------------------------------------------------------------------------------------------

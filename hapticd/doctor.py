@@ -63,7 +63,7 @@ def _findings(config_path: Path | None) -> Iterator[Finding]:
 
 
 def _modes(config: Config) -> Finding:
-    from .daemon import load_modes
+    from .service import load_modes
 
     try:
         modes = load_modes(config)

@@ -17,9 +17,10 @@ import pytest
 
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
-from hapticd.daemon import Daemon, load_modes, serve
+from hapticd.daemon import Daemon, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
+from hapticd.service import load_modes
 from hapticd.wire import device
 from hapticd_client import Client
 
