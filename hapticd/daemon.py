@@ -32,6 +32,7 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
 IDLE_TIMER_NS = 2 * TIMER_NS  # nobody touches: a keep-alive with each tick is what the board needs, and no more
+IDLE_SWEEP_EVERY_NS = 100_000_000  # only traffic eats a socket's wake-up, and there is next to none
 COLLECT_EVERY_NS = 1_000_000_000
 SAY_MISSED_EVERY_NS = 10_000_000_000
 
@@ -59,7 +60,7 @@ class Daemon:
         self._link = SerialLink(board_port, config.device.baud)
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
-        self._t_collected_ns = self._t_said_ns = 0
+        self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
         self._said_missed = 0
         self._machine: Machine | None = None
 
@@ -80,7 +81,6 @@ class Daemon:
             calibration=self._calibration,
         )
         self._machine = machine
-        machine.warm_up()
         self._server.start(
             loop,
             on_message=lambda payload: machine.targets(payload, now_ns()),
@@ -98,6 +98,12 @@ class Daemon:
         )
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
 
+    @property
+    def tick_period_ns(self) -> int:
+        """How often the timer comes now; from `start` on."""
+        assert self._timer is not None, "start() comes first"
+        return self._timer.period_ns
+
     def go_real_time(self) -> None:
         """Ask the kernel for what the configuration wants, and say what it did not give."""
         wanted = self._config.realtime
@@ -109,7 +115,10 @@ class Daemon:
         self.machine.real_time = dataclasses.asdict(granted)
 
     def ready(self) -> None:
-        """Tell the service manager that clients are served and devices looked for."""
+        """The start is over: ticks count from now, and the service manager hears that clients are served."""
+        assert self._timer is not None
+        self._timer.set_period(TIMER_NS)
+        self._t_said_ns = now_ns()
         self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
 
     async def stop(self) -> None:
@@ -136,7 +145,6 @@ class Daemon:
         machine, t_now_ns = self.machine, now_ns()
         machine.loop.ticked(late_ns, missed)
         machine.timer(t_now_ns)
-        self._server.sweep()
         if not machine.is_failing:
             self._notifier.feed_watchdog(t_now_ns)
         self._keep_pace(t_now_ns)
@@ -148,6 +156,9 @@ class Daemon:
         period_ns = IDLE_TIMER_NS if is_idle else TIMER_NS
         if self._timer.period_ns != period_ns:
             self._timer.set_period(period_ns)
+        if not is_idle or t_now_ns - self._t_swept_ns >= IDLE_SWEEP_EVERY_NS:
+            self._t_swept_ns = t_now_ns
+            self._server.sweep()
         if is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()

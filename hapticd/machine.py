@@ -103,10 +103,6 @@ class Machine:
         """No finger is down and nobody wants anything: `timer` may come half as often."""
         return not self.pipeline.fingers and (self.last_tick is None or not self.last_tick.points)
 
-    def warm_up(self) -> None:
-        """Have the predictor's gains computed, which takes some 0.2 s, before a finger needs them."""
-        _pipeline_settings(self.config).make_predictor()
-
     # --- the touch ---
 
     def reports(self, batch: Sequence[RawReport], t_now_ns: int) -> None:
@@ -310,6 +306,11 @@ class Machine:
     def report_status(self, t_now_ns: int) -> dict[str, object]:
         """What `hapticd`'s clients see of its inner life."""
         return status.collect(self, t_now_ns)
+
+
+def warm_up(config: Config) -> None:
+    """Have the predictor's gains computed, which takes some 0.2 s, before a finger needs them."""
+    _pipeline_settings(config).make_predictor()
 
 
 def _pipeline_settings(config: Config) -> PipelineSettings:

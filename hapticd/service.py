@@ -25,6 +25,7 @@ from .io.server import runtime_directory
 from .io.socketpad import SocketTrackpad
 from .io.systemd import Notifier
 from .io.trackpad import HidTrackpad, TrackpadSource
+from .machine import warm_up
 from .sim.rigprocess import MODES_FILE, RigProcess
 from .values import ModeCalibration
 
@@ -70,6 +71,7 @@ class Workshop:
         measured = config.device.calibration_file
         rig_dir = self._rig_directory(config)
         modes = load_modes(config, rig_dir)
+        warm_up(config)
         return Prepared(
             config,
             modes,
@@ -92,6 +94,7 @@ class Workshop:
 def run(config: Config, reread: Callable[[], Config] | None = None) -> None:
     """What `hapticd run` does, until SIGTERM or SIGINT; `reread` gives the configuration again at SIGHUP."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
+    signal.signal(signal.SIGHUP, lambda *_: None)  # until then there is nothing to read again
     with Workshop() as workshop, contextlib.closing(Notifier()) as notifier:
         asyncio.run(_serve(workshop, workshop.prepare(config), notifier, reread))
 

@@ -138,11 +138,11 @@ def _timing(machine: Machine) -> dict[str, object]:
         "missed_ticks": loop.missed_ticks,
         "late_frames": ledger.late_frames,
         "unanswered_frames": ledger.unanswered,
-        "histograms": {name: _histogram(histogram) for name, histogram in histograms.items() if histogram.count},
+        "histograms": {name: histogram_fields(histogram) for name, histogram in histograms.items() if histogram.count},
     }
 
 
-def _histogram(histogram: Histogram) -> dict[str, object]:
+def histogram_fields(histogram: Histogram) -> dict[str, object]:
     """`buckets` are pairs of an upper edge in ms and the count below it (and from the bucket before)."""
     return {
         "count": histogram.count,

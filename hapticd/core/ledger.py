@@ -13,14 +13,14 @@ from typing import overload
 
 LEDGER_LENGTH = 512
 LATE_NS = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
-_SUB_BITS = 3  # eight buckets an octave: a bucket's middle is within 6.25 % of what fell into it
+_SUB_BITS = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
 _LONGEST_NS = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
 _FULL = 1 << _SUB_BITS
 _BUCKETS = ((40 - _SUB_BITS) << _SUB_BITS) + _FULL
 
 
 class Histogram:
-    """Spans of time in buckets whose width is an eighth of their octave; below 16 ns each has its own."""
+    """Spans of time in buckets whose width is a sixteenth of their octave; below 32 ns each has its own."""
 
     __slots__ = ("_counts", "count", "longest_ns", "shortest_ns")
 
@@ -45,7 +45,7 @@ class Histogram:
         self._counts[_bucket(span_ns)] += 1
 
     def percentile_ns(self, percent: float) -> int:
-        """The span that `percent` of all do not exceed, to within 6.25 %. 0 where nothing was counted."""
+        """The span that `percent` of all do not exceed, to within 3.2 %. 0 where nothing was counted."""
         rank = max(1, -(-self.count * percent // 100))
         seen = 0
         for bucket, count in enumerate(self._counts):

@@ -42,7 +42,8 @@ def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bo
     """Ask for what is not at its default, for the calling thread; a refusal is told, not raised.
 
     Threads and processes made later start with ordinary scheduling (SCHED_RESET_ON_FORK): a runaway among them cannot
-    take the machine, and this thread is stopped by RLIMIT_RTTIME where the service's unit sets it.
+    take the machine, and this thread is stopped by RLIMIT_RTTIME where the service's unit sets it. Called again, it
+    takes priority and lock back where they are no longer asked for; a processor once kept to stays.
     """
     if sys.platform != "linux":
         return Granted(0, (), False, ("real time: only on Linux",))
@@ -58,7 +59,7 @@ def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bo
             os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(fifo_priority))
         except OSError as error:
             refused.append(f"SCHED_FIFO at {fifo_priority}: {error.strerror}")
-    is_locked = lock_memory and _lock_memory(refused)
+    is_locked = _lock_memory(refused) if lock_memory else bool(_libc().munlockall())
     processors = tuple(sorted(os.sched_getaffinity(0)))
     return Granted(os.sched_getparam(0).sched_priority, processors, is_locked, tuple(refused))
 
