@@ -65,7 +65,8 @@ class Rig:
         actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
         self.actors = actors
         self.plate = PlateTruth(PlateSettings())
-        self.plate.cartography(seed).save(directory / MODES_FILE)
+        self._map = directory / MODES_FILE
+        self.plate.cartography(seed).save(self._map)
         boot_id = os.getpid() & 0x7FFFFFFF
         self.world: World | Outboard
         if program is not None:
@@ -122,6 +123,7 @@ class Rig:
         if self._listener is not None:
             self._replug_trackpad()
         self._selector.close()
+        self._map.unlink(missing_ok=True)
         if isinstance(self.world, Outboard):
             self.world.close()
 
