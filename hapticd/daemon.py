@@ -136,7 +136,9 @@ class Daemon:
         self._let_publish()
         machine, t_begin_ns = self.machine, now_ns()
         machine.reports(batch, t_begin_ns)
-        machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch))
+        tick = machine.last_tick
+        age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
+        machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
 

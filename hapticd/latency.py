@@ -35,7 +35,7 @@ _FROM_MS, _DECADES, _COLUMNS_PER_DECADE = 0.001, 5, 10  # the picture's axis, lo
 _BARS = " ▁▂▃▄▅▆▇█"
 
 STAGES = {
-    "age": "sample to pass",
+    "read_age": "sample to reading",
     "wait": "reading to pass",
     "compute": "pass and writing",
     "link": "writing to board",
@@ -127,7 +127,7 @@ def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
         "ticks missed": loop.missed_ticks,
     }
     stages = {
-        "age": ledger.age,
+        "read_age": loop.read_age,
         "wait": loop.wait,
         "compute": loop.compute,
         "link": ledger.link,

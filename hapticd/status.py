@@ -125,6 +125,7 @@ def _timing(machine: Machine) -> dict[str, object]:
     """Every report and every frame since the start: histograms of the parts of the way, and what was late or missed."""
     ledger, loop = machine.session.ledger, machine.loop
     histograms: Mapping[str, Histogram] = {
+        "read_age": loop.read_age,
         "wait": loop.wait,
         "compute": loop.compute,
         "tick_late": loop.tick_late,

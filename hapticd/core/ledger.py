@@ -125,20 +125,25 @@ class Ledger(Sequence[LedgerLine]):
 
 @dataclass(slots=True)
 class LoopTiming:
-    """The event loop's part: from a report's reading to its pass, the pass with its writing, and the timer.
+    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with its writing,
+    and the timer. The age is only known while a finger is down.
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
     loop was busy, and are skipped, not made up for.
     """
 
+    read_age: Histogram = field(default_factory=Histogram)
     wait: Histogram = field(default_factory=Histogram)
     compute: Histogram = field(default_factory=Histogram)
     tick_late: Histogram = field(default_factory=Histogram)
     joined_reports: int = 0
     missed_ticks: int = 0
 
-    def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int) -> None:
-        """A batch was read, its newest report at `t_read_ns`, and a pass made of it."""
+    def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int, age_ns: int | None) -> None:
+        """A batch was read, its newest report at `t_read_ns`, and a pass made of it; `age_ns` is that report's age when
+        the pass began, None where no finger was down."""
+        if age_ns is not None:
+            self.read_age.add(age_ns - (t_begin_ns - t_read_ns))
         self.wait.add(t_begin_ns - t_read_ns)
         self.compute.add(t_end_ns - t_begin_ns)
         self.joined_reports += reports - 1

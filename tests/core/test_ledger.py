@@ -79,7 +79,9 @@ def test_a_frame_is_late_beyond_a_millisecond(late_ns: int, counted: int) -> Non
 
 def test_the_loop_s_part_is_from_reading_to_writing() -> None:
     timing = LoopTiming()
-    timing.passed(1000, 1020, 1320, reports=3)
+    timing.passed(1000, 1020, 1320, reports=3, age_ns=10_020)
+    timing.passed(2000, 2010, 2020, reports=1, age_ns=None)
     timing.ticked(70, missed=2)
+    assert (timing.read_age.count, timing.read_age.longest_ns) == (1, 10_000)
     assert (timing.wait.longest_ns, timing.compute.longest_ns, timing.tick_late.longest_ns) == (20, 300, 70)
     assert (timing.joined_reports, timing.missed_ticks) == (2, 2)
