@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | firmware | doctor`."""
+"""The command line: `hapticd demo | run | simulate | bench | firmware | latency | doctor | install-service`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from typing import Any
 
 from . import __version__, config
 from .errors import HapticdError
+
+STDERR = 2  # the descriptor
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,7 +40,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     _add_bench(commands)
     _add_firmware(commands)
+    _add_latency(commands)
     _add_doctor(commands)
+    _add_install_service(commands)
     return parser
 
 
@@ -94,23 +98,60 @@ def _add_run(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    loaded = config.load(options.config) if options.config is not None else config.Config()
-    if options.sim:
-        loaded = config.simulated(loaded)
+    loaded = _configuration(options)
     if options.print_config:
         print(config.render(loaded), end="")
         return
-    from . import daemon
-    from .io.journal import JournalHandler
+    from . import service
 
-    # The journal adds time and priority itself; a person at a terminal wants them too, and this suits both.
-    logging.basicConfig(
-        level=loaded.log.level.upper(),
-        format="%(asctime)s %(levelname)s %(message)s",
-        datefmt="%H:%M:%S",
-        handlers=[JournalHandler()],
+    _log_to_stderr(loaded.log.level)
+    service.run(loaded, lambda: _configuration(options))
+
+
+def _configuration(options: argparse.Namespace) -> config.Config:
+    """What --config and --sim say; read anew at each call."""
+    loaded = config.load(options.config) if options.config is not None else config.Config()
+    return config.simulated(loaded) if options.sim else loaded
+
+
+def _log_to_stderr(level: str) -> None:
+    """Lines for a person at a terminal, with the time; for the journal with what it asks for."""
+    from .io.journal import JournalHandler
+    from .io.systemd import JournalFormatter, speaks_to_journal
+
+    handler = JournalHandler()
+    plain = logging.Formatter("%(asctime)s %(levelname)s %(message)s", "%H:%M:%S")
+    handler.setFormatter(JournalFormatter() if speaks_to_journal(STDERR) else plain)
+    logging.basicConfig(level=level.upper(), handlers=[handler])
+
+
+# --- latency ----------------------------------------------------------------------------------------------------
+
+
+def _add_latency(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "latency",
+        "measure what each part of a touch's way takes, on the devices at hand",
+        "hapticd latency --sim --seconds 10 --ledger frames.csv",
     )
-    daemon.run(loaded)
+    parser.add_argument("--config", type=Path, help="the service's configuration (default: the simulated plate)")
+    parser.add_argument("--sim", action="store_true", help="take the simulated plate, whatever the configuration says")
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long (default 10); move two fingers meanwhile")
+    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    parser.add_argument(
+        "--ledger", type=Path, metavar="F.csv", help="write each frame's line: its report, ages, delays"
+    )
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the distributions")
+    parser.set_defaults(command=_latency)
+
+
+def _latency(options: argparse.Namespace) -> None:
+    from . import latency
+
+    loaded = _configuration(options)
+    _log_to_stderr(loaded.log.level)
+    latency.run(loaded, options.seconds, json_file=options.json, ledger=options.ledger, plot=options.plot)
 
 
 # --- simulate ---------------------------------------------------------------------------------------------------
@@ -214,6 +255,31 @@ def _doctor(options: argparse.Namespace) -> int:
     from .doctor import examine
 
     return examine(options.config)
+
+
+# --- install-service --------------------------------------------------------------------------------------------
+
+
+def _add_install_service(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "install-service",
+        "put the service's unit, rules, users and configuration in place",
+        "hapticd install-service --print",
+    )
+    parser.add_argument("--print", action="store_true", help="show the files and where they go, and change nothing")
+    parser.add_argument("--root", type=Path, default=Path("/"), help="install below this directory (default /)")
+    parser.set_defaults(command=_install_service)
+
+
+def _install_service(options: argparse.Namespace) -> None:
+    from . import installation
+
+    files = installation.service_files()
+    if options.print:
+        print(installation.listing(files), end="")
+        return
+    print(installation.install(files, options.root), end="")
 
 
 if __name__ == "__main__":

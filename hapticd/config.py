@@ -148,6 +148,15 @@ class SimConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RealtimeConfig:
+    """What the service asks of the kernel; its unit file allows it."""
+
+    fifo_priority: int = _key(0, "SCHED_FIFO priority of the loop; 0: ordinary scheduling", low=0, high=90)
+    processor: int = _key(-1, "the one processor that the loop keeps to; -1: any", low=-1, high=1023)
+    lock_memory: bool = _key(False, "keep all that was once touched in memory")
+
+
+@dataclass(frozen=True, slots=True)
 class LogConfig:
     """What is said."""
 
@@ -166,6 +175,7 @@ class Config:
     solver: SolverConfig = field(default_factory=SolverConfig)
     client: ClientConfig = field(default_factory=ClientConfig)
     sim: SimConfig = field(default_factory=SimConfig)
+    realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     log: LogConfig = field(default_factory=LogConfig)
 
 
@@ -242,6 +252,10 @@ def _checked(entry: Field[Any], value: Any, where: str) -> Any:
             raise ConfigError(f"{where}: must be a text in quotes, not {value!r}.")
         if entry.metadata["choices"] and value not in entry.metadata["choices"]:
             raise ConfigError(f"{where}: {value!r} is none of {', '.join(entry.metadata['choices'])}.")
+        return value
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"{where}: must be true or false, not {value!r}.")
         return value
     if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
         raise ConfigError(f"{where}: must be a whole number, not {value!r}.")
@@ -322,4 +336,6 @@ def _toml(value: Any) -> str:
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, tuple):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
     return repr(value)

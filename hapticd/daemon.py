@@ -1,40 +1,42 @@
-"""The service: one asyncio loop that carries bytes between trackpad, board and clients, with `machine` in the middle.
+"""The daemon: one asyncio loop that carries bytes between trackpad, board and clients, with `machine` in the middle.
 
 Nothing on the loop blocks or computes for long. One event, one pass: reports, board bytes and client messages are
-handled when they come, a timer keeps the board alive, and SIGTERM or SIGINT end in a quiet plate.
+handled when they come, a timer keeps the board alive, and SIGTERM or SIGINT end in a quiet plate. Each hand-over is
+timed for `status`, and the service manager hears that all is well only while passes succeed.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import gc
+import dataclasses
 import logging
-import os
 import secrets
 import signal
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
-from . import calibration
-from .config import SIMULATED, Config
+from .config import Config
 from .core.modes import ModeShapes
-from .errors import ConfigError
+from .errors import HapticdError
 from .io.device import SerialLink
-from .io.replay import ReplayTrackpad
-from .io.server import ClientServer, runtime_directory
-from .io.socketpad import SocketTrackpad
-from .io.trackpad import HidTrackpad, TrackpadSource
+from .io.realtime import PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
+from .io.server import ClientServer
+from .io.systemd import Notifier
+from .io.trackpad import TrackpadSource
 from .machine import TIMER_NS, Machine
-from .sim.plate import PlateSettings, PlateTruth
-from .sim.rigprocess import RigProcess
 from .values import ModeCalibration, RawReport
 
 log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
+IDLE_TIMER_NS = 2 * TIMER_NS  # nobody touches: a keep-alive with each tick is what the board needs, and no more
+IDLE_SWEEP_EVERY_NS = 100_000_000  # only traffic eats a socket's wake-up, and there is next to none
+COLLECT_EVERY_NS = 1_000_000_000
+SAY_MISSED_EVERY_NS = 10_000_000_000
+
+Again = TypeVar("Again")
 
 
 class Daemon:
@@ -48,14 +50,18 @@ class Daemon:
         board_port: str,
         trackpad: TrackpadSource,
         calibration: Sequence[ModeCalibration] = (),
+        notifier: Notifier | None = None,
     ) -> None:
         self._config = config
+        self._notifier = Notifier({}) if notifier is None else notifier
         self._calibration = calibration
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir)
         self._link = SerialLink(board_port, config.device.baud)
         self._trackpad = trackpad
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer: PeriodicTimer | None = None
+        self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
+        self._said_missed = 0
         self._machine: Machine | None = None
 
     @property
@@ -90,12 +96,35 @@ class Daemon:
             on_reports=self._reports,
             on_link=lambda up, reason: machine.trackpad_link(up, reason, now_ns(), model=self._trackpad.model),
         )
-        self._on_timer()
+        self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
+
+    @property
+    def tick_period_ns(self) -> int:
+        """How often the timer comes now; from `start` on."""
+        assert self._timer is not None, "start() comes first"
+        return self._timer.period_ns
+
+    def go_real_time(self) -> None:
+        """Ask the kernel for what the configuration wants, and say what it did not give."""
+        wanted = self._config.realtime
+        granted = go_real_time(
+            fifo_priority=wanted.fifo_priority, processor=wanted.processor, lock_memory=wanted.lock_memory
+        )
+        for refusal in granted.refused:
+            log.warning("real time: not granted: %s", refusal)
+        self.machine.real_time = dataclasses.asdict(granted)
+
+    def ready(self) -> None:
+        """The start is over: ticks count from now, and the service manager hears that clients are served."""
+        assert self._timer is not None
+        self._timer.set_period(TIMER_NS)
+        self._t_said_ns = now_ns()
+        self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
 
     async def stop(self) -> None:
         """Quiet the plate, then close: clients, trackpad, and the board last."""
         if self._timer is not None:
-            self._timer.cancel()
+            self._timer.close()
         if self._machine is not None:
             self._machine.stop(now_ns())
         await self._trackpad.close()
@@ -105,93 +134,104 @@ class Daemon:
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
         self._let_publish()
-        self.machine.reports(batch, now_ns())
-        if self.machine.trackpad.needs_enable:
+        machine, t_begin_ns = self.machine, now_ns()
+        machine.reports(batch, t_begin_ns)
+        tick = machine.last_tick
+        age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
+        machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
+        if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
 
-    def _on_timer(self) -> None:
-        self._timer = self._loop.call_later(TIMER_NS * 1e-9, self._on_timer)
+    def _on_timer(self, late_ns: int, missed: int) -> None:
         self._let_publish()
-        self.machine.timer(now_ns())
-        self._server.sweep()
+        machine, t_now_ns = self.machine, now_ns()
+        machine.loop.ticked(late_ns, missed)
+        machine.timer(t_now_ns)
+        if not machine.is_failing:
+            self._notifier.feed_watchdog(t_now_ns)
+        self._keep_pace(t_now_ns)
+
+    def _keep_pace(self, t_now_ns: int) -> None:
+        """What need not be done while somebody touches: collect garbage, tick half as often, say what was missed."""
+        assert self._timer is not None
+        is_idle = self.machine.is_idle
+        period_ns = IDLE_TIMER_NS if is_idle else TIMER_NS
+        if self._timer.period_ns != period_ns:
+            self._timer.set_period(period_ns)
+        if not is_idle or t_now_ns - self._t_swept_ns >= IDLE_SWEEP_EVERY_NS:
+            self._t_swept_ns = t_now_ns
+            self._server.sweep()
+        if is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
+            self._t_collected_ns = t_now_ns
+            collect_when_idle()
+        if t_now_ns - self._t_said_ns >= SAY_MISSED_EVERY_NS:
+            self._t_said_ns = t_now_ns
+            self._say_missed()
+
+    def _say_missed(self) -> None:
+        loop, ledger = self.machine.loop, self.machine.session.ledger
+        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered
+        if missed > self._said_missed:
+            self._said_missed = missed
+            log.warning(
+                "timing since the start: %d ticks missed, %d frames late, %d unanswered (`status` says how late)",
+                loop.missed_ticks,
+                ledger.late_frames,
+                ledger.unanswered,
+            )
 
     def _let_publish(self) -> None:
         """No subscriber: no telemetry is built."""
         self.machine.publish = self._server.publish if self._server.has_subscribers else None
 
 
-async def serve(daemon: Daemon, modes: ModeShapes) -> None:
-    """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate."""
+async def serve(
+    daemon: Daemon, modes: ModeShapes, reread: Callable[[], Awaitable[Again]] | None = None
+) -> Again | None:
+    """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate.
+
+    At SIGHUP `reread` is asked for what shall run instead; then the plate is left quiet and that is returned. Where it
+    raises HapticdError its sentence is logged, and all stays as it is.
+    """
     loop = asyncio.get_running_loop()
-    asked: asyncio.Future[signal.Signals] = loop.create_future()
+    asked: asyncio.Future[Again | None] = loop.create_future()
+    rereading: set[asyncio.Task[None]] = set()
+
+    async def read_again(reread: Callable[[], Awaitable[Again]]) -> None:
+        try:
+            again = await reread()
+        except HapticdError as error:
+            log.error("SIGHUP: %s The configuration in force stays.", error)
+            return
+        finally:
+            rereading.clear()
+        _answer(asked, again, "SIGHUP: the new configuration is taken, the plate is made quiet")
+
+    def on_hangup() -> None:
+        if reread is not None and not rereading:
+            rereading.add(loop.create_task(read_again(reread)))
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, _answer, asked, number)
+        loop.add_signal_handler(number, _answer, asked, None, f"{number.name}: stopping, the plate is made quiet")
+    if reread is not None:
+        loop.add_signal_handler(signal.SIGHUP, on_hangup)
     try:
         daemon.start(loop, modes)
-        _freeze_garbage()
+        quiet_collector()
+        daemon.go_real_time()
         log.info("serving clients in %s", daemon.runtime_dir)
-        log.info("%s: stopping, the plate is made quiet", (await asked).name)
+        daemon.ready()
+        return await asked
     finally:
+        for task in rereading:
+            task.cancel()
         await daemon.stop()
 
 
-def _answer(asked: asyncio.Future[signal.Signals], number: signal.Signals) -> None:
+def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) -> None:
     if not asked.done():
-        asked.set_result(number)
-
-
-def run(config: Config) -> None:
-    """What `hapticd run` does, with the simulated rig beside it where the configuration asks for it."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
-    runtime_dir = Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ)
-    modes = load_modes(config)  # what is wrong with a file is said before anything is opened
-    measured = calibration.load(Path(config.device.calibration_file), modes.M) if config.device.calibration_file else ()
-    with contextlib.ExitStack() as stack:
-        rig_dir = _rig_directory(config, stack)
-        board_port = str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port
-        daemon = Daemon(
-            config,
-            runtime_dir,
-            board_port=board_port,
-            trackpad=_trackpad(config, rig_dir),
-            calibration=measured,
-        )
-        asyncio.run(serve(daemon, modes))
-
-
-def _rig_directory(config: Config, stack: contextlib.ExitStack) -> Path:
-    """Where the simulated rig is: one that runs already, or one of our own until `stack` unwinds."""
-    if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
-        return Path(config.sim.rig_dir)
-    return stack.enter_context(RigProcess(config.sim.scenario, config.sim.seed)).directory
-
-
-def load_modes(config: Config) -> ModeShapes:
-    """The configured mode shapes; for the simulated plate its own cartography. Raises ModesError, ConfigError."""
-    if config.plate.modes_file:
-        modes = ModeShapes.load(config.plate.modes_file)
-    else:
-        modes = PlateTruth(PlateSettings()).cartography(config.sim.seed)
-    if len(config.limits.w_limit_um) != modes.M:
-        raise ConfigError(
-            f"limits.w_limit_um: has {len(config.limits.w_limit_um)} limits for a plate of {modes.M} modes: "
-            "give one for each mode."
-        )
-    return modes
-
-
-def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
-    if config.trackpad.source == "hid":
-        return HidTrackpad(config.trackpad.model)
-    if config.trackpad.source == "replay":
-        return ReplayTrackpad(config.trackpad.replay_file)
-    return SocketTrackpad(rig_dir / "trackpad", "mt2-usb")
-
-
-def _freeze_garbage() -> None:
-    """What is alive now lives as long as the daemon: the collector need not look at it again and again."""
-    gc.collect()
-    gc.freeze()
+        log.info("%s", why)
+        asked.set_result(again)
 
 
 def now_ns() -> int:

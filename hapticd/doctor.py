@@ -63,7 +63,7 @@ def _findings(config_path: Path | None) -> Iterator[Finding]:
 
 
 def _modes(config: Config) -> Finding:
-    from .daemon import load_modes
+    from .service import load_modes
 
     try:
         modes = load_modes(config)
@@ -142,10 +142,15 @@ def _client(_: Config) -> Finding:
     return Finding(PASS, "client library: installed")
 
 
-def _rights(_: Config) -> Finding:
+def _rights(config: Config) -> Finding:
+    wanted = config.realtime.fifo_priority
+    if wanted == 0:
+        return Finding(PASS, "real time: not asked for")
     priority, _hard = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    if priority == 0 and os.geteuid() != 0:
+    if priority < wanted and os.geteuid() != 0:
         return Finding(
-            WARN, "real time: this user may not ask for it", "the service in systemd/ runs at a raised priority"
+            WARN,
+            f"real time: this user may ask for priority {priority}, not {wanted}",
+            "run it as the service: its unit in systemd/ grants 20",
         )
-    return Finding(PASS, "real time: this user may ask for it")
+    return Finding(PASS, f"real time: priority {wanted} may be asked for")

@@ -12,6 +12,7 @@ from functools import partial
 
 from . import __version__, status
 from .config import Config
+from .core.ledger import LoopTiming
 from .core.modes import ModeShapes
 from .core.pipeline import Pipeline, PipelineSettings
 from .core.prediction import PREDICTORS, make_predictor
@@ -93,8 +94,15 @@ class Machine:
         self.unsent = 0
         self.refused_board = ""
         self.is_failing = False
+        self.loop = LoopTiming()
+        self.real_time: Mapping[str, object] = {}
         self.t_reports_ns: int | None = None
         self._t_clear_until_ns: int | None = None
+
+    @property
+    def is_idle(self) -> bool:
+        """No finger is down and nobody wants anything: `timer` may come half as often."""
+        return not self.pipeline.fingers and (self.last_tick is None or not self.last_tick.points)
 
     # --- the touch ---
 
@@ -302,6 +310,11 @@ class Machine:
     def report_status(self, t_now_ns: int) -> dict[str, object]:
         """What `hapticd`'s clients see of its inner life."""
         return status.collect(self, t_now_ns)
+
+
+def warm_up(config: Config) -> None:
+    """Have the predictor's gains computed, which takes some 0.2 s, before a finger needs them."""
+    _pipeline_settings(config).make_predictor()
 
 
 def _pipeline_settings(config: Config) -> PipelineSettings:

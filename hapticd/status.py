@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from .values import Tick, TouchPoint
 from .wire.client import FingerState, PlateState, encode_state
 
 if TYPE_CHECKING:
-    from .core.session import LedgerLine
+    from .core.ledger import Histogram, LedgerLine
     from .core.supervisor import Supervisor
     from .machine import Machine
 
@@ -73,6 +73,8 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
         },
         "clients": {"refused": machine.messages_refused, "last_refusal": machine.last_refusal},
         "board": _board(machine),
+        "real_time": dict(machine.real_time),
+        "timing": _timing(machine),
         "latency_ms": _latency([line for line in session.ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),
     }
 
@@ -117,6 +119,38 @@ def _board(machine: Machine) -> dict[str, object]:
     if session.clock.ready:
         said |= {"round_trip_ms": session.clock.rtt_ns * 1e-6, "clock_rate_ppm": session.clock.rate_ppm}
     return said
+
+
+def _timing(machine: Machine) -> dict[str, object]:
+    """Every report and every frame since the start: histograms of the parts of the way, and what was late or missed."""
+    ledger, loop = machine.session.ledger, machine.loop
+    histograms: Mapping[str, Histogram] = {
+        "read_age": loop.read_age,
+        "wait": loop.wait,
+        "compute": loop.compute,
+        "tick_late": loop.tick_late,
+        "age": ledger.age,
+        "link": ledger.link,
+        "horizon": ledger.horizon,
+        "late": ledger.late,
+    }
+    return {
+        "joined_reports": loop.joined_reports,
+        "missed_ticks": loop.missed_ticks,
+        "late_frames": ledger.late_frames,
+        "unanswered_frames": ledger.unanswered,
+        "histograms": {name: histogram_fields(histogram) for name, histogram in histograms.items() if histogram.count},
+    }
+
+
+def histogram_fields(histogram: Histogram) -> dict[str, object]:
+    """`buckets` are pairs of an upper edge in ms and the count below it (and from the bucket before)."""
+    return {
+        "count": histogram.count,
+        **{f"p{percent}_ms": histogram.percentile_ns(percent) * 1e-6 for percent in (50, 95, 99)},
+        "max_ms": histogram.longest_ns * 1e-6,
+        "buckets": [[below_ns * 1e-6, count] for _, below_ns, count in histogram.buckets()],
+    }
 
 
 def _latency(ledger: Sequence[LedgerLine]) -> dict[str, object]:

@@ -57,6 +57,8 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
+        ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
+        ("[realtime]\nfifo_priority = true", "realtime.fifo_priority: must be a whole number, not True"),
         ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
         ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),

@@ -17,10 +17,12 @@ import pytest
 
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
-from hapticd.daemon import Daemon, load_modes, serve
+from hapticd.daemon import IDLE_TIMER_NS, Daemon, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
+from hapticd.io.systemd import Notifier
 from hapticd.machine import FRESH_START
+from hapticd.service import load_modes
 from hapticd.wire import device
 from hapticd_client import Client
 
@@ -45,13 +47,13 @@ class Hardware:
         tty.setraw(self._slave)
         os.set_blocking(self.master, False)
         (folder / "board").symlink_to(os.ttyname(self._slave))
-        self._pad = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._pad.bind(str(folder / "trackpad"))
-        self._pad.listen()
+        self.pad = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.pad.bind(str(folder / "trackpad"))
+        self.pad.listen()
 
-    def daemon(self, runtime: str = "run") -> Daemon:
-        trackpad = SocketTrackpad(self.folder / "trackpad")
-        return Daemon(Config(), self.folder / runtime, board_port=str(self.folder / "board"), trackpad=trackpad)
+    def daemon(self, runtime: str = "run", notifier: Notifier | None = None) -> Daemon:
+        trackpad, port = SocketTrackpad(self.folder / "trackpad"), str(self.folder / "board")
+        return Daemon(Config(), self.folder / runtime, board_port=port, trackpad=trackpad, notifier=notifier)
 
     def heard(self) -> bytes:
         try:
@@ -62,7 +64,7 @@ class Hardware:
     def close(self) -> None:
         os.close(self.master)
         os.close(self._slave)
-        self._pad.close()
+        self.pad.close()
 
 
 @pytest.fixture
@@ -97,6 +99,117 @@ def test_the_board_is_greeted_as_soon_as_the_service_starts(hardware: Hardware) 
         service = hardware.daemon()
         service.start(asyncio.get_running_loop(), MODES)
         assert hardware.heard() == FRESH_START + device.encode_hello_request()
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_a_hang_up_with_a_sound_configuration_ends_serving_with_what_shall_follow(hardware: Hardware) -> None:
+    async def story() -> str | None:
+        async def reread() -> str:
+            return "the next"
+
+        serving = asyncio.create_task(serve(hardware.daemon(), MODES, reread))
+        await until(lambda: (hardware.folder / "run" / "control").is_socket())
+        os.kill(os.getpid(), signal.SIGHUP)
+        return await asyncio.wait_for(serving, PATIENCE_S)
+
+    assert asyncio.run(story()) == "the next"
+    assert sorted(os.listdir(hardware.folder / "run")) == ["lock"]
+
+
+def test_a_hang_up_with_a_bad_configuration_is_one_line_and_changes_nothing(
+    hardware: Hardware, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def story() -> str | None:
+        async def reread() -> str:
+            raise ConfigError("hapticd.toml: limits is wrong.")
+
+        serving = asyncio.create_task(serve(hardware.daemon(), MODES, reread))
+        await until(lambda: (hardware.folder / "run" / "control").is_socket())
+        for _ in range(2):  # the second shows that the first is over and done with
+            caplog.clear()
+            os.kill(os.getpid(), signal.SIGHUP)
+            await until(lambda: "hapticd.toml: limits is wrong." in caplog.text)
+        assert not serving.done()
+        os.kill(os.getpid(), signal.SIGTERM)
+        return await asyncio.wait_for(serving, PATIENCE_S)
+
+    assert asyncio.run(story()) is None
+    said = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
+    assert said == ["SIGHUP: hapticd.toml: limits is wrong. The configuration in force stays."]
+
+
+class Manager(Notifier):
+    """Hears what a service manager would."""
+
+    def __init__(self) -> None:
+        super().__init__({})
+        self.heard: list[str] = []
+
+    def tell(self, **state: str | int) -> bool:
+        self.heard += state
+        return True
+
+    def feed_watchdog(self, t_now_ns: int) -> None:
+        assert t_now_ns > 0
+        self.heard.append("watchdog")
+
+
+def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(hardware: Hardware) -> None:
+    async def story() -> None:
+        manager = Manager()
+        service = hardware.daemon(notifier=manager)
+        service.start(asyncio.get_running_loop(), MODES)
+        assert manager.heard == []
+        service.ready()
+        await until(lambda: manager.heard.count("watchdog") >= 3)
+        assert manager.heard[:3] == ["ready", "status", "watchdog"]
+
+        def fail(*_: object) -> list[int | str]:
+            raise RuntimeError("a bug")
+
+        machine = service.machine
+        machine.pipeline.wanted = fail  # type: ignore[method-assign]
+        await until(lambda: machine.is_failing)
+        fed, ticked = len(manager.heard), machine.loop.tick_late.count
+        await until(lambda: machine.loop.tick_late.count >= ticked + 4)
+        assert len(manager.heard) == fed
+        del machine.pipeline.wanted
+        await until(lambda: len(manager.heard) > fed)
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_nobody_touching_halves_the_ticks_and_each_is_accounted_for(hardware: Hardware) -> None:
+    async def story() -> None:
+        service = hardware.daemon()
+        service.start(asyncio.get_running_loop(), MODES)
+        loop = service.machine.loop
+        await until(lambda: loop.tick_late.count >= 1)
+        assert service.machine.is_idle
+        assert service.tick_period_ns == IDLE_TIMER_NS
+        assert loop.tick_late.shortest_ns >= 0
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_each_batch_of_reports_is_timed_from_its_reading(hardware: Hardware) -> None:
+    async def story() -> None:
+        service = hardware.daemon()
+        service.start(asyncio.get_running_loop(), MODES)
+        pad, _ = await asyncio.to_thread(hardware.pad.accept)
+        with pad:
+            before = service.machine.loop.wait.count
+            pad.send(b"\x02" + bytes(11))
+            pad.send(b"\x02" + bytes(11))
+            await until(lambda: service.machine.loop.wait.count > before)
+        timing = service.machine.loop
+        assert timing.wait.count == timing.compute.count
+        assert timing.wait.count + timing.joined_reports == 2
+        assert timing.wait.shortest_ns >= 0
         await service.stop()
 
     asyncio.run(story())

@@ -6,7 +6,6 @@ silent or reboots; references are only sent once its hello was accepted and its 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +26,7 @@ from ..values import (
     TimeRequest,
 )
 from .clocksync import BoardClock, LinkLatency
+from .ledger import Ledger, LedgerLine
 from .limits import silence
 
 GREET_EVERY_NS = 250_000_000
@@ -38,20 +38,6 @@ ANSWER_WITHIN_NS = 10_000_000  # beyond the way there and back: then a reference
 SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
 LEAP_US = 2_000_000  # between two statuses: the board's clock is another, it was reset
 CLOCK_WRAP_US = 1 << 32
-LEDGER_LENGTH = 512
-
-
-@dataclass(frozen=True, slots=True)
-class LedgerLine:
-    """One reference frame's life: the age of the sample it was made from, the horizon it aimed at, and by how much
-    the board applied it later than intended."""
-
-    seq: int
-    t_sent_ns: int
-    age_ns: int
-    horizon_ns: int
-    link_ns: int
-    late_ns: int
 
 
 @dataclass(slots=True)
@@ -81,7 +67,7 @@ class BoardSession:
         self.status: BoardStatus | None = None
         self.clock = BoardClock()
         self.latency = LinkLatency(link_start_ns)
-        self.ledger: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
+        self.ledger = Ledger()
         self.reboots = 0
         self._controller = controller
         self._calibration = tuple(calibration)
@@ -161,10 +147,12 @@ class BoardSession:
             return
         t_sent_ns, t_apply_ns, tick = sent
         link_ns = self.clock.to_host_ns(status.t_received_us, near=t_now_ns) - t_sent_ns
-        late_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns) - t_apply_ns
+        t_applied_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns)
         self.latency.update(link_ns)
         if tick.points:  # a zero frame is made from no sample
-            self.ledger.append(LedgerLine(status.seq, t_sent_ns, tick.age_ns, tick.horizon_ns, link_ns, late_ns))
+            t_sample_ns = tick.t_now_ns - tick.age_ns
+            ages = tick.age_ns, tick.horizon_ns, link_ns, t_applied_ns - t_apply_ns
+            self.ledger.book(LedgerLine(status.seq, t_sample_ns, t_sent_ns, t_applied_ns, *ages))
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
         """Number a drive and lay it on the board's clock; nothing while the board is not ready."""
@@ -215,6 +203,7 @@ class BoardSession:
             if t_now_ns - self._in_flight[oldest][0] <= SILENT_AFTER_NS:
                 return
             del self._in_flight[oldest]
+            self.ledger.unanswered += 1
 
 
 def _leapt(before_us: int, after_us: int) -> bool:

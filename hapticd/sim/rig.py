@@ -5,6 +5,7 @@
 `DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate: its core in
 this process, or with `--board` the whole program in QEMU or in a process of its own (`sim/emulator.py`).
 `DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
+`DIRECTORY/modes.npz` is the cartography that was made of this plate.
 The daemon cannot tell it from the real thing but by its file names. Bytes to and from the board take the link's 5 ms,
 reports the sensor's 10 ms. It prints `ready T` when both can be opened; T is its time zero on the
 host's monotonic clock. SIGTERM ends it and writes the recording, if asked; SIGUSR1 pulls the board's plug or puts it
@@ -37,6 +38,7 @@ from ..errors import DeviceError
 from .emulator import BOARDS
 from .outboard import Outboard
 from .plate import PlateSettings, PlateTruth
+from .rigprocess import MODES_FILE
 from .scenarios import SCENARIOS, SPEED_MM_S
 from .sensor import Report, SensorModel, SensorSettings
 from .world import World
@@ -63,6 +65,8 @@ class Rig:
         actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
         self.actors = actors
         self.plate = PlateTruth(PlateSettings())
+        self._map = directory / MODES_FILE
+        self.plate.cartography(seed).save(self._map)
         boot_id = os.getpid() & 0x7FFFFFFF
         self.world: World | Outboard
         if program is not None:
@@ -119,6 +123,7 @@ class Rig:
         if self._listener is not None:
             self._replug_trackpad()
         self._selector.close()
+        self._map.unlink(missing_ok=True)
         if isinstance(self.world, Outboard):
             self.world.close()
 

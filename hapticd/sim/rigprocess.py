@@ -10,6 +10,7 @@ from pathlib import Path
 from ..errors import DeviceError
 
 END_WITHIN_S = 10.0
+MODES_FILE = "modes.npz"  # in the rig's directory: the cartography that was made of its plate
 
 
 class RigProcess:

@@ -58,8 +58,18 @@ def test_the_service_is_left_with_next_to_nothing(installed_unit: Path) -> None:
 
 def test_the_unit_starts_the_program_with_the_configuration_that_is_installed() -> None:
     assert directives("ExecStart") == ["/opt/hapticd/bin/hapticd run --config /etc/hapticd/hapticd.toml"]
-    assert directives("Type") == ["exec"]
-    assert directives("WatchdogSec") == []
+    assert (directives("Type"), directives("NotifyAccess"), directives("WatchdogSec")) == (["notify"], ["main"], ["1"])
+    assert directives("ExecReload") == ["/bin/kill -HUP $MAINPID"]
+
+
+def test_the_unit_grants_what_the_configuration_may_ask_for_and_stops_a_runaway() -> None:
+    assert directives("RestrictRealtime") == []
+    assert int(directives("LimitRTPRIO")[0]) == 20
+    assert int(directives("LimitRTTIME")[0]) <= 200_000  # us of a loop that never sleeps
+    assert directives("LimitMEMLOCK") == directives("MemoryMax")  # mlockall counts address space, not what is touched
+    assert {"sched_setscheduler", "sched_setaffinity"} <= {
+        call for calls in directives("SystemCallFilter") for call in calls.split()
+    }
 
 
 def test_the_unit_may_open_what_the_daemon_opens_and_nothing_else() -> None:

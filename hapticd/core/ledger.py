@@ -1,0 +1,154 @@
+"""The latency ledger: what became of each reference frame, and how long each part of a touch's way takes.
+
+Pure. `Ledger` keeps the last frames line by line and all frames as histograms; `LoopTiming` is the same for the event
+loop that carries the touch. A histogram costs one shift and one addition a value, and its memory does not grow.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import overload
+
+LEDGER_LENGTH = 512
+LATE_NS = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
+_SUB_BITS = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
+_LONGEST_NS = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
+_FULL = 1 << _SUB_BITS
+_BUCKETS = ((40 - _SUB_BITS) << _SUB_BITS) + _FULL
+
+
+class Histogram:
+    """Spans of time in buckets whose width is a sixteenth of their octave; below 32 ns each has its own."""
+
+    __slots__ = ("_counts", "count", "longest_ns", "shortest_ns")
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.count = 0
+        self.longest_ns = self.shortest_ns = 0
+        self._counts = [0] * _BUCKETS
+
+    def add(self, span_ns: int) -> None:
+        """Count one span; a negative one (a clock's error) counts as 0, and shows in `shortest_ns`."""
+        if self.count == 0:
+            self.longest_ns = self.shortest_ns = span_ns
+        elif span_ns > self.longest_ns:
+            self.longest_ns = span_ns
+        elif span_ns < self.shortest_ns:
+            self.shortest_ns = span_ns
+        self.count += 1
+        self._counts[_bucket(span_ns)] += 1
+
+    def percentile_ns(self, percent: float) -> int:
+        """The span that `percent` of all do not exceed, to within 3.2 %. 0 where nothing was counted."""
+        rank = max(1, -(-self.count * percent // 100))
+        seen = 0
+        for bucket, count in enumerate(self._counts):
+            seen += count
+            if count and seen >= rank:
+                low_ns, high_ns = _edges_ns(bucket)
+                return min(max((low_ns + high_ns) // 2, self.shortest_ns), self.longest_ns)
+        return 0
+
+    def buckets(self) -> list[tuple[int, int, int]]:
+        """(from_ns, below_ns, count) of the buckets that hold something, ascending."""
+        return [(*_edges_ns(bucket), count) for bucket, count in enumerate(self._counts) if count]
+
+
+def _bucket(span_ns: int) -> int:
+    if span_ns < 2 * _FULL:
+        return span_ns if span_ns > 0 else 0
+    span_ns = min(span_ns, _LONGEST_NS)
+    octave = span_ns.bit_length() - _SUB_BITS - 1
+    return (octave << _SUB_BITS) + (span_ns >> octave)
+
+
+def _edges_ns(bucket: int) -> tuple[int, int]:
+    """The spans of a bucket: from the first up to, but not including, the second."""
+    octave = max((bucket >> _SUB_BITS) - 1, 0)
+    low = bucket - (octave << _SUB_BITS)
+    return low << octave, (low + 1) << octave
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerLine:
+    """One reference frame's life: when the report it was made from was sampled, that sample's age when the pass
+    began, the horizon it aimed at, the way over the link, when the board applied it, and by how much that was later
+    than intended."""
+
+    seq: int
+    t_sample_ns: int
+    t_sent_ns: int
+    t_applied_ns: int
+    age_ns: int
+    horizon_ns: int
+    link_ns: int
+    late_ns: int
+
+
+class Ledger(Sequence[LedgerLine]):
+    """The newest frames, oldest first, and histograms of all since the start."""
+
+    def __init__(self) -> None:
+        self.age, self.horizon, self.link, self.late = Histogram(), Histogram(), Histogram(), Histogram()
+        self.late_frames = 0
+        self.unanswered = 0  # frames that the board never said it applied: lost, or overtaken by the next
+        self._lines: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
+
+    def book(self, line: LedgerLine) -> None:
+        """Write down a frame that the board applied."""
+        self._lines.append(line)
+        self.age.add(line.age_ns)
+        self.horizon.add(line.horizon_ns)
+        self.link.add(line.link_ns)
+        self.late.add(line.late_ns)
+        self.late_frames += line.late_ns > LATE_NS
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def __iter__(self) -> Iterator[LedgerLine]:
+        return iter(self._lines)
+
+    @overload
+    def __getitem__(self, index: int) -> LedgerLine: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[LedgerLine]: ...
+    def __getitem__(self, index: int | slice) -> LedgerLine | list[LedgerLine]:
+        return list(self._lines)[index] if isinstance(index, slice) else self._lines[index]
+
+
+@dataclass(slots=True)
+class LoopTiming:
+    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with its writing,
+    and the timer. The age is only known while a finger is down.
+
+    `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
+    loop was busy, and are skipped, not made up for.
+    """
+
+    read_age: Histogram = field(default_factory=Histogram)
+    wait: Histogram = field(default_factory=Histogram)
+    compute: Histogram = field(default_factory=Histogram)
+    tick_late: Histogram = field(default_factory=Histogram)
+    joined_reports: int = 0
+    missed_ticks: int = 0
+
+    def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int, age_ns: int | None) -> None:
+        """A batch was read, its newest report at `t_read_ns`, and a pass made of it; `age_ns` is that report's age when
+        the pass began, None where no finger was down."""
+        if age_ns is not None:
+            self.read_age.add(age_ns - (t_begin_ns - t_read_ns))
+        self.wait.add(t_begin_ns - t_read_ns)
+        self.compute.add(t_end_ns - t_begin_ns)
+        self.joined_reports += reports - 1
+
+    def ticked(self, late_ns: int, missed: int) -> None:
+        """The timer fired, `late_ns` after it was due, and skipped `missed` ticks."""
+        self.tick_late.add(late_ns)
+        self.missed_ticks += missed

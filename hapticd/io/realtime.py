@@ -1,0 +1,176 @@
+"""Real time: what is asked of the kernel and of Python's collector, and a timer that is on time.
+
+    go_real_time     SCHED_FIFO and a processor for the calling thread, memory that is not paged out
+    quiet_collector  no garbage collection while a finger is down
+    PeriodicTimer    a timerfd on the loop: asyncio's own timers are rounded up to milliseconds, twice
+
+`os.timerfd_create` came with Python 3.13, and mlockall with none: both are called in the C library.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import gc
+import os
+import struct
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["Granted", "PeriodicTimer", "collect_when_idle", "go_real_time", "quiet_collector"]
+
+SWITCH_INTERVAL_S = 5e-4  # how long another Python thread (a trackpad's reader) may keep the loop from its work
+EMERGENCY_ALLOCATIONS = 50_000  # of the youngest generation: only a hand that never lifts comes here
+
+_LOCK_NOW_AND_LATER_ONCE_TOUCHED = 1 | 2 | 4  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT: unused stacks take no memory
+_TIMER_ABSTIME = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """What the kernel gave: `priority` 0 is ordinary scheduling. `refused` says in words what it did not."""
+
+    priority: int
+    processors: tuple[int, ...]
+    memory_locked: bool
+    refused: tuple[str, ...]
+
+
+def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bool = False) -> Granted:
+    """Ask for what is not at its default, for the calling thread; a refusal is told, not raised.
+
+    Threads and processes made later start with ordinary scheduling (SCHED_RESET_ON_FORK): a runaway among them cannot
+    take the machine, and this thread is stopped by RLIMIT_RTTIME where the service's unit sets it. Called again, it
+    takes priority and lock back where they are no longer asked for; a processor once kept to stays.
+    """
+    if sys.platform != "linux":
+        return Granted(0, (), False, ("real time: only on Linux",))
+    refused = []
+    if processor >= 0:
+        try:
+            os.sched_setaffinity(0, {processor})
+        except OSError as error:
+            refused.append(f"processor {processor}: {error.strerror}")
+    if fifo_priority > 0 or os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_OTHER:
+        policy = os.SCHED_FIFO if fifo_priority > 0 else os.SCHED_OTHER
+        try:
+            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(fifo_priority))
+        except OSError as error:
+            refused.append(f"SCHED_FIFO at {fifo_priority}: {error.strerror}")
+    is_locked = _lock_memory(refused) if lock_memory else bool(_libc().munlockall())
+    processors = tuple(sorted(os.sched_getaffinity(0)))
+    return Granted(os.sched_getparam(0).sched_priority, processors, is_locked, tuple(refused))
+
+
+def _lock_memory(refused: list[str]) -> bool:
+    if _libc().mlockall(_LOCK_NOW_AND_LATER_ONCE_TOUCHED) == 0:
+        return True
+    refused.append(f"mlockall: {os.strerror(ctypes.get_errno())}")
+    return False
+
+
+def quiet_collector() -> None:
+    """What is alive now lives as long as the daemon: it is never looked at again, and the rest not while a finger is
+    down (`collect_when_idle` does it then), unless so much piles up that memory would suffer."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(EMERGENCY_ALLOCATIONS, 10, 10)
+
+
+def collect_when_idle() -> int:
+    """Collect, nobody being touched; objects found. What was frozen costs nothing."""
+    return gc.collect() if sum(gc.get_count()) > 0 else 0
+
+
+class PeriodicTimer:
+    """Calls `on_due(late_ns, missed)` on the loop every `period_ns` of the monotonic clock, without drift.
+
+    Ticks that fell due while the loop was busy are counted in `missed` and skipped, never made up for. Where there is
+    no timerfd the loop's own timer stands in, up to 2 ms late.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        period_ns: int,
+        on_due: Callable[[int, int], None],
+        *,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._loop = loop
+        self._on_due = on_due
+        self._clock_ns = clock_ns
+        self._fd = _timerfd()
+        self._handle: asyncio.TimerHandle | None = None
+        if self._fd is not None:
+            loop.add_reader(self._fd, self._readable)
+        self.set_period(period_ns)
+
+    @property
+    def period_ns(self) -> int:
+        """The period in force."""
+        return self._period_ns
+
+    def set_period(self, period_ns: int) -> None:
+        """Count anew from now: the next tick is `period_ns` away."""
+        self._period_ns = period_ns
+        self._t_due_ns = self._clock_ns() + period_ns
+        if self._fd is not None:
+            _set_timerfd(self._fd, self._t_due_ns, period_ns)
+        else:
+            self._call_later()
+
+    def close(self) -> None:
+        """Tick no more."""
+        if self._fd is not None:
+            self._loop.remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = None
+        if self._handle is not None:
+            self._handle.cancel()
+
+    def _readable(self) -> None:
+        assert self._fd is not None
+        try:
+            (ticks,) = struct.unpack("=Q", os.read(self._fd, 8))
+        except BlockingIOError:
+            return  # it was set anew after it fired
+        self._tick(ticks)
+
+    def _call_later(self) -> None:
+        if self._handle is not None:
+            self._handle.cancel()
+        self._handle = self._loop.call_later(max(self._t_due_ns - self._clock_ns(), 0) * 1e-9, self._called)
+
+    def _called(self) -> None:
+        ticks = 1 + max(self._clock_ns() - self._t_due_ns, 0) // self._period_ns
+        t_next_ns = self._t_due_ns + ticks * self._period_ns
+        self._tick(ticks)
+        if self._t_due_ns == t_next_ns:  # else it was set anew, and armed
+            self._call_later()
+
+    def _tick(self, ticks: int) -> None:
+        t_last_due_ns = self._t_due_ns + (ticks - 1) * self._period_ns
+        self._t_due_ns = t_last_due_ns + self._period_ns
+        self._on_due(self._clock_ns() - t_last_due_ns, ticks - 1)
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _timerfd() -> int | None:
+    if sys.platform != "linux":
+        return None
+    fd: int = _libc().timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    return fd if fd >= 0 else None
+
+
+def _set_timerfd(fd: int, t_first_ns: int, period_ns: int) -> None:
+    """struct itimerspec is the period, then the first instant, each in seconds and nanoseconds of a C long."""
+    times = struct.pack("@4l", *divmod(period_ns, 1_000_000_000), *divmod(t_first_ns, 1_000_000_000))
+    if _libc().timerfd_settime(fd, _TIMER_ABSTIME, times, None) != 0:
+        raise OSError(ctypes.get_errno(), "timerfd_settime")

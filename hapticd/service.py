@@ -1,0 +1,140 @@
+"""`hapticd run`: from a configuration to a running daemon, with the simulated rig beside it where that is asked for.
+
+What can be wrong is found before anything is opened, at the start and again at SIGHUP: files are read and judged in a
+thread, and only what is whole replaces what runs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import calibration
+from .config import SIMULATED, Config
+from .core.modes import ModeShapes
+from .daemon import Daemon, serve
+from .errors import ConfigError
+from .io.replay import ReplayTrackpad
+from .io.server import runtime_directory
+from .io.socketpad import SocketTrackpad
+from .io.systemd import Notifier
+from .io.trackpad import HidTrackpad, TrackpadSource
+from .machine import warm_up
+from .sim.rigprocess import MODES_FILE, RigProcess
+from .values import ModeCalibration
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A configuration with all that it names: read, whole, and nothing opened but the simulated rig."""
+
+    config: Config
+    modes: ModeShapes
+    calibration: tuple[ModeCalibration, ...]
+    trackpad: TrackpadSource
+    board_port: str
+    runtime_dir: Path
+
+    def daemon(self, notifier: Notifier | None = None) -> Daemon:
+        """The daemon for it, not yet started."""
+        return Daemon(
+            self.config,
+            self.runtime_dir,
+            board_port=self.board_port,
+            trackpad=self.trackpad,
+            calibration=self.calibration,
+            notifier=notifier,
+        )
+
+
+class Workshop:
+    """Prepares configurations, and keeps the simulated rigs that they asked for until it is closed."""
+
+    def __init__(self) -> None:
+        self._rigs: dict[tuple[str, int], RigProcess] = {}
+
+    def __enter__(self) -> Workshop:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for rig in self._rigs.values():
+            rig.close()
+
+    def prepare(self, config: Config) -> Prepared:
+        """Read what the configuration names. Raises HapticdError in one sentence."""
+        measured = config.device.calibration_file
+        rig_dir = self._rig_directory(config)
+        modes = load_modes(config, rig_dir)
+        warm_up(config)
+        return Prepared(
+            config,
+            modes,
+            tuple(calibration.load(Path(measured), modes.M)) if measured else (),
+            _trackpad(config, rig_dir),
+            str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
+            Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ),
+        )
+
+    def _rig_directory(self, config: Config) -> Path:
+        """Where the simulated rig is: one that runs already, or one of our own; "." where none is asked for."""
+        if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
+            return Path(config.sim.rig_dir)
+        key = config.sim.scenario, config.sim.seed
+        if key not in self._rigs:
+            self._rigs[key] = RigProcess(*key)
+        return self._rigs[key].directory
+
+
+def run(config: Config, reread: Callable[[], Config] | None = None) -> None:
+    """What `hapticd run` does, until SIGTERM or SIGINT; `reread` gives the configuration again at SIGHUP."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
+    signal.signal(signal.SIGHUP, lambda *_: None)  # until then there is nothing to read again
+    with Workshop() as workshop, contextlib.closing(Notifier()) as notifier:
+        asyncio.run(_serve(workshop, workshop.prepare(config), notifier, reread))
+
+
+async def _serve(
+    workshop: Workshop, prepared: Prepared, notifier: Notifier, reread: Callable[[], Config] | None
+) -> None:
+    async def prepare_again() -> Prepared:
+        assert reread is not None
+        return await asyncio.to_thread(lambda: workshop.prepare(reread()))
+
+    following: Prepared | None = prepared
+    while following is not None:
+        current = following
+        following = await serve(current.daemon(notifier), current.modes, prepare_again if reread else None)
+    notifier.tell(stopping=1)
+
+
+def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
+    """The configured mode shapes; for the simulated plate the rig's own cartography, computed here where no rig has
+    written one. Raises ModesError, ConfigError."""
+    if config.plate.modes_file:
+        modes = ModeShapes.load(config.plate.modes_file)
+    elif rig_dir is not None and (rig_dir / MODES_FILE).is_file():
+        modes = ModeShapes.load(rig_dir / MODES_FILE)
+    else:
+        from .sim.plate import PlateSettings, PlateTruth  # half the memory of a daemon that does not need it
+
+        modes = PlateTruth(PlateSettings()).cartography(config.sim.seed)
+    if len(config.limits.w_limit_um) != modes.M:
+        raise ConfigError(
+            f"limits.w_limit_um: has {len(config.limits.w_limit_um)} limits for a plate of {modes.M} modes: "
+            "give one for each mode."
+        )
+    return modes
+
+
+def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
+    if config.trackpad.source == "hid":
+        return HidTrackpad(config.trackpad.model)
+    if config.trackpad.source == "replay":
+        return ReplayTrackpad(config.trackpad.replay_file)
+    return SocketTrackpad(rig_dir / "trackpad", "mt2-usb")

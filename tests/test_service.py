@@ -1,0 +1,118 @@
+"""From a configuration to a running daemon: what is prepared, what is refused before anything opens, and SIGHUP."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd import service
+from hapticd.config import Config
+from hapticd.core.modes import ModeShapes
+from hapticd.errors import ConfigError, ModesError
+from hapticd.io.systemd import Notifier
+from hapticd.service import Workshop, load_modes
+from hapticd.sim.rigprocess import MODES_FILE
+from hapticd_client import Client
+
+PATIENCE_S = 10.0
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 56)
+    wave = np.sin(2 * np.pi * axis_mm / 27.0)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (56, 1)), np.tile(wave, (56, 1)).T]))
+
+
+@pytest.fixture
+def configuration(tmp_path: Path) -> Config:
+    """One whose rig runs already, as far as anybody can see: a map, and neither board nor pad yet."""
+    sine_plate().save(tmp_path / MODES_FILE)
+    config = Config()
+    return replace(
+        config,
+        sim=replace(config.sim, rig_dir=str(tmp_path)),
+        client=replace(config.client, runtime_dir=str(tmp_path / "run")),
+    )
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.setblocking(False)
+        yield listening
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.002)
+
+
+def test_the_simulated_plate_s_map_is_the_rig_s(configuration: Config, tmp_path: Path) -> None:
+    with Workshop() as workshop:
+        prepared = workshop.prepare(configuration)
+    assert np.array_equal(prepared.modes.shapes, sine_plate().shapes)
+    assert prepared.board_port == str(tmp_path / "board")
+    assert prepared.runtime_dir == tmp_path / "run"
+
+
+def test_a_rig_that_wrote_no_map_has_the_one_of_its_seed(configuration: Config, tmp_path: Path) -> None:
+    (tmp_path / MODES_FILE).unlink()
+    modes = load_modes(configuration, tmp_path)
+    assert np.array_equal(modes.shapes, load_modes(Config()).shapes)
+
+
+def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config, tmp_path: Path) -> None:
+    (tmp_path / "bad.npz").write_bytes(b"junk")
+    bad_map = replace(configuration, plate=replace(configuration.plate, modes_file=str(tmp_path / "bad.npz")))
+    bad_limits = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
+    with Workshop() as workshop:
+        with pytest.raises(ModesError):
+            workshop.prepare(bad_map)
+        with pytest.raises(ConfigError):
+            workshop.prepare(bad_limits)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
+    configuration: Config, manager: socket.socket, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "hapticd")
+    runtime_dir = Path(configuration.client.runtime_dir)
+    read = [replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,))), configuration]
+
+    async def story(notifier: Notifier) -> None:
+        with Workshop() as workshop:
+            prepared = workshop.prepare(configuration)
+            serving = asyncio.create_task(service._serve(workshop, prepared, notifier, lambda: read.pop(0)))
+            await until(lambda: (runtime_dir / "control").is_socket())
+            with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
+                first = await asyncio.to_thread(client.status)
+                os.kill(os.getpid(), signal.SIGHUP)
+                await until(lambda: "The configuration in force stays." in caplog.text)
+                assert not serving.done()
+                os.kill(os.getpid(), signal.SIGHUP)
+                await until(lambda: caplog.text.count("serving clients in") == 2)
+            with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
+                second = await asyncio.to_thread(client.status)
+            assert second["timing"]["histograms"]["tick_late"]["count"] >= 1
+            assert first["real_time"]["refused"] == second["real_time"]["refused"] == []
+            os.kill(os.getpid(), signal.SIGTERM)
+            await asyncio.wait_for(serving, PATIENCE_S)
+
+    notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
+    asyncio.run(story(notifier))
+    notifier.close()
+    ready = f"READY=1\nSTATUS=serving clients in {runtime_dir}".encode()
+    assert [manager.recv(200) for _ in range(3)] == [ready, ready, b"STOPPING=1"]
+    assert read == []
+    assert sorted(os.listdir(runtime_dir)) == ["lock"]
