@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | firmware | doctor`."""
+"""The command line: `hapticd demo | run | simulate | bench | firmware | keys | doctor`."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     _add_bench(commands)
     _add_firmware(commands)
+    _add_keys(commands)
     _add_doctor(commands)
     return parser
 
@@ -193,6 +194,23 @@ def _add_firmware(commands: Any) -> None:
         "hapticd firmware sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     )
     arguments.add(parser)
+
+
+# --- keys -------------------------------------------------------------------------------------------------------
+
+
+def _add_keys(commands: Any) -> None:
+    from . import keys
+
+    parser = _command(
+        commands,
+        "keys",
+        "make keys for clients on other machines, and say whose are let in",
+        "hapticd keys make /etc/hapticd/keys\n"
+        "         hapticd keys make . study-7\n"
+        "         hapticd keys allow /etc/hapticd/keys study-7.key",
+    )
+    keys.add_arguments(parser)
 
 
 # --- doctor -----------------------------------------------------------------------------------------------------

@@ -22,10 +22,12 @@ from . import calibration
 from .config import SIMULATED, Config
 from .core.modes import ModeShapes
 from .errors import ConfigError
+from .io import keys
 from .io.device import SerialLink
 from .io.replay import ReplayTrackpad
 from .io.server import ClientServer, runtime_directory
 from .io.socketpad import SocketTrackpad
+from .io.sockets import Remote
 from .io.trackpad import HidTrackpad, TrackpadSource
 from .machine import TIMER_NS, Machine
 from .sim.plate import PlateSettings, PlateTruth
@@ -48,11 +50,12 @@ class Daemon:
         board_port: str,
         trackpad: TrackpadSource,
         calibration: Sequence[ModeCalibration] = (),
+        remote: Remote | None = None,
     ) -> None:
         self._config = config
         self._calibration = calibration
         self.runtime_dir = runtime_dir
-        self._server = ClientServer(runtime_dir)
+        self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
         self._trackpad = trackpad
         self._timer: asyncio.TimerHandle | None = None
@@ -75,10 +78,11 @@ class Daemon:
             calibration=self._calibration,
         )
         self._machine = machine
+        machine.lost_messages = lambda: self._server.counters
         self._server.start(
             loop,
-            on_message=lambda payload: machine.targets(payload, now_ns()),
-            on_request=lambda payload: machine.request(payload, now_ns()),
+            on_message=lambda payload, user: machine.targets(payload, now_ns(), user),
+            on_request=lambda payload, user: machine.request(payload, now_ns(), user),
         )
         self._link.start(
             loop,
@@ -146,6 +150,7 @@ def run(config: Config) -> None:
     runtime_dir = Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ)
     modes = load_modes(config)  # what is wrong with a file is said before anything is opened
     measured = calibration.load(Path(config.device.calibration_file), modes.M) if config.device.calibration_file else ()
+    remote = _remote(config)
     with contextlib.ExitStack() as stack:
         rig_dir = _rig_directory(config, stack)
         board_port = str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port
@@ -155,6 +160,7 @@ def run(config: Config) -> None:
             board_port=board_port,
             trackpad=_trackpad(config, rig_dir),
             calibration=measured,
+            remote=remote,
         )
         asyncio.run(serve(daemon, modes))
 
@@ -178,6 +184,14 @@ def load_modes(config: Config) -> ModeShapes:
             "give one for each mode."
         )
     return modes
+
+
+def _remote(config: Config) -> Remote | None:
+    """Where clients connect over TCP, if anywhere. Raises HapticdError where it would be without keys."""
+    if not config.client.tcp:
+        return None
+    host, _, port = config.client.tcp.rpartition(":")
+    return Remote(host, int(port), keys.load(Path(config.client.keys_dir)))
 
 
 def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
