@@ -57,6 +57,12 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
+        ("[client]\ntcp = '10.0.0.1:7410'", "client.tcp: nobody is served over TCP without keys"),
+        ("[client]\ntcp = '10.0.0.1'\nkeys_dir = 'k'", "client.tcp: must be an address and the first of three ports"),
+        ("[client]\ntcp = ':7410'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:65534'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:0'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
         ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
@@ -98,3 +104,8 @@ def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
         return
     with contextlib.suppress(ConfigError):
         config.from_table(table, where="x", folder=Path("/nonexistent"))
+
+
+def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
+    loaded = load('[client]\ntcp = "[::1]:7410"\nkeys_dir = "keys"\n', tmp_path)
+    assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")

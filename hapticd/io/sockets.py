@@ -22,6 +22,9 @@ MAX_MESSAGE_BYTES = 65536  # a larger one costs its sender the connection
 MAX_SUBSCRIPTION_BYTES = 1024  # all that a subscriber has to say is one byte, and in the handshake its key
 RECEIVE_HIGH_WATER = 32  # messages per client; what a flood has beyond waits in the client's own buffers
 SEND_HIGH_WATER = 16  # states for a slow subscriber; it misses the next
+# Replies on their way to one client. ZeroMQ hears late how many were read, and throws away in silence what goes beyond:
+# with 16, one in a few dozen quick requests of a client that waits for each reply never got one.
+REPLY_HIGH_WATER = 256
 SOCKET_UMASK = 0o117  # owner and group may connect, others may not
 ZAP_DOMAIN = "hapticd"
 
@@ -104,7 +107,7 @@ def _bind_local(sockets: Sockets, paths: Sequence[Path]) -> None:
         for socket, path in zip(sockets.all, paths, strict=True):
             socket.linger = 0
             socket.rcvhwm = RECEIVE_HIGH_WATER
-            socket.sndhwm = SEND_HIGH_WATER
+            socket.sndhwm = REPLY_HIGH_WATER if socket is sockets.control else SEND_HIGH_WATER
             socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES if socket is sockets.telemetry else MAX_MESSAGE_BYTES
             socket.bind(f"ipc://{path}")
 
