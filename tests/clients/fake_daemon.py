@@ -32,6 +32,8 @@ class FakeDaemon:
         self.clientele = Clientele()
         self.messages = 0
         self.overtaken = 0
+        self.stamps: list[int | None] = []
+        self.optional: tuple[str, ...] = ("stamp",)
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False
@@ -96,6 +98,7 @@ class FakeDaemon:
         return refusals
 
     def _is_newest(self, message: ClientTargets | wire.Release, user: str) -> bool:
+        self.stamps.append(message.stamp)
         is_newest = self.clientele.is_newest(message.client, user, message.stamp, 0, time.monotonic_ns())
         self.overtaken += not is_newest
         return is_newest
@@ -105,7 +108,8 @@ class FakeDaemon:
             raise RequestError("A newer message came before.")
         match request.op, request.body:
             case "hello", _:
-                return {**wire.CAPABILITIES, "protocol": self.protocol, "version": "0.0", "instance": self._instance}
+                known = {"protocol": self.protocol, "optional": self.optional}
+                return {**wire.CAPABILITIES, **known, "version": "0.0", "instance": self._instance}
             case "capabilities", _:
                 return wire.CAPABILITIES
             case "status", _:

@@ -15,7 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.core import clientele
 from hapticd.errors import RequestError
+from hapticd.io import senders, server, sockets
 from hapticd.wire import client as wire
 from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, wanted
 from hapticd_client.endpoint import default_directory, directory
@@ -82,6 +84,20 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
         assert f"`{name}`" in TEXT
     for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):  # type: ignore[misc]
         assert f"{value:g}" in TEXT or str(value) in TEXT
+
+
+def test_the_text_names_the_rates_and_limits_in_force() -> None:
+    for sentence in (
+        f"handles {senders.RATE_HZ:g} messages a second",
+        f"after a pause up to {senders.BURST} at once",
+        f"of `control` {server.REQUESTS_WAITING} requests",
+        f"no more than {server.MAX_READS} messages, or for {server.BUDGET_S * 1e3:g} ms",
+        f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
+        f"{sockets.SEND_HIGH_WATER} states wait for a reader",
+        f"until {clientele.KEPT_NS * 1e-9:g} s after its last message",
+        f"At most {clientele.MAX_NAMES}\nnames are in use",
+    ):
+        assert " ".join(sentence.split()) in " ".join(TEXT.split())
 
 
 # --- the library and the daemon ---------------------------------------------------------------------------------
