@@ -301,6 +301,19 @@ def test_a_killed_program_loses_its_fingers_when_its_time_is_up(daemon: FakeDaem
         assert state.t_ns - killed_ns < 1_000_000_000
 
 
+def test_a_stopped_program_loses_its_fingers_and_has_them_again_when_it_goes_on(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with child(daemon, SET_AND + "sys.stdin.read()", ttl_s=0.2) as process, Client(daemon.directory) as client:
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
+        process.send_signal(signal.SIGSTOP)
+        state_when(client, lambda state: target_um(state, 1) is None)
+        client.set(1, amplitude_um=0.5)  # nobody holds it, so another may
+        process.send_signal(signal.SIGCONT)
+        state_when(client, lambda _: any("held by" in refusal for refusal in daemon.refusals))
+        client.release(1)
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
+
+
 def test_a_forgotten_client_releases_its_fingers(daemon: FakeDaemon) -> None:
     client = Client(daemon.directory)
     client.set(1, amplitude_um=1.0, ttl_s=5.0)
