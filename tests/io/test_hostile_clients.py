@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import signal
@@ -73,6 +74,7 @@ async def served(directory: Path) -> AsyncIterator[tuple[ClientServer, Seen]]:
 def connected(directory: Path, kind: int, name: str) -> Iterator[zmq.Socket[bytes]]:
     with zmq.Context() as context, context.socket(kind) as client:
         client.linger = 0
+        client.rcvtimeo = int(1000 * PATIENCE_S)
         client.connect(f"ipc://{directory / name}")
         yield client
 
@@ -92,6 +94,24 @@ def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subpr
         for process in running:
             process.kill()
             process.communicate()
+
+
+@contextmanager
+def greeted(path: Path, properties: dict[bytes, bytes]) -> Iterator[socket.socket]:
+    """A client that speaks ZMTP 3.0 by hand, with the handshake behind it."""
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(PATIENCE_S)
+        client.connect(str(path))
+        greeting = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
+        client.sendall(greeting)
+        answered = b""
+        while len(answered) < len(greeting):  # who goes on before has broken the protocol
+            answered += client.recv(len(greeting) - len(answered))
+        ready = b"\x05READY" + b"".join(
+            bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in properties.items()
+        )
+        client.sendall(b"\x04" + bytes([len(ready)]) + ready)
+        yield client
 
 
 async def until(server: ClientServer, is_true: Callable[[], bool]) -> None:
@@ -172,15 +192,17 @@ def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
             with connected(tmp_path, zmq.PUSH, "targets") as client:
                 for n in range(12):
                     client.send(b"%d" % n)
+                monkeypatch.setattr(loop, "time", lambda: clock)
                 service = running._service
                 assert service is not None
-                assert await in_thread(lambda: service.sockets.targets.poll(1000)) == zmq.POLLIN
-                monkeypatch.setattr(loop, "time", lambda: clock)
-                before = handled
-                running._read_targets(service)
-                assert handled - before <= 3
+                per_wake_up: list[int] = []
+                while handled < 12:  # the loop stands still meanwhile: these are all the wake-ups there are
+                    assert service.sockets.targets.poll(1000) == zmq.POLLIN
+                    before = handled
+                    running._read_targets(service)
+                    per_wake_up.append(handled - before)
                 monkeypatch.undo()
-                await until(running, lambda: handled == 12)
+                assert max(per_wake_up) <= 3
         finally:
             running.close()
 
@@ -244,37 +266,40 @@ def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connec
     async def scenario() -> None:
         async with served(tmp_path) as (server, _):
             with (
-                connected(tmp_path, zmq.SUB, "telemetry") as greedy,
+                greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy,
                 connected(tmp_path, zmq.SUB, "telemetry") as modest,
             ):
-                greedy.subscribe(bytes(MAX_SUBSCRIPTION_BYTES + 1))
                 modest.subscribe(b"")
                 await until(server, lambda: server.has_subscribers)
+                greedy.sendall(b"\x02" + struct.pack(">Q", MAX_SUBSCRIPTION_BYTES + 1) + b"\x01")
+                assert await in_thread(lambda: all_received(greedy)) is not None
                 server.publish(STATE)
                 assert await in_thread(modest.recv) == STATE
 
     asyncio.run(scenario())
 
 
+def all_received(rude: socket.socket) -> bytes:
+    """What came until the other side closed."""
+    received = b""
+    with contextlib.suppress(ConnectionResetError):
+        while part := rude.recv(4096):
+            received += part
+    return received
+
+
 # --- lies --------------------------------------------------------------------------------------------------------
 
 
 def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_by_its_own(tmp_path: Path) -> None:
-    """ZMTP 3.0 by hand: on ipc nobody checks the handshake's properties, so none of them may be believed."""
+    """On ipc nobody checks the handshake's properties, so none of them may be believed."""
 
     async def scenario() -> None:
         async with served(tmp_path) as (server, seen):
             server._key_names = {"Z" * 40: "the boss"}
-            with socket.socket(socket.AF_UNIX) as liar:
-                liar.connect(str(tmp_path / "targets"))
-                greeting = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
-                lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"Peer-Address": b"localhost:12345:1:1"}
-                ready = b"\x05READY" + b"".join(
-                    bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in lies.items()
-                )
-                liar.sendall(greeting)
-                await in_thread(lambda: liar.recv(len(greeting), socket.MSG_WAITALL))
-                liar.sendall(b"\x04" + bytes([len(ready)]) + ready + b"\x00\x04lies")
+            lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"Peer-Address": b"localhost:12345:1:1"}
+            with greeted(tmp_path / "targets", lies) as liar:
+                liar.sendall(b"\x00\x04lies")
                 await until(server, lambda: len(seen) == 1)
             assert seen == [(b"lies", f"uid {os.getuid()}")]
 
