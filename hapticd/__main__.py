@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | firmware | latency | doctor | install-service`."""
+"""The command line: `hapticd demo | run | simulate | bench | firmware | latency | keys | doctor | install-service`."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_firmware(commands)
     _add_latency(commands)
+    _add_keys(commands)
     _add_doctor(commands)
     _add_install_service(commands)
     return parser
@@ -238,6 +239,23 @@ def _add_firmware(commands: Any) -> None:
         "hapticd firmware sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     )
     arguments.add(parser)
+
+
+# --- keys -------------------------------------------------------------------------------------------------------
+
+
+def _add_keys(commands: Any) -> None:
+    from . import keys
+
+    parser = _command(
+        commands,
+        "keys",
+        "make keys for clients on other machines, and say whose are let in",
+        "hapticd keys make /etc/hapticd/keys\n"
+        "         hapticd keys make . study-7\n"
+        "         hapticd keys allow /etc/hapticd/keys study-7.key",
+    )
+    keys.add_arguments(parser)
 
 
 # --- doctor -----------------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from typing import Any, cast
 from .errors import ConfigError
 
 SIMULATED = "sim"
+MAX_PORT = 65535
 
 # What the core and the simulation know by name, written down here too: a configuration is checked before they load.
 PREDICTOR_NAMES = (
@@ -136,6 +137,8 @@ class ClientConfig:
     """Where clients connect."""
 
     runtime_dir: str = _key("", "directory of the ipc endpoints; empty: the service's or the user's runtime directory")
+    tcp: str = _key("", 'address for clients with a key, such as "192.168.7.1:7410"; takes 3 ports; empty: ipc only')
+    keys_dir: str = _key("", "directory of the keys for tcp, as `hapticd keys` makes it")
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,6 +303,8 @@ def _check_together(config: Config, where: str) -> None:
     curve = config.plate.friction_curve
     if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
         raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, the first of them 0.")
+    if config.client.tcp:
+        _check_tcp(config.client, where)
     if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
         raise ConfigError(
             f'{where}: trackpad.source: simulated fingers may not drive a real board: set it to "hid" or "replay", '
@@ -307,6 +312,21 @@ def _check_together(config: Config, where: str) -> None:
         )
     if config.device.port != SIMULATED and not config.plate.modes_file:
         raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode shapes (NPZ or CSV).")
+
+
+def _check_tcp(client: ClientConfig, where: str) -> None:
+    """An address and three ports to bind, and never without keys."""
+    host, _, port = client.tcp.rpartition(":")
+    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT - 2):
+        raise ConfigError(
+            f"{where}: client.tcp: must be an address and the first of three ports, such as "
+            f'"192.168.7.1:7410", not {client.tcp!r}.'
+        )
+    if not client.keys_dir:
+        raise ConfigError(
+            f"{where}: client.tcp: nobody is served over TCP without keys: make some with `hapticd keys make`, and "
+            "name their directory in client.keys_dir."
+        )
 
 
 def _with_files(config: Config, where: str, folder: Path) -> Config:
@@ -319,6 +339,10 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
         if not path.is_file():
             raise ConfigError(f"{where}: {section}.{key}: there is no file {path}.")
         config = replace(config, **{section: replace(getattr(config, section), **{key: str(path)})})
+    if config.client.keys_dir:
+        config = replace(
+            config, client=replace(config.client, keys_dir=str((folder / config.client.keys_dir).resolve()))
+        )
     if config.trackpad.source == "replay" and not config.trackpad.replay_file:
         raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
     return config

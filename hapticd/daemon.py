@@ -23,6 +23,7 @@ from .errors import HapticdError
 from .io.device import SerialLink
 from .io.realtime import PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
 from .io.server import ClientServer
+from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import TrackpadSource
 from .machine import TIMER_NS, Machine
@@ -51,12 +52,13 @@ class Daemon:
         trackpad: TrackpadSource,
         calibration: Sequence[ModeCalibration] = (),
         notifier: Notifier | None = None,
+        remote: Remote | None = None,
     ) -> None:
         self._config = config
         self._notifier = Notifier({}) if notifier is None else notifier
         self._calibration = calibration
         self.runtime_dir = runtime_dir
-        self._server = ClientServer(runtime_dir)
+        self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
@@ -81,10 +83,11 @@ class Daemon:
             calibration=self._calibration,
         )
         self._machine = machine
+        machine.lost_messages = lambda: self._server.counters
         self._server.start(
             loop,
-            on_message=lambda payload: machine.targets(payload, now_ns()),
-            on_request=lambda payload: machine.request(payload, now_ns()),
+            on_message=lambda payload, user: machine.targets(payload, now_ns(), user),
+            on_request=lambda payload, user: machine.request(payload, now_ns(), user),
         )
         self._link.start(
             loop,

@@ -16,6 +16,7 @@ from pathlib import Path
 from . import config as configuration
 from .config import SIMULATED, Config
 from .errors import HapticdError
+from .io import keys
 from .io.runtime_dir import endpoint_path, runtime_directory
 from .io.trackpad import find_pads, load_hid
 
@@ -55,6 +56,7 @@ def _findings(config_path: Path | None) -> Iterator[Finding]:
         _trackpad,
         _board,
         _daemon,
+        _keys,
         _client,
         _rights,
     )
@@ -134,6 +136,16 @@ def _is_locked(path: Path) -> bool:
     except OSError:
         return False
     return False
+
+
+def _keys(config: Config) -> Finding:
+    if not config.client.tcp:
+        return Finding(PASS, "TCP: not asked for, clients are on this machine")
+    try:
+        ring = keys.load(Path(config.client.keys_dir))
+    except HapticdError as error:
+        return Finding(FAIL, f"TCP: {error}")
+    return Finding(PASS, f"TCP: {config.client.tcp}, for {', '.join(ring.clients.values())}")
 
 
 def _client(_: Config) -> Finding:

@@ -12,6 +12,7 @@ from functools import partial
 
 from . import __version__, status
 from .config import Config
+from .core.clientele import Clientele
 from .core.ledger import LoopTiming
 from .core.modes import ModeShapes
 from .core.pipeline import Pipeline, PipelineSettings
@@ -74,6 +75,7 @@ class Machine:
             friction_curve=_friction_curve(config),
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
         )
+        self.clientele = Clientele()
         self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config))
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6),
@@ -87,6 +89,8 @@ class Machine:
         self.published = 0
         self.skipped_no_subscriber = 0
         self.messages_refused = 0
+        self.messages_overtaken = 0
+        self.lost_messages: Callable[[], Mapping[str, int]] = dict  # what never came here, as the sockets counted it
         self.last_refusal = ""
         self.publish = publish
         self._calibration = calibration
@@ -260,10 +264,11 @@ class Machine:
 
     # --- the clients ---
 
-    def targets(self, payload: bytes, t_now_ns: int) -> None:
-        """A message of the targets socket; what is wrong with it is counted and kept for `status`."""
+    def targets(self, payload: bytes, t_now_ns: int, user: str = "") -> None:
+        """A message of the targets socket, sent by `user`; what is wrong with it is counted and kept for `status`."""
         try:
-            refusals = self.want(client_wire.decode_targets(payload), t_now_ns)
+            message = client_wire.decode_targets(payload)
+            refusals = self.want(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
         except RequestError as error:
             refusals = (str(error),)
         if refusals:
@@ -274,11 +279,20 @@ class Machine:
         """Put a client's targets in force; sentences for what it may not have."""
         return self.scene.apply(message, t_now_ns)
 
-    def request(self, payload: bytes, t_now_ns: int) -> bytes:
-        """Answer a message of the control socket."""
-        return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns))
+    def request(self, payload: bytes, t_now_ns: int, user: str = "") -> bytes:
+        """Answer a message of the control socket, sent by `user`."""
+        return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
 
-    def _carry_out(self, request: client_wire.Request, t_now_ns: int) -> Mapping[str, object]:
+    def _is_newest(self, message: ClientTargets | client_wire.Release, user: str, t_now_ns: int) -> bool:
+        """False where a newer message of the same client came first. Raises RequestError for another user's name."""
+        ttl_ns = message.ttl_ns if isinstance(message, ClientTargets) else 0
+        is_newest = self.clientele.is_newest(message.client, user, message.stamp, ttl_ns, t_now_ns)
+        self.messages_overtaken += not is_newest
+        return is_newest
+
+    def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
+        if request.body is not None and not self._is_newest(request.body, user, t_now_ns):
+            raise RequestError("A newer message of this client came before this one: nothing was changed.")
         if isinstance(request.body, ClientTargets):
             refusals = self.want(request.body, t_now_ns)
             if refusals:

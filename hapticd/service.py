@@ -20,9 +20,11 @@ from .config import SIMULATED, Config
 from .core.modes import ModeShapes
 from .daemon import Daemon, serve
 from .errors import ConfigError
+from .io import keys
 from .io.replay import ReplayTrackpad
 from .io.server import runtime_directory
 from .io.socketpad import SocketTrackpad
+from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import HidTrackpad, TrackpadSource
 from .machine import warm_up
@@ -40,6 +42,7 @@ class Prepared:
     trackpad: TrackpadSource
     board_port: str
     runtime_dir: Path
+    remote: Remote | None
 
     def daemon(self, notifier: Notifier | None = None) -> Daemon:
         """The daemon for it, not yet started."""
@@ -50,6 +53,7 @@ class Prepared:
             trackpad=self.trackpad,
             calibration=self.calibration,
             notifier=notifier,
+            remote=self.remote,
         )
 
 
@@ -79,6 +83,7 @@ class Workshop:
             _trackpad(config, rig_dir),
             str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
             Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ),
+            _remote(config),
         )
 
     def _rig_directory(self, config: Config) -> Path:
@@ -138,3 +143,11 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
     if config.trackpad.source == "replay":
         return ReplayTrackpad(config.trackpad.replay_file)
     return SocketTrackpad(rig_dir / "trackpad", "mt2-usb")
+
+
+def _remote(config: Config) -> Remote | None:
+    """Where clients connect over TCP, if anywhere. Raises HapticdError where it would be without keys."""
+    if not config.client.tcp:
+        return None
+    host, _, port = config.client.tcp.rpartition(":")
+    return Remote(host, int(port), keys.load(Path(config.client.keys_dir)))

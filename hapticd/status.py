@@ -71,7 +71,12 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
             "silent_ms": _ago_ms(machine.t_reports_ns, t_now_ns),
             "reports": dict(machine.trackpad.counters),
         },
-        "clients": {"refused": machine.messages_refused, "last_refusal": machine.last_refusal},
+        "clients": {
+            "refused": machine.messages_refused,
+            "last_refusal": machine.last_refusal,
+            "overtaken": machine.messages_overtaken,
+            **machine.lost_messages(),
+        },
         "board": _board(machine),
         "real_time": dict(machine.real_time),
         "timing": _timing(machine),

@@ -176,13 +176,15 @@ class VirtualPath:
 class ClientTargets:
     """All that one client wants now; it replaces what the same client wanted before.
 
-    Keys of `targets` are finger ids (int) or names of virtual fingers (str).
+    Keys of `targets` are finger ids (int) or names of virtual fingers (str). `stamp` grows with each change of what
+    the client wants; None where the client does not say.
     """
 
     client: str
     ttl_ns: int
     targets: dict[int | str, Target]
     virtuals: dict[str, VirtualPath]
+    stamp: int | None = None
 
 
 # --- what the plate should do -----------------------------------------------------------------------------------

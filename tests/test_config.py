@@ -59,6 +59,12 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
         ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
         ("[realtime]\nfifo_priority = true", "realtime.fifo_priority: must be a whole number, not True"),
+        ("[client]\ntcp = '10.0.0.1:7410'", "client.tcp: nobody is served over TCP without keys"),
+        ("[client]\ntcp = '10.0.0.1'\nkeys_dir = 'k'", "client.tcp: must be an address and the first of three ports"),
+        ("[client]\ntcp = ':7410'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:65534'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:0'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
         ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
@@ -100,3 +106,8 @@ def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
         return
     with contextlib.suppress(ConfigError):
         config.from_table(table, where="x", folder=Path("/nonexistent"))
+
+
+def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
+    loaded = load('[client]\ntcp = "[::1]:7410"\nkeys_dir = "keys"\n', tmp_path)
+    assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")

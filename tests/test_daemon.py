@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapticd.__main__ import main
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.daemon import IDLE_TIMER_NS, Daemon, serve
@@ -276,3 +277,18 @@ def test_the_mode_shapes_are_those_of_the_file(tmp_path: Path) -> None:
     config = replace(config, limits=replace(config.limits, w_limit_um=(4.0,)))
     with pytest.raises(ConfigError, match="has 1 limits for a plate of 2 modes: give one for each mode"):
         load_modes(config)
+
+
+def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_make_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "hapticd.toml"
+    config.write_text('[client]\ntcp = "127.0.0.1:7410"\n', encoding="utf-8")
+    assert main(["run", "--config", str(config)]) == 78
+    assert "nobody is served over TCP without keys: make some with `hapticd keys make`" in capsys.readouterr().err
+    config.write_text('[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "keys"\n', encoding="utf-8")
+    assert main(["run", "--config", str(config)]) == 1
+    assert f"run `hapticd keys make {tmp_path / 'keys'}`" in capsys.readouterr().err
+    assert main(["keys", "make", str(tmp_path / "keys")]) == 0
+    assert main(["run", "--config", str(config)]) == 1
+    assert "allows nobody" in capsys.readouterr().err

@@ -1,13 +1,16 @@
-"""Where the daemon meets its clients: the directory of its ipc sockets, which nobody else may have put there."""
+"""Where the daemon meets its clients: the directory of its ipc sockets, which nobody else may have put there, and its
+lock, which one daemon at a time holds."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import HapticdError
+from ..errors import AlreadyRunningError, HapticdError
 
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7), less its final zero
 
@@ -57,3 +60,29 @@ def endpoint_path(directory: Path, name: str) -> Path:
             "set HAPTICD_RUNTIME_DIR to a shorter directory."
         )
     return path
+
+
+def locked(path: Path) -> int:
+    """The lock file, held until closed. It comes first: binding would steal a running daemon's sockets in silence."""
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise HapticdError(f"{path}: cannot be opened ({error.strerror}): check who owns it.") from None
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(fd)
+        raise AlreadyRunningError(
+            f"Another hapticd serves {path.parent}: stop it, or set HAPTICD_RUNTIME_DIR to another directory."
+        ) from None
+    return fd
+
+
+@contextmanager
+def masked(umask: int) -> Iterator[None]:
+    """Files made inside lack these rights from their first moment on."""
+    before = os.umask(umask)
+    try:
+        yield
+    finally:
+        os.umask(before)

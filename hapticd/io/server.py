@@ -1,60 +1,46 @@
-"""The sockets that clients connect to: ZeroMQ over ipc, on the daemon's own event loop.
+"""What clients connect to: ZeroMQ over ipc, and over TCP for those with a key, on the daemon's own event loop.
 
     targets    PULL    one-part messages in; each replaces what its client wanted before
     control    ROUTER  requests in, replies out
     telemetry  XPUB    states out, and knowledge of whether anybody listens
 
 A ZeroMQ file descriptor is edge-triggered, and any call on the socket may eat the edge: every wake-up reads to the
-end, and `sweep`, called on the daemon's tick, catches what an eaten edge left behind. zmq.asyncio is not used: it
-receives five times slower, and its tail is a tick long under load.
+end, and `sweep`, called on the daemon's tick, catches what an eaten edge left behind. zmq.asyncio carries no message
+of a client's: it receives five times slower, and its tail is a tick long under load.
+
+A flood cannot hold the loop: a wake-up reads for BUDGET_S of each socket, then the loop breathes, and each sender has
+a rate (senders.py). What is lost by that is counted and said.
 """
 
 from __future__ import annotations
 
 import asyncio
-import fcntl
+import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import zmq
 
-from ..errors import AlreadyRunningError, HapticdError
-from .runtime_dir import endpoint_path, own_directory, runtime_directory
+from ..errors import HapticdError
+from .runtime_dir import endpoint_path, locked, own_directory, runtime_directory
+from .senders import Sender, Turnstile, sender_of
+from .sockets import ENDPOINTS, MAX_MESSAGE_BYTES, AllowList, Remote, Socket, Sockets, bound
 
-__all__ = ["ClientServer", "runtime_directory"]
+__all__ = ["MAX_MESSAGE_BYTES", "ClientServer", "runtime_directory"]
 
-ENDPOINTS = ("targets", "control", "telemetry")  # socket files in the runtime directory
+log = logging.getLogger("hapticd")
 
-MAX_MESSAGE_BYTES = 65536  # a larger one costs its sender the connection
-RECEIVE_HIGH_WATER = 32  # messages per client; what a flood has beyond waits in the client's own buffers
-SEND_HIGH_WATER = 16
 MAX_READS = 64  # per socket and wake-up, so that a flood cannot hold the tick
+BUDGET_S = 0.0005  # the same in time, for messages that take long to read
 BREATH_S = 0.005  # between wake-ups under a flood
-SOCKET_UMASK = 0o117  # owner and group may connect, others may not
 MAX_PARTS = 3  # of a request: identity, an empty delimiter from REQ clients, payload
+REQUESTS_WAITING = 8  # of one sender beyond its rate; of `targets` only the newest matters
+SAY_EVERY_S = 10.0  # losses are said at most so often
 
-Context = zmq.Context[zmq.Socket[bytes]]
-Socket = zmq.Socket[bytes]
-
-
-@dataclass(frozen=True, slots=True)
-class _Sockets:
-    context: Context
-    targets: Socket
-    control: Socket
-    telemetry: Socket
-
-    @property
-    def all(self) -> tuple[Socket, Socket, Socket]:
-        return self.targets, self.control, self.telemetry
-
-    def close(self) -> None:
-        for socket in self.all:
-            socket.close()
-        self.context.term()
+Parts = list[bytes]
+Letter = tuple[Sender, Parts]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,45 +48,62 @@ class _Service:
     """What there is between `start` and `close`."""
 
     loop: asyncio.AbstractEventLoop
-    sockets: _Sockets
-    on_message: Callable[[bytes], None]
-    on_request: Callable[[bytes], bytes]
+    sockets: Sockets
+    on_message: Callable[[bytes, str], None]
+    on_request: Callable[[bytes, str], bytes]
 
 
 class ClientServer:
-    """Serves clients in `runtime_dir` from `start` to `close`. `dropped` counts messages of a wrong number of parts."""
+    """Serves clients in `runtime_dir` from `start` to `close`, and over TCP those whose keys `remote` allows."""
 
-    def __init__(self, runtime_dir: Path) -> None:
-        self.dropped = 0
+    def __init__(self, runtime_dir: Path, remote: Remote | None = None) -> None:
+        self.misshapen = 0  # messages of a wrong number of parts
         self._directory = runtime_dir
+        self._remote = remote
+        self._allow_list = None if remote is None else AllowList(remote)
+        self._key_names = {} if remote is None else remote.keys.clients
         self._lock_fd: int | None = None
         self._service: _Service | None = None
         self._breath: asyncio.TimerHandle | None = None
         self._is_subscribed = False
+        self._messages: Turnstile[Letter] = Turnstile(patience=1)
+        self._requests: Turnstile[Letter] = Turnstile(patience=REQUESTS_WAITING)
+        self._lost_said = 0
+        self._t_said_s: float | None = None
 
     def start(
         self,
         loop: asyncio.AbstractEventLoop,
-        on_message: Callable[[bytes], None],
-        on_request: Callable[[bytes], bytes],
+        on_message: Callable[[bytes, str], None],
+        on_request: Callable[[bytes, str], bytes],
     ) -> None:
         """Lock the directory, bind, and serve on `loop`. Raises AlreadyRunningError, or HapticdError for the directory.
 
-        `on_message` gets each payload of `targets`, `on_request` answers each payload of `control`; both are called
-        on the loop and must not raise.
+        `on_message` gets each payload of `targets` and who answers for it, `on_request` answers each payload of
+        `control`; both are called on the loop and must not raise. With `remote`, call it on the running loop.
         """
         own_directory(self._directory)
         paths = [endpoint_path(self._directory, name) for name in ENDPOINTS]
-        self._lock_fd = _locked(self._directory / "lock")
+        self._lock_fd = locked(self._directory / "lock")
         try:
-            sockets = _bound(paths)
+            sockets = bound(paths, self._remote, self._allow_list)
         except zmq.ZMQError as error:
             self.close()
-            raise HapticdError(f"{self._directory}: clients cannot be served here ({error.strerror}).") from None
+            where = self._directory if self._remote is None else f"{self._directory}, TCP port {self._remote.port}"
+            raise HapticdError(f"{where}: clients cannot be served here ({error.strerror}).") from None
         self._service = _Service(loop, sockets, on_message, on_request)
         for socket in sockets.all:
-            loop.add_reader(socket.FD, self.sweep)
+            loop.add_reader(socket.FD, self._on_edge)
         self.sweep()  # an edge before add_reader would never be seen
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What never reached anybody, by why: too fast, of a wrong shape, without an allowed key."""
+        return {
+            "too_fast": self._messages.lost + self._requests.lost,
+            "misshapen": self.misshapen,
+            "denied": 0 if self._allow_list is None else self._allow_list.denied,
+        }
 
     @property
     def has_subscribers(self) -> bool:
@@ -115,15 +118,16 @@ class ClientServer:
         self._read_subscriptions(self._service)  # the send may have eaten the edge of a subscription
 
     def sweep(self) -> None:
-        """Read all sockets to the end, or up to MAX_READS each; never waits."""
+        """Read all sockets to the end, or for their share of time; never waits."""
         service = self._service
         if service is None:
             return
-        flooded = self._read_targets(service)
-        flooded |= self._read_requests(service)
-        flooded |= self._read_subscriptions(service)
-        if flooded and self._breath is None:  # no edge will come for what is still there
+        more = self._read_targets(service)
+        more |= self._read_requests(service)
+        more |= self._read_subscriptions(service)
+        if more and self._breath is None:  # no edge will come for what is still there
             self._breath = service.loop.call_later(BREATH_S, self._resume)
+        self._say_losses(service.loop.time())
 
     def close(self) -> None:
         """Stop serving, remove the sockets, then give up the lock. Safe to call twice, and after a failed start."""
@@ -142,6 +146,13 @@ class ClientServer:
             os.close(self._lock_fd)
             self._lock_fd = None
 
+    def _on_edge(self) -> None:
+        if self._breath is None or self._service is None:
+            self.sweep()
+            return
+        for socket in self._service.sockets.all:  # asked for its events a socket is silent, and the breath is kept
+            socket.get(zmq.EVENTS)
+
     def _resume(self) -> None:
         self._breath = None
         self.sweep()
@@ -149,90 +160,81 @@ class ClientServer:
     # --- each returns True where more may be waiting ---
 
     def _read_targets(self, service: _Service) -> bool:
-        for _ in range(MAX_READS):
-            parts = _received(service.sockets.targets)
-            if parts is None:
-                return False
-            if len(parts) == 1:
-                service.on_message(parts[0])
-            else:
-                self.dropped += 1
-        return True
+        def handle(sender: Sender, parts: Parts) -> None:
+            service.on_message(parts[0], sender.user)
+
+        return self._read(service.loop, service.sockets.targets, self._messages, (1,), handle)
 
     def _read_requests(self, service: _Service) -> bool:
         socket = service.sockets.control
+
+        def handle(sender: Sender, parts: Parts) -> None:
+            socket.send_multipart([*parts[:-1], service.on_request(parts[-1], sender.user)], zmq.NOBLOCK)
+
+        return self._read(service.loop, socket, self._requests, (2, 3), handle)
+
+    def _read(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        socket: Socket,
+        turnstile: Turnstile[Letter],
+        shapes: tuple[int, ...],
+        handle: Callable[[Sender, Parts], None],
+    ) -> bool:
+        """Handle what waits and may be; `shapes` are the numbers of parts that a message may have."""
+        t_s = loop.time()
+        t_end_s = t_s + BUDGET_S
+        for sender, parts in turnstile.due(t_s):
+            handle(sender, parts)
+            if loop.time() >= t_end_s:
+                return True
         for _ in range(MAX_READS):
-            parts = _received(socket)
-            if parts is None:
-                return False
-            if len(parts) == 2 or (len(parts) == 3 and parts[1] == b""):
-                socket.send_multipart([*parts[:-1], service.on_request(parts[-1])], zmq.NOBLOCK)
-            else:
-                self.dropped += 1
+            frames = _received(socket)
+            if frames is None:
+                return turnstile.is_waiting
+            if not _has_shape(frames, shapes):
+                self.misshapen += 1
+                continue
+            letter = sender_of(frames[-1], self._key_names), [frame.bytes for frame in frames]
+            if turnstile.admit(letter[0].source, letter, t_s):
+                handle(*letter)
+            if loop.time() >= t_end_s:
+                return True
         return True
 
     def _read_subscriptions(self, service: _Service) -> bool:
         """Only the subscription to everything counts: ZeroMQ reports its first and last holder, vanished ones too."""
         for _ in range(MAX_READS):
-            parts = _received(service.sockets.telemetry)
-            if parts is None:
+            frames = _received(service.sockets.telemetry)
+            if frames is None:
                 return False
-            if parts[0] in (b"\x00", b"\x01"):
-                self._is_subscribed = parts[0] == b"\x01"
+            if frames[0].bytes in (b"\x00", b"\x01"):
+                self._is_subscribed = frames[0].bytes == b"\x01"
         return True
 
-
-def _bound(paths: Sequence[Path]) -> _Sockets:
-    """Sockets bound to the paths of ENDPOINTS. Raises zmq.ZMQError, with nothing left open."""
-    context = zmq.Context()
-    sockets = _Sockets(context, context.socket(zmq.PULL), context.socket(zmq.ROUTER), context.socket(zmq.XPUB))
-    try:
-        with _umask(SOCKET_UMASK):
-            for socket, path in zip(sockets.all, paths, strict=True):
-                socket.linger = 0
-                socket.rcvhwm = RECEIVE_HIGH_WATER
-                socket.sndhwm = SEND_HIGH_WATER
-                socket.maxmsgsize = MAX_MESSAGE_BYTES
-                socket.bind(f"ipc://{path}")
-    except zmq.ZMQError:
-        sockets.close()
-        raise
-    return sockets
+    def _say_losses(self, t_s: float) -> None:
+        lost = sum(self.counters.values())
+        if lost == self._lost_said or (self._t_said_s is not None and t_s - self._t_said_s < SAY_EVERY_S):
+            return
+        self._lost_said, self._t_said_s = lost, t_s
+        said = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in self.counters.items() if count > 0)
+        log.warning("clients: what was not taken from them so far: %s", said)
 
 
-def _received(socket: Socket) -> list[bytes] | None:
+def _received(socket: Socket) -> Sequence[zmq.Frame] | None:
     """The parts of the next message, without waiting; those beyond what any client should send are thrown away."""
     try:
-        parts = [socket.recv(zmq.NOBLOCK)]
+        frames = [socket.recv(zmq.NOBLOCK, copy=False)]
     except zmq.Again:
         return None
     while socket.rcvmore:
-        part = socket.recv()
-        if len(parts) <= MAX_PARTS:
-            parts.append(part)
-    return parts
+        frame = socket.recv(copy=False)
+        if len(frames) > MAX_PARTS:
+            frames.pop()
+        frames.append(frame)
+    return frames
 
 
-def _locked(path: Path) -> int:
-    """The lock file, held until closed. It comes first: binding would steal a running daemon's sockets in silence."""
-    try:
-        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    except OSError as error:
-        raise HapticdError(f"{path}: cannot be opened ({error.strerror}): check who owns it.") from None
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(fd)
-        raise AlreadyRunningError(
-            f"Another hapticd serves {path.parent}: stop it, or set HAPTICD_RUNTIME_DIR to another directory."
-        ) from None
-    return fd
-
-
-@contextmanager
-def _umask(mask: int) -> Iterator[None]:
-    before = os.umask(mask)
-    try:
-        yield
-    finally:
-        os.umask(before)
+def _has_shape(frames: Sequence[zmq.Frame], shapes: tuple[int, ...]) -> bool:
+    """The number of parts is one of `shapes`; a third part is the empty delimiter that REQ clients put between."""
+    return len(frames) in shapes and (len(frames) < 3 or len(frames[1]) == 0)

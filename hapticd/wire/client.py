@@ -26,6 +26,7 @@ from .targets import (
     MAX_VIRTUALS,
     MIN_TTL_S,
     read_finger_key,
+    read_stamp,
     read_targets,
 )
 
@@ -38,6 +39,7 @@ UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be rea
 CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
+    "optional": ("stamp",),  # fields that came within this version: a client sends those that it finds here
     "targets": ("amplitude_um", "friction", "grating", "map"),
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
@@ -50,10 +52,14 @@ CAPABILITIES: Mapping[str, object] = {
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """Give up one finger (its id, or a virtual finger's name), or with None all that the client holds."""
+    """Give up one finger (its id, or a virtual finger's name), or with None all that the client holds.
+
+    `stamp` as in ClientTargets.
+    """
 
     client: str
     finger: int | str | None
+    stamp: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +169,8 @@ def _request(fields: Fields, request_id: int) -> Request:
 
 
 def _release(fields: Fields) -> Release:
-    release = Release(fields.label("client"), read_finger_key(fields) if "finger" in fields else None)
+    client = fields.label("client")
+    release = Release(client, read_finger_key(fields) if "finger" in fields else None, read_stamp(fields))
     fields.end()
     return release
 

@@ -31,11 +31,13 @@ MIN_PERIOD_MM, MAX_PERIOD_MM = 0.1, 1000.0
 MAX_ANGLE_RAD = 2 * math.pi
 MAX_MAP_SIDE = 128
 MAX_FINGER_ID = 2**32 - 1
+MAX_STAMP = 2**63 - 1
 
 
 def read_targets(fields: Fields) -> ClientTargets:
     """All fields of a `targets` message but its version. Raises RequestError."""
     client = fields.label("client")
+    stamp = read_stamp(fields)
     ttl_s = fields.number("ttl_s", MIN_TTL_S, MAX_TTL_S, DEFAULT_TTL_S)
     virtuals: dict[str, VirtualPath] = {}
     for index, item in enumerate(fields.sequence("virtuals", MAX_VIRTUALS)):
@@ -54,7 +56,7 @@ def read_targets(fields: Fields) -> ClientTargets:
             raise RequestError(f"{where}.finger: there is no virtual finger {key!r} in this message.")
         targets[key] = target
     fields.end()
-    return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals)
+    return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals, stamp)
 
 
 def _finger_target(fields: Fields) -> tuple[int | str, Target]:
@@ -71,6 +73,11 @@ def read_finger_key(fields: Fields) -> int | str:
     """The field `finger`: the id of a finger on the plate, or the name of a virtual one. Raises RequestError."""
     value, where = fields.take("finger"), fields.place("finger")
     return label(value, where) if isinstance(value, str) else whole(value, 1, MAX_FINGER_ID, where)
+
+
+def read_stamp(fields: Fields) -> int | None:
+    """The optional field `stamp`. Raises RequestError."""
+    return fields.whole("stamp", 0, MAX_STAMP) if "stamp" in fields else None
 
 
 def _amplitude(fields: Fields) -> AmplitudeTarget:

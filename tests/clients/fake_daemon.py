@@ -8,9 +8,11 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from hapticd.core.clientele import Clientele
 from hapticd.core.scene import Scene
 from hapticd.errors import RequestError
 from hapticd.io.server import ClientServer
+from hapticd.io.sockets import Remote
 from hapticd.values import ClientTargets
 from hapticd.wire import client as wire
 
@@ -20,13 +22,18 @@ TICK_S = 0.005
 class FakeDaemon:
     """Fingers lie where `fingers` says, and get exactly what the scene wants for them."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, remote: Remote | None = None) -> None:
         self.directory = directory
+        self.remote = remote
         self.fingers: dict[int, tuple[float, float]] = {}
         self.protocol = wire.PROTOCOL_VERSION
         self.scene = Scene(w_limit_um=4.0)
-        self.server = ClientServer(directory)
+        self.server = ClientServer(directory, remote)
+        self.clientele = Clientele()
         self.messages = 0
+        self.overtaken = 0
+        self.stamps: list[int | None] = []
+        self.optional: tuple[str, ...] = ("stamp",)
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False
@@ -37,7 +44,8 @@ class FakeDaemon:
         """Begin to serve, as a new instance with an empty scene."""
         self._instance += 1
         self.scene = Scene(w_limit_um=4.0)
-        self.server = ClientServer(self.directory)
+        self.clientele = Clientele()
+        self.server = ClientServer(self.directory, self.remote)
         self._loop = asyncio.new_event_loop()
         ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, args=(ready,))
@@ -52,12 +60,20 @@ class FakeDaemon:
 
     def _serve(self, ready: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
-        self.server.start(self._loop, self._on_message, lambda payload: wire.answer(payload, self._handle))
-        self._loop.call_soon(self._tick)
-        ready.set()
+        self._loop.call_soon(self._begin, ready)
         self._loop.run_forever()
         self.server.close()
+        self._loop.run_until_complete(asyncio.sleep(0))  # whatever was cancelled ends
         self._loop.close()
+
+    def _begin(self, ready: threading.Event) -> None:
+        self.server.start(
+            self._loop,
+            self._on_message,
+            lambda payload, user: wire.answer(payload, lambda request: self._handle(request, user)),
+        )
+        self._tick()
+        ready.set()
 
     def _tick(self) -> None:
         self.server.sweep()
@@ -66,10 +82,12 @@ class FakeDaemon:
             self.server.publish(wire.encode_state(self._state(time.monotonic_ns())))
         self._loop.call_later(TICK_S, self._tick)
 
-    def _on_message(self, payload: bytes) -> None:
+    def _on_message(self, payload: bytes, user: str) -> None:
         self.messages += 1
         try:
-            self.refusals += self._apply(wire.decode_targets(payload))
+            targets = wire.decode_targets(payload)
+            if self._is_newest(targets, user):
+                self.refusals += self._apply(targets)
         except RequestError as error:
             self.refusals.append(str(error))
 
@@ -79,10 +97,19 @@ class FakeDaemon:
         self.released += self.scene.expire(t_ns)
         return refusals
 
-    def _handle(self, request: wire.Request) -> Mapping[str, object]:
+    def _is_newest(self, message: ClientTargets | wire.Release, user: str) -> bool:
+        self.stamps.append(message.stamp)
+        is_newest = self.clientele.is_newest(message.client, user, message.stamp, 0, time.monotonic_ns())
+        self.overtaken += not is_newest
+        return is_newest
+
+    def _handle(self, request: wire.Request, user: str) -> Mapping[str, object]:
+        if request.body is not None and not self._is_newest(request.body, user):
+            raise RequestError("A newer message came before.")
         match request.op, request.body:
             case "hello", _:
-                return {"protocol": self.protocol, "version": "0.0", "instance": self._instance}
+                known = {"protocol": self.protocol, "optional": self.optional}
+                return {**wire.CAPABILITIES, **known, "version": "0.0", "instance": self._instance}
             case "capabilities", _:
                 return wire.CAPABILITIES
             case "status", _:
@@ -93,7 +120,7 @@ class FakeDaemon:
                 refusals = self._apply(targets)
                 if refusals:
                     raise RequestError(" ".join(refusals))
-            case "release", wire.Release(client, finger):
+            case "release", wire.Release(client, finger, _):
                 if finger is None:
                     self.scene.release_client(client)
                 return {"released": finger is None or self.scene.release(client, finger)}

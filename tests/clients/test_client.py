@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zmq
 from fake_daemon import FakeDaemon
 
 from hapticd_client import (
@@ -28,6 +29,7 @@ from hapticd_client import (
     RefusedError,
     refresher,
 )
+from hapticd_client.wanted import Wanted, stamp_now
 
 LIBRARY = Path(__file__).parents[2] / "clients" / "python"
 PATIENCE_S = 5.0
@@ -109,6 +111,38 @@ def test_no_refresh_undoes_a_later_request(daemon: FakeDaemon) -> None:
         client.set(16, friction=1.0)
         assert [daemon.scene.owner_of(n) for n in range(1, 17)] == [client.name] * 16
         assert daemon.released == []
+
+
+def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client, zmq.Context() as context, context.socket(zmq.PUSH) as late:
+        before = stamp_now()
+        client.set(1, amplitude_um=1.0)
+        late.connect(f"ipc://{daemon.directory / 'targets'}")
+        late.send(Wanted().with_target(1, {"amplitude_um": 3.0}, 0.5).payload(client.name, before))
+        state_when(client, lambda _: daemon.overtaken == 1)
+        assert daemon.scene.amplitude_um(1, 0.0, 0.0) == 1.0
+        late.linger = 0
+
+
+def test_refreshes_repeat_the_stamp_of_what_they_repeat(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0, ttl_s=0.03)
+        state_when(client, lambda _: daemon.messages >= 5)
+        assert len(set(daemon.stamps)) == 1
+        client.set(1, amplitude_um=2.0, ttl_s=0.03)
+        state_when(client, lambda _: daemon.stamps[-1] != daemon.stamps[0])
+        assert daemon.stamps == sorted(daemon.stamps)
+        assert daemon.overtaken == 0
+
+
+def test_a_daemon_that_knows_no_stamps_is_sent_none(daemon: FakeDaemon) -> None:
+    daemon.optional = ()
+    with Client(daemon.directory) as client:
+        client.set(1, amplitude_um=1.0, ttl_s=0.03)
+        state_when(client, lambda _: daemon.messages >= 2)
+        client.release(1)
+    assert set(daemon.stamps) == {None}
 
 
 def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemon: FakeDaemon) -> None:
@@ -265,6 +299,19 @@ def test_a_killed_program_loses_its_fingers_when_its_time_is_up(daemon: FakeDaem
         killed_ns = time.monotonic_ns()
         state = state_when(client, lambda state: target_um(state, 1) is None)
         assert state.t_ns - killed_ns < 1_000_000_000
+
+
+def test_a_stopped_program_loses_its_fingers_and_has_them_again_when_it_goes_on(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    with child(daemon, SET_AND + "sys.stdin.read()", ttl_s=0.2) as process, Client(daemon.directory) as client:
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
+        process.send_signal(signal.SIGSTOP)
+        state_when(client, lambda state: target_um(state, 1) is None)
+        client.set(1, amplitude_um=0.5)  # nobody holds it, so another may
+        process.send_signal(signal.SIGCONT)
+        state_when(client, lambda _: any("held by" in refusal for refusal in daemon.refusals))
+        client.release(1)
+        state_when(client, lambda state: target_um(state, 1) == 1.0)
 
 
 def test_a_forgotten_client_releases_its_fingers(daemon: FakeDaemon) -> None:

@@ -15,7 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.core import clientele
 from hapticd.errors import RequestError
+from hapticd.io import senders, server, sockets
 from hapticd.wire import client as wire
 from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, wanted
 from hapticd_client.endpoint import default_directory, directory
@@ -82,6 +84,20 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
         assert f"`{name}`" in TEXT
     for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):  # type: ignore[misc]
         assert f"{value:g}" in TEXT or str(value) in TEXT
+
+
+def test_the_text_names_the_rates_and_limits_in_force() -> None:
+    for sentence in (
+        f"handles {senders.RATE_HZ:g} messages a second",
+        f"after a pause up to {senders.BURST} at once",
+        f"of `control` {server.REQUESTS_WAITING} requests",
+        f"no more than {server.MAX_READS} messages, or for {server.BUDGET_S * 1e3:g} ms",
+        f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
+        f"{sockets.SEND_HIGH_WATER} states wait for a reader",
+        f"until {clientele.KEPT_NS * 1e-9:g} s after its last message",
+        f"At most {clientele.MAX_NAMES}\nnames are in use",
+    ):
+        assert " ".join(sentence.split()) in " ".join(TEXT.split())
 
 
 # --- the library and the daemon ---------------------------------------------------------------------------------
@@ -155,7 +171,7 @@ def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent()
     for n in range(wanted.MAX_TARGETS):
         full = full.with_target(n + 1, {"friction": 0.5}, ttl_s=0.1 * (n + 1))
         full = full.with_virtual(f"v{n}", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
-    message = wire.decode_targets(full.payload("c"))
+    message = wire.decode_targets(full.payload("c", wanted.stamp_now()))
     assert (len(message.targets), len(message.virtuals)) == (16, 16)
     assert message.ttl_ns == 100_000_000  # the shortest asked for
     with pytest.raises(RefusedError, match="release one first"):
@@ -171,11 +187,11 @@ def test_what_the_library_just_takes_still_fits_a_request() -> None:
         want = want.with_target(n + 1, target_fields(
             friction=None, amplitude_um=None, grating=None, image=Map([[0] * 128] * 128, high_um=1.0)
         ), ttl_s=0.5)  # fmt: skip
-    room = wanted.MAX_MESSAGE_BYTES - 100 - len(want.payload("c" * 32))
+    room = wanted.MAX_MESSAGE_BYTES - 100 - len(want.payload("c" * 32, wanted.stamp_now()))
     side = math.isqrt(room - 120)
     want = want.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
-    assert len(want.payload("c" * 32)) > wanted.MAX_MESSAGE_BYTES - 600
-    request = messages.encode_request("set", 2**32 - 1, want.fields("c" * 32))
+    assert len(want.payload("c" * 32, wanted.stamp_now())) > wanted.MAX_MESSAGE_BYTES - 600
+    request = messages.encode_request("set", 2**32 - 1, want.fields("c" * 32, wanted.stamp_now()))
     assert wire.decode_request(request).op == "set"
 
 

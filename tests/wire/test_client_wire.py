@@ -363,3 +363,29 @@ def test_the_capabilities_can_be_sent_as_they_are() -> None:
     reply = msgpack.unpackb(client.encode_reply(1, client.CAPABILITIES))
     assert reply["body"]["ops"] == list(client.OPS)
     assert reply["body"]["max_message_bytes"] == MAX_PAYLOAD_BYTES
+
+
+# --- stamps ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stamp", [0, 1, 2**63 - 1])
+def test_a_stamp_is_read_from_every_message_that_changes_something(stamp: int) -> None:
+    assert client.decode_targets(packed(stamp=stamp)).stamp == stamp
+    body = {"client": "c", "stamp": stamp}
+    for op in ("set", "release"):
+        request = client.decode_request(msgpack.packb({"v": 1, "id": 1, "op": op, "body": body}))
+        assert isinstance(request.body, (ClientTargets, client.Release))
+        assert request.body.stamp == stamp
+
+
+def test_a_message_without_a_stamp_has_none() -> None:
+    assert client.decode_targets(packed()).stamp is None
+
+
+@pytest.mark.parametrize("stamp", [-1, 2**63, 1.0, math.nan, "1", None, True])
+def test_what_cannot_be_a_stamp_is_refused_by_name(stamp: object) -> None:
+    assert refusal(packed(stamp=stamp)).startswith("stamp: ")
+
+
+def test_the_stamp_is_announced_so_that_clients_know_whether_to_send_one() -> None:
+    assert "stamp" in client.CAPABILITIES["optional"]  # type: ignore[operator]

@@ -9,7 +9,7 @@ import secrets
 import sys
 import threading
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,13 +17,13 @@ from typing import Any
 import zmq
 
 from .control import Control
-from .endpoint import directory
+from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .messages import PROTOCOL_VERSION, FingerState, PlateState
 from .refresher import Refresher
-from .targets import MAX_TTL_S, MIN_TTL_S, Grating, Map, label, number, path_fields, target_fields
+from .targets import MAX_TTL_S, MIN_TTL_S, Fields, Grating, Map, label, number, path_fields, target_fields
 from .telemetry import Telemetry
-from .wanted import DEFAULT_TTL_S, Key, Wanted
+from .wanted import DEFAULT_TTL_S, Key, Wanted, no_stamp, stamp_now
 
 FAREWELL_S = 0.5  # for the daemon to confirm that all is released
 
@@ -32,33 +32,42 @@ class Client:
     """A connection to hapticd. What it asked for holds until it changes it, or it is closed, or its program ends.
 
     `endpoint` is the daemon's runtime directory, as a path or `ipc://` path; without it the daemon's own rule finds
-    it. `name` tells this client from others: 1 .. 32 printable characters, made up where not given. Use one Client
-    per thread. Raises DaemonGoneError where no daemon answers within `timeout_s`.
+    it. A daemon on another machine is `tcp://HOST:PORT`, with two certificate files: `server_key`, its public key, and
+    `own_key`, this client's secret one, which it must have been told to allow. `name` tells this client from others:
+    1 .. 32 printable characters, made up where not given. Use one Client per thread. Raises DaemonGoneError where no
+    daemon answers within `timeout_s`, HapticdError for an endpoint or a key that cannot be one.
     """
 
     def __init__(
-        self, endpoint: str | os.PathLike[str] | None = None, name: str | None = None, *, timeout_s: float = 2.0
+        self,
+        endpoint: str | os.PathLike[str] | None = None,
+        name: str | None = None,
+        *,
+        timeout_s: float = 2.0,
+        server_key: KeyFile | None = None,
+        own_key: KeyFile | None = None,
     ) -> None:
         self.name = label("name", _made_up_name() if name is None else name)
         self._timeout_s = timeout_s
         self._wanted = Wanted()
         self._down: set[Key] = set()
         self._instance: int | None = None
-        path = directory(endpoint, os.environ)
+        place = find(endpoint, os.environ, server_key, own_key)
         context = zmq.Context()
         try:
-            self._control = Control(context, path)
+            self._control = Control(context, place)
             self.hello = _greeted(self._control, timeout_s)
         except zmq.ZMQError as error:
             context.destroy(linger=0)
-            raise HapticdError(f"{path}: cannot be the daemon's directory ({error.strerror}).") from None
+            raise HapticdError(f"{place}: cannot be the daemon's directory ({error.strerror}).") from None
         except BaseException:
             context.destroy(linger=0)
             raise
-        self._telemetry = Telemetry(context, path)
-        self._refresher = Refresher(context, path)
+        self._stamp = stamp_now if "stamp" in self.hello.get("optional", ()) else no_stamp
+        self._telemetry = Telemetry(context, place)
+        self._refresher = Refresher(context, place)
         self._finalizer = weakref.finalize(
-            self, _say_farewell, self.name, self._refresher, self._control, self._telemetry, context
+            self, _say_farewell, self.name, self._stamp, self._refresher, self._control, self._telemetry, context
         )
 
     def __enter__(self) -> Client:
@@ -122,16 +131,16 @@ class Client:
 
     def release(self, finger: FingerState | Key | None = None) -> None:
         """Give up one finger, or a virtual finger by its name; without an argument, all."""
-        body: dict[str, object] = {"client": self.name}
+        stamp = self._stamp()
+        body: dict[str, object] = {"client": self.name, **stamp}
         wanted = Wanted()
         if finger is not None:
             body["finger"] = _key(finger)
             wanted = self._wanted.without(_key(finger))
-        with self._refresher.held():
-            try:
-                self._ask("release", body)
-            finally:
-                self._keep(wanted, is_told=True)
+        try:
+            self._ask("release", body)
+        finally:
+            self._keep(wanted, stamp, is_told=True)
 
     # --- what the plate does ---
 
@@ -166,18 +175,17 @@ class Client:
 
     def _want(self, wanted: Wanted, wait: bool) -> None:
         self._check_open()
+        stamp = self._stamp()
         if not wait:
-            self._keep(wanted)
+            self._keep(wanted, stamp)
             return
-        before = self._wanted
-        wanted.payload(self.name)  # too large is refused before anything is asked
-        with self._refresher.held():
-            try:
-                self._ask("set", wanted.fields(self.name))
-            except HapticdError:
-                self._keep(before)  # the daemon may have taken what it did not refuse
-                raise
-            self._keep(wanted, is_told=True)
+        wanted.payload(self.name, stamp)  # too large is refused before anything is asked
+        try:
+            self._ask("set", wanted.fields(self.name, stamp))
+        except HapticdError:
+            self._keep(self._wanted, self._stamp())  # the daemon may have taken what it did not refuse
+            raise
+        self._keep(wanted, stamp, is_told=True)
 
     def _ask(self, op: str, body: dict[str, object] | None = None) -> dict[str, Any]:
         self._check_open()
@@ -187,9 +195,9 @@ class Client:
         if not self._finalizer.alive:
             raise HapticdError("This client is closed: make another.")
 
-    def _keep(self, wanted: Wanted, *, is_told: bool = False) -> None:
+    def _keep(self, wanted: Wanted, stamp: Fields, *, is_told: bool = False) -> None:
         """From now on refresh this; at once, unless the daemon was told by a request."""
-        payload = wanted.payload(self.name)
+        payload = wanted.payload(self.name, stamp)
         ttl_s = math.inf if wanted.is_empty else wanted.ttl_s
         self._wanted = wanted
         if is_told:
@@ -205,7 +213,7 @@ class Client:
         lifted = (self._down - down) & self._wanted.targets.keys()
         self._down = down
         if lifted:
-            self._keep(self._wanted.without(*lifted))
+            self._keep(self._wanted.without(*lifted), self._stamp())
 
 
 def _key(finger: FingerState | Key) -> Key:
@@ -230,6 +238,7 @@ def _greeted(control: Control, timeout_s: float) -> dict[str, Any]:
 
 def _say_farewell(
     name: str,
+    stamp: Callable[[], Fields],
     refresher: Refresher,
     control: Control,
     telemetry: Telemetry,
@@ -237,12 +246,13 @@ def _say_farewell(
 ) -> None:
     """Release and disconnect. Knows no Client: it must be able to run when that is gone."""
     if refresher.is_current_thread:  # the garbage collector runs where it likes; there it could not wait for the end
-        threading.Thread(target=_say_farewell, args=(name, refresher, control, telemetry, context)).start()
+        threading.Thread(target=_say_farewell, args=(name, stamp, refresher, control, telemetry, context)).start()
         return
-    refresher.send(Wanted().payload(name), math.inf)
+    last = stamp()
+    refresher.send(Wanted().payload(name, last), math.inf)
     refresher.stop()
     with contextlib.suppress(HapticdError):  # then the time to live releases it
-        control.request("release", {"client": name}, timeout_s=FAREWELL_S)
+        control.request("release", {"client": name, **last}, timeout_s=FAREWELL_S)
     control.close()
     telemetry.close()
     context.term()

@@ -5,27 +5,29 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import zmq
 
+from .endpoint import Endpoint
 from .errors import DaemonGoneError
 from .messages import encode_request, read_reply
 
 MAX_REQUEST_ID = 2**32 - 1
+_REMEDY = "start one (`hapticd run --sim` needs no hardware), or name its directory in HAPTICD_RUNTIME_DIR"
+_REMEDY_FOR_KEYS = "see that it runs with client.tcp, that server_key is its key, and that it allows yours"
 
 
 class Control:
     """The `control` socket of one client."""
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
-        self._directory = directory
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
+        self._endpoint = endpoint
         self._request_id = 0
         self._socket = context.socket(zmq.DEALER)
         self._socket.linger = 0
         self._socket.immediate = True  # a request waits for a daemon here, where it can time out, not in a queue
-        self._socket.connect(f"ipc://{directory / 'control'}")
+        endpoint.connect(self._socket, "control")
 
     def request(self, op: str, body: Mapping[str, object] | None = None, *, timeout_s: float) -> dict[str, Any]:
         """The body of the reply. Raises RefusedError with the daemon's sentence, DaemonGoneError after the timeout."""
@@ -38,8 +40,7 @@ class Control:
             if reply is not None:
                 return reply
         raise DaemonGoneError(
-            f"No hapticd answers at {self._directory}: start one (`hapticd run --sim` needs no hardware), "
-            "or name its directory in HAPTICD_RUNTIME_DIR."
+            f"No hapticd answers at {self._endpoint}: {_REMEDY if self._endpoint.keys is None else _REMEDY_FOR_KEYS}."
         )
 
     def close(self) -> None:

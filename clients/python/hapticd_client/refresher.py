@@ -2,6 +2,7 @@
 
 A thread with a socket of its own sends the newest message at once when it changes and three times per time to live
 after that. Nothing is queued: while no daemon listens nothing is sent, and a daemon that starts gets the newest.
+A refresh may overtake a request or be overtaken: the stamp of what was wanted tells the daemon which is older.
 """
 
 from __future__ import annotations
@@ -9,30 +10,27 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import zmq
+
+from .endpoint import Endpoint
 
 RETRY_S = 0.02  # while no daemon is connected
 REFRESHES_PER_TTL = 3  # so that one lost message is no gap
 RECONNECT_MS = 50
 LINGER_MS = 100  # for the last message to leave
-SETTLE_S = 0.002  # for a message to arrive; measured are 0.1 ms
 
 
 class Refresher:
     """Sends one payload on the `targets` socket, again and again, until `stop`."""
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
         self._context = context
-        self._endpoint = f"ipc://{directory / 'targets'}"
+        self._endpoint = endpoint
         self._changed = threading.Condition()
         self._payload = b""
         self._period_s = math.inf
         self._t_due_s = math.inf
-        self._t_sent_s = -math.inf
         self._is_stopped = False
         self._thread = threading.Thread(target=self._run, name="hapticd-refresher", daemon=True)
         self._thread.start()
@@ -44,16 +42,6 @@ class Refresher:
     def keep(self, payload: bytes, ttl_s: float) -> None:
         """The same for what the daemon has been told already: the next refresh will do."""
         self._replace(payload, ttl_s, delay_s=ttl_s / REFRESHES_PER_TTL)
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Nothing is sent inside, and what was sent before has arrived.
-
-        Requests take another socket. A refresh that they overtake would undo them, if only for a moment.
-        """
-        with self._changed:
-            time.sleep(max(self._t_sent_s + SETTLE_S - time.monotonic(), 0.0))
-            yield
 
     @property
     def is_current_thread(self) -> bool:
@@ -80,7 +68,7 @@ class Refresher:
         socket.immediate = True
         socket.sndhwm = 2
         socket.reconnect_ivl = RECONNECT_MS
-        socket.connect(self._endpoint)
+        self._endpoint.connect(socket, "targets")
         with self._changed:
             while True:
                 left_s = self._t_due_s - time.monotonic()
@@ -94,10 +82,7 @@ class Refresher:
 
     def _refresh(self, socket: zmq.Socket[bytes]) -> None:
         is_sent = _sent(socket, self._payload)
-        now_s = time.monotonic()
-        self._t_due_s = now_s + (self._period_s if is_sent else RETRY_S)
-        if is_sent:
-            self._t_sent_s = now_s
+        self._t_due_s = time.monotonic() + (self._period_s if is_sent else RETRY_S)
 
 
 def _sent(socket: zmq.Socket[bytes], payload: bytes) -> bool:

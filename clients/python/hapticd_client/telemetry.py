@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 
 import zmq
 
+from .endpoint import Endpoint
 from .errors import DaemonGoneError
 from .messages import PlateState, decode_state
 
@@ -17,8 +17,8 @@ FRESH_S = 0.25  # the daemon sends a state at least ten times a second
 class Telemetry:
     """The `telemetry` socket of one client, connected from its first use: until then the daemon builds no states."""
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
-        self._directory = directory
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
+        self._endpoint = endpoint
         self._socket = context.socket(zmq.SUB)
         self._socket.linger = 0
         self._socket.conflate = True
@@ -30,12 +30,10 @@ class Telemetry:
         """The newest state not yet seen. Raises DaemonGoneError where none comes in time."""
         if not self._is_connected:
             self._socket.subscribe(b"")
-            self._socket.connect(f"ipc://{self._directory / 'telemetry'}")
+            self._endpoint.connect(self._socket, "telemetry")
             self._is_connected = True
         if self._socket.poll(math.ceil(timeout_s * 1000)) == 0:
-            raise DaemonGoneError(
-                f"No state came from {self._directory} for {timeout_s:g} s: is hapticd still running?"
-            )
+            raise DaemonGoneError(f"No state came from {self._endpoint} for {timeout_s:g} s: is hapticd still running?")
         self._last = decode_state(self._socket.recv())
         self._t_last_s = time.monotonic()
         return self._last

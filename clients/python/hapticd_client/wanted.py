@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -12,6 +13,21 @@ from .messages import PROTOCOL_VERSION
 from .targets import Fields
 
 Key = int | str
+
+# --- which of two messages is the older -------------------------------------------------------------------------
+
+
+def stamp_now() -> Fields:
+    """When something came to be wanted, for the daemon to drop what is older: refreshes keep the stamp they had."""
+    return {"stamp": time.monotonic_ns()}
+
+
+def no_stamp() -> Fields:
+    """For a daemon that knows no stamps."""
+    return {}
+
+
+# --- what is wanted ---------------------------------------------------------------------------------------------
 
 MAX_TARGETS = 16
 MAX_VIRTUALS = 16
@@ -57,18 +73,19 @@ class Wanted:
             {key: ttl_s for key, ttl_s in self.ttls_s.items() if key not in keys},
         )
 
-    def fields(self, client: str) -> Fields:
-        """The message's fields, its version excepted."""
+    def fields(self, client: str, stamp: Fields) -> Fields:
+        """The message's fields, its version excepted; `stamp` is when this came to be wanted, as a field, or empty."""
         return {
             "client": client,
+            **stamp,
             "ttl_s": self.ttl_s,
             "targets": [{"finger": key, **target} for key, target in self.targets.items()],
             "virtuals": [{"name": name, **path} for name, path in self.virtuals.items()],
         }
 
-    def payload(self, client: str) -> bytes:
+    def payload(self, client: str, stamp: Fields) -> bytes:
         """The message for the `targets` socket. Raises RefusedError where the daemon would not read so much."""
-        payload = bytes(msgpack.packb({"v": PROTOCOL_VERSION, **self.fields(client)}))
+        payload = bytes(msgpack.packb({"v": PROTOCOL_VERSION, **self.fields(client, stamp)}))
         # A request wraps the same fields in an envelope of less than a hundred bytes.
         if len(payload) > MAX_MESSAGE_BYTES - 100:
             raise RefusedError(

@@ -1,0 +1,128 @@
+"""What the worst client can cause: nothing on fingers that others hold, and at most the plate's limit anywhere."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from machine_bench import SLIPPERY, STICKY, Bench, Heard, references
+
+VICTIM, ATTACKER = "uid 1000", "uid 666"
+FINGERS = st.integers(1, 4) | st.sampled_from(["ghost", "walker"])
+AMPLITUDES_UM = st.sampled_from([0.0, 1e-300, 4.0, math.nextafter(4.0, 5.0), 1000.0]) | st.floats(0.0, 1000.0)
+WISHES = st.one_of(
+    st.fixed_dictionaries({"amplitude_um": AMPLITUDES_UM}),
+    st.fixed_dictionaries({"friction": st.floats(0.0, 1.0)}),
+    st.builds(lambda high: {"grating": {"period_mm": 0.1, "high_um": high}}, AMPLITUDES_UM),
+    st.builds(lambda high: {"map": {"width": 1, "height": 1, "levels": b"\xff", "high_um": high}}, AMPLITUDES_UM),
+)
+ATTACKS = st.fixed_dictionaries(
+    {
+        "client": st.sampled_from(["study", "attacker", "other"]),
+        "ttl_s": st.sampled_from([0.02, 5.0]),
+        "targets": st.dictionaries(FINGERS, WISHES, max_size=4).map(
+            lambda wishes: [{"finger": finger, **wish} for finger, wish in wishes.items()]
+        ),
+        "virtuals": st.sets(st.sampled_from(["ghost", "walker"])).map(
+            lambda names: [{"name": name, "path_mm": [[-30.0, 0.0], [30.0, 0.0]]} for name in sorted(names)]
+        ),
+        "stamp": st.integers(0, 2**63 - 1),
+    }
+)
+
+
+def held(*, is_running: bool = False) -> Bench:
+    """The victim holds finger 1 at 1 um and finger 2 at 0 um."""
+    bench = Bench(SLIPPERY, STICKY)
+    if is_running:
+        bench.run(400)
+    items = [{"finger": 1, "amplitude_um": 1.0}, {"finger": 2, "amplitude_um": 0.0}]
+    message = {"v": 1, "client": "study", "ttl_s": 5.0, "stamp": 100, "targets": items}
+    bench.machine.targets(msgpack.packb(message), bench.t_ns, VICTIM)
+    assert bench.machine.messages_refused == 0
+    return bench
+
+
+def ask(bench: Bench, user: str, op: str, **body: object) -> dict[str, Any]:
+    payload = msgpack.packb({"v": 1, "id": 3, "op": op, "body": body})
+    reply = msgpack.unpackb(bench.machine.request(payload, bench.t_ns, user))
+    assert isinstance(reply, dict)
+    return reply
+
+
+@given(attacks=st.lists(ATTACKS, min_size=1, max_size=4))
+@settings(max_examples=25, deadline=None)
+def test_no_message_of_another_user_changes_what_a_held_finger_is_to_get(attacks: list[dict[str, Any]]) -> None:
+    bench = held()
+    before = [bench.machine.scene.target_of(finger) for finger in (1, 2)]
+    for attack in attacks:
+        bench.machine.targets(msgpack.packb({"v": 1, **attack}), bench.t_ns, ATTACKER)
+        ask(bench, ATTACKER, "set", **attack)
+        ask(bench, ATTACKER, "release", client=attack["client"])
+        ask(bench, ATTACKER, "release", client="study", finger=1)
+        bench.machine.targets(msgpack.packb({"v": 1, **attack}), bench.t_ns, ATTACKER)
+    assert [bench.machine.scene.target_of(finger) for finger in (1, 2)] == before
+    assert [bench.machine.scene.owner_of(finger) for finger in (1, 2)] == ["study", "study"]
+
+
+def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
+    """What the board hears while virtual fingers of forty clients, where 16 have room, cross the plate."""
+    for n in range(40):
+        path = {"name": f"v{n}", "path_mm": [[-60.0 + 3.0 * n, -60.0], [60.0, 60.0 - 3.0 * n]], "speed_mm_s": 2000.0}
+        wish = {"finger": f"v{n}", "amplitude_um": amplitude_um}
+        message = {"v": 1, "client": f"attacker-{n}", "ttl_s": 5.0, "targets": [wish], "virtuals": [path]}
+        bench.machine.targets(msgpack.packb(message), bench.t_ns, ATTACKER)
+    assert bench.machine.messages_refused == 40 - 15
+    return references(bench.run(200))
+
+
+def test_the_most_that_a_crowd_of_slipping_fingers_gets_out_of_the_plate_is_its_limit() -> None:
+    bench = held(is_running=True)
+    limit_um = max(bench.machine.config.limits.w_limit_um)
+    said = attacked(bench, limit_um)
+    assert len(said) >= 10
+    assert 0.0 < max(heard.peak_um for heard in said) <= limit_um
+    still = next(point for point in bench.machine.last_tick.points if point.key == 2)  # type: ignore[union-attr]
+    assert still.achieved_um == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_crowd_of_still_fingers_can_silence_the_plate_and_no_more() -> None:
+    bench = held(is_running=True)
+    assert [heard.peak_um for heard in attacked(bench, 0.0)][-1] == 0.0
+
+
+def test_a_name_in_use_is_refused_to_another_user_with_a_sentence() -> None:
+    bench = held()
+    assert "in use by uid 1000: choose another" in ask(bench, ATTACKER, "release", client="study")["error"]
+    bench.machine.targets(msgpack.packb({"v": 1, "client": "study"}), bench.t_ns, ATTACKER)
+    assert "in use by uid 1000" in bench.machine.last_refusal
+
+
+@pytest.mark.parametrize("op", ["set", "release"])
+def test_a_request_that_a_newer_message_overtook_is_an_error_and_changes_nothing(op: str) -> None:
+    bench = held()
+    reply = ask(bench, VICTIM, op, client="study", stamp=99)
+    assert (reply["ok"], "A newer message of this client" in reply["error"]) == (False, True)
+    assert bench.machine.scene.owner_of(1) == "study"
+    assert ask(bench, VICTIM, op, client="study", stamp=100)["ok"]
+    assert bench.machine.scene.owner_of(1) is None
+
+
+def test_an_overtaken_refresh_is_dropped_and_counted_not_refused() -> None:
+    bench = held()
+    assert ask(bench, VICTIM, "release", client="study", stamp=101)["ok"]
+    late = {"v": 1, "client": "study", "stamp": 100, "targets": [{"finger": 1, "amplitude_um": 1.0}]}
+    bench.machine.targets(msgpack.packb(late), bench.t_ns, VICTIM)
+    assert bench.machine.scene.owner_of(1) is None
+    clients = bench.ask("status")["body"]["clients"]
+    assert (clients["overtaken"], clients["refused"]) == (1, 0)
+
+
+def test_what_the_sockets_lost_is_told_by_status() -> None:
+    bench = Bench()
+    bench.machine.lost_messages = lambda: {"too_fast": 7}
+    assert bench.ask("status")["body"]["clients"]["too_fast"] == 7
