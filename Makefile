@@ -5,13 +5,27 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint bench firmware clean
+.PHONY: demo test coverage fuzz lint bench firmware clean
 
 demo: $(INSTALLED)
 	$(BIN)/hapticd demo
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2
+
+# Every branch of the limits, the supervisor and the decoders.
+coverage: $(INSTALLED)
+	$(BIN)/coverage run -m pytest -p no:xdist tests/core/test_limits.py tests/core/test_supervisor.py tests/wire \
+	    tests/test_config.py tests/test_calibration.py tests/core/test_modes_file.py tests/io/test_trackpad_source.py \
+	    tests/fuzz -k "not led_by_coverage"
+	$(BIN)/coverage report
+
+# New inputs to every decoder and scripts to the firmware's core, FUZZ_SECONDS each; what is found goes to build/fuzz.
+FUZZ_SECONDS ?= 300
+fuzz: $(INSTALLED)
+	mkdir -p build/fuzz && cd build/fuzz && ../../$(BIN)/python ../../tests/fuzz/explore.py --seconds $(FUZZ_SECONDS)
+	@if command -v clang >/dev/null; then $(MAKE) -C firmware fuzz FUZZ_SECONDS=$(FUZZ_SECONDS); \
+	else echo "skipped: the firmware's core, for clang is not installed (apt: clang libclang-rt-dev)"; fi
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -7,12 +7,12 @@ tells the board.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from .errors import ConfigError
+from .toml_file import read_table, shown
 from .values import ModeCalibration
 from .wire import protocol
 
@@ -31,12 +31,7 @@ HEADER = """\
 
 def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
     """The calibrated modes in the file at `path`, at most one for each of `modes`. Raises ConfigError."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error}): check device.calibration_file.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}.") from None
+    table = read_table(path, "check device.calibration_file")
     entries = table.pop("mode", None)
     if table or not isinstance(entries, list):
         raise ConfigError(f"{path}: must hold [[mode]] tables and nothing else: measure with `hapticd firmware sweep`.")
@@ -76,11 +71,11 @@ def _mode(entry: Any, where: str) -> ModeCalibration:
         raise ConfigError(f"{where}: {wrong}: the keys are mode, {', '.join(KEYS)}.")
     mode = entry["mode"]
     if isinstance(mode, bool) or not isinstance(mode, int):
-        raise ConfigError(f"{where}.mode: must be a whole number, 0 for the first mode, not {mode!r}.")
+        raise ConfigError(f"{where}.mode: must be a whole number, 0 for the first mode, not {shown(mode)}.")
     for key, (low, high) in KEYS.items():
         value = entry[key]
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-            raise ConfigError(f"{where}.{key}: {value!r} is out of bounds, it must be {low:g} .. {high:g}.")
+            raise ConfigError(f"{where}.{key}: {shown(value)} is out of bounds, it must be {low:g} .. {high:g}.")
     decay_1_s = math.pi * entry["frequency_hz"] / entry["q_factor"]
     if not protocol.is_within(decay_1_s, protocol.DECAY_1_S):
         raise ConfigError(f"{where}.q_factor: {entry['q_factor']:g} makes no resonance of it: measure again.")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from itertools import pairwise
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from .errors import ConfigError
+from .toml_file import read_table, shown
 
 SIMULATED = "sim"
 MAX_PORT = 65535
@@ -184,12 +184,7 @@ class Config:
 
 def load(path: Path) -> Config:
     """The configuration in the TOML file at `path`; keys not given keep their defaults. Raises ConfigError."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error}): check the path given to --config.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}.") from None
+    table = read_table(path, "check the path given to --config")
     return from_table(table, where=str(path), folder=path.parent)
 
 
@@ -248,22 +243,22 @@ def _checked(entry: Field[Any], value: Any, where: str) -> Any:
     if isinstance(default, tuple):
         if not isinstance(value, list) or not all(_is_number(item) for item in value):
             example = _toml(default or (0.0, 1.0))
-            raise ConfigError(f"{where}: must be a list of numbers, such as {example}, not {value!r}.")
+            raise ConfigError(f"{where}: must be a list of numbers, such as {example}, not {shown(value)}.")
         return tuple(_bounded(entry, float(item), where) for item in value)
     if isinstance(default, str):
         if not isinstance(value, str):
-            raise ConfigError(f"{where}: must be a text in quotes, not {value!r}.")
+            raise ConfigError(f"{where}: must be a text in quotes, not {shown(value)}.")
         if entry.metadata["choices"] and value not in entry.metadata["choices"]:
-            raise ConfigError(f"{where}: {value!r} is none of {', '.join(entry.metadata['choices'])}.")
+            raise ConfigError(f"{where}: {shown(value)} is none of {', '.join(entry.metadata['choices'])}.")
         return value
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise ConfigError(f"{where}: must be true or false, not {value!r}.")
         return value
     if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
-        raise ConfigError(f"{where}: must be a whole number, not {value!r}.")
+        raise ConfigError(f"{where}: must be a whole number, not {shown(value)}.")
     if not _is_number(value):
-        raise ConfigError(f"{where}: must be a number, not {value!r}.")
+        raise ConfigError(f"{where}: must be a number, not {shown(value)}.")
     return _bounded(entry, value if isinstance(default, int) else float(value), where)
 
 
@@ -336,7 +331,7 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
         if not name:
             continue
         path = (folder / name).resolve()
-        if not path.is_file():
+        if not _is_file(path):
             raise ConfigError(f"{where}: {section}.{key}: there is no file {path}.")
         config = replace(config, **{section: replace(getattr(config, section), **{key: str(path)})})
     if config.client.keys_dir:
@@ -346,6 +341,13 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
     if config.trackpad.source == "replay" and not config.trackpad.replay_file:
         raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
     return config
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # no file system takes such a name
+        return False
 
 
 def _file_keys() -> Iterator[tuple[str, str]]:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.bicubic import BicubicSurfaces, FloatArray, fill_gaps
-from hapticd.core.modes_file import FORMATS, Grid, decode_grid, encode_grid
+from hapticd.core.modes_file import FORMATS, MAX_BYTES, MAX_LINES, MAX_POSITION_MM, Grid, decode_grid, encode_grid
 from hapticd.errors import ModesError
 
 __all__ = ["BicubicSurfaces", "ModeShapes", "read_grid"]
@@ -27,8 +27,9 @@ Row = tuple[float, ...]  # of M shapes at one point
 Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
 
 _MIN_POINTS = 4  # what a cubic through a line of the grid needs
+_MAX_VALUES = 250_000  # of all modes, which take 0.7 kB each; two modes on 350 x 350 points
 _MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
-_MAX_POSITION_MM, _MIN_STEP_MM, _MAX_VALUE = 1e6, 1e-6, 1e12  # wider is a damaged file, and could overflow
+_MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # beyond is a damaged file, and could overflow
 _FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
 
 
@@ -163,9 +164,12 @@ def read_grid(path: str | Path) -> Grid:
     path = Path(path)
     suffix = _suffix(path)
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
+    if len(data) > MAX_BYTES:
+        raise ModesError(f"{path}: has more than {MAX_BYTES >> 20} MiB; measure on a coarser grid.")
     try:
         return decode_grid(data, suffix)
     except ModesError as error:
@@ -187,11 +191,13 @@ def _points(points_mm: npt.ArrayLike) -> FloatArray:
 
 def _axis(values_mm: npt.ArrayLike, name: str) -> FloatArray:
     axis = np.array(values_mm, np.float64)
-    if axis.ndim != 1 or axis.size < _MIN_POINTS:
-        raise ModesError(f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} positions in one row.")
+    if axis.ndim != 1 or not _MIN_POINTS <= axis.size <= MAX_LINES:
+        raise ModesError(
+            f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} and at most {MAX_LINES} positions."
+        )
     if not (np.isfinite(axis).all() and (np.diff(axis) > 0.0).all()):
         raise ModesError(f"{name} does not increase from each position to the next; sort it and remove doubles.")
-    if not (np.abs(axis).max() <= _MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
+    if not (np.abs(axis).max() <= MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
         raise ModesError(f"{name} holds positions that no plate has; check that they are in mm.")
     axis.setflags(write=False)
     return axis
@@ -204,6 +210,8 @@ def _whole_shapes(x_mm: FloatArray, y_mm: FloatArray, values: npt.ArrayLike) -> 
             f"the shapes are {shapes.shape} where the axes ask for (modes, {y_mm.size}, {x_mm.size}); "
             "order them as mode, y, x."
         )
+    if shapes.size > _MAX_VALUES:
+        raise ModesError(f"the shapes have {shapes.size} values, more than {_MAX_VALUES}; measure on a coarser grid.")
     if (np.abs(shapes) > _MAX_VALUE).any():
         raise ModesError("a shape is infinite or absurdly large somewhere; measure that point again or leave it empty.")
     missing_frac = np.isnan(shapes).mean(axis=(1, 2))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import math
+import zipfile
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -21,6 +22,9 @@ from hapticd.errors import ModesError
 Grid = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 FORMATS = (".npz", ".csv")
+MAX_BYTES = 1 << 24  # of a file, and of an array in it; 20 modes on 300 x 300 points have 14 million
+MAX_LINES = 400  # of a grid along one axis: a third of a millimetre on the plate
+MAX_POSITION_MM = 1e6  # from the plate's centre: wider is a damaged file, and could overflow
 
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above what printing a position loses
 _MIN_FILLED_FRAC = 0.5  # below it the points are scattered, not on a grid
@@ -47,15 +51,34 @@ def encode_grid(grid: Grid, suffix: str) -> bytes:
 
 def _decode_npz(data: bytes) -> Grid:
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            x_mm, y_mm, shapes = (archive[name] for name in ("x_mm", "y_mm", "shapes"))
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            x_mm, y_mm, shapes = (_member(archive, f"{name}.npy") for name in ("x_mm", "y_mm", "shapes"))
+    except ModesError:
+        raise
     except KeyError as error:
         raise ModesError("misses one of the arrays x_mm, y_mm, shapes; save it with these names.") from error
     except Exception as error:  # a damaged archive fails in any of zipfile's, zlib's and numpy's ways
         raise ModesError("is not a readable NPZ archive; save it again with numpy.savez.") from error
     if any(array.dtype.kind not in "fiu" for array in (x_mm, y_mm, shapes)):
         raise ModesError("holds arrays that are not real numbers; save x_mm, y_mm, shapes as float64.")
-    return np.asarray(x_mm, np.float64), np.asarray(y_mm, np.float64), np.asarray(shapes, np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # a long double may become infinite or NaN, which is told there
+        return x_mm.astype(np.float64), y_mm.astype(np.float64), shapes.astype(np.float64)
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> npt.NDArray[np.generic]:
+    """One array. Neither a bomb of packed zeros nor a header that claims too much can take more than the bound."""
+    if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError("numpy packs in no other way, and these cannot be unpacked in pieces")
+    with archive.open(name) as file:
+        npy = file.read(MAX_BYTES + 1)
+    if len(npy) > MAX_BYTES:
+        raise ModesError(f"unpacks to an array of more than {MAX_BYTES >> 20} MiB; measure on a coarser grid.")
+    head = io.BytesIO(npy)
+    if np.lib.format.read_magic(head) != (1, 0):
+        raise ValueError("an array of plain numbers has this version")
+    shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(head)
+    values: npt.NDArray[np.generic] = np.frombuffer(npy, dtype, offset=head.tell())
+    return values.reshape(shape, order="F" if is_fortran else "C")
 
 
 def _decode_csv(data: bytes) -> Grid:
@@ -68,8 +91,11 @@ def _decode_csv(data: bytes) -> Grid:
     modes = len(header) - 2
     if modes < 1 or header != _header(modes):
         raise ModesError("does not begin with the header x_mm,y_mm,phi_1,...,phi_M; add it as the first line.")
-    numbers, table = [], []
+    numbers: list[int] = []
+    table: list[list[float]] = []
     for number, cells in lines:
+        if len(table) == MAX_LINES**2:
+            raise ModesError(f"has more than {MAX_LINES**2} points; measure on a coarser grid.")
         numbers.append(number)
         table.append(_parse_line(number, cells, len(header)))
     if not table:
@@ -95,7 +121,7 @@ def _parse_line(number: int, cells: Sequence[str], columns: int) -> list[float]:
         values = [float(cell) if cell else math.nan for cell in cells]
     except ValueError as error:
         raise ModesError(f"line {number} holds something that is not a number; correct or empty it.") from error
-    if not all(math.isfinite(position) for position in values[:2]):
+    if not all(abs(position_mm) <= MAX_POSITION_MM for position_mm in values[:2]):
         raise ModesError(f"line {number} does not say where its point lies; give x_mm and y_mm or delete it.")
     return values
 

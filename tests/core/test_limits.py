@@ -113,6 +113,8 @@ GOOD = (Knot(0, (1 + 0j, 0j)), Knot(5, (1 + 0j, 0j)))
         (Drive(1, GOOD), (4.0, 4.0, 4.0)),
         (Drive(1, GOOD), (4.0, math.nan)),
         (Drive(1, GOOD), (4.0, -1.0)),
+        (Drive(1, GOOD), (4.0, -5e-324)),
+        (Drive(1, GOOD), (4.0, math.nextafter(1e3, 2e3))),
         (Drive(1, GOOD), (4.0, math.inf)),
         (Drive(1, GOOD), ()),
         (Drive(1, (Knot(0, ()),)), ()),
@@ -129,6 +131,60 @@ def test_as_many_knots_as_allowed_and_the_longest_span_pass() -> None:
     knots = (*(Knot(index, (1 + 0j,)) for index in range(3)), Knot(MAX_SPAN_NS, (1 + 0j,)))
     assert gate(Drive(1, knots), (4.0,), max_knots=4).knots == knots
     assert gate(Drive(1, knots), (4.0,), max_knots=3).reasons is LimitReason.MALFORMED
+
+
+def test_24_knots_262_ms_and_a_millimetre_are_the_bounds() -> None:
+    knots = (*(Knot(index, (1 + 0j,)) for index in range(23)), Knot(262_000_000, (1 + 0j,)))
+    assert gate(Drive(1, knots), (1e3,)) == SafeDrive(1, knots, LimitReason.NONE)
+    assert gate(Drive(1, (Knot(262_000_001, (1 + 0j,)),)), (1e3,)).reasons is LimitReason.MALFORMED
+
+
+def scaled_by_search(modal_um: tuple[complex, ...], limit_um: tuple[float, ...]) -> tuple[complex, ...]:
+    """Float by float downwards from the least quotient, until every mode is within its limit."""
+    largest = max(abs(part) for w_um in modal_um for part in (w_um.real, w_um.imag))
+    unit = [complex(w_um.real / largest, w_um.imag / largest) for w_um in modal_um]
+    factor = min(limit / math.hypot(u.real, u.imag) for u, limit in zip(unit, limit_um, strict=True))
+    while True:
+        scaled = tuple(complex(u.real * factor, u.imag * factor) for u in unit)
+        if all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(scaled, limit_um, strict=True)):
+            return scaled
+        factor = math.nextafter(factor, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("modal_um", "limit_um"),
+    [
+        ((30 + 40j, -6 + 2j), (3.3, 4.0)),
+        ((0.3 + 0.2j, -6 + 7.5j), (3.3, 4.0)),
+        ((5 + 0j, 0.1j), (4.0, 4.0)),
+        ((1e308 - 1.1e308j, 1e-300 + 0.5e308j), (4.0, 4.0)),
+        ((0.1 + 7.4j, -5.6 - 3.9j), (4.0, 4.0)),  # the quotient is one float too large in these three
+        ((-5 + 2.7j, -1.9 + 1.4j), (4.0, 4.0)),
+        ((0.1 - 4.4j, -2.9 - 6.9j), (4.0, 3.3)),
+        ((7.6 + 6.3j, 22.799999999999997 + 18.9j), (3.3, 9.899999999999999)),  # nearly the same quotient twice
+        ((-8.1 - 8.9j, -7.3 - 8j), (4.0, 3.3)),  # two steps down
+    ],
+)
+def test_the_common_factor_is_the_largest_that_floats_allow(
+    modal_um: tuple[complex, ...], limit_um: tuple[float, ...]
+) -> None:
+    assert gate(drive(modal_um), limit_um).knots[0].modal_um == scaled_by_search(modal_um, limit_um)
+
+
+@pytest.mark.parametrize("modal_um", [(-8.9 + 6.5j, -8 + 7.3j), (3.2 - 5.9j, -5.8 - 1.8j), (-2.4 + 8.1j, 7.4 + 5.6j)])
+def test_where_the_quotient_is_floats_too_large_only_floats_are_lost(modal_um: tuple[complex, ...]) -> None:
+    """The steps down grow, so the last may go too far, by no more than it is."""
+    (knot,) = gate(drive(modal_um), (4.0, 3.3)).knots
+    for w_um, best_um in zip(knot.modal_um, scaled_by_search(modal_um, (4.0, 3.3)), strict=True):
+        assert abs(w_um - best_um) <= 4 * 2.0**-52 * abs(best_um)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_limit_of_few_subnormals_is_held_and_used(sign: int) -> None:
+    """No float lies between one factor and the next here, so steps must grow until they are felt."""
+    least = 5e-324
+    (knot,) = gate(drive((complex(6.4, sign * 5.2),)), (2 * least,)).knots
+    assert knot.modal_um == (complex(least, sign * least),)
 
 
 def test_between_knots_the_interpolated_amplitude_stays_within_the_limit() -> None:

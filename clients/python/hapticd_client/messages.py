@@ -95,7 +95,7 @@ def decode_state(payload: bytes) -> PlateState:
             age_ms=_number(fields["age_ms"]),
             horizon_ms=_number(fields["horizon_ms"]),
         )
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise HapticdError(f"The daemon sent a state that cannot be read ({error}).") from None
 
 

@@ -1,0 +1,133 @@
+"""The board's limiter to the last bit: what its formula gives in IEEE single precision, in its own modes and no others.
+
+These examples alone tell the limiter from every mutant of it (tests/mutation).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from hapticd.sim import firmware
+
+UNTOUCHED, SCALED, NOT_FINITE = range(3)
+Floats = npt.NDArray[np.float32]
+
+ROUND_DOWN = np.float32(1) - np.float32(2.0**-21)
+OVER = np.float32(1) + np.float32(1e-6)  # what is tolerated above a limit, relative
+LIMIT_UM = np.array([4.0, 2.5], dtype=np.float32)
+LIMIT_V = np.float32(149.9)
+AT_UM = LIMIT_UM[0] * OVER
+ABOVE_UM = np.nextafter(AT_UM, np.float32(9))
+ABOVE_V = np.nextafter(LIMIT_V, np.float32(200))
+
+
+class Phasor(ctypes.Structure):
+    """`hd_phasor_t`"""
+
+    _fields_ = [("d", ctypes.c_float), ("q", ctypes.c_float)]
+
+
+def between(guard: float, values: Sequence[float] | Floats) -> Floats:
+    """The values with two guards on either side: a mode too far is seen."""
+    return np.array([guard, guard, *values, guard, guard], dtype=np.float32)
+
+
+def address(guarded: Floats) -> ctypes.c_void_p:
+    return ctypes.c_void_p(guarded.ctypes.data + 2 * guarded.itemsize)
+
+
+def inside(guarded: Floats) -> Floats:
+    """The values again, the guards being what they were."""
+    assert guarded[:2].tobytes() == guarded[-2:].tobytes()
+    assert np.isnan(guarded[0]) or guarded[0] == 1e6
+    return guarded[2:-2]
+
+
+def magnitude(d: np.float32, q: np.float32) -> np.float32:
+    return np.sqrt(d * d + q * q)
+
+
+def limited(phasors: Floats) -> tuple[int, Floats]:
+    """The amplitude limit's formula."""
+    factor = np.float32(1)
+    for k, limit in enumerate(LIMIT_UM):
+        found = magnitude(*phasors[2 * k : 2 * k + 2])
+        if found > limit * OVER:
+            factor = min(factor, ROUND_DOWN * limit / found)
+    return (UNTOUCHED if factor == 1 else SCALED), factor * phasors
+
+
+@pytest.mark.parametrize("guard", [np.nan, 1e6])
+@pytest.mark.parametrize(
+    "values",
+    [
+        [0.3, -0.4, 1.0, 2.0],
+        [30.0, 40.0, 0.3, -0.7],
+        [0.3, 0.5, -6.0, 8.1],
+        [-5.0, 3.1, 3.0, 7.7],
+        [6.0, -2.3, 2.0, 2.9],
+        [AT_UM, 0.0, 0.0, 0.0],
+        [ABOVE_UM, 0.0, 0.1, 0.2],
+        [0.0, -AT_UM, 1.0, 0.0],
+        [0.0, ABOVE_UM, 1.0, 0.0],
+    ],
+)
+def test_amplitudes_are_scaled_to_the_last_bit(values: list[float], guard: float) -> None:
+    phasors, limits = between(guard, values), between(1e-3, LIMIT_UM)
+    reason, wanted = limited(inside(phasors).copy())
+    assert firmware.load(2).hd_limit_amplitudes(address(phasors), address(limits)) == reason
+    np.testing.assert_array_equal(inside(phasors), wanted)
+
+
+@pytest.mark.parametrize("guard", [np.nan, 1e6])
+@pytest.mark.parametrize(
+    "values",
+    [
+        [3.0, -4.0, 100.0, 20.0],
+        [300.0, 40.0, 3.0, -7.0],
+        [3.0, 5.0, -60.0, 810.0],
+        [-500.0, 310.0, 300.0, 7.7],
+        [LIMIT_V, 0.0, 0.0, -LIMIT_V],
+        [ABOVE_V, 0.0, 0.0, 1.0],
+    ],
+)
+def test_voltages_are_scaled_each_by_itself_to_the_last_bit(values: list[float], guard: float) -> None:
+    voltages = between(guard, values)
+    before = inside(voltages).copy()
+    result = firmware.load(2).hd_limit_voltages(address(voltages), ctypes.c_float(LIMIT_V))
+    scaled = False
+    for k in range(0, 4, 2):
+        found = magnitude(*before[k : k + 2])
+        factor = np.float32(1) if found <= LIMIT_V else ROUND_DOWN * LIMIT_V / found
+        scaled |= bool(found > LIMIT_V)
+        np.testing.assert_array_equal(inside(voltages)[k : k + 2], factor * before[k : k + 2])
+    assert result == (SCALED if scaled else UNTOUCHED)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_what_is_not_finite_is_silence_in_these_modes_alone(bad: float, place: int) -> None:
+    values = [1.0, -1.0, 0.5, 2.0]
+    values[place] = bad
+    amplitudes, voltages, limits = between(1e6, values), between(1e6, values), between(1e-3, LIMIT_UM)
+    library = firmware.load(2)
+    assert library.hd_limit_amplitudes(address(amplitudes), address(limits)) == NOT_FINITE
+    assert library.hd_limit_voltages(address(voltages), ctypes.c_float(LIMIT_V)) == NOT_FINITE
+    for silenced in (amplitudes, voltages):
+        assert inside(silenced).tobytes() == bytes(16)
+
+
+@pytest.mark.parametrize("d", [LIMIT_V, ABOVE_V, np.float32(3e19), np.float32(-1e-30)])
+def test_one_phasor_at_its_limit_is_left_and_above_it_scaled(d: np.float32) -> None:
+    limit = firmware.load(2).hd_limit_magnitude
+    limit.argtypes, limit.restype = [Phasor, ctypes.c_float], Phasor
+    out = limit(Phasor(d, 0.0), LIMIT_V)
+    with np.errstate(over="ignore"):
+        found = magnitude(d, np.float32(0))
+    assert out.d == (d if found <= LIMIT_V else ROUND_DOWN * LIMIT_V / found * d)
+    assert out.q == 0

@@ -1,0 +1,87 @@
+"""Any bytes to any decoder: its own error or a sound value, at a bounded cost. Kept, damaged and new inputs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fuzz.explore import MISSING
+from fuzz.target import Target, measured
+from fuzz.targets import TARGETS
+
+NEW_INPUTS = 1500  # to each decoder, a second or two: `make fuzz` tries as many as it has time for
+DAMAGES = 60
+
+KEPT = [
+    pytest.param(target, path, id=f"{target.name}-{path.name}")
+    for target in TARGETS.values()
+    for path in sorted(target.corpus.iterdir())
+]
+EXTREMES = [
+    pytest.param(target, data, id=f"{target.name}-{label}")
+    for target in TARGETS.values()
+    for label, data in target.extremes().items()
+]
+
+
+def check_cost(target: Target, data: bytes) -> None:
+    cost, allowed = measured(target.check, data), target.allowed(len(data))
+    assert cost.lines <= allowed.lines
+    assert cost.peak_bytes <= allowed.peak_bytes
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_seeds_are_kept_in_the_corpus(name: str) -> None:
+    kept = {path.read_bytes() for path in TARGETS[name].corpus.iterdir()}
+    assert kept >= set(TARGETS[name].seeds().values())
+
+
+@pytest.mark.parametrize(("target", "path"), KEPT)
+def test_a_kept_input_keeps_the_promises_at_a_bounded_cost(target: Target, path: Path) -> None:
+    check_cost(target, path.read_bytes())
+
+
+@pytest.mark.parametrize(("target", "data"), EXTREMES)
+def test_what_strains_a_decoder_most_stays_within_its_bounds(target: Target, data: bytes) -> None:
+    check_cost(target, data)
+
+
+@st.composite
+def damaged(draw: st.DrawFn, kept: list[bytes]) -> bytes:
+    """A kept input with pieces cut out, doubled, overwritten, or taken from another."""
+    data = draw(st.sampled_from(kept))
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(data)))
+        end = draw(st.integers(start, min(start + 40, len(data))))
+        other = draw(st.sampled_from(kept))
+        at = draw(st.integers(0, len(other)))
+        put = draw(st.sampled_from([b"", data[start:end] * 2, other[at : at + 40]]) | st.binary(max_size=8))
+        data = data[:start] + put + data[end:]
+    return data
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_damaged_input_breaks_no_promise(name: str) -> None:
+    kept = [path.read_bytes() for path in sorted(TARGETS[name].corpus.iterdir())]
+
+    @settings(deadline=None, max_examples=DAMAGES, derandomize=True)
+    @given(damaged(kept))
+    def damage(data: bytes) -> None:
+        TARGETS[name].check(data)
+
+    damage()
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_new_inputs_led_by_coverage_break_no_promise(name: str, tmp_path: Path) -> None:
+    script = Path(__file__).with_name("explore.py")
+    command = [sys.executable, script, name, f"--runs={NEW_INPUTS}", "--seconds=30"]
+    explored = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    if explored.returncode == MISSING:
+        pytest.skip("atheris is not installed: no coverage-guided fuzzing")
+    assert explored.returncode == 0, explored.stderr[-3000:]
