@@ -316,6 +316,7 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         policy=config.solver.policy,
         effort=config.solver.effort,
         fade=config.solver.fade,
+        phase_rotation=config.solver.phase_rotation,
         tolerance_um=config.solver.tolerance_um,
         max_knots=config.solver.max_knots,
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
