@@ -61,10 +61,10 @@ def _is_well_formed(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -
 
 
 def _is_within(modal_um: Sequence[complex], limit_um: Sequence[float]) -> bool:
+    within = True
     for w_um, limit in zip(modal_um, limit_um, strict=True):
-        if not math.hypot(w_um.real, w_um.imag) <= limit:
-            return False
-    return True
+        within = within and math.hypot(w_um.real, w_um.imag) <= limit
+    return within
 
 
 def _scaled(modal_um: Sequence[complex], limit_um: Sequence[float]) -> tuple[complex, ...]:

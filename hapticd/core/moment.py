@@ -18,16 +18,9 @@ from .solver import solve_fast
 from .solver_phase import solve_phased_fast
 
 Key = int | str  # a finger's id, or a virtual finger's name
+Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 
 TURN_RAD_NS = 50e-9  # how fast the phase between fingers turns; faster helps no finger, and costs the plate steps
-
-
-class Place(NamedTuple):
-    """Where a finger will be at an instant, and the amplitude wanted there."""
-
-    x_mm: float
-    y_mm: float
-    target_um: float
 
 
 class Moment(NamedTuple):
@@ -62,8 +55,12 @@ class MomentSolver:
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> Moment:
         """The moment with these places; `previous_um` (M,) is what the plate does `since_ns` before it."""
         at = self._at
-        phi = tuple([at(x_mm, y_mm) for x_mm, y_mm, _ in places])
-        targets_um = tuple([target_um for _, _, target_um in places])
+        rows: list[tuple[float, ...]] = []
+        wanted_um: list[float] = []
+        for x_mm, y_mm, target_um in places:
+            rows.append(at(x_mm, y_mm))
+            wanted_um.append(target_um)
+        phi, targets_um = tuple(rows), tuple(wanted_um)
         modal_um: Row
         if self._rotates and (targets_um.count(0.0) + 2 <= len(targets_um) or type(previous_um[0]) is complex):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)

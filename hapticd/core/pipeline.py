@@ -237,16 +237,22 @@ class Pipeline:
     def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> Moment:
         """Predict, ask the scene, evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
-        return self._solver.solve([self._place(key, t_ns) for key in keys], previous_um, since_ns)
+        return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns)
 
-    def _place(self, key: Key, t_ns: int) -> Place:
-        if isinstance(key, str):
-            x_mm, y_mm = self._scene.virtual_position_mm(key, t_ns)
-        else:
-            t_latest_ns = self._t_sample_ns + MAX_HORIZON_NS
-            x_mm, y_mm = self._predictors[key].predict(t_ns if t_ns < t_latest_ns else t_latest_ns)
-        target_um = self._scene.amplitude_um(key, x_mm, y_mm)
-        return Place(x_mm, y_mm, 0.0 if target_um is None else target_um)
+    def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
+        """Where the fingers will be at an instant, and what each should feel there."""
+        scene, predictors = self._scene, self._predictors
+        t_latest_ns = self._t_sample_ns + MAX_HORIZON_NS
+        t_foreseen_ns = t_ns if t_ns < t_latest_ns else t_latest_ns
+        places: list[Place] = []
+        for key in keys:
+            if isinstance(key, str):
+                x_mm, y_mm = scene.virtual_position_mm(key, t_ns)
+            else:
+                x_mm, y_mm = predictors[key].predict(t_foreseen_ns)
+            target_um = scene.amplitude_um(key, x_mm, y_mm)
+            places.append((x_mm, y_mm, 0.0 if target_um is None else target_um))
+        return places
 
     def _pieces(self, keys: Sequence[Key], moved_mm: Sequence[float]) -> tuple[int, bool]:
         """Into how many spans the textures ask to cut the way before it is looked at, and whether they are smooth."""
@@ -270,15 +276,13 @@ class Pipeline:
         if not self._is_told or self._standing_keys != keys or t_apply_ns < self._t_settled_ns:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
-        first: list[Place] = []
-        for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns):
-            for key, was in zip(keys, standing, strict=True):
-                now = self._place(key, t_ns)
-                moved_um = steepness_um_mm * math.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm)
-                if now.target_um != was.target_um or not moved_um <= self._settings.tolerance_um:
+        ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]
+        for places in ends:
+            for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, standing, strict=True):
+                moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
+                if target_um != was_um or not moved_um <= self._settings.tolerance_um:
                     return None
-                first.append(now)
-        return first[: len(keys)]
+        return ends[0]
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool

@@ -7,7 +7,6 @@ unmistakable and a damaged frame costs itself and nothing else.
 from __future__ import annotations
 
 from binascii import crc_hqx
-from itertools import chain
 from typing import Final
 
 _CRC_START: Final = 0xFFFF
@@ -20,8 +19,7 @@ def encode_frame(message: bytes) -> bytes:
     crc = crc_hqx(message, _CRC_START)
     runs = (message + crc.to_bytes(2, "little")).split(b"\0")
     if max(map(len, runs)) < _BLOCK_MAX:  # nearly every message: each run is a block
-        codes = map(_CODES.__getitem__, map(len, runs))
-        return b"".join(chain.from_iterable(zip(codes, runs, strict=True))) + b"\0"
+        return b"".join([_CODES[len(run)] + run for run in runs]) + b"\0"
     return b"".join(_blocks(runs)) + b"\0"
 
 
