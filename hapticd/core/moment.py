@@ -98,19 +98,15 @@ def moved(point: TouchPoint, now: Place) -> TouchPoint:
 
 
 def interpolated_um(drive: SafeDrive, t_ns: int) -> Row:
-    """A polyline at `t_ns` as the board plays it: what a new one continues. Plain floats where all phases are 0."""
+    """A polyline at `t_ns` as the board plays it: what a new one continues."""
     since_ns = t_ns - drive.t_apply_ns
     before_ns, before_um = drive.knots[0]
     for after_ns, after_um in drive.knots[1:]:
         if since_ns < after_ns:
             share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
-            return _in_floats(tuple([a + (b - a) * share for a, b in zip(before_um, after_um, strict=True)]))
+            return tuple([a + (b - a) * share for a, b in zip(before_um, after_um, strict=True)])
         before_ns, before_um = after_ns, after_um
-    return _in_floats(before_um)
-
-
-def _in_floats(modal_um: Row) -> Row:
-    return modal_um if any(w_um.imag for w_um in modal_um) else tuple([w_um.real for w_um in modal_um])
+    return before_um
 
 
 def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:

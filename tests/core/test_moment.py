@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.knots import Row
+from hapticd.core.limits import silence
 from hapticd.core.modes import ModeShapes
 from hapticd.core.moment import Moment, MomentSolver, Place, interpolated_um
 from hapticd.values import Knot, LimitReason, SafeDrive
@@ -93,6 +94,9 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
     previous_um=st.tuples(*[st.complex_numbers(max_magnitude=4.0, allow_nan=False)] * 2),
     since_ns=st.integers(0, 20_000_000),
 )
+@example(  # an angle below the range of floats
+    places=[(0.0, 0.0, 0.0), (16.0, 0.0, 0.3), (-29.0, 0.0, 0.3)], previous_um=(5e-324 + 3j, 0j), since_ns=0
+)
 @settings(max_examples=60, deadline=None)
 def test_whatever_the_fingers_want_no_mode_passes_its_limit(
     places: list[Place], previous_um: Row, since_ns: int
@@ -102,11 +106,13 @@ def test_whatever_the_fingers_want_no_mode_passes_its_limit(
 
 
 def test_a_polyline_is_continued_in_floats_where_no_phase_turns_and_in_phasors_where_one_does() -> None:
-    plain = SafeDrive(1000, (Knot(0, (1.0, 0j)), Knot(4000, (2.0, 1 + 0j))), LimitReason.NONE)
+    plain = SafeDrive(1000, (Knot(0, (1.0, 0.0)), Knot(4000, (2.0, 1.0))), LimitReason.NONE)
     turning = plain._replace(knots=(Knot(0, (1j, 0j)), Knot(4000, (1 + 0j, 0j))))
 
     assert interpolated_um(plain, 2000) == (1.25, 0.25)
-    assert all(type(w_um) is float for w_um in interpolated_um(plain, 2000))
+    for t_ns in (0, 2000, 9000):
+        assert all(type(w_um) is float for w_um in interpolated_um(plain, t_ns))
+    assert all(type(w_um) is float for w_um in interpolated_um(silence(1000, 2), 2000))
     assert interpolated_um(turning, 3000) == (0.5 + 0.5j, 0j)
     assert interpolated_um(turning, 0) == (1j, 0j)  # not yet begun
     assert interpolated_um(turning, 9000) == (1.0, 0.0)  # long over
