@@ -14,7 +14,7 @@ from ..config import Config
 from ..machine import Machine
 from ..sim.lockstep import Settings
 from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
-from ..values import GratingTarget
+from ..values import AmplitudeTarget, GratingTarget
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .stopwatch import STAGES, Stopwatch
 from .tables import Table, finite_rows
@@ -78,7 +78,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "with telemetry": _Situation(strokes, config, lambda _: None),
         "a single knot": _Situation(strokes, one_knot),
         f"all {config.solver.max_knots} knots": _Situation(strokes, all_knots),
-        "textures, 20 knots": _Situation(_textured(strokes), textured_knots),
+        "a texture, 20 knots": _Situation(_textured(strokes), textured_knots),
         "both slip": _Situation(both_slip, config),
         "standing": _Situation(still, config),
         "no target": _Situation(unwanted, config),
@@ -87,14 +87,16 @@ def _situations(span_s: float) -> dict[str, _Situation]:
 
 
 def _textured(recording: Recording) -> Recording:
-    """The same touch, but each finger wears a sine grating."""
+    """The same touch, but the slippery finger wears a sine grating."""
     grating = GratingTarget(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
     calls = []
     for call in recording.calls:
         if call.name == "want":
             message, *when = call.arguments
-            worn = replace(message, targets=dict.fromkeys(message.targets, grating))
-            call = call._replace(arguments=(worn, *when))
+            worn = {
+                key: target if target == AmplitudeTarget(0.0) else grating for key, target in message.targets.items()
+            }
+            call = call._replace(arguments=(replace(message, targets=worn), *when))
         calls.append(call)
     return recording._replace(calls=tuple(calls))
 
