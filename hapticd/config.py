@@ -45,6 +45,7 @@ SCENARIO_NAMES = (
     "paper-figure-10",
     "paper-figure-11",
     "step",
+    "both-slip",
 )
 
 
@@ -125,6 +126,9 @@ class SolverConfig:
     effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
     fade: float = _key(
         0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0: not", low=0, high=4
+    )
+    phase_rotation: bool = _key(
+        True, "two slipping fingers or more change their signs by turning their phase, and never feel it"
     )
     tolerance_um: float = _key(
         0.02, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
@@ -255,6 +259,10 @@ def _checked(entry: Field[Any], value: Any, where: str) -> Any:
         if not isinstance(value, bool):
             raise ConfigError(f"{where}: must be true or false, not {value!r}.")
         return value
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"{where}: must be true or false, not {value!r}.")
+        return value
     if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
         raise ConfigError(f"{where}: must be a whole number, not {shown(value)}.")
     if not _is_number(value):
@@ -358,6 +366,8 @@ def _file_keys() -> Iterator[tuple[str, str]]:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, tuple):

@@ -32,6 +32,7 @@ def test_an_empty_file_is_the_default_and_the_default_is_the_simulated_plate(tmp
 def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
     changed = load('[limits]\nw_limit_um = [3.5, 2]\n[log]\nlevel = "debug"\n[sim]\nseed = 7\n', tmp_path)
     assert load(config.render(changed), tmp_path) == changed
+    assert load("[solver]\nphase_rotation = false", tmp_path).solver.phase_rotation is False
     assert changed.limits.w_limit_um == (3.5, 2.0)
 
 
@@ -67,6 +68,8 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
         ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
+        ("[solver]\nphase_rotation = 1", "solver.phase_rotation: must be true or false, not 1"),
+        ("[solver]\nmax_knots = true", "solver.max_knots: must be a whole number"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
         ("limits = 3", "limits is a section"),
         ("[limits", "is not valid TOML"),

@@ -18,7 +18,7 @@ import numpy as np
 from ..config import Config
 from ..sim.lockstep import Run, Settings, Simulation, paper, perfect
 from ..sim.scenarios import SCENARIOS
-from ..sim.score import Score
+from ..sim.score import Score, settled
 from .tables import Table, finite_rows
 from .timing import least, no_garbage_collection
 
@@ -27,6 +27,9 @@ DEFAULT = "hapticd"
 NOTHING_UM = 1e-9  # below it is rounding
 PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
+BOTH_SLIP = "both-slip"
+SIGNS_ALONE = "signs alone"
+_DIP_FRAC = 0.5  # of its target: less than this is felt as a catch
 
 
 def alternatives() -> dict[str, Settings]:
@@ -86,13 +89,58 @@ def run(*, seeds: Sequence[int] = (1, 2, 3), seconds: float = 10.0, names: Seque
     )
 
 
-def _play(settings: Settings, seed: int, seconds: float) -> tuple[Run, float]:
+def both_slip(*, seeds: Sequence[int] = (1, 2, 3), seconds: float = 10.0) -> Table:
+    """Two slippery fingers on strokes: turning the phase between them, beside changing signs and the paper's scheme."""
+    ours = Settings()
+    signs = replace(ours, config=swapped(ours.config, {"solver": {"phase_rotation": False}}))
+    chosen = {DEFAULT: ours, SIGNS_ALONE: signs, PAPER: paper(ours)}
+    runs: dict[str, list[Run]] = {name: [] for name in chosen}
+    times_us: dict[str, list[float]] = {name: [] for name in chosen}
+    with no_garbage_collection():
+        for seed in seeds:
+            for name, settings in chosen.items():
+                played, time_us = _play(settings, seed, seconds, BOTH_SLIP)
+                runs[name].append(played)
+                times_us[name].append(time_us)
+    rows = [(name, {**least(times_us[name]).figures(), **_both_figures(runs[name])}) for name in chosen]
+    return Table(
+        name="both_slip",
+        title=f"leak: {BOTH_SLIP} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}",
+        default=DEFAULT,
+        rows=finite_rows(rows),
+        compared=("time_us", "slip_error_um", "dip_frac"),
+        time="time_us",
+        error="slip_error_um",
+        floor=NOTHING_UM,
+        notes=(
+            "dip: share of the time that a finger has less than half of its 1 um",
+            "step: of 1000 control ticks the one by which the reference changes most",
+        ),
+    )
+
+
+def _both_figures(runs: Sequence[Run]) -> dict[str, float]:
+    """How well slippery fingers are served, and how roughly the plate is asked to move."""
+    dips, steps_um = [], []
+    for played in runs:
+        counts = settled(played.t_s, played.target_um)
+        dips.append((np.abs(played.truth_um) < _DIP_FRAC * played.target_um)[counts])
+        steps_um.append(np.abs(np.diff(played.reference_um, axis=0)).max(axis=1))
+    return {
+        "slip_error_um": math.sqrt(np.mean([played.score.slip_error_um**2 for played in runs])),
+        "slip_frac": float(np.mean([played.score.slip_frac for played in runs])),
+        "dip_frac": float(np.mean(np.concatenate(dips))),
+        "step_um": float(np.quantile(np.concatenate(steps_um), 0.999)),
+    }
+
+
+def _play(settings: Settings, seed: int, seconds: float, scenario: str = SCENARIO) -> tuple[Run, float]:
     """A run, and the mean time of its passes in us."""
-    simulation = Simulation(SCENARIOS[SCENARIO].build(seed, settings.speed_mm_s), settings, seed)
+    simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed)
     taken_us: list[float] = []
     simulation.machine.reports = _timed(simulation.machine.reports, taken_us)  # type: ignore[method-assign]
     simulation.run(seconds)
-    return simulation.result(SCENARIO), statistics.fmean(taken_us)
+    return simulation.result(scenario), statistics.fmean(taken_us)
 
 
 def _timed(method: Callable[..., Any], taken_us: list[float]) -> Callable[..., Any]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from .. import machine as machine_module
+from ..core import moment as moment_module
 from ..core import pipeline as pipeline_module
 from ..core.modes import ModeShapes
 from ..core.prediction import Predictor
@@ -28,7 +29,7 @@ STAGES: dict[str, Sequence[tuple[Any, str]]] = {
     "predict": ((Predictor, "update"), (Predictor, "predict"), (Predictor, "velocity")),
     "scene": ((Scene, "amplitude_um"), (Scene, "target_of"), (Scene, "virtual_names")),
     "modes": ((ModeShapes, "at"),),
-    "solve": ((pipeline_module, "solve_fast"),),
+    "solve": ((moment_module, "solve_fast"), (moment_module, "solve_phased_fast")),
     "gate": ((pipeline_module, "gate"),),
     "session": ((BoardSession, "reference"),),
     "encode": ((machine_module, "encode"),),

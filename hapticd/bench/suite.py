@@ -53,7 +53,7 @@ PARTS: dict[str, Part] = {
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), remains.run()),
+    "leak": lambda _: (leak.run(), leak.both_slip(), remains.run()),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
 }
 

@@ -14,6 +14,7 @@ from ..config import Config
 from ..machine import Machine
 from ..sim.lockstep import Settings
 from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
+from ..values import AmplitudeTarget, GratingTarget
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .stopwatch import STAGES, Stopwatch
 from .tables import Table, finite_rows
@@ -67,7 +68,9 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     one_knot = replace(config, solver=replace(config.solver, max_knots=1))
     all_knots = replace(config, solver=replace(config.solver, tolerance_um=1e-4))
     actors = SCENARIOS["strokes"].build(1, SPEED_MM_S)
+    textured_knots = replace(config, solver=replace(config.solver, tolerance_um=1e-4, max_knots=20))
     strokes = record(actors, seconds=span_s)
+    both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
     unwanted = record(tuple(replace(actor, wants_um=()) for actor in actors), seconds=span_s)
     return {
@@ -75,10 +78,27 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "with telemetry": _Situation(strokes, config, lambda _: None),
         "a single knot": _Situation(strokes, one_knot),
         f"all {config.solver.max_knots} knots": _Situation(strokes, all_knots),
+        "a texture, 20 knots": _Situation(_textured(strokes), textured_knots),
+        "both slip": _Situation(both_slip, config),
         "standing": _Situation(still, config),
         "no target": _Situation(unwanted, config),
         "no finger": _Situation(record((), seconds=span_s, timed="timer"), config),
     }
+
+
+def _textured(recording: Recording) -> Recording:
+    """The same touch, but the slippery finger wears a sine grating."""
+    grating = GratingTarget(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
+    calls = []
+    for call in recording.calls:
+        if call.name == "want":
+            message, *when = call.arguments
+            worn = {
+                key: target if target == AmplitudeTarget(0.0) else grating for key, target in message.targets.items()
+            }
+            call = call._replace(arguments=(replace(message, targets=worn), *when))
+        calls.append(call)
+    return recording._replace(calls=tuple(calls))
 
 
 def _paced(situation: _Situation, seconds: float, wait_until: WaitUntil) -> dict[str, float]:

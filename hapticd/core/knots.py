@@ -13,33 +13,28 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-Row = tuple[float, ...]
-Solve = Callable[[int, Row], Row]  # an instant after the first knot, and the amplitudes before it: those there
+from ..values import Knot
+
+Row = tuple[complex, ...]  # modal amplitudes (M,) in um: plain floats while no phase turns
+Solve = Callable[[int, Knot], Row]  # an instant after the first knot, and the knot before it: the amplitudes there
 
 SHORTEST_NS = 500_000  # the board's control tick: a finer polyline is never seen
 GRAIN_NS = 4_000  # the wire's unit of time
-
-
-class Step(NamedTuple):
-    """One knot: when, after the first, and the modal amplitudes (M,) there."""
-
-    dt_ns: int
-    modal_um: Row
 
 
 class _Miss(NamedTuple):
     """A chord that misses its middle, by how much, and the knots around it."""
 
     error_um: float
-    left: Step
-    middle: Step
-    right: Step
+    left: Knot
+    middle: Knot
+    right: Knot
 
 
-def refine(solve: Solve, start: Sequence[Step], tolerance_um: float, most: int, *, smooth: bool) -> list[Step]:
+def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, *, smooth: bool) -> list[Knot]:
     """`start` (two knots or more, in order) and what must lie between, `most` knots in all; the worst chords first.
 
-    `solve(dt_ns, modal_um)` gives the amplitudes at an instant, continuing those of the knot to its left. `smooth`
+    `solve(dt_ns, knot)` gives the amplitudes at an instant, continuing those of the knot to its left. `smooth`
     promises that no span of `start` hides a corner or a whole wave.
     """
     knots = list(start)
@@ -60,19 +55,21 @@ def refine(solve: Solve, start: Sequence[Step], tolerance_um: float, most: int, 
     return knots
 
 
-def _missed(solve: Solve, left: Step, right: Step, tolerance_um: float) -> _Miss | None:
-    span_ns = right[0] - left[0]
+def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss | None:
+    left_ns, before_um = left
+    right_ns, after_um = right
+    span_ns = right_ns - left_ns
     if span_ns < 2 * SHORTEST_NS:
         return None
     half_ns = span_ns // (2 * GRAIN_NS) * GRAIN_NS
-    middle_um = solve(left[0] + half_ns, left[1])
+    middle_um = solve(left_ns + half_ns, left)
     share = half_ns / span_ns
     error_um = 0.0
-    for before_um, here_um, after_um in zip(left[1], middle_um, right[1], strict=True):
-        miss_um = abs(here_um - before_um - share * (after_um - before_um))
+    for before, here, after in zip(before_um, middle_um, after_um, strict=True):
+        miss_um = abs(here - before - share * (after - before))
         if miss_um > error_um:
             error_um = miss_um
-    return _Miss(error_um, left, Step(left[0] + half_ns, middle_um), right) if error_um > tolerance_um else None
+    return _Miss(error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
 
 
 def _severity(miss: _Miss) -> tuple[float, int]:

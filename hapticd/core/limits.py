@@ -25,44 +25,46 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
     Silence where something is not finite, or malformed: no knots or more than `max_knots`, a wrong number of modes,
     times that are not integers, negative, not increasing or beyond `MAX_SPAN_NS`, a limit that is none.
     """
-    reasons = _defects(drive, limit_um, max_knots)
-    if reasons is not LimitReason.NONE:
+    if not _is_well_formed(drive, limit_um, max_knots):
         t_apply_ns = drive.t_apply_ns if isinstance(drive.t_apply_ns, int) else 0
-        return silence(t_apply_ns, max(len(limit_um), 1), reasons)
-    knots: list[Knot] = []
-    for knot in drive.knots:
-        if _is_within(knot.modal_um, limit_um):
-            knots.append(knot)
-        else:
-            knots.append(Knot(knot.dt_ns, _scaled(knot.modal_um, limit_um)))
-            reasons = LimitReason.AMPLITUDE
-    return SafeDrive(drive.t_apply_ns, tuple(knots), reasons)
+        return silence(t_apply_ns, max(len(limit_um), 1), LimitReason.MALFORMED)
+    reasons = LimitReason.NONE
+    knots = drive.knots
+    for index, (dt_ns, modal_um) in enumerate(knots):
+        if _is_within(modal_um, limit_um):
+            continue
+        if not all(math.isfinite(w_um.real) and math.isfinite(w_um.imag) for w_um in modal_um):
+            return silence(drive.t_apply_ns, len(limit_um), LimitReason.NOT_FINITE)
+        knots = (*knots[:index], Knot(dt_ns, _scaled(modal_um, limit_um)), *knots[index + 1 :])
+        reasons = LimitReason.AMPLITUDE
+    return SafeDrive(drive.t_apply_ns, knots, reasons)
 
 
 def silence(t_apply_ns: int, modes: int, reasons: LimitReason = LimitReason.NONE) -> SafeDrive:
     """One knot of zero amplitude in all modes."""
-    return SafeDrive(t_apply_ns, (Knot(0, (0j,) * modes),), reasons)
+    return SafeDrive(t_apply_ns, (Knot(0, (0.0,) * modes),), reasons)
 
 
-def _defects(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -> LimitReason:
+def _is_well_formed(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -> bool:
     modes = len(limit_um)
-    if not (modes >= 1 and all(0.0 <= limit <= MAX_LIMIT_UM for limit in limit_um)):
-        return LimitReason.MALFORMED
-    if not (isinstance(drive.t_apply_ns, int) and 1 <= len(drive.knots) <= max_knots):
-        return LimitReason.MALFORMED
+    if not (modes >= 1 and isinstance(drive.t_apply_ns, int) and 1 <= len(drive.knots) <= max_knots):
+        return False
+    for limit in limit_um:
+        if not 0.0 <= limit <= MAX_LIMIT_UM:
+            return False
     earliest_ns = 0
     for dt_ns, modal_um in drive.knots:
         if not (isinstance(dt_ns, int) and earliest_ns <= dt_ns <= MAX_SPAN_NS and len(modal_um) == modes):
-            return LimitReason.MALFORMED
+            return False
         earliest_ns = dt_ns + 1
-        for w_um in modal_um:
-            if not (math.isfinite(w_um.real) and math.isfinite(w_um.imag)):
-                return LimitReason.NOT_FINITE
-    return LimitReason.NONE
+    return True
 
 
 def _is_within(modal_um: Sequence[complex], limit_um: Sequence[float]) -> bool:
-    return all(math.hypot(w_um.real, w_um.imag) <= limit for w_um, limit in zip(modal_um, limit_um, strict=True))
+    within = True
+    for w_um, limit in zip(modal_um, limit_um, strict=True):
+        within = within and math.hypot(w_um.real, w_um.imag) <= limit
+    return within
 
 
 def _scaled(modal_um: Sequence[complex], limit_um: Sequence[float]) -> tuple[complex, ...]:

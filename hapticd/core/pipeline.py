@@ -14,15 +14,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
-from .knots import SHORTEST_NS, Row, Step, refine
+from .knots import SHORTEST_NS, Row, refine
 from .limits import gate, silence
 from .modes import ModeShapes
+from .moment import Key, Moment, MomentSolver, Place, interpolated_um, moved, points, settles_ns
 from .scene import Scene
 from .sensor_clock import SensorClock
-from .solver import solve_fast
 from .tracking import Tracker
 
 OLD_IN_A_ROW = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
@@ -41,7 +41,8 @@ class Predictor(Protocol):
 class PipelineSettings:
     """What the pipeline is told once.
 
-    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `_faded`).
+    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway, and
+    `phase_rotation` whether two slipping fingers change their signs by turning their phase (see `moment`).
     `cover_ns` is how long one frame must carry the plate: one and a half report periods, so that one lost report
     leaves it on known ground. `loop_delay_ns` is by how much the plate follows its reference late.
     """
@@ -51,32 +52,13 @@ class PipelineSettings:
     policy: str = "keep_zero"
     effort: float = 0.0
     fade: float = 0.0
+    phase_rotation: bool = True
     tolerance_um: float = 0.02
     max_knots: int = 16
     sensor_latency_ns: int = 10_000_000
     loop_delay_ns: int = 0
     cover_ns: int = 17_000_000
     silence_ns: int = 40_000_000
-
-
-Key = int | str  # a finger's id, or a virtual finger's name
-
-
-class Place(NamedTuple):
-    """Where a finger will be at an instant, and the amplitude wanted there."""
-
-    x_mm: float
-    y_mm: float
-    target_um: float
-
-
-class Moment(NamedTuple):
-    """The plate at one instant: the fingers' places, the mode shapes there, and the amplitudes that serve them."""
-
-    places: list[Place]
-    phi: list[Row]
-    modal_um: Row
-    limited: bool
 
 
 @dataclass(slots=True)
@@ -104,6 +86,14 @@ class Pipeline:
         self._modes = modes
         self._scene = scene
         self._settings = settings
+        self._solver = MomentSolver(
+            modes,
+            settings.w_limit_um,
+            policy=settings.policy,
+            effort=settings.effort,
+            fade=settings.fade,
+            phase_rotation=settings.phase_rotation,
+        )
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(settings.sensor_latency_ns)
         self._predictors: dict[int, Predictor] = {}
@@ -190,12 +180,11 @@ class Pipeline:
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
             self.counters.skipped_standing += 1
-            points, limited = self._standing_points
-            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(_moved, points, still)), limited)
+            standing, limited = self._standing_points
+            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, still)), limited)
 
-        first, last, steps = self._polyline(keys, t_plate_ns, self._standing_um(t_apply_ns))
-        knots = tuple([Knot(dt_ns, tuple([complex(w_um) for w_um in modal_um])) for dt_ns, modal_um in steps])
-        drive = gate(Drive(t_apply_ns, knots), self._settings.w_limit_um)
+        first, last, knots = self._polyline(keys, t_plate_ns, interpolated_um(self._standing, t_apply_ns))
+        drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
 
         limited = first.limited or last.limited
         self.counters.knots += len(knots)
@@ -204,8 +193,8 @@ class Pipeline:
         self.counters.gated += drive.reasons is not LimitReason.NONE
         self._standing, self._standing_keys, self._standing_places = drive, keys, last.places
         self._is_told = True
-        self._t_settled_ns = _settles_ns(drive, self._settings.tolerance_um)
-        self._standing_points = _points(keys, first, last), limited
+        self._t_settled_ns = settles_ns(drive, self._settings.tolerance_um)
+        self._standing_points = points(keys, first, last), limited
         return self._tick(t_now_ns, t_plate_ns, drive, *self._standing_points)
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
@@ -226,50 +215,48 @@ class Pipeline:
 
     # --- the steps of a pass ---
 
-    def _polyline(self, keys: list[Key], t_plate_ns: int, previous_um: Row) -> tuple[Moment, Moment, list[Step]]:
+    def _polyline(self, keys: list[Key], t_plate_ns: int, previous_um: Row) -> tuple[Moment, Moment, list[Knot]]:
         """The plate at the frame's beginning and end, and the knots from one to the other."""
         settings = self._settings
-        first = self._moment(keys, t_plate_ns, previous_um)
+        first = self._moment(keys, t_plate_ns, previous_um, 0)
+        begin = Knot(0, first.modal_um)
         if settings.max_knots == 1:
-            return first, first, [Step(0, first.modal_um)]
+            return first, first, [begin]
         span_ns = settings.cover_ns
-        last = self._moment(keys, t_plate_ns + span_ns, first.modal_um)
-        ends = [Step(0, first.modal_um), Step(span_ns, last.modal_um)]
+        last = self._moment(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
+        knots = [begin, Knot(span_ns, last.modal_um)]
         moved_mm = [math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in zip(first.places, last.places, strict=True)]
         pieces, smooth = self._pieces(keys, moved_mm)
-        if pieces == 1 and smooth and self._bend_um(ends, moved_mm) <= settings.tolerance_um:
-            return first, last, ends
+        if pieces == 1 and smooth and self._bend_um(knots, moved_mm) <= settings.tolerance_um:
+            return first, last, knots
 
-        def solve(dt_ns: int, modal_um: Row) -> Row:
-            return self._moment(keys, t_plate_ns + dt_ns, modal_um).modal_um
+        def solve(dt_ns: int, before: Knot) -> Row:
+            return self._moment(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
 
         for piece in range(1, pieces):
             dt_ns = span_ns * piece // pieces // 1000 * 1000
-            ends.insert(piece, Step(dt_ns, solve(dt_ns, ends[piece - 1].modal_um)))
-        return first, last, refine(solve, ends, settings.tolerance_um, settings.max_knots, smooth=smooth)
+            knots.insert(piece, Knot(dt_ns, solve(dt_ns, knots[piece - 1])))
+        return first, last, refine(solve, knots, settings.tolerance_um, settings.max_knots, smooth=smooth)
 
-    def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row) -> Moment:
-        """Predict, ask the scene, evaluate the modes and solve, for one instant."""
-        settings = self._settings
-        places = [self._place(key, t_ns) for key in keys]
-        phi = [self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
-        targets_um = tuple([target_um for _, _, target_um in places])
-        modal_um, limited = solve_fast(
-            tuple(phi), targets_um, settings.w_limit_um, previous_um, settings.policy, settings.effort
-        )
-        if limited and settings.fade > 0.0:
-            modal_um = _faded(phi, targets_um, modal_um, settings.fade)
+    def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> Moment:
+        """Predict, ask the scene, evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
-        return Moment(places, phi, modal_um, limited)
+        return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns)
 
-    def _place(self, key: Key, t_ns: int) -> Place:
-        if isinstance(key, str):
-            x_mm, y_mm = self._scene.virtual_position_mm(key, t_ns)
-        else:
-            t_latest_ns = self._t_sample_ns + MAX_HORIZON_NS
-            x_mm, y_mm = self._predictors[key].predict(t_ns if t_ns < t_latest_ns else t_latest_ns)
-        target_um = self._scene.amplitude_um(key, x_mm, y_mm)
-        return Place(x_mm, y_mm, 0.0 if target_um is None else target_um)
+    def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
+        """Where the fingers will be at an instant, and what each should feel there."""
+        scene, predictors = self._scene, self._predictors
+        t_latest_ns = self._t_sample_ns + MAX_HORIZON_NS
+        t_foreseen_ns = t_ns if t_ns < t_latest_ns else t_latest_ns
+        places: list[Place] = []
+        for key in keys:
+            if isinstance(key, str):
+                x_mm, y_mm = scene.virtual_position_mm(key, t_ns)
+            else:
+                x_mm, y_mm = predictors[key].predict(t_foreseen_ns)
+            target_um = scene.amplitude_um(key, x_mm, y_mm)
+            places.append((x_mm, y_mm, 0.0 if target_um is None else target_um))
+        return places
 
     def _pieces(self, keys: Sequence[Key], moved_mm: Sequence[float]) -> tuple[int, bool]:
         """Into how many spans the textures ask to cut the way before it is looked at, and whether they are smooth."""
@@ -281,7 +268,7 @@ class Pipeline:
             smooth = smooth and is_smooth
         return math.ceil(min(pieces, self._settings.max_knots - 1, self._settings.cover_ns / SHORTEST_NS)), smooth
 
-    def _bend_um(self, ends: Sequence[Step], moved_mm: Sequence[float]) -> float:
+    def _bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
         """At most by how much a chord can err over so short a way: W (steepness * way)^2 / 8."""
         largest_um = max([max(map(abs, modal_um)) for _, modal_um in ends])
         return largest_um * (self._steepness_1_mm * sum(moved_mm)) ** 2 / 8.0
@@ -293,28 +280,13 @@ class Pipeline:
         if not self._is_told or self._standing_keys != keys or t_apply_ns < self._t_settled_ns:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
-        first: list[Place] = []
-        for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns):
-            for key, was in zip(keys, standing, strict=True):
-                now = self._place(key, t_ns)
-                moved_um = steepness_um_mm * math.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm)
-                if now.target_um != was.target_um or not moved_um <= self._settings.tolerance_um:
+        ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]
+        for places in ends:
+            for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, standing, strict=True):
+                moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
+                if target_um != was_um or not moved_um <= self._settings.tolerance_um:
                     return None
-                first.append(now)
-        return first[: len(keys)]
-
-    def _standing_um(self, t_ns: int) -> Row:
-        """The standing polyline at `t_ns`: what the new one continues."""
-        drive = self._standing
-        since_ns = t_ns - drive.t_apply_ns
-        before_ns, before_um = drive.knots[0]
-        for after_ns, after_um in drive.knots[1:]:
-            if since_ns < after_ns:
-                share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
-                pairs = zip(before_um, after_um, strict=True)
-                return tuple([a.real + (b.real - a.real) * share for a, b in pairs])
-            before_ns, before_um = after_ns, after_um
-        return tuple([w_um.real for w_um in before_um])
+        return ends[0]
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool
@@ -325,55 +297,3 @@ class Pipeline:
     def _forget(self, finger_id: int) -> None:
         self._predictors.pop(finger_id, None)
         self._released.discard(finger_id)
-
-
-def _faded(rows: Sequence[Row], targets_um: Row, modal_um: Row, fade: float) -> Row:
-    """Less amplitude where the limit leaves a slippery finger only a share of its target: that share to `fade`.
-
-    Near a singular position the slippery finger gets next to nothing from modes at their limits, and the sticky one
-    pays for it: what it feels of a position's error grows with the amplitude. All modes are scaled together, so the
-    zero stays; where targets are met nothing changes.
-    """
-    if 0.0 not in targets_um:
-        return modal_um
-    share = 1.0
-    for row, target_um in zip(rows, targets_um, strict=True):
-        if target_um > 0.0:
-            share = min(share, _amplitude_um(row, modal_um) / target_um)
-    scale = share**fade
-    return tuple([w_um * scale for w_um in modal_um])
-
-
-def _amplitude_um(row: Row, modal_um: Row) -> float:
-    """What a finger gets of the modes: |w_i|."""
-    w_um = 0.0
-    for phi, mode_um in zip(row, modal_um, strict=True):
-        w_um += phi * mode_um
-    return abs(w_um)
-
-
-def _settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
-    """From when on a polyline is within the tolerance of its last knot: at once, or when it gets there."""
-    last_ns, last_um = drive.knots[-1]
-    for _, modal_um in drive.knots:
-        for w_um, end_um in zip(modal_um, last_um, strict=True):
-            if not abs(w_um - end_um) <= tolerance_um:
-                return drive.t_apply_ns + last_ns
-    return drive.t_apply_ns
-
-
-def _moved(point: TouchPoint, now: Place) -> TouchPoint:
-    """A finger that moved while the reference stood: by less than matters, or any way while all is still."""
-    x_mm, y_mm, _ = now
-    return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
-
-
-def _points(keys: Sequence[Key], first: Moment, last: Moment) -> tuple[TouchPoint, ...]:
-    """The fingers at a frame's first knot, with the amplitude that the solved modes give each there."""
-    points = []
-    for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), row in zip(
-        keys, first.places, last.places, first.phi, strict=True
-    ):
-        achieved_um = _amplitude_um(row, first.modal_um)
-        points.append(TouchPoint(key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
-    return tuple(points)

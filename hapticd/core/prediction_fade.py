@@ -3,7 +3,8 @@
 A new sample corrects the prediction by a tenth of a millimetre or more, and the reference polyline that begins at
 `t_apply` would begin with that step. Blended in position, not in amplitude, so that every knot is solved where the
 finger is taken to be and the still finger's zero stays exact. What it costs is old knowledge, used a little longer:
-over 1 ms nothing of the leak, over 2 ms 1 %, for which the largest steps shrink by an eighth.
+in the closed loop (strokes, seeds 1 to 5) 1.5 % of the leak over 1 ms and 2.2 % over 2 ms, for which of 1000 control
+ticks the roughest steps a sixth less. The pipeline goes without: it is judged by the leak.
 """
 
 from __future__ import annotations

@@ -28,7 +28,6 @@ Cost: two on two in plain floats, two to three times the real solution; else two
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Callable, Sequence
 
@@ -170,7 +169,7 @@ def _phase_between(rows: Rows, modal: Phasors) -> float | None:
     """The angle between the phasors of two fingers, 0 to pi; None where one of them is still."""
     (a, b), (c, d) = rows
     between = (c * modal[0] + d * modal[1]) * (a * modal[0] + b * modal[1]).conjugate()
-    return abs(cmath.phase(between)) if 0.0 < magnitude(between) < math.inf else None
+    return abs(math.atan2(between.imag, between.real)) if 0.0 < magnitude(between) < math.inf else None
 
 
 def _pair_at_limits(

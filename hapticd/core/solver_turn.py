@@ -68,7 +68,8 @@ def turn_of(phasors: Sequence[complex]) -> Turn:
     """The turn in which fingers with these phasors stand; phases are told from the strongest one's."""
     strongest = max(phasors, key=magnitude)
     relative = [w * strongest.conjugate() if magnitude(w) > _HEARD * magnitude(strongest) else 0j for w in phasors]
-    folded = [cmath.phase(w) % math.pi for w in relative]
+    # Not cmath.phase: it raises where an angle is below the range of floats.
+    folded = [math.atan2(w.imag, w.real) % math.pi for w in relative]
     leader = max(folded, key=lambda angle: _apart(angle, 0.0))
     signs = [math.copysign(1.0, w.real) for w in relative]
     changes = [False] * len(signs)
@@ -80,7 +81,7 @@ def turn_of(phasors: Sequence[complex]) -> Turn:
             changes[index] = True
             signs[index] = math.copysign(1.0, w.imag)
             turned += w * signs[index]
-    return Turn(signs, changes, min(max(cmath.phase(turned), 0.0), math.pi))
+    return Turn(signs, changes, min(max(math.atan2(turned.imag, turned.real), 0.0), math.pi))
 
 
 def _apart(one_rad: float, other_rad: float) -> float:

@@ -186,6 +186,8 @@ class Board:
                 )
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
+        self._traced: BoardTrace | None = None  # whose columns `_trace` points to: a run comes in many short parts
+        self._trace = Trace()
 
     def __del__(self) -> None:
         if getattr(self, "_board", None):
@@ -236,8 +238,9 @@ class Board:
         tick that has something to send.
         """
         fingers = self._check_rows(ticks, phi, contact_decay_1_s, out, offset)
-        columns = (out.reference_um, out.measured_um, out.plate_um, out.voltage_v, out.flags)
-        trace = Trace(*(column.ctypes.data for column in columns))
+        if out is not self._traced:
+            columns = (out.reference_um, out.measured_um, out.plate_um, out.voltage_v, out.flags)
+            self._traced, self._trace = out, Trace(*(column.ctypes.data for column in columns))
         return int(
             self._library.hd_board_run(
                 self._board,
@@ -245,7 +248,7 @@ class Board:
                 fingers,
                 phi.ctypes.data,
                 contact_decay_1_s.ctypes.data,
-                ctypes.byref(trace),
+                ctypes.byref(self._trace),
                 offset,
                 stop_on_transmit,
             )

@@ -150,6 +150,15 @@ def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     return (Actor(wants, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
 
 
+def _both_slip(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Two fingers on strokes of their own that should both be slippery: positions pass singular ones all the time."""
+    first, second = strokes_pair(seed, speed_mm_s=speed_mm_s)
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(first)),
+        Actor(_always(SLIPPERY_UM), path=_landed(second)),
+    )
+
+
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
@@ -163,5 +172,6 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("paper-figure-10", "two virtual fingers, references within the limits", 5.0, _paper_figure_10),
         Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
+        Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
     )
 }

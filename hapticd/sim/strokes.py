@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 _TREMOR_HZ = (8.0, 9.0)
 _WOBBLE_HZ = 2.0
 _CANDIDATES = 32
+_FIRST_DRAWN_S = 10.0  # strokes that nobody asks for would cost as much as those of a run
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class _StrokeTable:
         self._rows: list[Array] = []
         self._t_next_s = 0.0
         self._point_mm = self._first_point_mm()
-        self._draw_until(60.0)
+        self._draw_until(_FIRST_DRAWN_S)
 
     def at(self, t_s: Array) -> _Stroke:
         """The stroke that each time falls into; before time 0 the first."""

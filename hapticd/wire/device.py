@@ -56,8 +56,11 @@ def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
     if not 1 <= len(knots) <= protocol.KNOTS_MAX:
         raise ValueError(f"A reference frame has 1 to {protocol.KNOTS_MAX} knots, not {len(knots)}.")
     modes = len(knots[0].modal_um)
-    offsets = _offsets([knot.dt_ns for knot in knots])
-    parts = [part for knot in knots for w_um in knot.modal_um for part in (w_um.real, w_um.imag)]
+    offsets = _offsets([dt_ns for dt_ns, _ in knots])
+    parts: list[float] = []
+    for _, modal_um in knots:
+        for w_um in modal_um:
+            parts += (w_um.real, w_um.imag)
     floats = _truncated_to_float24(parts)
     width = 2 * modes
     values: list[float] = []
@@ -257,6 +260,7 @@ def _offsets(dt_ns: Sequence[int]) -> list[int]:
     previous = -1
     offsets: list[int] = []
     for dt in dt_ns:
-        previous = max((dt + protocol.KNOT_UNIT_NS // 2) // protocol.KNOT_UNIT_NS, previous + 1)
+        offset = (dt + protocol.KNOT_UNIT_NS // 2) // protocol.KNOT_UNIT_NS
+        previous = offset if offset > previous else previous + 1
         offsets.append(previous)
     return offsets

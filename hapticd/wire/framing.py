@@ -17,18 +17,25 @@ _CODES: Final = [bytes((length + 1,)) for length in range(_BLOCK_MAX + 1)]
 def encode_frame(message: bytes) -> bytes:
     """Message, CRC and delimiter as they go over the line."""
     crc = crc_hqx(message, _CRC_START)
-    encoded: list[bytes] = []
-    for run in (message + crc.to_bytes(2, "little")).split(b"\0"):
+    runs = (message + crc.to_bytes(2, "little")).split(b"\0")
+    if max(map(len, runs)) < _BLOCK_MAX:  # nearly every message: each run is a block
+        return b"".join([_CODES[len(run)] + run for run in runs]) + b"\0"
+    return b"".join(_blocks(runs)) + b"\0"
+
+
+def _blocks(runs: list[bytes]) -> list[bytes]:
+    """Runs between zeros as blocks, those split that are longer than one."""
+    blocks: list[bytes] = []
+    for run in runs:
         while len(run) > _BLOCK_MAX:
-            encoded += (_CODES[_BLOCK_MAX], run[:_BLOCK_MAX])
+            blocks += (_CODES[_BLOCK_MAX], run[:_BLOCK_MAX])
             run = run[_BLOCK_MAX:]
-        encoded += (_CODES[len(run)], run)
+        blocks += (_CODES[len(run)], run)
         if len(run) == _BLOCK_MAX:
-            encoded.append(_CODES[0])  # the zero that a full block does not imply
+            blocks.append(_CODES[0])  # the zero that a full block does not imply
     if len(run) == _BLOCK_MAX:
-        encoded.pop()  # nor does one follow the last run
-    encoded.append(b"\0")
-    return b"".join(encoded)
+        blocks.pop()  # nor does one follow the last run
+    return blocks
 
 
 class FrameSplitter:

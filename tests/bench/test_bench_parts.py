@@ -29,7 +29,7 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "knots": lambda: knots.run(seconds=0.3, repeats=1),
     "stability": lambda: stability.run(problems=5, steps=10_000),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
-    "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=SWAPS),),
+    "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=SWAPS), leak.both_slip(seeds=(1,), seconds=4.0)),
     "firmware": lambda: firmware.run(
         frequencies_hz=(10.0,), speeds_mm_s=(100.0,), qualities=(500.0,), repeats=1, ticks=20
     ),
@@ -203,13 +203,20 @@ def test_outside_references_that_are_missing_are_left_out_by_name(monkeypatch: p
 
 
 def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge() -> None:
-    (table,) = part("leak")
+    table, _ = part("leak")
     leaks_um = {row.name: row.figures["leak_um"] for row in table.rows}
     assert set(leaks_um) == {leak.DEFAULT, *SWAPS, leak.PERFECT}
     assert leaks_um[leak.PERFECT] < leak.NOTHING_UM < leaks_um[leak.DEFAULT]
     assert leaks_um["predictor hold"] > 3 * leaks_um[leak.DEFAULT]
     assert leaks_um[leak.PAPER] > 4 * leaks_um[leak.DEFAULT]
     assert leaks_um["a single knot"] > leaks_um[leak.DEFAULT]
+
+
+def test_two_slippery_fingers_dip_less_when_their_phase_turns_than_when_signs_flip() -> None:
+    _, table = part("leak")
+    for name in ("slip_error_um", "dip_frac", "step_um"):
+        assert figure(table, leak.DEFAULT, name) < figure(table, leak.SIGNS_ALONE, name)
+    assert figure(table, leak.SIGNS_ALONE, "slip_error_um") < figure(table, leak.PAPER, "slip_error_um")
 
 
 def test_every_alternative_of_the_leak_is_a_run_s_settings_of_its_own() -> None:

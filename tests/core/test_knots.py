@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.knots import GRAIN_NS, SHORTEST_NS, Row, Step, refine
+from hapticd.core.knots import GRAIN_NS, SHORTEST_NS, Row, refine
+from hapticd.values import Knot
 
 SPAN_NS = 17_000_000
 
@@ -21,15 +22,15 @@ class Curve:
         self.modes = modes
         self.asked = 0
 
-    def __call__(self, dt_ns: int, _: Row = ()) -> Row:
+    def __call__(self, dt_ns: int, _: Knot | None = None) -> Row:
         self.asked += 1
         return tuple(mode(dt_ns * 1e-9) for mode in self.modes)  # type: ignore[operator]
 
-    def ends(self) -> list[Step]:
-        return [Step(0, self(0)), Step(SPAN_NS, self(SPAN_NS))]
+    def ends(self) -> list[Knot]:
+        return [Knot(0, self(0)), Knot(SPAN_NS, self(SPAN_NS))]
 
 
-def error_um(curve: Curve, knots: list[Step]) -> float:
+def error_um(curve: Curve, knots: list[Knot]) -> float:
     t_ns = np.linspace(0, SPAN_NS, 1701)
     exact = np.array([curve(int(t)) for t in t_ns])
     at_ns, values = [knot.dt_ns for knot in knots], np.array([knot.modal_um for knot in knots])

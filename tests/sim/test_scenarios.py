@@ -78,7 +78,7 @@ def test_a_finger_is_either_real_or_virtual_and_lands_after_the_handshake(name: 
             assert np.isfinite(actor.path.position_mm(np.array([LAND_S]))).all()
 
 
-@pytest.mark.parametrize("name", TWO_FINGERS)
+@pytest.mark.parametrize("name", sorted(set(TWO_FINGERS) - {"both-slip"}))
 def test_the_first_finger_slips_and_the_second_sticks(name: str) -> None:
     slippery, sticky = SCENARIOS[name].build(1, 100.0)
 
