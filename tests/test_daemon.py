@@ -22,7 +22,6 @@ from hapticd.daemon import IDLE_TIMER_NS, Daemon, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
-from hapticd.machine import FRESH_START
 from hapticd.service import load_modes
 from hapticd.wire import device
 from hapticd_client import Client
@@ -99,7 +98,7 @@ def test_the_board_is_greeted_as_soon_as_the_service_starts(hardware: Hardware) 
     async def story() -> None:
         service = hardware.daemon()
         service.start(asyncio.get_running_loop(), MODES)
-        assert hardware.heard() == FRESH_START + device.encode_hello_request()
+        assert hardware.heard() == b"\0" + device.encode_hello_request()
         await service.stop()
 
     asyncio.run(story())

@@ -32,12 +32,12 @@ from .limits import silence
 GREET_EVERY_NS = 250_000_000
 SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
 TIME_EVERY_NS = 500_000_000
+LEAP_US = 2_000_000  # between two statuses: the board's clock is another, it was reset
+CLOCK_WRAP_US = 1 << 32
 KEEP_ALIVE_AFTER_NS = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20, and the board waits 50
 ARM_EVERY_NS = 20_000_000  # slower than references come: zero frames must not come between them
 ANSWER_WITHIN_NS = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
 SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
-LEAP_US = 2_000_000  # between two statuses: the board's clock is another, it was reset
-CLOCK_WRAP_US = 1 << 32
 
 
 @dataclass(slots=True)
@@ -57,6 +57,12 @@ class Interval:
             return False
         self.t_last_ns = t_now_ns
         return True
+
+
+def _leapt(before_us: int, after_us: int) -> bool:
+    """Whether no line and no stalled host explains what two statuses say of the board's wrapped clock."""
+    half_us = CLOCK_WRAP_US // 2
+    return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
 
 
 class BoardSession:
@@ -204,9 +210,3 @@ class BoardSession:
                 return
             del self._in_flight[oldest]
             self.ledger.unanswered += 1
-
-
-def _leapt(before_us: int, after_us: int) -> bool:
-    """Whether no line and no stalled host explains what two statuses say of the board's wrapped clock."""
-    half_us = CLOCK_WRAP_US // 2
-    return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
