@@ -22,7 +22,7 @@ _Static_assert(HD_CHUNK % 2 == 0, "neighbours are added up");
 
 static bool positive(float value)
 {
-    return value > 0.0f && isfinite(value);
+    return value > 0.0f && value <= FLT_MAX;
 }
 
 static bool drive_valid(float drive_hz)

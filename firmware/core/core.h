@@ -48,6 +48,8 @@ typedef struct {
     size_t frame_n;
     uint32_t t_apply_us; /* of a REFERENCE, whose knots are these, within the limits */
     hd_polyline_t line;
+    bool in_range;       /* a controller or a model that the core has a design for: this one */
+    hd_design_t design;
 } hd_heard_t;
 
 typedef struct {
