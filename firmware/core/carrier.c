@@ -102,10 +102,10 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
 
 void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz)
 {
-    uint32_t step = drive_valid(drive_hz) ? hd_oscillator_step(drive_hz) : carrier->spoken.step;
-    if (step != carrier->spoken.step) {
-        carrier->spoken.step = step;
-        carrier->least_squares = least_squares(carrier->tick_chunks, step);
+    if (drive_hz != carrier->converters.drive_hz && drive_valid(drive_hz)) {
+        carrier->converters.drive_hz = drive_hz;
+        carrier->spoken.step = hd_oscillator_step(drive_hz);
+        carrier->least_squares = least_squares(carrier->tick_chunks, carrier->spoken.step);
     }
 }
 
@@ -142,12 +142,12 @@ static void speak_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint
 {
     const uint32_t low_level = level[0], high_level = level[1];
     uint32_t phase = at.phase + HD_SINE_ROUNDING;
-    #pragma GCC unroll 5 /* a taken branch costs as much as two products */
+    #pragma GCC unroll 10 /* a taken branch costs as much as two products */
     for (int i = 0; i < HD_CHUNK; i++) {
         uint32_t sine = hd_sine_at(phase);
-        uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine) >> SINE_SHIFT;
-        uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine) >> SINE_SHIFT;
-        put_sample_pair(out[i], k, (low | high << 16) & SAMPLE_MASK);
+        uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine);
+        uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine);
+        put_sample_pair(out[i], k, hd_pack(high << (16 - SINE_SHIFT), low, SINE_SHIFT) & SAMPLE_MASK);
         phase += at.step;
     }
 }

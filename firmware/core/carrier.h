@@ -71,7 +71,7 @@ typedef struct {
 } hd_least_squares_t;
 
 typedef struct {
-    hd_converters_t converters;
+    hd_converters_t converters;      /* with the drive as it is now */
     hd_oscillation_t spoken;         /* of the next chunk to be put out */
     hd_oscillation_t played[2];      /* of the chunk being sampled, and of the next */
     uint32_t level[HD_PAIRED_MODES]; /* V_d and V_q as hd_pair, in 1/16 of a step of the converter */
