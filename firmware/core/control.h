@@ -60,7 +60,8 @@ typedef struct {
 hd_gains_t hd_gains_complete(hd_gains_t gains);
 bool hd_gains_valid(const hd_gains_t *gains);
 
-/* Completes a design whose plant and gains are given. Takes longer than a tick: what is running need not wait for it. */
+/* Completes a design whose plant and gains are given. It takes as long as two ticks: nothing that runs should wait for
+ * it, and nothing need. */
 void hd_control_design(hd_design_t *design);
 
 /* At rest, by this design. What was learned of a mode is kept unless its model is another. */

@@ -21,7 +21,7 @@ static bool positive(float value)
     return value > 0.0f && value <= FLT_MAX;
 }
 
-/* Of a limit: far from where its square, or a thousandth of it, is no number any more. */
+/* A limit in V or um: its square, and that of a hundredth of it, neither overflow nor underflow. */
 static bool sensible(float limit)
 {
     return limit >= 1e-6f && limit <= 1e6f;

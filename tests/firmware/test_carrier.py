@@ -242,6 +242,18 @@ def test_the_amplitude_is_that_of_least_squares_within_half_a_thousandth(
     assert abs(measured[0] - expected) < 0.0005 * (magnitude + abs(offset)) + rounding
 
 
+@pytest.mark.parametrize("drive_hz", [DRIVE_HZ, 60000.0])
+def test_adding_neighbours_first_costs_what_half_a_step_between_them_does(drive_hz: float) -> None:
+    """White noise: to that of least squares over all samples comes tan(h) of it, independently: 0.4 % at 29 kHz."""
+    chain = SignalChain(drive_hz)
+    noise = sampled(np.random.default_rng(3).normal(0, 300, (1000 * 500, 2)))
+    angles_rad = (2 * np.pi * phases(chain, 0, len(noise)) / TURN).reshape(-1, 500)
+    measured = chain.measure(noise)[:, 0]
+    best = np.array([least_squares(a, x) for a, x in zip(angles_rad, steps(noise)[:, 0].reshape(-1, 500), strict=True)])
+    added = math.sqrt(np.mean(np.abs(measured - best) ** 2) / np.mean(np.abs(best) ** 2))
+    assert added == pytest.approx(math.tan(math.pi * drive_hz / SAMPLE_HZ), rel=0.1)
+
+
 @pytest.mark.parametrize("offset", [-300.0, -7.0, 40.0, 300.0])
 def test_an_offset_of_the_converter_does_not_bias_the_amplitude(offset: float) -> None:
     chain, shifted = SignalChain(DRIVE_HZ), SignalChain(DRIVE_HZ)
