@@ -10,7 +10,7 @@
 #define LEVEL_MAX (2047.0f * LEVELS_PER_LSB) /* around mid-rail the converter has 2047 steps on its shorter side */
 #define LSB_SHIFT 4                          /* samples are left-aligned */
 #define SAMPLE_MASK 0xFFF0FFF0u
-#define MID_RAIL_PAIR 0x08000800u /* in steps */
+#define MID_RAIL_TWICE 0x10001000u /* of two samples of both modes, in steps */
 #define SINE_SHIFT 14                        /* HD_SINE_ONE */
 
 /* A synthesised sample before the shift: mid-rail and half a step, for the nearest one. Never below 0 or above 2^30. */
@@ -18,10 +18,11 @@
 
 _Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 _Static_assert((int64_t)HD_CHUNK * 2048 * HD_SINE_ONE <= INT32_MAX, "a chunk's sums fit 32 bits");
+_Static_assert(HD_CHUNK % 2 == 0, "neighbours are added up");
 
 static bool positive(float value)
 {
-    return value > 0.0f && isfinite(value);
+    return value > 0.0f && value <= FLT_MAX;
 }
 
 static bool drive_valid(float drive_hz)
@@ -51,7 +52,7 @@ uint32_t hd_oscillator_step(float drive_hz)
     return (whole << 16) + ((rest << 16) + 7812u) / 15625u;
 }
 
-/* sum of cos over n samples a step apart, centred on 0: sin(n step/2) / sin(step/2). */
+/* sum of cos over n instants a step apart, centred on 0: sin(n step/2) / sin(step/2). */
 static float centred_sum(uint32_t n, uint64_t step)
 {
     float over = hd_unit_phasor((uint32_t)(n * step / 2u)).q;
@@ -60,16 +61,16 @@ static float centred_sum(uint32_t n, uint64_t step)
 
 static hd_least_squares_t least_squares(uint16_t chunks, uint32_t step)
 {
-    uint32_t n = (uint32_t)chunks * HD_CHUNK;
-    float samples = (float)n;
-    float offset = centred_sum(n, step);
-    float doubled = centred_sum(n, 2u * (uint64_t)step); /* sum of cos^2 - sin^2 */
+    uint32_t n = (uint32_t)chunks * HD_CHUNK / 2u;
+    float pairs = (float)n;
+    float offset = centred_sum(n, 2u * (uint64_t)step);
+    float doubled = centred_sum(n, 4u * (uint64_t)step); /* sum of cos^2 - sin^2 */
+    float of_pair = 2.0f * hd_unit_phasor(step / 2u).d; /* cos(x - h) + cos(x + h) = 2 cos(h) cos(x) */
     return (hd_least_squares_t){
-        .half_span = (uint32_t)((uint64_t)(n - 1u) * step / 2u),
-        .samples = samples,
-        .offset = offset,
-        .per_unit = {1.0f / (0.5f * (samples + doubled) - offset * offset / samples),
-                     1.0f / (0.5f * (samples - doubled))},
+        .half_span = (uint32_t)((uint64_t)(2u * n - 1u) * step / 2u),
+        .offset_frac = offset / pairs,
+        .per_unit = {1.0f / (of_pair * (0.5f * (pairs + doubled) - offset * offset / pairs)),
+                     1.0f / (of_pair * 0.5f * (pairs - doubled))},
     };
 }
 
@@ -86,6 +87,7 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
     bool valid = carrier->tick_chunks > 0 && drive_valid(converters->drive_hz);
     for (int k = 0; k < HD_MODES; k++) {
         valid = valid && positive(converters->volts_per_lsb[k]) && positive(converters->um_per_lsb[k]);
+        carrier->levels_per_v[k] = LEVELS_PER_LSB / converters->volts_per_lsb[k];
     }
     if (valid) {
         uint32_t step = hd_oscillator_step(converters->drive_hz);
@@ -100,10 +102,10 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
 
 void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz)
 {
-    uint32_t step = drive_valid(drive_hz) ? hd_oscillator_step(drive_hz) : carrier->spoken.step;
-    if (step != carrier->spoken.step) {
-        carrier->spoken.step = step;
-        carrier->least_squares = least_squares(carrier->tick_chunks, step);
+    if (drive_hz != carrier->converters.drive_hz && drive_valid(drive_hz)) {
+        carrier->converters.drive_hz = drive_hz;
+        carrier->spoken.step = hd_oscillator_step(drive_hz);
+        carrier->least_squares = least_squares(carrier->tick_chunks, carrier->spoken.step);
     }
 }
 
@@ -115,8 +117,7 @@ static int32_t nearest(float value)
 void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODES])
 {
     for (int k = 0; k < HD_MODES; k++) {
-        float levels_per_v = LEVELS_PER_LSB / carrier->converters.volts_per_lsb[k];
-        hd_phasor_t level = hd_limit_magnitude(hd_scale(levels_per_v, voltage_v[k]), LEVEL_MAX);
+        hd_phasor_t level = hd_limit_magnitude(hd_scale(carrier->levels_per_v[k], voltage_v[k]), LEVEL_MAX);
         carrier->level[k] = hd_finite(level) ? hd_pair(nearest(level.d), nearest(level.q)) : 0u;
     }
 }
@@ -125,7 +126,7 @@ void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODE
  * number of modes has a partner that is silent. */
 static inline uint32_t sample_pair(const uint16_t in[HD_MODES], int k)
 {
-    return k + 1 < HD_MODES ? hd_load_pair(in + k) : in[k] | HD_MID_RAIL << 16;
+    return (k + 1 < HD_MODES ? hd_load_pair(in + k) : in[k] | HD_MID_RAIL << 16) >> LSB_SHIFT;
 }
 
 static inline void put_sample_pair(uint16_t out[HD_MODES], int k, uint32_t pair)
@@ -141,12 +142,12 @@ static void speak_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint
 {
     const uint32_t low_level = level[0], high_level = level[1];
     uint32_t phase = at.phase + HD_SINE_ROUNDING;
-    #pragma GCC unroll 5 /* a taken branch costs as much as two products */
+    #pragma GCC unroll 10 /* a taken branch costs as much as two products */
     for (int i = 0; i < HD_CHUNK; i++) {
         uint32_t sine = hd_sine_at(phase);
-        uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine) >> SINE_SHIFT;
-        uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine) >> SINE_SHIFT;
-        put_sample_pair(out[i], k, (low | high << 16) & SAMPLE_MASK);
+        uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine);
+        uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine);
+        put_sample_pair(out[i], k, hd_pack(high << (16 - SINE_SHIFT), low, SINE_SHIFT) & SAMPLE_MASK);
         phase += at.step;
     }
 }
@@ -171,18 +172,20 @@ static void listen_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16_t i
 {
     int32_t low_cosine = 0, low_minus_sine = 0, low_plain = 0;
     int32_t high_cosine = 0, high_minus_sine = 0, high_plain = 0;
-    uint32_t phase = at.phase + HD_SINE_ROUNDING;
-    #pragma GCC unroll 10 /* as there */
-    for (int i = 0; i < HD_CHUNK; i++) {
+    uint32_t phase = at.phase + at.step / 2u + HD_SINE_ROUNDING; /* half-way from one neighbour to the other */
+    const uint16_t (*end)[HD_MODES] = in + HD_CHUNK;
+    #pragma GCC unroll 5 /* as there */
+    for (; in != end; in += 2) {
+        uint32_t x = sample_pair(in[0], k) + sample_pair(in[1], k);
+        x = hd_subtract_halves(x, MID_RAIL_TWICE);
         uint32_t sine = hd_sine_at(phase);
-        uint32_t x = hd_subtract_halves(sample_pair(in[i], k) >> LSB_SHIFT, MID_RAIL_PAIR);
         low_cosine = hd_add_low_low(low_cosine, x, sine);
         low_minus_sine = hd_add_low_high(low_minus_sine, x, sine);
         high_cosine = hd_add_high_low(high_cosine, x, sine);
         high_minus_sine = hd_add_high_high(high_minus_sine, x, sine);
         low_plain += hd_low_half(x);
         high_plain += hd_high_half(x);
-        phase += at.step;
+        phase += 2u * at.step;
     }
     add_sums(&sums[0], low_cosine, low_minus_sine, low_plain);
     add_sums(&sums[1], high_cosine, high_minus_sine, high_plain);
@@ -214,7 +217,7 @@ void hd_carrier_measure(const hd_carrier_t *carrier, hd_phasor_t measured_um[HD_
     for (int k = 0; k < HD_MODES; k++) {
         const hd_sums_t *sums = &carrier->sums[k];
         hd_phasor_t product = hd_mul(sums->product, middle);
-        product.d -= solve->offset * sums->plain / solve->samples;
+        product.d -= solve->offset_frac * sums->plain;
         hd_phasor_t amplitude = {solve->per_unit.d * product.d, solve->per_unit.q * product.q};
         measured_um[k] = hd_scale(carrier->converters.um_per_lsb[k], hd_mul(back, amplitude));
     }

@@ -16,27 +16,38 @@ static void answer(hd_core_t *core, enum hd_message request, enum hd_verdict ver
     core->pending |= HD_PENDING_VERDICT;
 }
 
-void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+/* Only the main loop changes the design that is in force, so it may be read here while a tick interrupts. */
+void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload)
 {
-    (void)now_us;
+    hd_heard_t *heard = &core->heard;
     hd_wire_set_controller_t wire;
     memcpy(&wire, payload, sizeof wire);
-    hd_gains_t gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
-    if (!hd_gains_valid(&gains)) {
+    heard->design = core->control.design;
+    heard->design.gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
+    heard->in_range = hd_gains_valid(&heard->design.gains);
+    if (heard->in_range) {
+        hd_control_design(&heard->design);
+    }
+}
+
+void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)payload;
+    (void)now_us;
+    if (!core->heard.in_range) {
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_OUT_OF_RANGE);
     } else if (core->state == HD_STATE_TOOL) {
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_NOT_QUIET);
     } else {
-        core->control.gains = gains;
-        hd_control_design(&core->control); /* one law's integral is another law's error */
+        hd_control_adopt(&core->control, &core->heard.design); /* one law's integral is another law's error */
         core->ramp = 0;
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_DONE);
     }
 }
 
-void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+void hd_prepare_set_model(hd_core_t *core, const uint8_t *payload)
 {
-    (void)now_us;
+    hd_heard_t *heard = &core->heard;
     hd_wire_set_model_t wire;
     memcpy(&wire, payload, sizeof wire);
     hd_mode_model_t model = {
@@ -45,14 +56,25 @@ void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
         .gain_um_per_v_s = wire.model.gain_um_per_v_s,
         .loop = {wire.model.loop_d, wire.model.loop_q},
     };
-    if (wire.mode >= HD_MODES || !hd_model_valid(&model)) {
+    heard->in_range = wire.mode < HD_MODES && hd_model_valid(&model);
+    if (heard->in_range) {
+        model.loop = hd_scale(1.0f / hd_magnitude(model.loop), model.loop);
+        heard->design = core->control.design;
+        heard->design.plant.model[wire.mode] = model;
+        hd_control_design(&heard->design);
+    }
+}
+
+void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)payload;
+    (void)now_us;
+    if (!core->heard.in_range) {
         answer(core, HD_MSG_SET_MODEL, HD_VERDICT_OUT_OF_RANGE);
     } else if (!hd_at_rest(core) || core->fault == HD_FAULT_CONFIG) {
         answer(core, HD_MSG_SET_MODEL, HD_VERDICT_NOT_QUIET);
     } else {
-        model.loop = hd_scale(1.0f / hd_magnitude(model.loop), model.loop);
-        core->control.plant.model[wire.mode] = model;
-        hd_control_design(&core->control);
+        hd_control_adopt(&core->control, &core->heard.design);
         answer(core, HD_MSG_SET_MODEL, HD_VERDICT_DONE);
     }
 }

@@ -4,6 +4,10 @@
 
 #include "core.h"
 
+/* Outside the lock: the design that the command asks for, if its figures are in range. */
+void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload);
+void hd_prepare_set_model(hd_core_t *core, const uint8_t *payload);
+
 void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_controller_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us);

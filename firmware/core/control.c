@@ -34,16 +34,37 @@ bool hd_gains_valid(const hd_gains_t *gains)
         && gains->integral_time_s >= HD_INTEGRAL_TIME_MIN_S && gains->integral_time_s <= HD_INTEGRAL_TIME_MAX_S;
 }
 
-void hd_control_design(hd_control_t *control)
+void hd_control_design(hd_design_t *design)
 {
-    const hd_plant_t *plant = &control->plant;
+    const hd_plant_t *plant = &design->plant;
+    const hd_gains_t *gains = &design->gains;
+    float lookahead_s = gains->law == HD_LAW_PI ? 0.0f : (1.0f + plant->output_delay_frac) * plant->tick_s;
+    design->lookahead_us = (uint32_t)(lookahead_s * 1e6f + 0.5f);
     /* The paper's law does not look at the observer, and its gains would make a dull plate's swing. */
-    const hd_gains_t *watch = control->gains.law == HD_LAW_PI ? &TESTED[HD_LAW_DEADBEAT] : &control->gains;
-    control->pole = hd_decay(-control->gains.bandwidth_1_s * plant->tick_s);
+    const hd_gains_t *watch = gains->law == HD_LAW_PI ? &TESTED[HD_LAW_DEADBEAT] : gains;
+    design->pole = hd_decay(-gains->bandwidth_1_s * plant->tick_s);
+    design->integral_frac = plant->tick_s / gains->integral_time_s;
+    design->ticks_per_s = 1.0f / plant->tick_s;
     for (int k = 0; k < HD_MODES; k++) {
-        hd_observer_design(&control->loop[k].observer, &plant->model[k], plant->tick_s, plant->output_delay_frac,
+        hd_observer_design(&design->observer[k], &plant->model[k], plant->tick_s, plant->output_delay_frac,
                            watch->bandwidth_1_s, watch->integral_time_s);
     }
+}
+
+static bool same_model(const hd_mode_model_t *a, const hd_mode_model_t *b)
+{
+    return a->decay_1_s == b->decay_1_s && a->detuning_rad_s == b->detuning_rad_s
+        && a->gain_um_per_v_s == b->gain_um_per_v_s && a->loop.d == b->loop.d && a->loop.q == b->loop.q;
+}
+
+void hd_control_adopt(hd_control_t *control, const hd_design_t *design)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        if (!same_model(&design->plant.model[k], &control->design.plant.model[k])) {
+            control->loop[k].observer = (hd_observer_t){0};
+        }
+    }
+    control->design = *design;
     hd_control_reset(control);
 }
 
@@ -57,23 +78,17 @@ void hd_control_reset(hd_control_t *control)
     }
 }
 
-float hd_control_lookahead_s(const hd_control_t *control)
-{
-    const hd_plant_t *plant = &control->plant;
-    return control->gains.law == HD_LAW_PI ? 0.0f : (1.0f + plant->output_delay_frac) * plant->tick_s;
-}
-
 hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode)
 {
-    const hd_mode_model_t *model = &control->plant.model[mode];
-    hd_phasor_t change_1_s = hd_observer_change_1_s(&control->loop[mode].observer);
+    const hd_mode_model_t *model = &control->design.plant.model[mode];
+    hd_phasor_t change_1_s = control->loop[mode].observer.change_1_s;
     return (hd_estimate_t){model->decay_1_s - change_1_s.d, model->detuning_rad_s + change_1_s.q};
 }
 
 static bool decide(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
                    const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES])
 {
-    switch (control->gains.law) {
+    switch (control->design.gains.law) {
     case HD_LAW_PI:
         return hd_law_pi(control, reference_um, measured_um, v_limit_v, u_v);
     case HD_LAW_PI_FF:
@@ -88,12 +103,12 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
 {
     hd_phasor_t u_v[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
-        hd_observer_correct(&control->loop[k].observer, measured_um[k]);
+        hd_observer_correct(&control->loop[k].observer, &control->design.observer[k], measured_um[k]);
     }
     bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v);
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_drive(&control->loop[k].observer, u_v[k]);
-        hd_phasor_t turned_v = hd_mul(u_v[k], hd_conj(control->plant.model[k].loop));
+        hd_phasor_t turned_v = hd_mul(u_v[k], hd_conj(control->design.plant.model[k].loop));
         voltage_v[k] = hd_limit_magnitude((hd_phasor_t){-turned_v.q, turned_v.d}, v_limit_v); /* V = j u */
     }
     return saturated;

@@ -40,10 +40,19 @@ typedef struct {
     hd_observer_t observer; /* watches under every law, so that the estimates do not depend on it */
 } hd_loop_t;
 
+/* Plant and gains, and all that can be computed from them once and for all. */
 typedef struct {
     hd_plant_t plant;
     hd_gains_t gains;
-    float pole; /* p of DEADBEAT */
+    float pole;            /* p of DEADBEAT */
+    float integral_frac;   /* ki / kp of a tick */
+    float ticks_per_s;
+    uint32_t lookahead_us; /* how far ahead of the tick the law wants its reference: the end of the voltage hold */
+    hd_observer_design_t observer[HD_MODES];
+} hd_design_t;
+
+typedef struct {
+    hd_design_t design;
     hd_loop_t loop[HD_MODES];
 } hd_control_t;
 
@@ -51,14 +60,15 @@ typedef struct {
 hd_gains_t hd_gains_complete(hd_gains_t gains);
 bool hd_gains_valid(const hd_gains_t *gains);
 
-/* At rest, with plant and gains as they are now: must follow every change of these. */
-void hd_control_design(hd_control_t *control);
+/* Completes a design whose plant and gains are given. It takes as long as two ticks: nothing that runs should wait for
+ * it, and nothing need. */
+void hd_control_design(hd_design_t *design);
+
+/* At rest, by this design. What was learned of a mode is kept unless its model is another. */
+void hd_control_adopt(hd_control_t *control, const hd_design_t *design);
 
 /* Forgets integrals and trajectories: the next step starts from rest. */
 void hd_control_reset(hd_control_t *control);
-
-/* How far ahead of the tick the law wants its reference: the end of the voltage hold, or nothing for the paper's. */
-float hd_control_lookahead_s(const hd_control_t *control);
 
 hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode);
 

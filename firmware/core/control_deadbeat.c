@@ -4,12 +4,12 @@
 
 /* u over the coming hold that leaves the trajectory where it is and a share p of the distance to it:
  * a W^ + b (u + d) = x + p (W^ - x). */
-static hd_phasor_t staying_v(const hd_loop_t *loop, float pole)
+static hd_phasor_t staying_v(const hd_loop_t *loop, const hd_observer_design_t *design, float pole)
 {
     const hd_observer_t *observer = &loop->observer;
     hd_phasor_t wanted_um = hd_add(hd_scale(1.0f - pole, loop->x_um[0]), hd_scale(pole, observer->w_um));
-    hd_phasor_t way_um = hd_sub(wanted_um, hd_mul(observer->design.keep, observer->w_um));
-    return hd_sub(hd_div(way_um, observer->design.push_um_per_v), observer->disturbance_v);
+    hd_phasor_t way_um = hd_sub(wanted_um, hd_mul(design->keep, observer->w_um));
+    return hd_sub(hd_mul(way_um, design->push_v_per_um), observer->disturbance_v);
 }
 
 /* Factor that brings the references to where the amplifiers can hold the plate as it has turned out to be. */
@@ -17,7 +17,7 @@ static float holdable_fraction(const hd_control_t *control, const hd_phasor_t re
 {
     hd_phasor_t goal_v[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
-        goal_v[k] = hd_observer_holding_v(&control->loop[k].observer, reference_um[k]);
+        goal_v[k] = hd_observer_holding_v(&control->loop[k].observer, &control->design.observer[k], reference_um[k]);
     }
     return hd_holdable_fraction(goal_v, v_limit_v);
 }
@@ -29,17 +29,18 @@ bool hd_law_deadbeat(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     hd_phasor_t goal_um[HD_MODES], stay_v[HD_MODES], move_v[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
         const hd_loop_t *loop = &control->loop[k];
+        const hd_observer_design_t *design = &control->design.observer[k];
         goal_um[k] = hd_scale(holdable, reference_um[k]);
-        stay_v[k] = staying_v(loop, control->pole);
-        move_v[k] = hd_div(hd_sub(goal_um[k], loop->x_um[0]), loop->observer.design.push_um_per_v);
+        stay_v[k] = staying_v(loop, design, control->design.pole);
+        move_v[k] = hd_mul(hd_sub(goal_um[k], loop->x_um[0]), design->push_v_per_um);
     }
     float fraction = hd_feasible_fraction(stay_v, move_v, v_limit_v);
-    bool saturated = fminf(fraction, holdable) < 1.0f;
+    bool saturated = fraction < 1.0f || holdable < 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t *x_um = &control->loop[k].x_um[0];
         *x_um = hd_on_the_way(*x_um, goal_um[k], fraction);
         hd_phasor_t wanted_v = hd_add(stay_v[k], hd_scale(fraction, move_v[k]));
-        saturated |= !(hd_magnitude(wanted_v) <= v_limit_v);
+        saturated |= !hd_within(wanted_v, v_limit_v);
         u_v[k] = hd_limit_magnitude(wanted_v, v_limit_v);
     }
     return saturated;

@@ -9,12 +9,12 @@
 static hd_phasor_t drive_mode(hd_control_t *control, int k, hd_phasor_t error_um, hd_phasor_t ahead_v,
                               float v_limit_v, bool *saturated)
 {
-    const hd_mode_model_t *model = &control->plant.model[k];
-    const hd_gains_t *gains = &control->gains;
+    const hd_observer_design_t *design = &control->design.observer[k];
+    const hd_gains_t *gains = &control->design.gains;
     hd_phasor_t *integral_v = &control->loop[k].integral_v;
-    float coupling_rad_s = gains->law == HD_LAW_PI_FF ? model->detuning_rad_s : 0.0f;
-    hd_phasor_t kp = hd_scale(1.0f / model->gain_um_per_v_s, (hd_phasor_t){gains->bandwidth_1_s, coupling_rad_s});
-    float ki_tick = gains->bandwidth_1_s / model->gain_um_per_v_s * control->plant.tick_s / gains->integral_time_s;
+    float coupling_rad_s = gains->law == HD_LAW_PI_FF ? design->model.detuning_rad_s : 0.0f;
+    hd_phasor_t kp = hd_scale(design->v_per_um_s, (hd_phasor_t){gains->bandwidth_1_s, coupling_rad_s});
+    float ki_tick = kp.d * control->design.integral_frac;
 
     hd_phasor_t wanted_v = hd_add(ahead_v, hd_add(hd_mul(kp, error_um), *integral_v));
     hd_phasor_t u_v = hd_limit_magnitude(wanted_v, v_limit_v);
@@ -37,33 +37,34 @@ bool hd_law_pi(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
 }
 
 /* What an amplitude costs to hold on the nominal plate: (sigma - j delta) W = g u. */
-static hd_phasor_t holding_v(const hd_mode_model_t *model, hd_phasor_t w_um)
+static hd_phasor_t holding_v(const hd_observer_design_t *design, hd_phasor_t w_um)
 {
-    hd_phasor_t demand_1_s = {model->decay_1_s, -model->detuning_rad_s};
-    return hd_scale(1.0f / model->gain_um_per_v_s, hd_mul(demand_1_s, w_um));
+    hd_phasor_t demand_1_s = {design->model.decay_1_s, -design->model.detuning_rad_s};
+    return hd_scale(design->v_per_um_s, hd_mul(demand_1_s, w_um));
 }
 
 /* u over the coming hold that takes the nominal mode from x to x + step along a straight line. */
-static hd_phasor_t feed_forward_v(const hd_mode_model_t *model, float tick_s, hd_phasor_t x_um, hd_phasor_t step_um)
+static hd_phasor_t feed_forward_v(const hd_design_t *design, int k, hd_phasor_t x_um, hd_phasor_t step_um)
 {
-    hd_phasor_t slope_v = hd_scale(1.0f / (tick_s * model->gain_um_per_v_s), step_um);
-    return hd_add(slope_v, holding_v(model, hd_add(x_um, hd_scale(0.5f, step_um))));
+    const hd_observer_design_t *mode = &design->observer[k];
+    hd_phasor_t slope_v = hd_scale(design->ticks_per_s * mode->v_per_um_s, step_um);
+    return hd_add(slope_v, holding_v(mode, hd_add(x_um, hd_scale(0.5f, step_um))));
 }
 
 /* Moves every trajectory by the same fraction of its way to the reference. Returns what is left of the reference. */
 static float advance_trajectories(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES], float v_limit_v)
 {
-    const hd_mode_model_t *model = control->plant.model;
+    const hd_design_t *design = &control->design;
     hd_phasor_t goal_um[HD_MODES], goal_v[HD_MODES], stay_v[HD_MODES], move_v[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
-        goal_v[k] = holding_v(&model[k], reference_um[k]);
+        goal_v[k] = holding_v(&design->observer[k], reference_um[k]);
     }
     float holdable = hd_holdable_fraction(goal_v, v_limit_v);
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t x_um = control->loop[k].x_um[0];
         goal_um[k] = hd_scale(holdable, reference_um[k]);
-        stay_v[k] = holding_v(&model[k], x_um);
-        move_v[k] = hd_sub(feed_forward_v(&model[k], control->plant.tick_s, x_um, hd_sub(goal_um[k], x_um)), stay_v[k]);
+        stay_v[k] = holding_v(&design->observer[k], x_um);
+        move_v[k] = hd_sub(feed_forward_v(design, k, x_um, hd_sub(goal_um[k], x_um)), stay_v[k]);
     }
     float fraction = hd_feasible_fraction(stay_v, move_v, v_limit_v);
     for (int k = 0; k < HD_MODES; k++) {
@@ -72,7 +73,7 @@ static float advance_trajectories(hd_control_t *control, const hd_phasor_t refer
         x_um[1] = x_um[0];
         x_um[0] = hd_on_the_way(x_um[1], goal_um[k], fraction);
     }
-    return fminf(fraction, holdable);
+    return hd_smaller(fraction, holdable);
 }
 
 /* Mean of the trajectory over the tick just ended. Its corners lie `delay` after the ticks, so three of them matter. */
@@ -89,15 +90,15 @@ static hd_phasor_t trajectory_mean(const hd_phasor_t x_um[3], float delay_frac)
 bool hd_law_pi_ff(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
                   const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES])
 {
-    const hd_plant_t *plant = &control->plant;
+    const hd_design_t *design = &control->design;
     hd_phasor_t error_um[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
-        error_um[k] = hd_sub(trajectory_mean(control->loop[k].x_um, plant->output_delay_frac), measured_um[k]);
+        error_um[k] = hd_sub(trajectory_mean(control->loop[k].x_um, design->plant.output_delay_frac), measured_um[k]);
     }
     bool saturated = advance_trajectories(control, reference_um, v_limit_v) < 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
         const hd_phasor_t *x_um = control->loop[k].x_um;
-        hd_phasor_t ahead_v = feed_forward_v(&plant->model[k], plant->tick_s, x_um[1], hd_sub(x_um[0], x_um[1]));
+        hd_phasor_t ahead_v = feed_forward_v(design, k, x_um[1], hd_sub(x_um[0], x_um[1]));
         u_v[k] = drive_mode(control, k, error_um[k], ahead_v, v_limit_v, &saturated);
     }
     return saturated;

@@ -18,7 +18,13 @@
 
 static bool positive(float value)
 {
-    return value > 0.0f && isfinite(value);
+    return value > 0.0f && value <= FLT_MAX;
+}
+
+/* A limit in V or um: its square, and that of a hundredth of it, neither overflow nor underflow. */
+static bool sensible(float limit)
+{
+    return limit >= 1e-6f && limit <= 1e6f;
 }
 
 bool hd_model_valid(const hd_mode_model_t *model)
@@ -32,10 +38,10 @@ bool hd_model_valid(const hd_mode_model_t *model)
 static bool config_valid(const hd_config_t *config)
 {
     bool valid = config->control_hz >= 500.0f && config->control_hz <= 50000.0f && positive(config->drive_hz)
-        && positive(config->v_limit_v) && hd_gains_valid(&config->gains)
+        && sensible(config->v_limit_v) && hd_gains_valid(&config->gains)
         && config->output_delay_frac >= 0.0f && config->output_delay_frac <= 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
-        valid = valid && positive(config->w_limit_um[k]) && hd_model_valid(&config->model[k]);
+        valid = valid && sensible(config->w_limit_um[k]) && hd_model_valid(&config->model[k]);
     }
     return valid;
 }
@@ -57,11 +63,13 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->state = HD_STATE_QUIET;
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     core->no_response_limit_ticks = (uint16_t)(config->control_hz * NO_RESPONSE_S);
-    core->control.gains = core->config.gains;
-    core->control.plant.tick_s = 1.0f / config->control_hz;
-    core->control.plant.output_delay_frac = config->output_delay_frac;
-    memcpy(core->control.plant.model, config->model, sizeof config->model);
-    hd_control_design(&core->control);
+    hd_design_t *design = &core->heard.design;
+    design->gains = core->config.gains;
+    design->plant.tick_s = 1.0f / config->control_hz;
+    design->plant.output_delay_frac = config->output_delay_frac;
+    memcpy(design->plant.model, config->model, sizeof config->model);
+    hd_control_design(design);
+    hd_control_adopt(&core->control, design);
     hd_tool_init(&core->tool, config->control_hz, config->drive_hz, config->v_limit_v);
     hd_silence(core);
     return true;
@@ -174,11 +182,12 @@ static bool lasts(bool condition, uint16_t *ticks, uint16_t limit)
 static enum hd_fault mode_fault(hd_core_t *core, int k)
 {
     float limit_um = core->config.w_limit_um[k];
-    float measured_um = hd_magnitude(core->measured_um[k]);
-    bool unanswered = hd_magnitude(core->asked_um[k]) > NO_RESPONSE_ASKED * limit_um
-        && hd_magnitude(core->voltage_v[k]) > NO_RESPONSE_VOLTAGE * core->config.v_limit_v
-        && measured_um < NO_RESPONSE_MEASURED * limit_um;
-    if (lasts(measured_um > OVER_AMPLITUDE * limit_um, &core->over_amplitude_ticks[k], OVER_AMPLITUDE_TICKS)) {
+    hd_phasor_t measured_um = core->measured_um[k];
+    bool unanswered = hd_within(measured_um, NO_RESPONSE_MEASURED * limit_um)
+        && !hd_within(core->asked_um[k], NO_RESPONSE_ASKED * limit_um)
+        && !hd_within(core->voltage_v[k], NO_RESPONSE_VOLTAGE * core->config.v_limit_v);
+    bool over = !hd_within(measured_um, OVER_AMPLITUDE * limit_um);
+    if (lasts(over, &core->over_amplitude_ticks[k], OVER_AMPLITUDE_TICKS)) {
         return HD_FAULT_OVER_AMPLITUDE;
     }
     return lasts(unanswered, &core->no_response_ticks[k], core->no_response_limit_ticks) ? HD_FAULT_NO_RESPONSE
@@ -215,9 +224,8 @@ static void acknowledge(hd_core_t *core, uint32_t now_us)
 
 static void follow_timeline(hd_core_t *core, uint32_t now_us)
 {
-    uint32_t lookahead_us = (uint32_t)(hd_control_lookahead_s(&core->control) * 1e6f + 0.5f);
     hd_phasor_t planned_um[HD_MODES];
-    hd_timeline_evaluate(&core->timeline, now_us + lookahead_us, planned_um);
+    hd_timeline_evaluate(&core->timeline, now_us + core->control.design.lookahead_us, planned_um);
     if (core->state == HD_STATE_LIVE) {
         memcpy(core->reference_um, planned_um, sizeof planned_um);
     }
@@ -231,7 +239,7 @@ static float ramp_frac(hd_core_t *core)
     } else if (core->state != HD_STATE_LIVE && core->ramp > 0) {
         core->ramp--;
     }
-    return core->ramp > 0 ? (float)core->ramp / (float)core->ramp_ticks : 0.0f;
+    return core->ramp == core->ramp_ticks ? 1.0f : (float)core->ramp / (float)core->ramp_ticks;
 }
 
 /* The ramp bounds the voltage as well as the reference: silence comes in time whatever the sensors say. */
@@ -273,7 +281,7 @@ static void note_flags(hd_core_t *core, bool saturated)
 
 static float finite_or_zero(float value)
 {
-    return isfinite(value) ? value : 0.0f;
+    return fabsf(value) <= FLT_MAX ? value : 0.0f;
 }
 
 static void sample_telemetry(hd_core_t *core, uint32_t now_us)

@@ -48,6 +48,8 @@ typedef struct {
     size_t frame_n;
     uint32_t t_apply_us; /* of a REFERENCE, whose knots are these, within the limits */
     hd_polyline_t line;
+    bool in_range;       /* a controller or a model that the core has a design for: this one */
+    hd_design_t design;
 } hd_heard_t;
 
 typedef struct {
@@ -132,8 +134,8 @@ void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
              hd_phasor_t voltage_v[HD_MODES]);
 
-/* The two halves of hd_receive. The first checks and limits: it takes as long as a frame is, and may go on while a tick
- * interrupts it. True if hd_obey is to be called before the next byte. */
+/* The two halves of hd_receive. The first checks, limits and designs: it takes as long as that takes, and may go on while
+ * a tick interrupts it. True if hd_obey is to be called before the next byte. */
 bool hd_hear(hd_core_t *core, uint8_t byte);
 void hd_obey(hd_core_t *core, uint32_t now_us);
 

@@ -40,6 +40,18 @@ static inline void hd_store_pair(uint16_t halves[2], uint32_t pair)
     __builtin_memcpy(halves, &pair, sizeof pair);
 }
 
+/* The lower half of `low >> shift` below the upper half of `high`; the shift is a constant. */
+static inline uint32_t hd_pack(uint32_t high, uint32_t low, const int shift)
+{
+#if HD_DSP_INSTRUCTIONS
+    uint32_t pair;
+    __asm("pkhtb %0, %1, %2, asr %3" : "=r"(pair) : "r"(high), "r"(low), "I"(shift));
+    return pair;
+#else
+    return (high & 0xFFFF0000u) | (low >> shift & 0xFFFFu);
+#endif
+}
+
 /* a - b, half by half */
 static inline uint32_t hd_subtract_halves(uint32_t a, uint32_t b)
 {

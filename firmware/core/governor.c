@@ -8,9 +8,8 @@ float hd_holdable_fraction(const hd_phasor_t holding_v[HD_MODES], float v_limit_
 {
     float fraction = 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
-        float demand_v = hd_magnitude(holding_v[k]);
-        if (demand_v > HOLDABLE_FRAC * v_limit_v) {
-            fraction = fminf(fraction, HOLDABLE_FRAC * v_limit_v / demand_v);
+        if (!hd_within(holding_v[k], HOLDABLE_FRAC * v_limit_v)) {
+            fraction = hd_smaller(fraction, HOLDABLE_FRAC * v_limit_v / hd_magnitude(holding_v[k]));
         }
     }
     return fraction;
@@ -25,17 +24,21 @@ static float mode_fraction(hd_phasor_t stay, hd_phasor_t move, float limit)
     }
     float root = sqrtf(b * b - a * c);
     float f = b > 0.0f ? -c / (b + root) : (root - b) / a; /* no difference of near equals in either */
-    return fminf(fmaxf(f, 0.0f), 1.0f);
+    return f > 0.0f ? hd_smaller(1.0f, f) : 0.0f;
 }
 
 float hd_feasible_fraction(const hd_phasor_t stay_v[HD_MODES], const hd_phasor_t move_v[HD_MODES], float v_limit_v)
 {
     float fraction = 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
+        if (hd_within(hd_add(stay_v[k], move_v[k]), v_limit_v)) {
+            continue; /* as it is nearly always */
+        }
         /* A falling limit, on the ramp to silence, or a finger that lands may leave a mode above it: it must get away
          * from there, and must not hold up the others. */
-        float budget_v = fmaxf(v_limit_v, hd_magnitude(stay_v[k]) + (1.0f - HOLDABLE_FRAC) * v_limit_v);
-        fraction = fminf(fraction, mode_fraction(stay_v[k], move_v[k], budget_v));
+        float least_v = hd_magnitude(stay_v[k]) + (1.0f - HOLDABLE_FRAC) * v_limit_v;
+        float budget_v = least_v > v_limit_v ? least_v : v_limit_v;
+        fraction = hd_smaller(fraction, mode_fraction(stay_v[k], move_v[k], budget_v));
     }
     return fraction;
 }

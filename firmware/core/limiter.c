@@ -38,7 +38,7 @@ hd_limit_t hd_limit_amplitudes(hd_phasor_t modal_um[HD_MODES], const float limit
     for (int k = 0; k < HD_MODES; k++) {
         float magnitude = hd_magnitude(modal_um[k]);
         if (!(magnitude <= limit_um[k] * (1.0f + HD_LIMIT_TOLERANCE))) {
-            factor = fminf(factor, ROUND_DOWN * limit_um[k] / magnitude);
+            factor = hd_smaller(factor, ROUND_DOWN * limit_um[k] / magnitude);
         }
     }
     if (factor == 1.0f) {
@@ -48,23 +48,25 @@ hd_limit_t hd_limit_amplitudes(hd_phasor_t modal_um[HD_MODES], const float limit
     return HD_LIMIT_SCALED;
 }
 
-hd_phasor_t hd_limit_magnitude(hd_phasor_t value, float limit)
+hd_phasor_t hd_shorten(hd_phasor_t value, float limit)
 {
-    float magnitude = hd_magnitude(value);
-    return magnitude <= limit ? value : hd_scale(ROUND_DOWN * limit / magnitude, value);
+    return hd_scale(ROUND_DOWN * limit / hd_magnitude(value), value);
 }
 
 hd_limit_t hd_limit_voltages(hd_phasor_t voltage_v[HD_MODES], float limit_v)
 {
+    bool within = true;
+    for (int k = 0; k < HD_MODES; k++) {
+        within = within && hd_within(voltage_v[k], limit_v);
+    }
+    if (within) {
+        return HD_LIMIT_UNTOUCHED;
+    }
     if (!all_finite(voltage_v)) {
         return silence(voltage_v);
     }
-    hd_limit_t result = HD_LIMIT_UNTOUCHED;
     for (int k = 0; k < HD_MODES; k++) {
-        if (!(hd_magnitude(voltage_v[k]) <= limit_v)) {
-            voltage_v[k] = hd_limit_magnitude(voltage_v[k], limit_v);
-            result = HD_LIMIT_SCALED;
-        }
+        voltage_v[k] = hd_limit_magnitude(voltage_v[k], limit_v);
     }
-    return result;
+    return HD_LIMIT_SCALED;
 }

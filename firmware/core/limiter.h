@@ -19,8 +19,14 @@ typedef enum {
  * still finger, survive. Modal amplitudes that are not finite become zero. */
 hd_limit_t hd_limit_amplitudes(hd_phasor_t modal_um[HD_MODES], const float limit_um[HD_MODES]);
 
+/* The phasor of the same phase whose magnitude is `limit`, a little less after rounding. */
+hd_phasor_t hd_shorten(hd_phasor_t value, float limit);
+
 /* The phasor of the same phase whose magnitude is at most `limit`. What is not finite stays so, for the gate to see. */
-hd_phasor_t hd_limit_magnitude(hd_phasor_t value, float limit);
+static inline hd_phasor_t hd_limit_magnitude(hd_phasor_t value, float limit)
+{
+    return hd_within(value, limit) ? value : hd_shorten(value, limit);
+}
 
 /* The last thing a voltage passes: each mode within `limit_v`, and all of them zero if any is not finite. */
 hd_limit_t hd_limit_voltages(hd_phasor_t voltage_v[HD_MODES], float limit_v);

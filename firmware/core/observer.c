@@ -1,7 +1,5 @@
 #include "observer.h"
 
-#include <string.h>
-
 #include "exponential.h"
 #include "limiter.h"
 
@@ -17,12 +15,6 @@
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};
 static const hd_phasor_t ZERO = {0.0f, 0.0f};
-
-static bool same_model(const hd_mode_model_t *a, const hd_mode_model_t *b)
-{
-    return a->decay_1_s == b->decay_1_s && a->detuning_rad_s == b->detuning_rad_s
-        && a->gain_um_per_v_s == b->gain_um_per_v_s && a->loop.d == b->loop.d && a->loop.q == b->loop.q;
-}
 
 /* The plate between two changes of voltage, and the mean that a tick around one of them sees. The state is the one at
  * the change: the mean looks back from it under the old voltage and ahead under the new. */
@@ -55,20 +47,16 @@ static void place_poles(hd_observer_design_t *design, float state_pole, float di
     design->state_gain = hd_div(hd_sub(hd_sub(ONE, kept), by_disturbance), c);
 }
 
-void hd_observer_design(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
-                        float bandwidth_1_s, float integral_time_s)
+void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *model, float tick_s,
+                        float output_delay_frac, float bandwidth_1_s, float integral_time_s)
 {
-    hd_observer_t designed = {.model = *model};
-    hd_observer_design_t *design = &designed.design;
-    if (same_model(model, &observer->model)) {
-        designed.moment_um2_1_s = observer->moment_um2_1_s;
-        designed.power_um2 = observer->power_um2;
-    }
+    design->model = *model;
+    design->v_per_um_s = 1.0f / model->gain_um_per_v_s;
     describe_tick(design, model, tick_s, output_delay_frac);
+    design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
     place_poles(design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
-    design->forget_frac = 1.0f - hd_decay(-tick_s / MEMORY_S);
+    design->memory_frac = hd_decay(-tick_s / MEMORY_S);
     design->change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;
-    *observer = designed;
 }
 
 void hd_observer_rest(hd_observer_t *observer)
@@ -77,25 +65,24 @@ void hd_observer_rest(hd_observer_t *observer)
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */
-static void learn(hd_observer_t *observer, hd_phasor_t w_um)
+static void learn(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t w_um)
 {
     float power_um2 = hd_dot(w_um, w_um);
     if (!(power_um2 > LEAST_UM * LEAST_UM)) {
         return;
     }
-    hd_phasor_t moment = hd_scale(observer->model.gain_um_per_v_s, hd_mul(hd_conj(w_um), observer->disturbance_v));
-    float keep_frac = 1.0f - observer->design.forget_frac;
-    power_um2 += keep_frac * observer->power_um2;
-    moment = hd_add(moment, hd_scale(keep_frac, observer->moment_um2_1_s));
-    if (hd_finite(moment) && isfinite(power_um2)) {
+    hd_phasor_t moment = hd_scale(design->model.gain_um_per_v_s, hd_mul(hd_conj(w_um), observer->disturbance_v));
+    power_um2 += design->memory_frac * observer->power_um2;
+    moment = hd_add(moment, hd_scale(design->memory_frac, observer->moment_um2_1_s));
+    if (hd_finite(moment) && power_um2 <= FLT_MAX) {
         observer->moment_um2_1_s = moment;
         observer->power_um2 = power_um2;
+        observer->change_1_s = hd_limit_magnitude(hd_scale(1.0f / power_um2, moment), design->change_limit_1_s);
     }
 }
 
-void hd_observer_correct(hd_observer_t *observer, hd_phasor_t measured_um)
+void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t measured_um)
 {
-    const hd_observer_design_t *design = &observer->design;
     hd_phasor_t disturbance_v = observer->disturbance_v;
     hd_phasor_t expected_um = hd_mul(design->mean_of_state, observer->w_um);
     expected_um = hd_add(expected_um, hd_mul(design->mean_of_new_um_per_v, hd_add(observer->new_v, disturbance_v)));
@@ -107,32 +94,9 @@ void hd_observer_correct(hd_observer_t *observer, hd_phasor_t measured_um)
     hd_phasor_t driven_v = hd_add(observer->new_v, disturbance_v);
     observer->w_um = hd_add(hd_mul(design->keep, before_um), hd_mul(design->push_um_per_v, driven_v));
     observer->disturbance_v = disturbance_v;
-    learn(observer, before_um);
+    learn(observer, design, before_um);
 
     hd_phasor_t moved_um = hd_sub(observer->w_um, before_um);
-    hd_phasor_t change_um_s = hd_mul(hd_observer_change_1_s(observer), moved_um);
-    observer->disturbance_v = hd_add(disturbance_v, hd_scale(1.0f / observer->model.gain_um_per_v_s, change_um_s));
-}
-
-void hd_observer_drive(hd_observer_t *observer, hd_phasor_t u_v)
-{
-    observer->old_v = observer->new_v;
-    observer->new_v = u_v;
-}
-
-hd_phasor_t hd_observer_change_1_s(const hd_observer_t *observer)
-{
-    if (!(observer->power_um2 > 0.0f)) {
-        return ZERO;
-    }
-    hd_phasor_t change_1_s = hd_scale(1.0f / observer->power_um2, observer->moment_um2_1_s);
-    return hd_limit_magnitude(change_1_s, observer->design.change_limit_1_s);
-}
-
-hd_phasor_t hd_observer_holding_v(const hd_observer_t *observer, hd_phasor_t w_um)
-{
-    const hd_mode_model_t *model = &observer->model;
-    hd_phasor_t demand_1_s = hd_sub((hd_phasor_t){model->decay_1_s, -model->detuning_rad_s},
-                                    hd_observer_change_1_s(observer));
-    return hd_scale(1.0f / model->gain_um_per_v_s, hd_mul(demand_1_s, w_um));
+    hd_phasor_t change_um_s = hd_mul(observer->change_1_s, moved_um);
+    observer->disturbance_v = hd_add(disturbance_v, hd_scale(design->v_per_um_s, change_um_s));
 }

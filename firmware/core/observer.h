@@ -16,47 +16,53 @@
 #include "plant.h"
 
 typedef struct {
+    hd_mode_model_t model;
+    float v_per_um_s;                 /* 1 / g */
     hd_phasor_t keep;                 /* a */
     hd_phasor_t push_um_per_v;        /* b */
+    hd_phasor_t push_v_per_um;        /* 1 / b */
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */
     hd_phasor_t state_gain;
     hd_phasor_t disturbance_gain_v_per_um;
-    float forget_frac; /* of the least squares' memory, at each tick */
+    float memory_frac; /* of the least squares, that a tick leaves */
     float change_limit_1_s;
 } hd_observer_design_t;
 
 typedef struct {
-    hd_mode_model_t model;
-    hd_observer_design_t design;
-
     hd_phasor_t w_um; /* when the voltage of the coming call takes over */
     hd_phasor_t disturbance_v;
     hd_phasor_t new_v, old_v; /* u of the last call, and of the one before */
 
     hd_phasor_t moment_um2_1_s; /* sum of g conj(W) d */
     float power_um2;            /* sum of |W|^2; 0 while nothing is known */
+    hd_phasor_t change_1_s;     /* of -decay + j detuning from the model's, up to a quarter per tick; 0 while not known */
 } hd_observer_t;
 
-/* At rest, for this model and these rates. What was learned is kept unless the model is another. As long as two ticks:
- * not for the tick itself. */
-void hd_observer_design(hd_observer_t *observer, const hd_mode_model_t *model, float tick_s, float output_delay_frac,
-                        float bandwidth_1_s, float integral_time_s);
+/* For this model and these rates. As long as two ticks: not for the tick itself. */
+void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *model, float tick_s,
+                        float output_delay_frac, float bandwidth_1_s, float integral_time_s);
 
-/* At rest again, by the same design. */
+/* At rest; what was learned is kept. */
 void hd_observer_rest(hd_observer_t *observer);
 
 /* Takes the mean over the tick just ended and moves the state on to where the next voltage takes over. */
-void hd_observer_correct(hd_observer_t *observer, hd_phasor_t measured_um);
+void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t measured_um);
 
 /* Tells what the mode will be driven with: the voltage as limited, so that a limit is never taken for a disturbance. */
-void hd_observer_drive(hd_observer_t *observer, hd_phasor_t u_v);
-
-/* By how much -decay + j detuning differs from the model's, up to a quarter per tick; 0 while nothing is known. */
-hd_phasor_t hd_observer_change_1_s(const hd_observer_t *observer);
+static inline void hd_observer_drive(hd_observer_t *observer, hd_phasor_t u_v)
+{
+    observer->old_v = observer->new_v;
+    observer->new_v = u_v;
+}
 
 /* u that holds an amplitude on the plate as learned. */
-hd_phasor_t hd_observer_holding_v(const hd_observer_t *observer, hd_phasor_t w_um);
+static inline hd_phasor_t hd_observer_holding_v(const hd_observer_t *observer, const hd_observer_design_t *design,
+                                                hd_phasor_t w_um)
+{
+    hd_phasor_t nominal_1_s = {design->model.decay_1_s, -design->model.detuning_rad_s};
+    return hd_scale(design->v_per_um_s, hd_mul(hd_sub(nominal_1_s, observer->change_1_s), w_um));
+}
 
 #endif

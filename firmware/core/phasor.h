@@ -5,6 +5,7 @@
 #ifndef HD_PHASOR_H
 #define HD_PHASOR_H
 
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 
@@ -54,9 +55,23 @@ static inline float hd_magnitude(hd_phasor_t a)
     return sqrtf(hd_dot(a, a));
 }
 
+/* |a| <= limit, for a limit whose square overflows as little as it underflows; without a square root, which takes as
+ * long as a dozen products. False for what is not finite. */
+static inline bool hd_within(hd_phasor_t a, float limit)
+{
+    return hd_dot(a, a) <= limit * limit;
+}
+
+/* (newlib's isfinite is the call of a function.) */
 static inline bool hd_finite(hd_phasor_t a)
 {
-    return isfinite(a.d) && isfinite(a.q);
+    return fabsf(a.d) <= FLT_MAX && fabsf(a.q) <= FLT_MAX;
+}
+
+/* `a` beside a NaN. */
+static inline float hd_smaller(float a, float b)
+{
+    return b < a ? b : a;
 }
 
 #endif

@@ -167,22 +167,23 @@ typedef struct {
     uint8_t type;
     uint8_t size; /* of the payload */
     void (*take)(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
+    void (*prepare)(hd_core_t *core, const uint8_t *payload); /* what would keep a tick waiting; or NULL */
 } message_t;
 
 /* Everything but REFERENCE, whose length varies. */
 static const message_t MESSAGES[] = {
-    {HD_MSG_HELLO_REQUEST, 0, take_hello_request},
-    {HD_MSG_KEEPALIVE, sizeof(hd_wire_keepalive_t), take_keepalive},
-    {HD_MSG_TIME_REQUEST, sizeof(hd_wire_time_request_t), take_time_request},
-    {HD_MSG_CLEAR_FAULT, 0, take_clear_fault},
-    {HD_MSG_SET_CONTROLLER, sizeof(hd_wire_set_controller_t), hd_take_set_controller},
-    {HD_MSG_SET_MODEL, sizeof(hd_wire_set_model_t), hd_take_set_model},
-    {HD_MSG_CONTROLLER_REQUEST, 0, hd_take_controller_request},
-    {HD_MSG_SWEEP, sizeof(hd_wire_sweep_t), hd_take_sweep},
-    {HD_MSG_RAW_VOLTAGE, sizeof(hd_wire_raw_voltage_t), hd_take_raw_voltage},
-    {HD_MSG_SET_TELEMETRY, sizeof(hd_wire_set_telemetry_t), hd_take_set_telemetry},
-    {HD_MSG_LOG_REQUEST, 0, hd_take_log_request},
-    {HD_MSG_STOP, 0, hd_take_stop},
+    {HD_MSG_HELLO_REQUEST, 0, take_hello_request, NULL},
+    {HD_MSG_KEEPALIVE, sizeof(hd_wire_keepalive_t), take_keepalive, NULL},
+    {HD_MSG_TIME_REQUEST, sizeof(hd_wire_time_request_t), take_time_request, NULL},
+    {HD_MSG_CLEAR_FAULT, 0, take_clear_fault, NULL},
+    {HD_MSG_SET_CONTROLLER, sizeof(hd_wire_set_controller_t), hd_take_set_controller, hd_prepare_set_controller},
+    {HD_MSG_SET_MODEL, sizeof(hd_wire_set_model_t), hd_take_set_model, hd_prepare_set_model},
+    {HD_MSG_CONTROLLER_REQUEST, 0, hd_take_controller_request, NULL},
+    {HD_MSG_SWEEP, sizeof(hd_wire_sweep_t), hd_take_sweep, NULL},
+    {HD_MSG_RAW_VOLTAGE, sizeof(hd_wire_raw_voltage_t), hd_take_raw_voltage, NULL},
+    {HD_MSG_SET_TELEMETRY, sizeof(hd_wire_set_telemetry_t), hd_take_set_telemetry, NULL},
+    {HD_MSG_LOG_REQUEST, 0, hd_take_log_request, NULL},
+    {HD_MSG_STOP, 0, hd_take_stop, NULL},
 };
 
 static const message_t *known(uint8_t type, size_t size)
@@ -195,6 +196,14 @@ static const message_t *known(uint8_t type, size_t size)
     return NULL;
 }
 
+static bool prepare(hd_core_t *core, const message_t *message, const uint8_t *payload)
+{
+    if (message != NULL && message->prepare != NULL) {
+        message->prepare(core, payload);
+    }
+    return message != NULL;
+}
+
 bool hd_hear(hd_core_t *core, uint8_t byte)
 {
     hd_heard_t *heard = &core->heard;
@@ -205,7 +214,7 @@ bool hd_hear(hd_core_t *core, uint8_t byte)
     }
     heard->valid = event == HD_RX_FRAME
         && (frame[0] == HD_MSG_REFERENCE ? read_reference(core, frame + 1, heard->frame_n - 1)
-                                         : known(frame[0], heard->frame_n - 1) != NULL);
+                                         : prepare(core, known(frame[0], heard->frame_n - 1), frame + 1));
     return true;
 }
 

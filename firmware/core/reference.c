@@ -1,7 +1,5 @@
 #include "reference.h"
 
-#include <stddef.h>
-
 void hd_timeline_clear(hd_timeline_t *timeline)
 {
     timeline->first = 0;
@@ -90,9 +88,4 @@ void hd_timeline_evaluate(hd_timeline_t *timeline, uint32_t t_us, hd_phasor_t mo
     } else {
         follow(timeline, line, t_us, modal_um);
     }
-}
-
-hd_polyline_t *hd_timeline_running(hd_timeline_t *timeline)
-{
-    return timeline->running ? &timeline->polyline[timeline->first] : NULL;
 }

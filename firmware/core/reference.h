@@ -8,6 +8,7 @@
 #define HD_REFERENCE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "phasor.h"
@@ -53,6 +54,9 @@ hd_polyline_t *hd_timeline_open(hd_timeline_t *timeline, uint32_t t_start_us);
 void hd_timeline_evaluate(hd_timeline_t *timeline, uint32_t t_us, hd_phasor_t modal_um[HD_MODES]);
 
 /* The polyline in force at the last evaluation, or NULL. */
-hd_polyline_t *hd_timeline_running(hd_timeline_t *timeline);
+static inline hd_polyline_t *hd_timeline_running(hd_timeline_t *timeline)
+{
+    return timeline->running ? &timeline->polyline[timeline->first] : NULL;
+}
 
 #endif

@@ -66,7 +66,7 @@ static void say_verdict(hd_core_t *core, hd_wire_verdict_t *verdict)
 
 static void say_controller(hd_core_t *core, hd_wire_controller_t *controller)
 {
-    const hd_gains_t *gains = &core->control.gains;
+    const hd_gains_t *gains = &core->control.design.gains;
     *controller = (hd_wire_controller_t){
         .law = gains->law,
         .bandwidth_1_s = gains->bandwidth_1_s,
@@ -74,7 +74,7 @@ static void say_controller(hd_core_t *core, hd_wire_controller_t *controller)
         .modes = HD_MODES,
     };
     for (int k = 0; k < HD_MODES; k++) {
-        const hd_mode_model_t *model = &core->control.plant.model[k];
+        const hd_mode_model_t *model = &core->control.design.plant.model[k];
         controller->model[k] = (hd_wire_model_t){
             model->decay_1_s, model->detuning_rad_s, model->gain_um_per_v_s, model->loop.d, model->loop.q,
         };

@@ -180,7 +180,7 @@ class Board:
             raise ValueError(
                 "The firmware refuses its configuration: rates, limits and gains are positive and bounded"
                 + (
-                    ", and a carrier drives at 20 to 250 kHz with ticks of 1 to 40 chunks of 50 us."
+                    ", and a carrier drives at 20 to 125 kHz with ticks of 1 to 40 chunks of 50 us."
                     if converters
                     else "."
                 )

@@ -99,7 +99,7 @@ class SignalChain:
         if not self._library.hd_carrier_init(ctypes.byref(self._carrier), ctypes.byref(converters)):
             raise ValueError(
                 f"The firmware refuses a drive of {drive_hz:g} Hz with control at {control_hz:g} Hz: drive at 20 to "
-                f"250 kHz, with ticks of 1 to 40 whole chunks of {CHUNK} us."
+                f"125 kHz, with ticks of 1 to 40 whole chunks of {CHUNK} us."
             )
         for oscillation in (self._carrier.spoken, *self._carrier.played):
             oscillation.phase += phase

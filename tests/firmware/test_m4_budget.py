@@ -26,8 +26,9 @@ DEADLINE_CYCLES = 49e-6 * CORE_HZ  # the DMA fetches a word one trigger before i
 REGISTERS = Path(__file__).parent / "m4" / "start.txt"
 
 
-def live_bench(control_hz: int) -> Bench:
+def live_bench(control_hz: int, law: str = "deadbeat") -> Bench:
     bench = Bench(image.build(control_hz))
+    bench.to_board += encode(SelectController(law))
     bench.arm(1.5 + 0.2j, -0.7)
     bench.to_board += device.encode_keepalive(bench.seq)
     bench.run(1)
@@ -51,20 +52,35 @@ def mean_cycles(counts: list[Count]) -> float:
     return sum(count.cycles for count in counts) / len(counts)
 
 
-@pytest.mark.parametrize(("control_hz", "limit"), [(2000, 0.25), (5000, 0.33)])
-def test_the_whole_program_takes_its_share_of_the_processor_and_no_more(control_hz: int, limit: float) -> None:
-    interrupt, main = chunk_costs(live_bench(control_hz), chunks=400)
+@pytest.mark.parametrize("law", ["pi", "pi_ff", "deadbeat"])
+@pytest.mark.parametrize("control_hz", [2000, 5000])
+def test_the_whole_program_takes_a_quarter_of_the_processor_and_no_more(control_hz: int, law: str) -> None:
+    interrupt, main = chunk_costs(live_bench(control_hz, law), chunks=400)
     load = (mean_cycles(interrupt) + INTERRUPT_CYCLES + mean_cycles(main)) / CHUNK_CYCLES
     plain, tick = min(interrupt, key=lambda c: c.cycles), max(interrupt, key=lambda c: c.cycles)
-    print(f"{control_hz} Hz: {100 * load:.1f} %; chunk {plain}; with tick {tick}; main loop {mean_cycles(main):.0f}")
-    assert load <= limit
+    name = f"{law} at {control_hz} Hz"
+    print(f"{name}: {100 * load:.1f} %; chunk {plain}; with tick {tick}; main loop {mean_cycles(main):.0f}")
+    assert load <= 0.25
+
+
+def test_strokes_that_ask_for_all_the_voltage_fit_into_a_quarter_too() -> None:
+    """A hundred frames a second, each with knots to interpolate, and steps that the governor has to divide."""
+    bench = live_bench(5000)
+    total = 0.0
+    for i in range(20):
+        bench.reference((0.0, (1.5, -1.0)), (4.0, (1.5 + 0.1 * (i % 5), 1.0)), (5.0, (3.5 * (i % 2), 2.0j)))
+        interrupt, main = chunk_costs(bench, chunks=200)
+        total += mean_cycles(interrupt) + INTERRUPT_CYCLES + mean_cycles(main)
+    load = total / 20 / CHUNK_CYCLES
+    print(f"strokes at 5000 Hz: {100 * load:.1f} %")
+    assert load <= 0.25
 
 
 def test_a_chunk_and_a_tick_stay_within_their_instructions() -> None:
     interrupt, _ = chunk_costs(live_bench(2000), chunks=40)
     instructions = sorted(count.instructions for count in interrupt)
-    assert instructions[0] <= 1400, "28 per sample: 14 to listen, 12 to speak, 2 for the rest"
-    assert instructions[-1] - instructions[0] <= 2400
+    assert instructions[0] <= 1050, "21 per sample: 9 to listen, 10 to speak, 2 for the rest"
+    assert instructions[-1] - instructions[0] <= 1500
 
 
 def locked_costs(bench: Bench, lines: list[bytes], ms: float) -> list[Count]:
@@ -88,11 +104,10 @@ def long_reference(bench: Bench) -> bytes:
     return line
 
 
-DESIGNS = [
+COMMANDS = [
+    encode(SelectController("pi_ff")),
     encode(SelectController("deadbeat")),
     encode(SetModel(1, ModeModel(180.0, 60.0, 5.0, 1 + 0j))),
-]
-COMMANDS = [
     encode(Sweep(0, 29180.0, 29220.0, points=3, dwell_ms=1, voltage_v=10.0)),
     encode(RawVoltage(0, 10 + 5j, 20)),
     encode(Stop()),
@@ -120,13 +135,11 @@ def test_the_lock_never_makes_a_chunk_of_a_live_board_late() -> None:
     assert longest.cycles + busiest <= 0.85 * DEADLINE_CYCLES
 
 
-def test_a_new_design_of_the_controller_does_not_make_a_chunk_of_a_quiet_board_late() -> None:
-    bench = Bench(image.build())
-    sections = locked_costs(bench, [*DESIGNS, *COMMANDS], ms=12)
+def test_a_quiet_board_that_is_given_another_controller_or_model_waits_no_longer() -> None:
+    sections = locked_costs(Bench(image.build()), COMMANDS, ms=12)
     longest = max(sections, key=lambda count: count.cycles)
-    busiest = busiest_cycles(Bench(image.build()), chunks=100)
-    print(f"longest of {len(sections)} locks {longest}, busiest interrupt {busiest} cycles")
-    assert longest.cycles + busiest <= 0.95 * DEADLINE_CYCLES
+    print(f"longest of {len(sections)} locks {longest}")
+    assert longest.cycles <= 0.15 * CHUNK_CYCLES
 
 
 def test_the_start_writes_these_registers_in_this_order() -> None:

@@ -181,7 +181,7 @@ static double complex complex_of(hd_phasor_t phasor)
  * two. */
 static void reference_at_tick(hd_board_t *board, double complex reference_um[HD_MODES])
 {
-    bool ahead = hd_control_lookahead_s(&board->core.control) > 0.0f;
+    bool ahead = board->core.control.design.lookahead_us > 0;
     for (int k = 0; k < HD_MODES; k++) {
         double complex *asked_um = board->asked_um[k];
         double complex newest_um = complex_of(board->core.asked_um[k]);
