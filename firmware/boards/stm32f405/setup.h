@@ -28,7 +28,7 @@
 #define LOOP {LAG(0.0f), LAG(0.0f)}
 
 /* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
- * either rail: 1800 steps to each side of mid-rail. */
+ * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
 #define REFERENCE_V 3.3f
 #define DAC_STEPS 1800.0f
 #define AMPLIFIER_V_PER_V {110.0f, 110.0f}
