@@ -7,7 +7,8 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
-from hapticd.tool_values import BoardLog
+from hapticd.design.resonance import fit_resonance
+from hapticd.tool_values import BoardLog, Sweep, SweepPoint
 from hapticd.values import BoardHello, BoardState, BoardStatus
 from hapticd.wire import device, protocol
 
@@ -77,6 +78,23 @@ def test_a_step_settles_and_stays(control_hz: int, target_um: float, settled_ms:
     assert stepped_um.max() < 1.02 * target_um
     assert still_um.max() < 0.002
     assert np.sqrt(np.mean((stepped_um[-20000:] - target_um) ** 2)) < 0.002
+
+
+def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench) -> None:
+    """Amplifiers and sensors add no phase here: what is left is a sample and a half, 15.8 degrees at the drive."""
+    bench.to_board += device.encode_sweep(Sweep(1, 29165.0, 29265.0, points=9, dwell_ms=40, voltage_v=15.0))
+    bench.hold(390)
+    points = [message for message in bench.messages if isinstance(message, SweepPoint)]
+    assert [point.index for point in points] == list(range(9))
+    assert not bench.amplifiers
+    assert bench.at_mid_rail
+    found = fit_resonance(
+        np.array([point.frequency_hz for point in points]),
+        np.array([point.measured_um[1] / point.voltage_v for point in points]),
+    )
+    assert found.frequency_hz == pytest.approx(29215.0, abs=0.1)
+    assert found.q_factor == pytest.approx(500.0, rel=0.005)
+    assert found.loop_phase_rad == pytest.approx(-2 * np.pi * 29205.0 * 1.5e-6, abs=0.005)
 
 
 def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:
