@@ -10,6 +10,7 @@ import math
 import os
 import sys
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 from .. import config
 from ..errors import ConfigError, DeviceError
@@ -43,7 +44,9 @@ def _port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str
     named = options.port or (loaded is not None and device.port)
     if not (options.sim or named):
         raise ConfigError("No board is named: give --port or --config, or try it with --sim.")
-    baud = device.baud if options.baud is None else options.baud
+    if options.baud is not None:
+        device = config.from_table({"device": {"baud": options.baud}}, where="--baud", folder=Path()).device
+    baud = device.baud
     if options.sim or named == config.SIMULATED:
         rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1))
         return str(rig.directory / "board"), baud
@@ -107,8 +110,10 @@ async def _gains(board: Conversation, options: argparse.Namespace) -> None:
 
 
 async def _raw(board: Conversation, options: argparse.Namespace) -> None:
-    voltage_v = cmath.rect(options.volts, math.radians(options.phase))
     sweep.check_drive(board.hello, options.mode, options.volts)
+    if not math.isfinite(options.phase):
+        raise DeviceError(f"--phase is {options.phase:g}: an angle is a finite number of degrees.")
+    voltage_v = cmath.rect(options.volts, math.radians(options.phase))
     with board.driving():
         await board.demand(RawVoltage(options.mode, voltage_v, options.ms))
         measured_um: tuple[complex, ...] = ()

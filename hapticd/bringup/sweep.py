@@ -20,12 +20,16 @@ from .conversation import Conversation
 BAND_HZ = 100.0  # to either side of the drive
 VOLTS_FRAC = 0.1  # of the board's limit
 SPARE_S = 2.0  # how much longer than its dwells a sweep may take
+LAST_POINTS_S = 0.5  # a full ring of them over a line of 9600 baud
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Sweep, show, fit, and draw or save if asked."""
     sweep = planned(board.hello, options)
-    saved = _saved(options.save, board.hello.modes)  # a file that cannot be read is not worth a sweep
+    for path in filter(None, (options.save, options.plot)):  # what cannot be read or written is not worth a sweep
+        if not path.absolute().parent.is_dir():
+            raise ConfigError(f"{path}: its directory is missing: create it first.")
+    saved = _saved(options.save, board.hello.modes)
     points = await _measured(board, sweep, show=not options.json)
     found = _fitted(points, sweep.mode)
     if options.json:
@@ -69,6 +73,7 @@ async def _measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[Sw
     points: list[SweepPoint] = []
     loop = asyncio.get_running_loop()
     end_s = loop.time() + sweep.points * sweep.dwell_ms * 1e-3 + SPARE_S
+    is_over = False
     with board.driving():
         await board.demand(sweep)
         if show:
@@ -80,7 +85,10 @@ async def _measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[Sw
                 if show:
                     print(text.sweep_row(message), flush=True)
             elif isinstance(message, BoardStatus) and message.state in (BoardState.FAULT, BoardState.QUIET):
-                raise DeviceError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
+                is_over = True
+                end_s = min(end_s, loop.time() + LAST_POINTS_S)  # a STATUS overtakes points on their way to the line
+    if is_over and (not points or points[-1].index + 1 < sweep.points):
+        raise DeviceError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
     if len(points) < sweep.points:
         lost = sweep.points - len(points)
         raise DeviceError(f"{lost} of the sweep's points never came: take a longer --dwell, or a faster --baud.")

@@ -21,6 +21,8 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Stream for as long as asked; then say how many samples came and how many were dropped."""
     if options.rate < 1:
         raise DeviceError(f"--rate is {options.rate}: a stream has at least 1 sample a second.")
+    if not options.seconds > 0.0:
+        raise DeviceError(f"--seconds is {options.seconds:g}: a stream lasts for some time.")
     if not options.json:
         print(header(board.hello.modes))
     loop = asyncio.get_running_loop()

@@ -80,11 +80,19 @@ class Emulator:
         options = (boot_id & 0xFFFFFFFF, t_start_us & 0xFFFFFFFF, int(stepped))
         make = _qemu_command if board == "qemu" else _host_command
         ends = (line_end.fileno(), bench_end.fileno())
-        self.process = subprocess.Popen(
-            make(program, *ends, options), stdin=subprocess.DEVNULL, pass_fds=ends, start_new_session=True
-        )
-        line_end.close()
-        bench_end.close()
+        try:
+            self.process = subprocess.Popen(
+                make(program, *ends, options), stdin=subprocess.DEVNULL, pass_fds=ends, start_new_session=True
+            )
+        except OSError as error:
+            self.line.close()
+            self.bench.close()
+            raise DeviceError(
+                f"{program}: cannot be run ({error.strerror}): name what `make -C firmware` built."
+            ) from None
+        finally:
+            line_end.close()
+            bench_end.close()
         self._half_a_report = b""
         self._steps = self._sent = self._heard = 0
         self._wait_until_it_runs()

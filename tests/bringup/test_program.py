@@ -88,6 +88,25 @@ def test_a_sweep_that_cannot_be_is_refused_in_one_sentence(
         type_in(link, *SWEEP, *arguments)
 
 
+@pytest.mark.parametrize(("volts", "dwell"), [("0.5", "20"), ("1.4", "1")])
+def test_a_sweep_that_ends_without_a_ramp_still_gets_its_last_point(
+    link: Any, type_in: TypeIn, volts: str, dwell: str
+) -> None:
+    """From so little the board is quiet a tick after the last point, and its STATUS goes first."""
+    said = type_in(link, "sweep", "--points", "9", "--dwell", dwell, "--volts", volts)
+    assert said.count("\n 29") == 9
+    assert "9 points" in said
+
+
+@pytest.mark.parametrize("where", ["--save", "--plot"])
+def test_a_place_that_is_not_there_is_said_before_the_sweep(
+    link: Any, type_in: TypeIn, tmp_path: Path, where: str
+) -> None:
+    with pytest.raises(ConfigError, match="its directory is missing"):
+        type_in(link, *SWEEP, where, str(tmp_path / "nowhere" / "file"))
+    assert link.peak_v == 0.0
+
+
 def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: Any, converse: Callable[..., Any]) -> None:
     async def interrupted(board: Conversation) -> None:
         with board.driving():
@@ -130,6 +149,13 @@ def test_a_raw_voltage_is_held_for_its_time_and_what_it_moves_is_said(link: Any,
     assert not link.voltage_v.any()
 
 
+@pytest.mark.parametrize("phase", ["inf", "-inf", "nan"])
+def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: Any, type_in: TypeIn, phase: str) -> None:
+    with pytest.raises(DeviceError, match=f"--phase is {phase}: an angle is a finite number"):
+        type_in(link, "raw", "--volts", "5", f"--phase={phase}")
+    assert link.peak_v == 0.0
+
+
 def test_gains_are_shown_and_chosen(link: Any, type_in: TypeIn) -> None:
     assert "law       deadbeat" in type_in(link, "gains")
     said = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
@@ -159,6 +185,12 @@ def test_telemetry_as_json_is_one_map_on_each_line(link: Any, type_in: TypeIn) -
     ]
     assert [row["t_s"] for row in rows[:3]] == [0.0, 0.02, 0.04]
     assert rows[0]["modes"][1]["decay_1_s"] == pytest.approx(183.56, abs=0.1)
+
+
+@pytest.mark.parametrize("seconds", ["nan", "0", "-3"])
+def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: TypeIn, seconds: str) -> None:
+    with pytest.raises(DeviceError, match=f"--seconds is {seconds}: a stream lasts for some time"):
+        type_in(link, "telemetry", f"--seconds={seconds}")
 
 
 # --- what goes wrong --------------------------------------------------------------------------------------------
@@ -220,6 +252,16 @@ def test_without_a_board_named_the_ways_to_name_one_are_said(capsys: pytest.Capt
 
     assert main(["firmware", "info"]) == ConfigError.exit_code
     assert "give --port or --config, or try it with --sim" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("baud", ["0", "-5", "99999999999999"])
+def test_a_speed_that_no_board_has_is_refused_before_the_port_is_opened(
+    capsys: pytest.CaptureFixture[str], baud: str
+) -> None:
+    from hapticd.__main__ import main
+
+    assert main(["firmware", "info", "--port", "/dev/null", "--baud", baud]) == ConfigError.exit_code
+    assert "it must be 9600 .. 5.25e+06" in capsys.readouterr().err
 
 
 def test_the_simulated_board_answers_through_its_pseudo_terminal(capsys: pytest.CaptureFixture[str]) -> None:

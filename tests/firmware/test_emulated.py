@@ -279,6 +279,15 @@ def test_a_missing_image_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, t
         find_program("qemu", tmp_path / "no-image")
 
 
+@pytest.mark.parametrize("given", ["firmware.bin", "README.md"])
+def test_a_file_that_is_no_program_is_named_in_one_sentence(tmp_path: Path, given: str) -> None:
+    image = tmp_path / given
+    image.write_bytes(b"not a program")
+    image.chmod(0o755 if given.endswith("bin") else 0o644)
+    with pytest.raises(DeviceError, match=rf"{given}: cannot be run \(.+\): name what `make -C firmware` built\.$"):
+        Emulator("host", find_program("host", image))
+
+
 def test_a_board_that_dies_is_one_sentence(programs: Callable[[str], Path]) -> None:
     with Emulator("host", programs("host"), stepped=True) as board:
         board.process.kill()

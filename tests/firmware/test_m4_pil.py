@@ -7,7 +7,8 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
-from hapticd.tool_values import BoardLog
+from hapticd.design.resonance import fit_resonance
+from hapticd.tool_values import BoardLog, Sweep, SweepPoint
 from hapticd.values import BoardHello, BoardState, BoardStatus
 from hapticd.wire import device, protocol
 
@@ -77,6 +78,23 @@ def test_a_step_settles_and_stays(control_hz: int, target_um: float, settled_ms:
     assert stepped_um.max() < 1.02 * target_um
     assert still_um.max() < 0.002
     assert np.sqrt(np.mean((stepped_um[-20000:] - target_um) ** 2)) < 0.002
+
+
+def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench) -> None:
+    """Amplifiers and sensors add no phase here: what is left is a sample and a half, 15.8 degrees at the drive."""
+    bench.to_board += device.encode_sweep(Sweep(1, 29165.0, 29265.0, points=9, dwell_ms=40, voltage_v=15.0))
+    bench.hold(390)
+    points = [message for message in bench.messages if isinstance(message, SweepPoint)]
+    assert [point.index for point in points] == list(range(9))
+    assert not bench.amplifiers
+    assert bench.at_mid_rail
+    found = fit_resonance(
+        np.array([point.frequency_hz for point in points]),
+        np.array([point.measured_um[1] / point.voltage_v for point in points]),
+    )
+    assert found.frequency_hz == pytest.approx(29215.0, abs=0.1)
+    assert found.q_factor == pytest.approx(500.0, rel=0.005)
+    assert found.loop_phase_rad == pytest.approx(-2 * np.pi * 29205.0 * 1.5e-6, abs=0.005)
 
 
 def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:
@@ -154,14 +172,28 @@ def test_lost_samples_end_in_silence_until_the_host_arms_anew(bench: Bench, mish
     assert bench.amplitudes_um(1)[:, 0] == pytest.approx(2.0, abs=0.04)
 
 
-def test_a_chunk_filled_too_late_is_a_lost_one(bench: Bench) -> None:
-    """While the handler works the DMA goes on: when the other half is through, what was filled is being played."""
+@pytest.mark.parametrize("moment", ["on_look", "on_clear"])
+def test_a_chunk_filled_too_late_is_a_lost_one(bench: Bench, moment: str) -> None:
+    """While the handler works the DMA goes on: when the other half is through, what was filled is being played. Its
+    flag may come at any moment, and the interrupt that it latched ends with the restart: one chunk is lost, not two.
+    """
     bench.arm(2.0, 0.0)
     bench.convert()
-    before = bench.registers["DMA2.LISR"]
-    bench.registers.on_clear = lambda: bench.registers.__setitem__("DMA2.LISR", before ^ (HALF | COMPLETE))
+    other = bench.registers["DMA2.LISR"] ^ (HALF | COMPLETE)
+
+    def other_half_is_through() -> None:
+        setattr(bench.registers, moment, lambda: None)
+        bench.registers["DMA2.LISR"] |= other
+        bench.registers.pending = True
+
+    setattr(bench.registers, moment, other_half_is_through)
     bench.cpu.interrupt(HANDLER)
     assert not bench.amplifiers
+    if bench.registers.pending:
+        bench.cpu.interrupt(HANDLER)
+    bench.restarted()
+    bench.come_round()
+    assert [entry.code for entry in log(bench).entries] == [MISSED_CHUNK, DEADMAN_TRIP]
 
 
 def test_a_chunk_may_interrupt_the_main_loop_anywhere_outside_the_lock() -> None:
@@ -213,6 +245,19 @@ def test_without_any_clock_the_board_tries_again_in_silence() -> None:
     assert not registers["GPIOB.ODR"]
     assert registers["DAC.DHR12LD"] == 0x80008000
     assert registers["DAC.CR"] == 0x00010001
+
+
+def test_without_samples_the_main_loop_stays_awake_to_say_so() -> None:
+    """No chunk will ever wake it: an amplifier gain that makes no sense must not leave a board that does not answer."""
+    registers = Peripherals()
+    cpu = Cpu(image.build(), read=registers.read, write=registers.write)
+    assert cpu.run_to("hd_carrier_init")
+    cpu.return_now(False)
+    assert cpu.run_to("board_wait")
+    assert registers.t_fed_us is None
+    reads = registers.reads
+    assert not cpu.run_to("main", instructions=1000)
+    assert registers.reads > reads + 10, "it looks at the line, round after round"
 
 
 def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(bench: Bench) -> None:

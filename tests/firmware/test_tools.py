@@ -169,6 +169,25 @@ def test_a_raw_voltage_above_its_limit_does_not_begin(bench: Any, raw: RawVoltag
     assert (bench.run(10).voltage_v == 0).all()
 
 
+@pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 9 - 12j, 60)], ids=["sweep", "raw voltage"])
+@pytest.mark.parametrize("before_ms", [10, 40, 97])
+def test_the_clock_may_wrap_while_a_tool_drives(new_bench: NewBench, command: Any, before_ms: int) -> None:
+    """On a ramp, at full voltage, in the dead-man's last 50 ms: nothing of it may depend on where the clock stands."""
+
+    def history(t_start_us: int) -> tuple[bytes, list[int], list[Any]]:
+        bench = new_bench(t_start_us=t_start_us)
+        bench.say(encode(SetTelemetry(500)))
+        bench.say(encode(command))
+        voltage_v = np.concatenate((attended(bench, 120), bench.run(140).voltage_v))
+        samples = [message for message in bench.messages if isinstance(message, TelemetrySample)]
+        times_us = [(sample.t_board_us - t_start_us) % 2**32 for sample in samples]
+        return voltage_v.tobytes(), times_us, points(bench)
+
+    wrapped = history(2**32 - 1000 * before_ms)
+    assert wrapped == history(3_000_000)
+    assert len(wrapped[1]) == 65
+
+
 # --- what ends a tool, and who may begin one --------------------------------------------------------------------
 
 

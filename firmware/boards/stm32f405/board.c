@@ -22,6 +22,8 @@
 
 __attribute__((section(".noinit"))) kept_t kept;
 
+static bool sampling; /* what wakes the main loop */
+
 static enum hd_reset_cause reset_cause(void)
 {
     uint32_t flags = RCC->CSR;
@@ -135,6 +137,7 @@ void board_run(void)
     IWDG->PR = 0;
     IWDG->RLR = WATCHDOG_RELOAD;
     IWDG->KR = IWDG_KEY_FEED;
+    sampling = true;
     sampling_run();
 }
 
@@ -175,7 +178,9 @@ void board_unlock(void)
 
 void board_wait(void)
 {
-    __asm volatile("wfi" : : : "memory");
+    if (sampling) {
+        __asm volatile("wfi" : : : "memory");
+    }
 }
 
 void board_feed_watchdog(void)

@@ -69,6 +69,7 @@ typedef struct {
 
 #define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008)
 #define NVIC_ISER ((reg_t *)0xE000E100)
+#define NVIC_ICPR ((reg_t *)0xE000E280)
 #define NVIC_IPR ((volatile uint8_t *)0xE000E400)
 #define SCB_AIRCR (*(reg_t *)0xE000ED0C)
 #define SCB_CPACR (*(reg_t *)0xE000ED88)

@@ -109,6 +109,7 @@ void sampling_run(void)
     start_dacs();
     start_adcs();
     NVIC_IPR[IRQ_DMA2_STREAM0] = CHUNK_PRIORITY;
+    NVIC_ICPR[IRQ_DMA2_STREAM0 / 32] = 1u << IRQ_DMA2_STREAM0 % 32; /* a chunk of before a restart is none */
     NVIC_ISER[IRQ_DMA2_STREAM0 / 32] = 1u << IRQ_DMA2_STREAM0 % 32;
     start_timer();
 }
@@ -140,8 +141,9 @@ void DMA2_Stream0_IRQHandler(void);
 void DMA2_Stream0_IRQHandler(void)
 {
     GPIOB->BSRR = 1u << BUSY;
-    uint32_t event = DMA2->LISR & DMA_ALL & ~DMA_FE; /* without FIFO its flag means nothing */
-    DMA2->LIFCR = DMA_ALL;
+    uint32_t raised = DMA2->LISR & DMA_ALL;
+    DMA2->LIFCR = raised; /* and not what comes between the two: that would be a chunk lost unseen */
+    uint32_t event = raised & ~DMA_FE; /* without FIFO its flag means nothing */
     if ((event == DMA_HT || event == DMA_TC) && in_step()) {
         int half = event == DMA_TC;
         hd_on_chunk((const uint16_t(*)[HD_MODES])sampled[half], (uint16_t(*)[HD_MODES])played[half]);

@@ -23,12 +23,12 @@
 #define QUALITY {500.0f, 500.0f}
 #define HELD_UM {4.0f, 4.0f}
 
-/* By how much amplifier, electrodes and sensor turn the phase back at the drive frequency, in rad: a sweep shows it.
- * What the converters themselves add is known and not part of it. */
+/* By how much amplifier, electrodes and sensor turn the phase back at the drive frequency, in rad. A sweep shows minus
+ * the phase of the whole loop: take off the 0.276 rad (15.8 degrees) of the converters, which LAG adds by itself. */
 #define LOOP {LAG(0.0f), LAG(0.0f)}
 
 /* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
- * either rail: 1800 steps to each side of mid-rail. */
+ * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
 #define REFERENCE_V 3.3f
 #define DAC_STEPS 1800.0f
 #define AMPLIFIER_V_PER_V {110.0f, 110.0f}

@@ -73,8 +73,9 @@ class Cpu:
         """From within `read` or `write`: no instruction follows the one that asked."""
         self._uc.emu_stop()
 
-    def return_now(self) -> None:
-        """Leaves the function that was about to be executed."""
+    def return_now(self, value: int = 0) -> None:
+        """Leaves the function that was about to be executed, with this result."""
+        self._uc.reg_write(arm.UC_ARM_REG_R0, value)
         self.pc = self._uc.reg_read(arm.UC_ARM_REG_LR) & ~1
 
     def call(self, symbol: str, *arguments: int) -> int:

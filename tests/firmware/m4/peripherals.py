@@ -34,7 +34,7 @@ BLOCKS: dict[str, tuple[int, dict[str, int]]] = {
         for unit in (1, 2)
         for i in range(8)
     },
-    "NVIC": (0xE000E100, {"ISER1": 0x04, "IPR56": 0x338}),
+    "NVIC": (0xE000E100, {"ISER1": 0x04, "ICPR1": 0x184, "IPR56": 0x338}),
     "SCB": (0xE000ED00, {"AIRCR": 0x0C, "CPACR": 0x88}),
     "DBGMCU": (0xE0042000, {"APB1_FZ": 0x08}),
 }
@@ -63,7 +63,9 @@ class Peripherals:
         self.t_fed_us: int | None = None  # None while the watchdog is not started
         self.reset_requested = False
         self.on_reset: Callable[[], None] = lambda: None
-        self.on_clear: Callable[[], None] = lambda: None  # what happens right after the ADC's flags were cleared
+        self.on_look: Callable[[], None] = lambda: None  # what happens right after the ADC's flags were read
+        self.on_clear: Callable[[], None] = lambda: None  # and right after they were cleared
+        self.pending = False  # the chunk's interrupt, latched while its handler works
         self._crystal = crystal
         self._pll = pll
         self._effects: dict[str, Callable[[int], None]] = {
@@ -74,6 +76,7 @@ class Peripherals:
             "RCC.APB2RSTR": lambda value: self._reset_blocks(value, {8: ["ADC1", "ADC2", "ADC"]}),
             "IWDG.KR": self._watchdog_key,
             "SCB.AIRCR": self._system_reset,
+            "NVIC.ICPR1": self._forget_interrupt,
             "DMA2.LIFCR": lambda value: self._clear("DMA2.LISR", value),
             "DMA2.HIFCR": lambda value: self._clear("DMA2.HISR", value),
             "DMA1.HIFCR": lambda value: self._clear("DMA1.HISR", value),
@@ -93,7 +96,10 @@ class Peripherals:
         assert size == (1 if name == "NVIC.IPR56" else 4), f"{name} was read as {size} bytes"
         if name == "TIM5.CNT" and self.registers["TIM5.CR1"] & 1:
             return self.now_us & 0xFFFFFFFF
-        return self.registers[name]
+        value = self.registers[name]
+        if name == "DMA2.LISR":
+            self.on_look()
+        return value
 
     def write(self, address: int, size: int, value: int) -> None:
         name = NAME[address]
@@ -133,6 +139,10 @@ class Peripherals:
         self.registers[flags] &= ~value
         if flags == "DMA2.LISR":
             self.on_clear()
+
+    def _forget_interrupt(self, value: int) -> None:
+        assert value == 1 << (56 - 32)
+        self.pending = False
 
     def _pins(self, output: str, value: int) -> None:
         self.registers[output] = self.registers[output] & ~(value >> 16) | value & 0xFFFF
