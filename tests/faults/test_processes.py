@@ -7,7 +7,7 @@ import signal
 import time
 
 import numpy as np
-from service import Bench, drive, is_driven, is_quiet, wait_board, wait_state
+from service import Bench, drive, is_driven, is_quiet, wait_board, wait_for, wait_state
 from stand import DRIVEN_UM, QUIET_UM, SILENT_MS, tell
 
 from hapticd.values import BoardState
@@ -27,8 +27,10 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     wait_board(bench.rig_dir, BoardState.QUIET, round(10 * DAEMON_S))  # ten statuses a second
     t_cont_s = time.monotonic() - rig.t_start_s
     service.process.send_signal(signal.SIGCONT)
+    wait_for(lambda: client.status()["board"]["deadman_trips"] == 1)  # what was known before is known no more
     drive(client)  # of the time that nobody looked it knows nothing: fingers may be new ones
-    assert client.status()["board"]["deadman_trips"] == 1
+    for _ in zip(range(20), client.states(), strict=False):
+        pass  # the plate ramps in and moves for a while
     warnings = service.said("WARNING")
     arrays = rig.recording()
     t_s, level_um = arrays["t_s"].real, np.abs(arrays["modal_um"]).max(axis=1)

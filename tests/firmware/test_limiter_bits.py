@@ -122,12 +122,21 @@ def test_what_is_not_finite_is_silence_in_these_modes_alone(bad: float, place: i
         assert inside(silenced).tobytes() == bytes(16)
 
 
-@pytest.mark.parametrize("d", [LIMIT_V, ABOVE_V, np.float32(3e19), np.float32(-1e-30)])
-def test_one_phasor_at_its_limit_is_left_and_above_it_scaled(d: np.float32) -> None:
-    limit = firmware.load(2).hd_limit_magnitude
-    limit.argtypes, limit.restype = [Phasor, ctypes.c_float], Phasor
-    out = limit(Phasor(d, 0.0), LIMIT_V)
+@pytest.mark.parametrize("place", range(4))
+def test_the_largest_float_is_a_number_still_and_scaled_away(place: int) -> None:
+    values = [0.0, 0.0, 0.5, 0.0]
+    values[place] = float(np.finfo(np.float32).max)
+    amplitudes, limits = between(1e6, values), between(1e-3, LIMIT_UM)
+    assert firmware.load(2).hd_limit_amplitudes(address(amplitudes), address(limits)) == SCALED
+    assert not inside(amplitudes).any()
+
+
+@pytest.mark.parametrize("d", [ABOVE_V, np.float32(-160.5), np.float32(3e19)])
+def test_a_phasor_above_its_limit_is_shortened_to_it(d: np.float32) -> None:
+    shorten = firmware.load(2).hd_shorten
+    shorten.argtypes, shorten.restype = [Phasor, ctypes.c_float], Phasor
+    out = shorten(Phasor(d, 0.0), LIMIT_V)
     with np.errstate(over="ignore"):
         found = magnitude(d, np.float32(0))
-    assert out.d == (d if found <= LIMIT_V else ROUND_DOWN * LIMIT_V / found * d)
+    assert out.d == ROUND_DOWN * LIMIT_V / found * d
     assert out.q == 0

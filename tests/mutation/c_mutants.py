@@ -45,7 +45,7 @@ TOKEN = re.compile(
 class Mutant(NamedTuple):
     """A changed source: where, what for what, and its text."""
 
-    line: int
+    text: str
     change: str
     source: str
 
@@ -59,7 +59,7 @@ def mutants(source: str, functions: Sequence[str]) -> Iterator[Mutant]:
                 line = source.count("\n", 0, token.start()) + 1
                 text = source.splitlines()[line - 1].split("/*")[0].strip()
                 column = token.start() - source.rfind("\n", 0, token.start()) - 1
-                yield Mutant(line, f"{text} @{column} {token.group()} -> {other or 'nothing'}", changed)
+                yield Mutant(text, f"@{column} {token.group()} -> {other or 'nothing'}", changed)
 
 
 def _body(source: str, name: str) -> tuple[int, int]:

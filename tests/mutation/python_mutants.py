@@ -34,7 +34,7 @@ ATTRIBUTES = {"real": "imag", "imag": "real"}
 class Mutant(NamedTuple):
     """A changed module: where, what for what, and its source."""
 
-    line: int
+    text: str
     change: str
     source: str
 
@@ -49,7 +49,11 @@ def mutants(source: str) -> Iterator[Mutant]:
             before = _text(node)
             _changes(node)[choice]()
             ast.fix_missing_locations(tree)
-            yield Mutant(node.lineno, f"{before} -> {_text(node)}", ast.unparse(tree))
+            yield Mutant(
+                source.splitlines()[node.lineno - 1].split("#")[0].strip(),
+                f"{before} -> {_text(node)}",
+                ast.unparse(tree),
+            )
 
 
 Node = ast.expr | ast.stmt

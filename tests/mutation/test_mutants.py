@@ -14,21 +14,22 @@ TRIAL = Path(__file__).with_name("trial.py")
 
 _GROWS = "1 - shave has the same float for the few steps that it takes"
 HOST_EQUIVALENT = {
-    "80: 2.0 -> 1.9999999999999998": "1 - shave rounds to the same float below 1",
-    "80: 2.0 -> 2.0000000000000004": "1 - shave rounds to the same float below 1",
-    "80: 53 -> 54": "1 - 2**-54 is 1 in floats: one step without effect, then the same ones",
-    "86: 2.0 -> 1.9999999999999998": _GROWS,
-    "86: 2.0 -> 2.0000000000000004": _GROWS,
+    "shave = 2.0**-53: 2.0 -> 1.9999999999999998": "1 - shave rounds to the same float below 1",
+    "shave = 2.0**-53: 2.0 -> 2.0000000000000004": "1 - shave rounds to the same float below 1",
+    "shave = 2.0**-53: 53 -> 54": "1 - 2**-54 is 1 in floats: one step without effect, then the same ones",
+    "shave *= 2.0: 2.0 -> 1.9999999999999998": _GROWS,
+    "shave *= 2.0: 2.0 -> 2.0000000000000004": _GROWS,
 }
-_ROUND_DOWN = "limiter.c 5: #define ROUND_DOWN (1.0f - 0x1p-21f)"
-_TOLERANCE = "limiter.h 10: #define HD_LIMIT_TOLERANCE 1e-6f"
+_ROUND_DOWN = "limiter.c #define ROUND_DOWN (1.0f - 0x1p-21f):"
+_TOLERANCE = "limiter.h #define HD_LIMIT_TOLERANCE 1e-6f:"
 BOARD_EQUIVALENT = {
     f"{_ROUND_DOWN} @27 0x1p-21f -> (0x1.fffffe0000000p-22f)": "1 - 2**-21 has the same float",
     f"{_ROUND_DOWN} @27 0x1p-21f -> (0x1.0000020000000p-21f)": "1 - 2**-21 has the same float",
     f"{_TOLERANCE} @27 1e-6f -> (0x1.0c6f780000000p-20f)": "1 + 1e-6 has the same float",
     f"{_TOLERANCE} @27 1e-6f -> (0x1.0c6f7c0000000p-20f)": "1 + 1e-6 has the same float",
-    "limiter.c 40: if (!(magnitude <= limit_um[k] * (1.0f + HD_LIMIT_TOLERANCE))) {"
+    "limiter.c if (!(magnitude <= limit_um[k] * (1.0f + HD_LIMIT_TOLERANCE))) {:"
     " @42 1.0f -> (0x1.fffffe0000000p-1f)": "1 + 1e-6 has the same float",
+    "phasor.h return b < a ? b : a;: @13 < -> <=": "of equals either is the smaller",
 }
 
 

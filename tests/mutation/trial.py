@@ -1,7 +1,7 @@
 """Which mutants live: `python tests/mutation/trial.py host` for core/limits.py, `board` for the firmware's limiter.
 
 Every mutant meets the limiter's own tests in a process of its own, so that one that crashes, or never ends, is dead
-and harms nobody. The answer is JSON: how many there were, and those that no test killed as `line: change`.
+and harms nobody. The answer is JSON: how many there were, and those that no test killed, as `text of the line: change`.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ BOARD_TESTS = (
 )
 LIMITER = ROOT / "firmware/core/limiter.c"
 BOARD_SOURCES = {
-    LIMITER: ("all_finite", "scale_all", "silence", "hd_limit_amplitudes", "hd_limit_magnitude", "hd_limit_voltages"),
-    LIMITER.with_suffix(".h"): (),
-    LIMITER.with_name("phasor.h"): ("hd_scale", "hd_dot", "hd_magnitude", "hd_finite"),
+    LIMITER: ("all_finite", "scale_all", "silence", "hd_limit_amplitudes", "hd_shorten", "hd_limit_voltages"),
+    LIMITER.with_suffix(".h"): ("hd_limit_magnitude",),
+    LIMITER.with_name("phasor.h"): ("hd_scale", "hd_dot", "hd_magnitude", "hd_within", "hd_finite", "hd_smaller"),
 }
 COMPILE = ("gcc", "-std=c11", "-O1", "-ffp-contract=off", "-w", "-fPIC", "-shared")
 PATIENCE = 2.0  # times the processor seconds that the sound code takes
@@ -51,7 +51,7 @@ PATIENCE = 2.0  # times the processor seconds that the sound code takes
 
 def host_trial() -> tuple[int, list[str]]:
     path = Path(str(limits.__file__))
-    return trial([(m.line, m.change, m.source) for m in python_mutants.mutants(path.read_text())], path, install_host)
+    return trial([(m.text, m.change, m.source) for m in python_mutants.mutants(path.read_text())], path, install_host)
 
 
 def install_host(path: Path, source: str) -> None:
@@ -68,7 +68,7 @@ def board_trial() -> tuple[int, list[str]]:
     lived: list[str] = []
     count = 0
     for path, functions in BOARD_SOURCES.items():
-        found = [(m.line, m.change, m.source) for m in c_mutants.mutants(path.read_text(), functions)]
+        found = [(m.text, m.change, m.source) for m in c_mutants.mutants(path.read_text(), functions)]
         of_file, left = trial(found, path, install_board)
         count += of_file
         lived += [f"{path.name} {one}" for one in left]
@@ -93,16 +93,16 @@ def install_board(path: Path, source: str) -> None:
 
 
 def trial(
-    found: Sequence[tuple[int, str, str]], path: Path, install: Callable[[Path, str], None]
+    found: Sequence[tuple[str, str, str]], path: Path, install: Callable[[Path, str], None]
 ) -> tuple[int, list[str]]:
-    """How many mutants of the file at `path` there are, and the living ones as `line: change`."""
+    """How many mutants of the file at `path` there are, and the living ones as `text of the line: change`."""
     begun_s = processor_s()
     if is_killed(lambda: install(path, path.read_text()), 60.0):
         raise SystemExit(f"the tests fail for {path} as it is")
     patience_s = 0.5 + PATIENCE * (processor_s() - begun_s)
     lived = [
-        f"{line}: {change}"
-        for line, change, source in found
+        f"{text}: {change}"
+        for text, change, source in found
         if not is_killed(lambda source=source: install(path, source), patience_s)
     ]
     return len(found), lived
