@@ -88,6 +88,10 @@ class TrackpadConfig:
     silence_ms: float = _key(40.0, "fingers count as lifted when the pad is silent for so long", low=15, high=1000)
 
 
+# By how much the plate lags each law on moving references, measured: `hapticd bench firmware`, table tracking.
+LAW_DELAY_MS = {"pi": 1.0, "pi_ff": 0.0, "deadbeat": 0.0}
+
+
 @dataclass(frozen=True, slots=True)
 class DeviceConfig:
     """The board between the serial port and the amplifiers."""
@@ -95,11 +99,16 @@ class DeviceConfig:
     port: str = _key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
     baud: int = _key(921600, "serial speed", low=9600, high=5250000)
     link_ms: float = _key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
-    loop_delay_ms: float = _key(0.0, "by how much the plate follows its reference late", low=0, high=20)
+    loop_delay_ms: float = _key(0.0, "by how much the plate follows later than its control law lets it", low=0, high=20)
     controller: str = _key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
     calibration_file: str = _key(
         "", "TOML of the measured modes, as `hapticd firmware sweep --save` writes it; empty: the firmware's own"
     )
+
+    @property
+    def plate_delay_ms(self) -> float:
+        """By how much the plate follows its reference late: the control law's own lag and `loop_delay_ms`."""
+        return LAW_DELAY_MS[self.controller] + self.loop_delay_ms
 
 
 @dataclass(frozen=True, slots=True)

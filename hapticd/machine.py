@@ -353,7 +353,7 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         tolerance_um=config.solver.tolerance_um,
         max_knots=config.solver.max_knots,
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
-        loop_delay_ns=round(config.device.loop_delay_ms * 1e6),
+        loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
         cover_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )

@@ -114,3 +114,11 @@ def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
 def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
     loaded = load('[client]\ntcp = "[::1]:7410"\nkeys_dir = "keys"\n', tmp_path)
     assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")
+
+
+def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:
+    delays_ms = {
+        law: config.DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms
+        for law in ("pi", "pi_ff", "deadbeat")
+    }
+    assert delays_ms == {"pi": 1.5, "pi_ff": 0.5, "deadbeat": 0.5}

@@ -246,7 +246,7 @@ class Simulation:
             t_s=t_s,
             finger_true_mm=true_mm,
             finger_predicted_mm=self._passes.predicted_mm(
-                t_s, len(self.actors), self._config.device.loop_delay_ms * 1e-3
+                t_s, len(self.actors), self._config.device.plate_delay_ms * 1e-3
             ),
             target_um=target_um,
             reference_um=recording.reference_um,
