@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -163,3 +165,19 @@ def test_a_damaged_file_is_read_or_refused(position: int, flip: int, suffix: str
 def test_a_file_of_more_points_than_a_grid_has_is_refused() -> None:
     with pytest.raises(ModesError, match="more than 160000 points"):
         decode_grid(b"x_mm,y_mm,phi_1\n" + b"1,1,1\n" * 160_001, ".csv")
+
+
+@pytest.mark.parametrize(
+    ("member", "packing", "what"),
+    [
+        (bytes((1 << 24) + 1), zipfile.ZIP_DEFLATED, "more than 16 MiB"),
+        (b"", zipfile.ZIP_BZIP2, "not a readable NPZ"),
+        (b"\x93NUMPY\x02\x00", zipfile.ZIP_STORED, "not a readable NPZ"),
+    ],
+)
+def test_an_archive_that_numpy_would_not_write_is_refused(member: bytes, packing: int, what: str) -> None:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", packing) as archive:
+        archive.writestr("x_mm.npy", member)
+    with pytest.raises(ModesError, match=what):
+        decode_grid(buffer.getvalue(), ".npz")
