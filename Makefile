@@ -16,8 +16,7 @@ test: $(INSTALLED)
 # Every branch of the limits, the supervisor and the decoders.
 coverage: $(INSTALLED)
 	$(BIN)/coverage run -m pytest -p no:xdist tests/core/test_limits.py tests/core/test_supervisor.py tests/wire \
-	    tests/test_config.py tests/test_calibration.py tests/core/test_modes_file.py tests/io/test_trackpad_source.py \
-	    tests/fuzz -k "not led_by_coverage"
+	    tests/test_config.py tests/test_calibration.py tests/core/test_modes_file.py
 	$(BIN)/coverage report
 
 # New inputs to every decoder and scripts to the firmware's core, FUZZ_SECONDS each; what is found goes to build/fuzz.

@@ -122,3 +122,28 @@ def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> 
         for law in ("pi", "pi_ff", "deadbeat")
     }
     assert delays_ms == {"pi": 1.5, "pi_ff": 0.5, "deadbeat": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[sim]\nseed = 9223372036854775808\n", "beyond 64 bits"),
+        ("[limits]\nw_limit_um = [1" + "0" * 400 + "]\n", "beyond 64 bits"),
+        ("[sim]\nseed = " + "9" * 5000, "not valid TOML"),
+        ("a = " + "[" * 5000, "nests too deeply"),
+        ("a" + ".a" * 16 + " = 1", "16 dots or more"),
+        ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
+        ("#" * 65537, "more than 65536 bytes"),
+        ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
+        ('[solver]\neffort = "much"\n', "must be a number"),
+    ],
+)
+def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=sentence) as refused:
+        load(text, tmp_path)
+    assert str(refused.value).isprintable()
+
+
+def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
+    real = config.Config(plate=config.PlateConfig(modes_file="a.npz"), device=config.DeviceConfig(port="/dev/ttyACM0"))
+    assert config.simulated(real) == config.Config()

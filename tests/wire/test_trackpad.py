@@ -342,3 +342,10 @@ def test_mt1_frames_are_at_host_time() -> None:
 def test_the_wire_gives_the_shared_values() -> None:
     assert trackpad.Contact is values.Contact
     assert trackpad.TouchFrame is values.TouchFrame
+
+
+def test_after_a_reset_the_magic_trackpad_1_remembers_no_contact() -> None:
+    decoder = Decoder("mt1")
+    decoder.decode(mt1(mt1_record(3)), 0)
+    decoder.reset()
+    assert decoder.decode(mt1(), MS)[0].contacts == ()
