@@ -266,11 +266,7 @@ def _checked(entry: Field[Any], value: Any, where: str) -> Any:
         return value
     if isinstance(default, bool):
         if not isinstance(value, bool):
-            raise ConfigError(f"{where}: must be true or false, not {value!r}.")
-        return value
-    if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise ConfigError(f"{where}: must be true or false, not {value!r}.")
+            raise ConfigError(f"{where}: must be true or false, not {shown(value)}.")
         return value
     if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
         raise ConfigError(f"{where}: must be a whole number, not {shown(value)}.")
@@ -381,6 +377,4 @@ def _toml(value: Any) -> str:
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, tuple):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
-    if isinstance(value, bool):
-        return str(value).lower()
     return repr(value)

@@ -50,7 +50,7 @@ static void start(bench_t *bench, uint64_t t_start_us, enum hd_law law)
         .sensor = sensor, .loop_phase_rad = loop_phase, .noise_um = 0.0006, .amplifier_limit_v = LIMIT_V, .seed = 7,
         .t_start_us = t_start_us, .boot_id = 1, .control_hz = 1e6 / TICK_US, .drive_hz = 29205.0, .v_limit_v = LIMIT_V,
         .w_limit_um = limit_um, .nominal_decay_1_s = decay, .nominal_detuning_rad_s = detuning,
-        .nominal_gain_um_per_v_s = nominal_gain, .nominal_loop_phase_rad = loop_phase, .law = law,
+        .nominal_gain_um_per_v_s = nominal_gain, .nominal_loop_phase_rad = loop_phase, .law = (int32_t)law,
     };
     memset(bench, 0, sizeof *bench);
     bench->board = hd_board_new(&setup);
