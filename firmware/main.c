@@ -82,12 +82,12 @@ static void answer_host(void)
 
 static void keep_log(void)
 {
-    static uint32_t kept_events;
-    if (core.config.log.events != kept_events) {
+    static uint32_t kept_check;
+    if (core.config.log.check != kept_check) {
         board_lock();
         hd_log_t log = core.config.log;
         board_unlock();
-        kept_events = log.events;
+        kept_check = log.check;
         board_keep_log(&log);
     }
 }

@@ -47,7 +47,7 @@ def test_a_configuration_that_is_there_is_left_alone_and_the_rest_renewed(tmp_pa
     assert unit.read_text() != "# old\n"
 
 
-@pytest.mark.parametrize("place", ["/home/ada/.venv/bin/hapticd", "/root/x/hapticd", "/tmp/w/hapticd"])
+@pytest.mark.parametrize("place", ["/home/ada/.venv/bin/hapticd", "/root/hapticd", "/tmp/hapticd"])
 def test_a_program_that_the_service_could_not_see_is_refused_before_anything_is_written(
     place: str, tmp_path: Path
 ) -> None:

@@ -26,10 +26,23 @@ void hd_log_recover(hd_log_t *log)
     }
 }
 
+/* Lost samples come in swarms, and their value counts them: one entry of a swarm is enough, and leaves room for what
+ * went wrong before it. */
+static bool amends_newest(const hd_log_t *log, const hd_wire_log_entry_t *entry)
+{
+    const hd_wire_log_entry_t *newest = &log->entry[(log->events - 1) % HD_LOG_ENTRIES];
+    return log->events > 0 && entry->code == HD_EVENT_MISSED_CHUNK && newest->code == entry->code
+        && newest->boot_id == entry->boot_id;
+}
+
 void hd_log_add(hd_log_t *log, const hd_wire_log_entry_t *entry)
 {
-    log->entry[log->events % HD_LOG_ENTRIES] = *entry;
-    log->events++;
+    if (amends_newest(log, entry)) {
+        log->entry[(log->events - 1) % HD_LOG_ENTRIES] = *entry;
+    } else {
+        log->entry[log->events % HD_LOG_ENTRIES] = *entry;
+        log->events++;
+    }
     log->check = check_of(log);
 }
 
