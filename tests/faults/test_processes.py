@@ -11,10 +11,17 @@ from service import Bench, drive, is_driven, is_quiet, wait_board, wait_for, wai
 from stand import DRIVEN_UM, QUIET_UM, SILENT_MS, tell
 
 from hapticd.values import BoardState
+from hapticd_client import Client
 
 TTL_S = 0.5
 BUSY_S = 0.5  # for a machine that has other things to do
 DAEMON_S = 2.0
+
+
+def stay_driven(client: Client) -> None:
+    """Until the plate has ramped in and moved for some twenty reports."""
+    for _ in zip(range(20), client.states(), strict=False):
+        pass
 
 
 def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_again(bench: Bench) -> None:
@@ -22,6 +29,7 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     service = bench.service()
     client = bench.client()
     drive(client)
+    stay_driven(client)
     service.process.send_signal(signal.SIGSTOP)
     t_stop_s = time.monotonic() - rig.t_start_s
     wait_board(bench.rig_dir, BoardState.QUIET, round(10 * DAEMON_S))  # ten statuses a second
@@ -29,8 +37,7 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     service.process.send_signal(signal.SIGCONT)
     wait_for(lambda: client.status()["board"].get("deadman_trips") == 1)  # what was known before is known no more
     drive(client)  # of the time that nobody looked it knows nothing: fingers may be new ones
-    for _ in zip(range(20), client.states(), strict=False):
-        pass  # the plate ramps in and moves for a while
+    stay_driven(client)
     warnings = service.said("WARNING")
     arrays = rig.recording()
     t_s, level_um = arrays["t_s"].real, np.abs(arrays["modal_um"]).max(axis=1)

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from service import PATIENCE_S, PIPE, ROOT, Bench, is_driven, wait_state
+from service import PATIENCE_S, PIPE, ROOT, Bench, first, is_driven, wait_state
 
 EXAMPLES = ROOT / "clients" / "examples"
 
@@ -20,7 +20,7 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     command = [sys.executable, "-m", "hapticd", "demo", "--seconds", "3", "--out", str(out)]
     environ = {**os.environ, "TMPDIR": str(bench.folder)}
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
-        said, complaints = process.communicate(timeout=2 * PATIENCE_S)
+        said, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
     assert (process.returncode, complaints) == (0, "")
     lines = said.splitlines()
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
