@@ -9,7 +9,7 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.errors import HapticdError
-from hapticd.installation import DESTINATIONS, ServiceFile, install, listing, service_files
+from hapticd.installation import DESTINATIONS, HIDDEN_BY_UNIT, ServiceFile, install, listing, service_files
 
 SYSTEMD = Path(__file__).parents[1] / "systemd"
 PROGRAM = Path("/opt/plate/bin/hapticd")
@@ -47,7 +47,7 @@ def test_a_configuration_that_is_there_is_left_alone_and_the_rest_renewed(tmp_pa
     assert unit.read_text() != "# old\n"
 
 
-@pytest.mark.parametrize("place", ["/home/ada/.venv/bin/hapticd", "/root/hapticd", "/tmp/hapticd"])
+@pytest.mark.parametrize("place", [f"{hidden}/venv/bin/hapticd" for hidden in HIDDEN_BY_UNIT])
 def test_a_program_that_the_service_could_not_see_is_refused_before_anything_is_written(
     place: str, tmp_path: Path
 ) -> None:

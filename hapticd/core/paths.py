@@ -22,11 +22,6 @@ class Walk:
         self.t_start_ns = t_start_ns
         self._arc_mm = tuple(accumulate((math.dist(a, b) for a, b in pairwise(path.points_mm)), initial=0.0))
 
-    @property
-    def speed_mm_s(self) -> float:
-        """The speed along the path; 0 where there is no way to go."""
-        return self.path.speed_mm_s if self._arc_mm[-1] > 0.0 else 0.0
-
     def position_mm(self, t_ns: int) -> tuple[float, float]:
         """The position at an instant; before the start, the first point."""
         points, arc_mm = self.path.points_mm, self._arc_mm
