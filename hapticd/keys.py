@@ -14,6 +14,11 @@ RESTART = "restart hapticd for it to count"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The subcommands: make, allow, revoke, list."""
+    parser.epilog = (
+        f"{parser.epilog}\n"
+        "         hapticd keys make . study-7\n"
+        "         hapticd keys allow /etc/hapticd/keys study-7.key"
+    )
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
 
     make = actions.add_parser("make", help="make a pair: the daemon's, or with a NAME a client's")

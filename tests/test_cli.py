@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 import signal
 import subprocess
 import sys
@@ -16,9 +15,7 @@ import numpy as np
 import pytest
 
 from hapticd import __version__, config
-from hapticd.__main__ import _parser, main
-
-COMMANDS = sorted(re.findall(r"^    (\w+) ", _parser().format_help(), re.MULTILINE))
+from hapticd.__main__ import COMMANDS, main
 
 
 @pytest.fixture(autouse=True)
@@ -157,3 +154,12 @@ def test_the_package_runs_as_a_module() -> None:
     command = [sys.executable, "-m", "hapticd", "--version"]
     said = subprocess.run(command, capture_output=True, text=True, check=True)
     assert said.stdout == f"hapticd {__version__}\n"
+
+
+def test_the_service_carries_no_other_command() -> None:
+    program = "import sys; from hapticd.__main__ import parser; parser('run'); print(*sys.modules)"
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert "hapticd.cli.run" in told
+    others = {f"hapticd.{command.module}" for name, command in COMMANDS.items() if name != "run"}
+    assert not others & set(told)
+    assert not any(name.startswith(("hapticd.sim", "numpy")) for name in told)

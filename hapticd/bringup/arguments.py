@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 
-def add(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The subcommands, each with the arguments that name the board."""
     commands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
     _command(commands, "info", "say who the board is, and how it is", json=True)

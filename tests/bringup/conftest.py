@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.__main__ import _parser
+from hapticd.__main__ import parser
 from hapticd.bringup.conversation import Conversation
 from hapticd.bringup.program import SUBCOMMANDS
 from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
@@ -127,7 +127,7 @@ def type_in(converse: Callable[..., Any], capsys: pytest.CaptureFixture[str]) ->
     """Runs `hapticd firmware ...` over a link and returns what it printed."""
 
     def run(link: BoardLink, *arguments: str) -> str:
-        options = _parser().parse_args(["firmware", *arguments])
+        options = parser("firmware").parse_args(["firmware", *arguments])
         converse(link, lambda board: SUBCOMMANDS[options.subcommand](board, options))
         return capsys.readouterr().out
 

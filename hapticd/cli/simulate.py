@@ -1,0 +1,48 @@
+"""`hapticd simulate`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from ..sim.scenarios import SCENARIOS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which scenario, under which conditions, and what is written."""
+    scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
+    parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
+    parser.add_argument("scenario", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
+    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and cartography (default 1)")
+    parser.add_argument("--seconds", type=float, help="how long (default: the scenario's own)")
+    parser.add_argument("--speed", type=float, default=100.0, metavar="MM_S", help="of the fingers (default 100)")
+    parser.add_argument("--noise", type=float, default=0.05, metavar="MM", help="of the sensor (default 0.05)")
+    parser.add_argument("--alone", action="store_true", help="leave out the paper's scheme and perfect knowledge")
+    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it in the manner of the paper's figures")
+    parser.set_defaults(command=_simulate)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from ..sim import lockstep, report
+
+    settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
+    t_start_s = time.perf_counter()
+    played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+    took_s = time.perf_counter() - t_start_s
+    figures = report.figures(played, compare=not options.alone)
+    print(report.table(figures), file=sys.stderr)
+    print(f"{played.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
+    if options.json is not None:
+        text = json.dumps(figures, indent=2) + "\n"
+        sys.stdout.write(text) if options.json == "-" else Path(options.json).write_text(text, encoding="utf-8")
+    if options.out is not None:
+        report.save(played, options.out)
+    if options.plot is not None:
+        from ..sim import picture
+
+        picture.draw_run(played, options.plot)
