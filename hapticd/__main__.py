@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -56,12 +58,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
     try:
-        return int(options.command(options) or 0)
+        code = int(options.command(options) or 0)
+        sys.stdout.flush()
+        return code
     except HapticdError as error:
         print(f"hapticd: {error}", file=sys.stderr)
         return error.exit_code
+    except OSError as error:
+        return _stopped_by_the_system(error)
     except KeyboardInterrupt:
         return 130
+
+
+def _stopped_by_the_system(error: OSError) -> int:
+    """A file that cannot be read or written, a full disk; and a reader who has seen enough, which is no error."""
+    where = error.filename
+    if where is None:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC):
+            raise error
+        where = "standard output"
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what it holds must not be tried at the exit
+    if error.errno == errno.EPIPE:
+        return 0
+    print(f"hapticd: {where}: {error.strerror}", file=sys.stderr)
+    return 1
 
 
 def parser(chosen: str = "") -> argparse.ArgumentParser:

@@ -163,3 +163,27 @@ def test_the_service_carries_no_other_command() -> None:
     others = {f"hapticd.{command.module}" for name, command in COMMANDS.items() if name != "run"}
     assert not others & set(told)
     assert not any(name.startswith(("hapticd.sim", "numpy")) for name in told)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_behind_standard_output_is_one_sentence() -> None:
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "hapticd", "run", "--print-config"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert ended.returncode == 1
+    assert ended.stderr == "hapticd: standard output: No space left on device\n"
+
+
+def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    code, _, complaint = outcome(capsys, "install-service", "--root", str(tmp_path / "file"))
+    assert code == 1
+    assert complaint.startswith(f"hapticd: {tmp_path}/file")
+    assert complaint.count("\n") == 1
+
+
+def test_a_reader_who_has_seen_enough_is_no_error() -> None:
+    command = f"{sys.executable} -m hapticd run --print-config | head -n 1; exit ${{PIPESTATUS[0]}}"
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
