@@ -208,8 +208,11 @@ class Machine:
                 self._greet(message, t_now_ns)
             case BoardStatus():
                 self._take_status(message, t_now_ns)
-            case BoardVerdict(request, Verdict.OUT_OF_RANGE | Verdict.NOT_QUIET):
-                log.error("board: it refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
+            case BoardVerdict(request, verdict):
+                if verdict is not Verdict.DONE:
+                    log.error("board: it refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
+                if request in (protocol.MSG_SET_CONTROLLER, protocol.MSG_SET_MODEL):
+                    self._say(self.session.receive_answer(t_now_ns))
             case _:
                 pass  # answers to a person at the bench
 

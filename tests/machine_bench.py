@@ -37,6 +37,7 @@ NAMES = {
     protocol.MSG_SET_CONTROLLER: "controller",
     protocol.MSG_SET_MODEL: "model",
 }
+NUMBERS = {name: number for number, name in NAMES.items()}
 
 
 def sine_plate() -> ModeShapes:
@@ -99,6 +100,8 @@ class FakeBoard:
         elif name == "time":
             (stamp,) = protocol.TIME_REQUEST.unpack(payload)
             self.say(protocol.MSG_TIME, protocol.TIME.pack(stamp, self.bench.t_ns // 1000 % 2**32, 0))
+        elif name in ("controller", "model"):
+            self.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(NUMBERS[name], 0))
         elif name == "clear fault" and self.state == FAULT:
             self.state, self.fault_code = QUIET, 0
             self.status()

@@ -1,11 +1,13 @@
 """The conversation with the board: handshake, clocks, numbered frames, keep-alives, and the ledger of their latency.
 
 Pure: messages and instants in, commands out. The board is greeted when its link comes up and again when it stays
-silent or reboots; references are only sent once its hello was accepted and its clock is known.
+silent or reboots; references are only sent once its hello was accepted, its clock is known, and it has answered what it
+must know of its controller and its modes, one by one.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,6 +32,7 @@ from .ledger import Ledger, LedgerLine
 from .limits import silence
 
 GREET_EVERY_NS = 250_000_000
+INSTRUCT_EVERY_NS = 100_000_000
 SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
 TIME_EVERY_NS = 500_000_000
 LEAP_US = 2_000_000  # between two statuses: the board's clock is another, it was reset
@@ -77,6 +80,7 @@ class BoardSession:
         self.reboots = 0
         self._controller = controller
         self._calibration = tuple(calibration)
+        self._untold: deque[BoardCommand] = deque()
         self._linked = False
         self._boot_id: int | None = None
         self._seq = 0
@@ -84,14 +88,15 @@ class BoardSession:
         self._in_flight: dict[int, tuple[int, int, Tick]] = {}
         self._t_heard_ns = 0
         self._greeting = Interval(GREET_EVERY_NS)
+        self._instructing = Interval(INSTRUCT_EVERY_NS)
         self._asking_time = Interval(SETTLE_TIME_EVERY_NS)
         self._keeping_alive = Interval(KEEP_ALIVE_AFTER_NS)
         self._arming = Interval(ARM_EVERY_NS)
 
     @property
     def ready(self) -> bool:
-        """The board answered the handshake and its clock is known: references may be sent."""
-        return self._linked and self.hello is not None and self.clock.ready
+        """The board answered the handshake, knows what it must, and its clock is known: references may be sent."""
+        return self._linked and self.hello is not None and self.clock.ready and not self._untold
 
     def follows(self, t_now_ns: int) -> bool:
         """The board says that it follows references, and has taken the last one or may yet: that one stands."""
@@ -127,7 +132,15 @@ class BoardSession:
         self._asking_time.restart(t_now_ns)
         self._in_flight.clear()
         models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
-        return [SelectController(self._controller), *models, TimeRequest(self.clock.request(t_now_ns))]
+        self._untold = deque([SelectController(self._controller), *models])
+        return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
+
+    def receive_answer(self, t_now_ns: int) -> list[BoardCommand]:
+        """The board has heard the instruction it was given last, whatever it thinks of it: then the next one."""
+        self._t_heard_ns = t_now_ns
+        if self._untold:
+            self._untold.popleft()
+        return self._instruction(t_now_ns)
 
     def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
         """A time reply; one that went astray is ignored. One of another clock means a reset behind an open port."""
@@ -178,10 +191,12 @@ class BoardSession:
         if self.hello is None:
             return [HelloRequest()] if self._greeting.due(t_now_ns) else []
         commands: list[BoardCommand] = []
+        if self._untold and self._instructing.due(t_now_ns):
+            commands += self._instruction(t_now_ns)
         self._asking_time.every_ns = TIME_EVERY_NS if self.clock.ready else SETTLE_TIME_EVERY_NS
         if self._asking_time.due(t_now_ns):
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
-        if not self.clock.ready or self.status is None:
+        if not self.clock.ready or self.status is None or self._untold:
             return commands
         if self.status.state is BoardState.TOOL:
             return commands  # a person's sweep or voltage: it must end with its own host, so nothing here feeds it
@@ -195,6 +210,11 @@ class BoardSession:
     def _start_over(self) -> None:
         """The next timer greets: a board that was reset knows neither its controller nor its models any more."""
         self.hello = self.status = None
+
+    def _instruction(self, t_now_ns: int) -> list[BoardCommand]:
+        """One at a time, for an answer names no more than the kind of command."""
+        self._instructing.restart(t_now_ns)
+        return [self._untold[0]] if self._untold else []
 
     def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
         self._seq = (self._seq + 1) & 0xFFFF

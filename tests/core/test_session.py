@@ -93,6 +93,8 @@ class Bench:
         return self
 
     def know(self, commands: list[BoardCommand]) -> None:
+        """The board answers what it was told, and its clock is asked until it is known."""
+        assert self.session.receive_answer(self.t_ns) == []
         while not self.session.ready:
             for command in commands:
                 if isinstance(command, TimeRequest):
@@ -140,18 +142,45 @@ def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_c
     assert frame.t_apply_us == pytest.approx(board_us(bench.t_ns + 5 * MS), abs=2)
 
 
-def test_an_accepted_board_is_told_what_was_measured_of_its_modes_before_its_clock_is_asked() -> None:
+def calibrated() -> BoardSession:
     calibration = [ModeCalibration(k, 29195.0 + 20 * k, 500.0, 5.0, math.pi / 2) for k in range(2)]
     session = BoardSession(link_start_ns=5 * MS, controller="pi", calibration=calibration)
     session.link_up(START_NS)
-    controller, x, y, time = session.receive_hello(HELLO, START_NS)
-    assert (controller, time) == (SelectController("pi"), TimeRequest(START_NS))
-    for k, command in enumerate((x, y)):
+    return session
+
+
+def test_an_accepted_board_is_told_what_was_measured_of_its_modes_one_after_the_other() -> None:
+    session = calibrated()
+    assert session.receive_hello(HELLO, START_NS) == [SelectController("pi"), TimeRequest(START_NS)]
+    for k in range(2):
+        (command,) = session.receive_answer(START_NS)
         assert isinstance(command, SetModel)
         assert command.mode == k
         assert command.model.detuning_rad_s == pytest.approx(2 * math.pi * (20 * k - 10))
         assert command.model.decay_1_s == pytest.approx(math.pi * (29195 + 20 * k) / 500)
         assert command.model.loop == pytest.approx(1j)
+    assert session.receive_answer(START_NS) == []
+    assert session.receive_answer(START_NS) == []  # to something that another host had said
+
+
+def test_an_instruction_that_the_line_lost_is_repeated_until_the_board_answers() -> None:
+    session = calibrated()
+    session.receive_hello(HELLO, START_NS)
+    session.receive_answer(START_NS)
+
+    def said(ms: range) -> list[BoardCommand]:
+        commands = [command for t_ms in ms for command in session.timer(START_NS + t_ms * MS)]
+        return [command for command in commands if not isinstance(command, TimeRequest)]
+
+    first, second = said(range(0, 220, 10))
+    assert isinstance(first, SetModel)
+    assert first.mode == 0
+    assert second == first
+    (third,) = session.receive_answer(START_NS + 220 * MS)
+    assert isinstance(third, SetModel)
+    assert third.mode == 1
+    assert session.receive_answer(START_NS + 230 * MS) == []
+    assert said(range(230, 500, 10)) == []
 
 
 def test_a_board_that_is_a_persons_tool_is_neither_armed_nor_kept_alive() -> None:
@@ -212,7 +241,7 @@ def test_a_silent_board_is_forgotten_and_greeted_until_it_answers() -> None:
     assert set(said) == {HelloRequest()}
     assert not bench.session.ready
     assert bench.session.status is None
-    bench.session.receive_hello(HELLO, bench.t_ns)
+    bench.know(bench.session.receive_hello(HELLO, bench.t_ns))
     assert bench.session.ready  # the same boot: its clock is still the same
     assert bench.session.reboots == 0
 
@@ -233,7 +262,7 @@ def test_a_board_that_rebooted_has_another_clock_however_that_was_noticed(silent
 @pytest.mark.parametrize("before_us", [3_000_000, 2**31, 2**32 - 3_000_000])
 def test_a_status_of_another_clock_means_a_reset_behind_an_open_port(before_us: int) -> None:
     bench = Bench().met()
-    bench.session.receive_hello(HELLO, bench.t_ns)  # what was said before holds no more
+    bench.know(bench.session.receive_hello(HELLO, bench.t_ns))  # what was said before holds no more
     said = replace(STATUS, t_board_us=before_us)
     later = replace(said, t_board_us=(before_us + 1_900_000) % 2**32)  # to a host that stalled
     for status in (said, later, said):  # and one that was overtaken

@@ -8,6 +8,7 @@ import numpy as np
 
 from hapticd.core.session import BoardSession
 from hapticd.sim.emulator import CHUNK_US, BenchReport, Emulator
+from hapticd.tool_values import BoardVerdict
 from hapticd.values import (
     BoardCommand,
     BoardHello,
@@ -87,6 +88,8 @@ class Host:
             self.session.receive_time(message, now_ns)
         elif isinstance(message, BoardStatus):
             self.session.receive_status(message, now_ns)
+        elif isinstance(message, BoardVerdict):
+            self.say(_encoded(self.session.receive_answer(now_ns)))
 
 
 def _encoded(commands: Sequence[BoardCommand]) -> bytes:

@@ -24,6 +24,7 @@ from hapticd.sim import emulator
 from hapticd.sim.emulator import Emulator, find_program
 from hapticd.sim.plate import PlateTruth
 from hapticd.sim.rig import Rig
+from hapticd.tool_values import BoardVerdict
 from hapticd.values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime
 from hapticd.wire import device
 from hapticd.wire.commands import encode
@@ -244,6 +245,8 @@ async def armed(port: str) -> BoardStatus:
                 say(session.receive_hello(message, now_ns()))
             elif isinstance(message, BoardTime):
                 session.receive_time(message, now_ns())
+            elif isinstance(message, BoardVerdict):
+                say(session.receive_answer(now_ns()))
             elif isinstance(message, BoardStatus):
                 session.receive_status(message, now_ns())
                 if message.state is BoardState.LIVE and not live.done():
