@@ -15,18 +15,22 @@ from .errors import HapticdError
 
 
 class Command(NamedTuple):
-    """`module` has `add_arguments(parser)`, which sets the function to be called as the default of `command`."""
+    """`add_arguments` names the function of `module` that gives a parser its arguments, and as its default of `command`
+    the function to call with them."""
 
     module: str
     summary: str
     example: str
+    add_arguments: str = "add_arguments"
 
 
 COMMANDS = {
     "demo": Command("cli.demo", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"),
     "run": Command("cli.run", "run the service in the foreground", "--config hapticd.toml"),
     "simulate": Command(
-        "cli.simulate", "play a scenario in virtual time and judge it", "strokes --seed 3 --json - --out strokes.npz"
+        "cli.simulate",
+        "play a scenario in virtual time and judge it",
+        "strokes --seed 3 --json - --out strokes.npz",
     ),
     "firmware": Command(
         "bringup.arguments",
@@ -44,11 +48,15 @@ COMMANDS = {
         "all --json bench.json --plot bench.png",
     ),
     "keys": Command(
-        "keys", "make keys for clients on other machines, and say whose are let in", "make /etc/hapticd/keys"
+        "keys",
+        "make keys for clients on other machines, and say whose are let in",
+        "make /etc/hapticd/keys",
     ),
     "doctor": Command("cli.doctor", "look whether everything is there, and say what mends it", "--config hapticd.toml"),
     "install-service": Command(
-        "cli.install_service", "put the service's unit, rules, users and configuration in place", "--print"
+        "cli.install_service",
+        "put the service's unit, rules, users and configuration in place",
+        "--print",
     ),
 }
 
@@ -91,7 +99,7 @@ def parser(chosen: str = "") -> argparse.ArgumentParser:
     )
     whole.add_argument("--version", action="version", version=f"hapticd {__version__}")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name, (module, summary, example) in COMMANDS.items():
+    for name, (module, summary, example, add_arguments) in COMMANDS.items():
         one = commands.add_parser(
             name,
             help=summary,
@@ -100,7 +108,7 @@ def parser(chosen: str = "") -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if name == chosen:
-            import_module(f".{module}", __package__).add_arguments(one)
+            getattr(import_module(f".{module}", __package__), add_arguments)(one)
     return whole
 
 
