@@ -13,6 +13,7 @@ from typing import Any
 
 from . import __version__, config
 from .errors import HapticdError
+from .study import arguments as study_arguments
 
 STDERR = 2  # the descriptor
 
@@ -41,6 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_firmware(commands)
     _add_latency(commands)
+    study_arguments.add(commands)
     _add_keys(commands)
     _add_doctor(commands)
     _add_install_service(commands)
