@@ -28,9 +28,10 @@ from .session import Answer, Session
 
 NOISE_UM = 0.50  # median over participants, fitted as said above
 NOISE_SPREAD = 1.05  # of its logarithm
-TRIAL_S = 1.5  # of virtual time; people take longer, but this costs a third of a second to play
+TRIAL_S = 2.0  # of virtual time; people take longer
 LEAST_TRIAL_S = LAND_S + 2 * SETTLE_S
 TRAININGS = 3  # of either friction
+LABORATORY = 1  # the seed of plate, cartography and sensor: one laboratory measured its plate once
 
 
 class Felt(NamedTuple):
@@ -57,9 +58,13 @@ class SimulatedParticipant:
         self._settings = lockstep.paper(settings) if scheme == "paper" else settings
         self._session = session
         self._trial_s = trial_s
-        own = np.random.default_rng(session.seed)
-        self.noise_um = NOISE_UM * math.exp(NOISE_SPREAD * own.standard_normal())
+        self.noise_um = self.noise_of(session.seed)
         self._boundary_um = self._train()
+
+    @staticmethod
+    def noise_of(seed: int) -> float:
+        """The noise (um) of the participant with this seed: log-normal over participants."""
+        return float(NOISE_UM * math.exp(NOISE_SPREAD * np.random.default_rng(seed).standard_normal()))
 
     def answers(self) -> Iterator[Answer]:
         """The answers that the session still lacks."""
@@ -70,7 +75,7 @@ class SimulatedParticipant:
         """One trial, from 1. The instant is that of virtual time, from the session's start."""
         rng = np.random.default_rng([self._session.seed, trial])
         strokes_seed = int(rng.integers(2**31))
-        felt = self._feel(self._session.presented[trial - 1], strokes_seed)
+        felt = self.feel(self._session.presented[trial - 1], strokes_seed)
         blurred_um = felt.amplitude_um + self.noise_um * rng.standard_normal()
         return Answer(
             trial=trial,
@@ -85,10 +90,10 @@ class SimulatedParticipant:
     def _train(self) -> float:
         """Half-way between the frictions as they were felt by name."""
         rng = np.random.default_rng([self._session.seed, 0])
-        felt = [self._feel(friction, int(rng.integers(2**31))) for _ in range(TRAININGS) for friction in Friction]
+        felt = [self.feel(friction, int(rng.integers(2**31))) for _ in range(TRAININGS) for friction in Friction]
         return sum(one.amplitude_um for one in felt) / len(felt)
 
-    def _feel(self, friction: Friction, strokes_seed: int) -> Felt:
+    def feel(self, friction: Friction, strokes_seed: int) -> Felt:
         """Play a trial, and judge the plate's true motion at the finger's true position."""
         own_um, walker_um = self._session.design.amplitudes_um(friction)
         strokes, _ = strokes_pair(strokes_seed, speed_mm_s=self._settings.speed_mm_s)
@@ -97,7 +102,7 @@ class SimulatedParticipant:
             Actor(((LAND_S, own_um),), path=Touch(strokes, LAND_S)),
             Actor(((LAND_S, walker_um),), virtual=line),
         )
-        simulation = lockstep.Simulation(actors, self._settings, strokes_seed)
+        simulation = lockstep.Simulation(actors, self._settings, LABORATORY)
         simulation.run(self._trial_s)
         played = simulation.result("study")
         counts = settled(played.t_s, played.target_um)[:, 0]
