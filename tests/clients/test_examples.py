@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -108,3 +109,108 @@ def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:
         _, complaints = process.communicate(timeout=5.0)
         assert (process.returncode, complaints) == (0, "")
     assert daemon.scene.owner_of(1) is None
+
+
+# --- textures ---------------------------------------------------------------------------------------------------
+
+
+def felt_um(daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, *places_mm: tuple[float, float]) -> list[float | None]:
+    """What finger 1 last wanted at these places, before the example let go."""
+    noted: list[float | None] = []
+    publish = daemon.server.publish
+
+    def note(payload: bytes) -> None:
+        if daemon.scene.owner_of(1):
+            noted[:] = [daemon.scene.amplitude_um(1, *place_mm) for place_mm in places_mm]
+        publish(payload)
+
+    monkeypatch.setattr(daemon.server, "publish", note)
+    return noted
+
+
+def test_the_grating_is_slippery_on_its_stripes_and_sticky_between(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon.fingers = {1: (-20.0, 0.0)}
+    felt = felt_um(daemon, monkeypatch, (0.0, 0.0), (0.0, 3.0), (0.0, 6.0))
+    run("grating", daemon, "--period-mm", "6", "--angle-deg", "90")
+    assert felt == pytest.approx([1.5, 0.0, 1.5])
+
+
+def test_the_photograph_s_ball_is_lit_from_the_upper_left(daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    daemon.fingers = {1: (-20.0, 0.0)}
+    felt = felt_um(daemon, monkeypatch, (-35.0, 35.0), (0.0, 0.0), (40.0, -40.0), (-65.0, 65.0))
+    run("photograph", daemon)
+    light, middle, shade, beside = felt
+    assert light == pytest.approx(1.5, abs=0.05)
+    assert middle == pytest.approx(1.5 / 3**0.5, abs=0.05)
+    assert (shade, beside) == (0.0, 0.0)
+
+
+def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    daemon.fingers = {1: (-49.0, 0.0)}
+    felt = felt_um(daemon, monkeypatch, (-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0))
+    run("detents", daemon, "--detents", "5")
+    assert felt == [0.0, 1.5, 0.0, 1.5, 0.0]
+
+
+def test_the_slider_says_which_detent_a_finger_comes_to(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places_mm = iter([(-49.0, 0.0), (-30.0, 0.0), (-30.0, 30.0), (30.0, 30.0), (30.0, 0.0), (90.0, 0.0)])
+    publish = daemon.server.publish
+
+    def walk(payload: bytes) -> None:
+        publish(payload)
+        if daemon.scene.owner_of(1):
+            daemon.fingers[1] = next(places_mm, daemon.fingers[1])
+
+    daemon.fingers = {1: (-49.0, 0.0)}
+    monkeypatch.setattr(daemon.server, "publish", walk)
+    run("detents", daemon, "--detents", "5")
+    said = [int(line.rpartition(" ")[2]) for line in capsys.readouterr().out.splitlines()]
+    assert said[0] == 0
+    assert said[-1] == 4
+    assert said == sorted(set(said))  # states in between may be skipped
+
+
+def test_an_edge_between_close_fingers_is_caught(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
+    edge_mm = random.Random(1).uniform(-40.0, 40.0)
+    daemon.fingers = {1: (edge_mm - 5.0, 0.0), 2: (edge_mm + 5.0, 30.0)}
+    run("find_the_edge", daemon, "--seed", "1")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith(f"Caught at x = {edge_mm:+.0f} mm after ")
+    assert lines[2:] == ["Score: 1 in 0.1 s"]  # the next is hidden elsewhere
+
+
+@pytest.mark.parametrize("places_mm", [(5.0, 15.0), (-20.0, 20.0)])
+def test_an_edge_beside_or_far_apart_fingers_is_not(
+    places_mm: tuple[float, float], daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
+) -> None:
+    edge_mm = random.Random(1).uniform(-40.0, 40.0)
+    daemon.fingers = {1: (edge_mm + places_mm[0], 0.0), 2: (edge_mm + places_mm[1], 30.0)}
+    run("find_the_edge", daemon, "--seed", "1")
+    assert capsys.readouterr().out.splitlines()[1:] == ["Score: 0 in 0.1 s"]
+
+
+def test_the_edge_is_slippery_on_its_left(daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    edge_mm = random.Random(1).uniform(-40.0, 40.0)
+    daemon.fingers = {1: (-20.0, 0.0)}
+    felt = felt_um(daemon, monkeypatch, (edge_mm - 2.0, 40.0), (edge_mm + 2.0, -40.0))
+    run("find_the_edge", daemon, "--seed", "1")
+    assert felt == [1.5, 0.0]
+
+
+@pytest.mark.parametrize("apart_mm", ["0", "61", "nan"])
+def test_a_game_that_cannot_be_lost_or_won_is_refused(apart_mm: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        example("find_the_edge").main([f"--apart-mm={apart_mm}"])
+    assert left.value.code == 2
+    assert "is out of bounds" in capsys.readouterr().err
+
+
+def test_a_photograph_that_is_none_is_one_sentence(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        run("photograph", daemon, str(CLIENTS / "PROTOCOL.md"))
+    assert left.value.code == 1
+    assert capsys.readouterr().err.endswith("PROTOCOL.md: is no picture that Pillow can read.\n")

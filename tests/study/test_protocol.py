@@ -7,12 +7,13 @@ from itertools import groupby
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.study.protocol import Design, Friction, StudyError, participant_name, presented
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**63 - 1), st.integers(1, 60))
 def test_both_frictions_are_presented_equally_often(seed: int, trials: int) -> None:
     order = presented(seed, trials)

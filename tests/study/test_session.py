@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import answer, session, write
 
@@ -140,6 +140,7 @@ json_values = st.recursive(
 ANSWER_LINE = {"kind": "answer", "trial": 1, "answer": "low", "t_unix_s": 0, "took_s": 0, "touched_s": 0}
 
 
+@settings(deadline=None)
 @given(
     st.binary(max_size=200)
     | st.builds(
