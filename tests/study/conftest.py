@@ -6,4 +6,4 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT / "clients" / "python"), str(Path(__file__).parent)]
+sys.path[:0] = [str(ROOT / "clients" / "python"), str(ROOT / "tests" / "clients"), str(Path(__file__).parent)]
