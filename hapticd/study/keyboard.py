@@ -31,6 +31,7 @@ class Keyboard:
         self._is_terminal = os.isatty(self._fd)
         self._before: list[Any] = []
         self._waiting = ""
+        self._noted = ""
 
     def __enter__(self) -> Keyboard:
         if self._is_terminal:
@@ -51,12 +52,16 @@ class Keyboard:
         if self._is_terminal:  # whoever types ahead has not felt what comes
             termios.tcflush(self._fd, termios.TCIFLUSH)
             self._waiting = ""
+        if self._noted:
+            self._out.write("\n")
+            self._noted = ""
         keys = "   ".join(f"[{NAMES[key]}] {what}" for key, what in screen.keys.items())
         self._out.write("\n".join(["", screen.heading, screen.text, *([keys] if keys else [])]) + "\n")
         self._out.flush()
 
     def note(self, text: str) -> None:
-        if self._is_terminal:
+        if self._is_terminal and text != self._noted:
+            self._noted = text
             self._out.write(f"\r\x1b[K{text}")
             self._out.flush()
 

@@ -23,7 +23,7 @@ class Rehearsal:
         self.runtime_dir = Path(self._folder.name, "run")
         config = Path(self._folder.name, "hapticd.toml")
         config.write_text(
-            f'[sim]\nscenario = "{scenario}"\n[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "warning"\n'
+            f'[sim]\nscenario = "{scenario}"\n[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "error"\n'
             "[trackpad]\nsilence_ms = 1000\n",  # a computer that stalls must not lift the simulated finger
             encoding="utf-8",
         )

@@ -68,6 +68,8 @@ def text(results: Sequence[Result], group: Group) -> str:
 def _tests(results: Sequence[Result], group: Group) -> list[str]:
     on_trials = f"{group.correct} of {group.trials} trials together"
     lines = [f"  exact binomial test   {on_trials:<32}p = {_p(group.pooled_p)}"]
+    if len(results) == 1:
+        return lines
     if not math.isnan(group.t):
         lines.append(f"  t test of the rates   {f't({len(results) - 1}) = {group.t:.2f}':<32}p = {_p(group.t_p)}")
     if not math.isnan(group.sign_p):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -120,6 +121,7 @@ def _ask(wishes: Wishes, file: SessionFile) -> None:
     except ImportError:
         raise HapticdError("The study is a client: install it with `pip install clients/python`.") from None
     with contextlib.ExitStack() as held:
+        held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
         rehearsal = held.enter_context(Rehearsal()) if wishes.sim else None
         try:
             stage = Stage(held.enter_context(_client(wishes, rehearsal)), file.session.design)

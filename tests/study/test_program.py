@@ -77,11 +77,14 @@ def test_a_session_is_held_in_the_browser(daemon: FakeDaemon, tmp_path: Path) ->
     assert daemon.scene.owner_of(1) is None
 
 
-def test_ctrl_c_leaves_the_plate_quiet_and_says_how_to_go_on(daemon: FakeDaemon, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_the_plate_quiet_and_says_how_to_go_on(
+    number: signal.Signals, daemon: FakeDaemon, tmp_path: Path
+) -> None:
     with study(daemon, tmp_path / "answers") as process:
         assert process.stdout is not None
         assert any("Training" in line for line in process.stdout)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         said, complaint = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, complaint) == (130, "")
     assert said.endswith("P1.jsonl: the same command goes on with it.\n")

@@ -182,3 +182,10 @@ def test_help_of_either_action_has_an_example(action: str, capsys: pytest.Captur
         main(["study", action, "--help"])
     assert left.value.code == 0
     assert f"example: hapticd study {action}" in capsys.readouterr().out
+
+
+def test_a_single_participant_is_not_tested_as_a_group(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path, session("P1", 15))
+    said = outcome(capsys, "report", str(tmp_path))[1]
+    assert "exact binomial test" in said
+    assert "sign test" not in said
