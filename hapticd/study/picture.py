@@ -23,14 +23,23 @@ def draw(results: Sequence[Result], group: Group, path: Path) -> None:
         raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[study]"`.') from None
     width_in = min(2.4 + BAR_IN * len(results), MAX_WIDTH_IN)
     figure = Figure(figsize=(max(width_in, 4.0), 3.2), layout="constrained")
-    axes = figure.add_subplot(ylabel="stimuli recognised, %", ylim=(0, 105))
+    top = max(105.0, 5.0 + 100 * (group.mean_frac + (0.0 if math.isnan(group.sd_frac) else group.sd_frac)))
+    axes = figure.add_subplot(ylabel="stimuli recognised, %", ylim=(0, top))
     places = range(1, len(results) + 1)
     axes.bar(places, [100 * one.rate_frac for one in results], width=0.7, color=LIGHT)
     spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
     axes.bar(len(results) + 1.5, 100 * group.mean_frac, yerr=spread, width=0.7, color=DARK, capsize=4)
     axes.axhline(100 * GUESSING_FRAC, color="grey", lw=0.8, ls="--")
-    axes.annotate("guessing", (1.0, 100 * GUESSING_FRAC), (-3, 2), ("axes fraction", "data"), "offset points",
-                  ha="right", fontsize="x-small", color="grey")  # fmt: skip
+    axes.annotate(
+        "guessing",
+        (1.0, 100 * GUESSING_FRAC),
+        (4, 0),
+        ("axes fraction", "data"),
+        "offset points",
+        va="center",
+        fontsize="small",
+        color="grey",
+    )
     names = [one.participant for one in results]
     is_crowded = sum(map(len, names)) > 8 * width_in
     axes.set_xticks([*places, len(results) + 1.5], [*names, "average"], rotation=45 if is_crowded else 0)
