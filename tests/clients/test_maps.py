@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from hapticd_client import Client, HapticdError, Map, RefusedError
+from hapticd_client import Client, Grating, HapticdError, Map, RefusedError
 
 CLIENT = Path(__file__).parents[2] / "clients" / "python"
 
@@ -156,3 +157,17 @@ def test_a_daemon_lets_a_finger_feel_a_picture(daemon: FakeDaemon, tmp_path: Pat
         plate.set(1, map=Map.from_image(saved(tmp_path, half), high_um=1.5))
         felt_um = [daemon.scene.amplitude_um(1, x_mm, 0.0) for x_mm in (-30.0, 30.0)]
     assert felt_um == [1.5, 0.0]
+
+
+def test_the_readme_s_textures_are_lines_that_run(daemon: FakeDaemon, tmp_path: Path) -> None:
+    text = (CLIENT / "README.md").read_text(encoding="utf-8")
+    block = next(block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "from_image" in block)
+    lines = block.replace("portrait.jpg", str(saved(tmp_path, Image.new("L", (90, 60), 200), "portrait.jpg")))
+    daemon.fingers = {1: (0.0, 0.0)}
+    felt_um = []
+    with Client(daemon.directory) as plate:
+        for line in lines.splitlines():
+            exec(line, {"plate": plate, "finger": 1, "Grating": Grating, "Map": Map, "np": np})
+            felt_um.append(daemon.scene.amplitude_um(1, 0.0, 0.0))
+    nearest_um = 1 + math.cos(9 * math.sqrt(2) / 63)  # the four pixels round the centre
+    assert felt_um == pytest.approx([1.5, 1.5 * 200 / 255, nearest_um], abs=0.01)

@@ -189,3 +189,10 @@ def test_a_single_participant_is_not_tested_as_a_group(tmp_path: Path, capsys: p
     said = outcome(capsys, "report", str(tmp_path))[1]
     assert "exact binomial test" in said
     assert "sign test" not in said
+
+
+def test_the_page_of_documentation_shows_what_is_printed(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, said, _ = outcome(capsys, "report", str(papers))
+    page = Path(report.__file__).with_name("README.md").read_text(encoding="utf-8")
+    assert said.partition("\n\n")[2].rstrip() in page
+    assert ", ".join(map(str, PAPER)) in page
