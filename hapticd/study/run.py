@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 DAEMON_WITHIN_S = 2.0
 REHEARSAL_WITHIN_S = 20.0
 MAX_PORT = 65535
+MAX_SPEED_MM_S = 1000.0  # of a simulated finger
 LAST_LOOK_S = 0.5  # for the page to show its last screen
 
 
@@ -60,10 +61,13 @@ def hold(wishes: Wishes) -> None:
         try:
             _simulate(wishes, file) if wishes.simulate else _ask(wishes, file)
         except KeyboardInterrupt:
-            done = f"{len(file.session.answers)} of {file.session.design.trials}"
-            print(f"\n{done} answers in {path}: the same command goes on with it.")
+            print(f"\n{_progress(file.session)} answers in {path}: the same command goes on with it.")
             raise
-    print(f"{len(file.session.answers)} answers in {path}; then: hapticd study report {wishes.folder}")
+    print(f"{_progress(file.session)} answers in {path}; then: hapticd study report {wishes.folder}")
+
+
+def _progress(session: Session) -> str:
+    return f"{len(session.answers)} of {session.design.trials}"
 
 
 def _check(wishes: Wishes) -> None:
@@ -71,6 +75,10 @@ def _check(wishes: Wishes) -> None:
         raise StudyError("--scheme and --speed are a simulated participant's: give --simulate as well.")
     if wishes.simulate and (wishes.browser or wishes.endpoint is not None):
         raise StudyError("--simulate plays in virtual time, without a service or a page: leave --browser, --endpoint.")
+    if wishes.speed_mm_s is not None and not 0 < wishes.speed_mm_s <= MAX_SPEED_MM_S:
+        raise StudyError(f"--speed: {wishes.speed_mm_s:g} is out of bounds, give 0 .. {MAX_SPEED_MM_S:g} mm/s.")
+    if wishes.page_port != 0 and not wishes.browser:
+        raise StudyError("--page-port is of the page: give --browser as well.")
     if wishes.sim and wishes.endpoint is not None:
         raise StudyError("--sim starts a service of its own: leave --endpoint.")
     if wishes.seed is not None and not 0 <= wishes.seed <= MAX_SEED:

@@ -69,7 +69,7 @@ class Session:
 class SessionFile:
     """A session being held: `append` answers, then `end` it. Begins the file, or goes on where it stops.
 
-    `given` is the session as it would begin; of a session begun before, the file's own seed, design and answers
+    `given` is the session as it would begin; of a session that has answers, the file's own seed, design and answers
     count. Raises StudyError where the file is not a session, is of another design, or another process has it open.
     """
 
@@ -122,7 +122,10 @@ class SessionFile:
         if whole < len(data):
             self._file.truncate(whole)
         if whole > 0:
-            return decode(data[:whole], str(path))
+            begun = decode(data[:whole], str(path))
+            if begun.answers:
+                return begun
+            self._file.truncate(0)
         header = {"kind": "session", "version": VERSION, "participant": given.participant, "seed": given.seed}
         self._write({**header, "design": asdict(given.design), **given.about})
         return given

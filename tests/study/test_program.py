@@ -68,7 +68,7 @@ def test_a_session_is_held_in_the_browser(daemon: FakeDaemon, tmp_path: Path) ->
                 press(url, screen["number"], "next" if "next" in screen["keys"] else "low")
         said, complaint = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, complaint) == (0, "")
-    assert said == f"2 answers in {folder}/P1.jsonl; then: hapticd study report {folder}\n"
+    assert said == f"2 of 2 answers in {folder}/P1.jsonl; then: hapticd study report {folder}\n"
     shown = [heading for heading in headings if heading != "One moment"]
     assert shown == ["Training: high friction", "Trial 1 of 2", "Trial 2 of 2", "Thank you"]
     held = read(folder / "P1.jsonl")

@@ -118,7 +118,9 @@ def test_a_folder_without_a_finished_session_is_one_sentence(
         (("--participant", "P1", "--scheme", "paper"), "give --simulate as well"),
         (("--participant", "P1", "--simulate", "--browser"), "leave --browser"),
         (("--participant", "P1", "--sim", "--endpoint", "x"), "leave --endpoint"),
-        (("--participant", "P1", "--page-port", "65536"), "--page-port: 65536 is out of bounds"),
+        (("--participant", "P1", "--browser", "--page-port", "65536"), "--page-port: 65536 is out of bounds"),
+        (("--participant", "P1", "--page-port", "8000"), "give --browser as well"),
+        (("--participant", "P1", "--simulate", "--speed", "nan"), "--speed: nan is out of bounds"),
     ],
 )
 def test_wishes_that_cannot_be_are_one_sentence_and_leave_no_file(
@@ -170,7 +172,7 @@ def test_a_simulated_session_is_held_and_judged(tmp_path: Path, capsys: pytest.C
     arguments = ("--participant", "S1", "--out", str(tmp_path), "--seed", "1", "--trials", "2", "--simulate")
     code, said, complaint = outcome(capsys, "run", *arguments, "--scheme", "paper")
     assert (code, complaint) == (0, "")
-    assert said.startswith(f"2 answers in {tmp_path}/S1.jsonl")
+    assert said.startswith(f"2 of 2 answers in {tmp_path}/S1.jsonl")
     _, said, complaint = outcome(capsys, "report", str(tmp_path))
     assert "of 2" in said
     assert complaint == "These participants are simulated: this is no evidence about people.\n"

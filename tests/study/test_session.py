@@ -32,7 +32,8 @@ def test_a_session_is_read_as_it_was_held(tmp_path: Path) -> None:
 
 def test_a_session_goes_on_where_a_crash_cut_its_file(tmp_path: Path) -> None:
     whole = write(tmp_path, session("P1", 2, trials=3)).read_bytes()
-    for cut in range(whole.index(b"\n") + 1, len(whole), 7):
+    first_answer = whole.index(b"\n", whole.index(b"\n") + 1) + 1
+    for cut in range(first_answer, len(whole), 7):
         path = tmp_path / "cut.jsonl"
         path.write_bytes(whole[:cut])
         with SessionFile(path, Session("P1", 99, Design(trials=3))) as file:
@@ -50,6 +51,13 @@ def test_a_file_cut_in_its_first_line_begins_anew(tmp_path: Path) -> None:
     with SessionFile(path, Session("P1", 99, Design())) as file:
         assert (file.session.seed, file.session.answers) == (99, ())
     assert read(path).seed == 99
+
+
+def test_a_session_without_an_answer_may_begin_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "P1.jsonl"
+    for given_ in (Session("P1", 1, Design(trials=5)), Session("P1", 2, Design(trials=6))):
+        SessionFile(path, given_).__exit__(None, None, None)
+        assert read(path) == given_
 
 
 def test_until_the_last_answer_the_file_does_not_tell_what_was_presented(tmp_path: Path) -> None:
