@@ -37,6 +37,9 @@ COMMANDS = {
         "talk to the board: who it is, sweeps, telemetry, gains",
         "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     ),
+    "study": Command(
+        "study.arguments", "hold the paper's study with people, and judge it", "report answers/"
+    ),
     "latency": Command(
         "cli.latency",
         "measure what each part of a touch's way takes, on the devices at hand",

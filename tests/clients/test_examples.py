@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
+import random
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from fake_daemon import FakeDaemon
 
-from hapticd_client import Client
+from hapticd_client import Client, FingerState, Grating, Map, PlateState
 
 CLIENTS = Path(__file__).parents[2] / "clients"
 NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
@@ -108,3 +112,110 @@ def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:
         _, complaints = process.communicate(timeout=5.0)
         assert (process.returncode, complaints) == (0, "")
     assert daemon.scene.owner_of(1) is None
+
+
+# --- textures ---------------------------------------------------------------------------------------------------
+
+
+class ScriptedPlate:
+    """Fingers where each of the states has them, and what they were last given."""
+
+    def __init__(self, *fingers_mm: dict[int, tuple[float, float]]) -> None:
+        self._fingers_mm = fingers_mm
+        self.given: dict[int | str, dict[str, Any]] = {}
+
+    def states(self) -> Iterator[PlateState]:
+        for seq, places_mm in enumerate(self._fingers_mm):
+            fingers = tuple(
+                FingerState(key, x_mm, y_mm, None, None, None, None, False) for key, (x_mm, y_mm) in places_mm.items()
+            )
+            yield PlateState(1, seq, seq, "ACTIVE", fingers, (), False, None, 10.0, 16.0)
+
+    def set(self, finger: FingerState, **target: Any) -> None:
+        self.given[finger.id] = target
+
+
+def felt_um(daemon: FakeDaemon, target: dict[str, Any], *places_mm: tuple[float, float]) -> list[float | None]:
+    """What a finger with this target feels at these places, once the daemon took it."""
+    with Client(daemon.directory) as plate:
+        plate.set(1, **target)
+        return [daemon.scene.amplitude_um(1, *place_mm) for place_mm in places_mm]
+
+
+def test_the_grating_is_slippery_on_its_stripes_and_sticky_between(daemon: FakeDaemon) -> None:
+    plate = ScriptedPlate({1: (-20.0, 0.0)})
+    example("grating").serve(plate, Grating(6.0, 1.5, angle_rad=math.pi / 2), math.inf)
+    felt = felt_um(daemon, plate.given[1], (0.0, 0.0), (0.0, 3.0), (0.0, 6.0))
+    assert felt == pytest.approx([1.5, 0.0, 1.5])
+
+
+def test_the_photograph_s_ball_is_lit_from_the_upper_left(daemon: FakeDaemon) -> None:
+    plate = ScriptedPlate({1: (-20.0, 0.0)})
+    program = example("photograph")
+    program.serve(plate, Map(program.ball(), 1.5), math.inf)
+    light, middle, shade, beside = felt_um(
+        daemon, plate.given[1], (-35.0, 35.0), (0.0, 0.0), (40.0, -40.0), (-65.0, 65.0)
+    )
+    assert light == pytest.approx(1.5, abs=0.05)
+    assert middle == pytest.approx(1.5 / 3**0.5, abs=0.05)
+    assert (shade, beside) == (0.0, 0.0)
+
+
+def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -> None:
+    plate = ScriptedPlate({1: (-49.0, 0.0)})
+    program = example("detents")
+    program.serve(plate, program.slider_map(5, 1.5), 5, math.inf)
+    places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
+    assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
+
+
+def test_the_slider_says_which_detent_a_finger_comes_to(capsys: pytest.CaptureFixture[str]) -> None:
+    way_mm = ((-49.0, 0.0), (-30.0, 0.0), (-30.0, 30.0), (10.0, 30.0), (10.0, 0.0), (90.0, 0.0), (88.0, 0.0))
+    program = example("detents")
+    plate = ScriptedPlate(*({7: place_mm} for place_mm in way_mm))
+    program.serve(plate, program.slider_map(5, 1.5), 5, math.inf)
+    assert capsys.readouterr().out.splitlines() == [f"finger 7: detent {detent}" for detent in (0, 1, 2, 4)]
+
+
+def played(plate: ScriptedPlate, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What the game says, after its instructions."""
+    example("find_the_edge").play(plate, 25.0, 1.5, random.Random(1), 60.0)
+    return capsys.readouterr().out.splitlines()[1:]
+
+
+EDGE_MM = random.Random(1).uniform(-40.0, 40.0)
+
+
+def test_an_edge_between_close_fingers_is_caught_and_another_hidden(capsys: pytest.CaptureFixture[str]) -> None:
+    beside = {1: (EDGE_MM - 5.0, 0.0), 2: (EDGE_MM + 5.0, 30.0)}
+    lines = played(ScriptedPlate(beside, beside), capsys)
+    assert [line.partition(" after")[0] for line in lines] == [f"Caught at x = {EDGE_MM:+.0f} mm", "Score: 1 in 60 s"]
+
+
+@pytest.mark.parametrize("places_mm", [(5.0, 15.0), (-20.0, 20.0)])
+def test_an_edge_beside_or_far_apart_fingers_is_not(
+    places_mm: tuple[float, float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    fingers = {1: (EDGE_MM + places_mm[0], 0.0), 2: (EDGE_MM + places_mm[1], 30.0)}
+    assert played(ScriptedPlate(fingers), capsys) == ["Score: 0 in 60 s"]
+
+
+def test_the_edge_is_slippery_on_its_left(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
+    plate = ScriptedPlate({1: (-20.0, 0.0)})
+    played(plate, capsys)
+    assert felt_um(daemon, plate.given[1], (EDGE_MM - 2.0, 40.0), (EDGE_MM + 2.0, -40.0)) == [1.5, 0.0]
+
+
+@pytest.mark.parametrize("apart_mm", ["0", "61", "nan"])
+def test_a_game_that_cannot_be_lost_or_won_is_refused(apart_mm: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        example("find_the_edge").main([f"--apart-mm={apart_mm}"])
+    assert left.value.code == 2
+    assert "is out of bounds" in capsys.readouterr().err
+
+
+def test_a_photograph_that_is_none_is_one_sentence(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        run("photograph", daemon, str(CLIENTS / "PROTOCOL.md"))
+    assert left.value.code == 1
+    assert capsys.readouterr().err.endswith("PROTOCOL.md: is no picture that Pillow can read.\n")

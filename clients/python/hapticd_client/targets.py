@@ -6,15 +6,17 @@ A value that the daemon refuses would take the client's other fingers with it, a
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, SupportsIndex
+from typing import Protocol, SupportsFloat, SupportsIndex
 
 from .errors import RefusedError
 
 Fields = dict[str, object]
 
 MAX_AMPLITUDE_UM = 1000.0
+MAX_LEVEL = 255  # of a map's pixel
 MAX_MAP_SIDE = 128
 MAX_PATH_POINTS = 64
 MAX_POSITION_MM = 1000.0
@@ -60,17 +62,46 @@ class Rows(Protocol):
     def __iter__(self) -> Iterator[Row]: ...
 
 
+RowsUm = Iterable[Iterable[SupportsFloat]]
+
+
 @dataclass(frozen=True, slots=True)
 class Map:
     """An image over the whole plate. `rows` run from the top (+y) down and hold levels 0 .. 255, from left to right.
 
     Level 0 is `low_um`, 255 is `high_um`; between pixels the amplitude is interpolated. At most 128 x 128. A numpy
-    array of uint8 will do.
+    array of uint8 will do. `from_um` takes amplitudes in the place of levels, `from_image` a picture.
     """
 
     rows: Rows
     high_um: float
     low_um: float = 0.0
+
+    @classmethod
+    def from_um(cls, rows_um: RowsUm) -> Map:
+        """An image of amplitudes (um), such as a numpy array of two dimensions, in 255 steps from its least to its
+        largest. Raises RefusedError for NaN and for what is out of bounds."""
+        rows = [[number("map", float(value), 0.0, MAX_AMPLITUDE_UM) for value in row] for row in rows_um]
+        low_um = min((min(row, default=math.inf) for row in rows), default=math.inf)
+        high_um = max((max(row, default=-math.inf) for row in rows), default=-math.inf)
+        if not low_um <= high_um:
+            raise RefusedError("map: has no pixels.")
+        step_um = (high_um - low_um) / MAX_LEVEL
+        levels = [[round((value - low_um) / step_um) if step_um > 0 else 0 for value in row] for row in rows]
+        return cls(levels, high_um, low_um)
+
+    @classmethod
+    def from_image(cls, path: str | os.PathLike[str], high_um: float, low_um: float = 0.0) -> Map:
+        """A picture from a file, in grey: white is `high_um`, black `low_um`; swap the two for a negative.
+
+        The plate is square: of a picture that is not, the middle is taken. It is scaled down to 128 x 128 where it is
+        larger, and lies as it is seen, whichever way the camera was held. Transparent parts are black. Needs Pillow
+        (`pip install "hapticd-client[image]"`). Raises HapticdError where that is missing, RefusedError for a file
+        that is no picture.
+        """
+        from .image import grey_rows
+
+        return cls(grey_rows(path, MAX_MAP_SIDE), high_um, low_um)
 
     def fields(self) -> Fields:
         """As sent. Raises RefusedError."""

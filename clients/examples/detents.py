@@ -1,0 +1,86 @@
+"""A slider on the glass: along its track a finger slips from detent to detent, and sticks at each for a moment.
+
+Beside the track the glass is bare, so that the finger feels where it runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from hapticd_client import Client, HapticdError, Map
+
+PLATE_MM = 137.5
+PIXELS = 128  # 1.07 mm each
+TRACK_MM = 100.0  # its length, between the outermost detents
+HALF_WIDTH_MM = 12.0
+DETENT_MM = 3.0  # how much of the way a detent is sticky
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: hapticd run --sim &  python detents.py --detents 5",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--detents", type=int, default=9, choices=range(2, 21), metavar="2..20", help="(%(default)s)")
+    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude between detents (%(default)s um)")
+    parser.add_argument("--endpoint", help="the daemon's runtime directory")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
+    options = parser.parse_args(arguments)
+
+    try:
+        slider = slider_map(options.detents, options.high_um)
+        with Client(options.endpoint) as plate:
+            serve(plate, slider, options.detents, time.monotonic() + options.seconds)
+    except KeyboardInterrupt:
+        pass
+    except HapticdError as error:
+        parser.exit(1, f"{error}\n")
+
+
+def slider_map(detents: int, high_um: float) -> Map:
+    """The track as amplitudes: slippery but for the detents, and bare glass beside it."""
+    track_um = [high_um * is_slippery(x_mm, detents) for x_mm in middles_mm()]
+    bare_um = [0.0] * PIXELS
+    return Map.from_um([track_um if abs(y_mm) <= HALF_WIDTH_MM else bare_um for y_mm in middles_mm()])
+
+
+def middles_mm() -> list[float]:
+    """Where the middles of the pixels lie, from -x to +x; the same, as the track is symmetric, along y."""
+    return [((pixel + 0.5) / PIXELS - 0.5) * PLATE_MM for pixel in range(PIXELS)]
+
+
+def is_slippery(x_mm: float, detents: int) -> bool:
+    """On the way from one detent to the next."""
+    pitch_mm = TRACK_MM / (detents - 1)
+    from_detent_mm = abs(x_mm - (-TRACK_MM / 2 + nearest(x_mm, detents) * pitch_mm))
+    return DETENT_MM / 2 < from_detent_mm <= pitch_mm / 2
+
+
+def nearest(x_mm: float, detents: int) -> int:
+    """The detent nearest to a place: from 0, at the left."""
+    return min(max(round((x_mm / TRACK_MM + 0.5) * (detents - 1)), 0), detents - 1)
+
+
+def serve(plate: Client, slider: Map, detents: int, end_s: float) -> None:
+    """Put every finger that lands on the slider, and print each detent that it comes to."""
+    at: dict[tuple[int, int | str], int] = {}
+    for state in plate.states():
+        for finger in state.fingers:
+            if finger.virtual:
+                continue
+            key = state.instance, finger.id
+            if key not in at:
+                plate.set(finger, map=slider)
+            detent = nearest(finger.x_mm, detents)
+            if key not in at or (at[key] != detent and abs(finger.y_mm) <= HALF_WIDTH_MM):
+                at[key] = detent
+                print(f"finger {finger.id}: detent {detent}")
+        if time.monotonic() > end_s:
+            break
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""A picture to feel: where it is bright the plate is slippery, where it is dark it is sticky.
+
+Without a picture the plate feels like a ball lit from the upper left.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from hapticd_client import Client, HapticdError, Map
+
+SIDE = 64  # pixels of the ball's picture
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: hapticd run --sim &  python photograph.py portrait.jpg --high-um 2",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("picture", nargs="?", type=Path, help="any file that Pillow reads; its middle square is felt")
+    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude where it is white (%(default)s um)")
+    parser.add_argument("--negative", action="store_true", help="the dark is slippery")
+    parser.add_argument("--endpoint", help="the daemon's runtime directory")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
+    options = parser.parse_args(arguments)
+
+    try:
+        light_um, dark_um = (0.0, options.high_um) if options.negative else (options.high_um, 0.0)
+        if options.picture is None:
+            picture = Map(ball(), light_um, dark_um)
+        else:
+            picture = Map.from_image(options.picture, light_um, dark_um)
+        with Client(options.endpoint) as plate:
+            serve(plate, picture, time.monotonic() + options.seconds)
+    except KeyboardInterrupt:
+        pass
+    except HapticdError as error:
+        parser.exit(1, f"{error}\n")
+
+
+def ball() -> list[list[int]]:
+    """Grey levels of a matt ball: the cosine between each place's normal and the light."""
+    middle, radius = (SIDE - 1) / 2, 0.45 * SIDE
+    levels = []
+    for row in range(SIDE):
+        for column in range(SIDE):
+            right, up = (column - middle) / radius, (middle - row) / radius
+            front = math.sqrt(max(1 - right**2 - up**2, 0.0))
+            light = (front + up - right) / math.sqrt(3) if front > 0 else 0.0
+            levels.append(round(255 * max(light, 0.0)))
+    return [levels[start : start + SIDE] for start in range(0, SIDE * SIDE, SIDE)]
+
+
+def serve(plate: Client, picture: Map, end_s: float) -> None:
+    """Put every finger that lands on the picture, and print how bright it is there and what that gives."""
+    landed = set()
+    next_line_s = time.monotonic()
+    for state in plate.states():
+        now_s = time.monotonic()
+        for finger in state.fingers:
+            if not finger.virtual and (state.instance, finger.id) not in landed:
+                landed.add((state.instance, finger.id))
+                plate.set(finger, map=picture)
+                print(f"finger {finger.id} feels the picture")
+        felt = [finger for finger in state.fingers if finger.target_um is not None]
+        if felt and now_s >= next_line_s:
+            next_line_s = now_s + 0.5
+            print(
+                "   ".join(f"{one.id}: x {one.x_mm:+5.1f}, y {one.y_mm:+5.1f}, {one.target_um:.2f} um" for one in felt)
+            )
+        if now_s > end_s:
+            break
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+"""Pictures as a plate can show them: square, grey, and no finer than a map may be."""
+
+from __future__ import annotations
+
+import os
+
+from .errors import HapticdError, RefusedError
+
+
+def grey_rows(path: str | os.PathLike[str], max_side: int) -> list[bytes]:
+    """The middle square of a picture as rows of grey levels from the top, at most `max_side` of each.
+
+    Raises HapticdError where Pillow is missing, RefusedError for a file that is no picture.
+    """
+    try:
+        from PIL import Image, ImageOps, UnidentifiedImageError
+    except ImportError:
+        raise HapticdError('Pictures need Pillow: run `pip install "hapticd-client[image]"`.') from None
+    try:
+        with Image.open(path) as picture:
+            upright = ImageOps.exif_transpose(picture).convert("RGBA")
+    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError):
+        raise RefusedError(f"{os.fspath(path)}: is no picture that Pillow can read.") from None
+    except OSError as error:
+        raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or error}).") from None
+    on_black = Image.alpha_composite(Image.new("RGBA", upright.size, "black"), upright).convert("L")
+    side = min(max_side, *on_black.size)
+    levels = ImageOps.fit(on_black, (side, side)).tobytes()
+    return [levels[start : start + side] for start in range(0, side * side, side)]

@@ -1,0 +1,112 @@
+"""One participant's session with a person: training, trials with a rest before each, pauses, and the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from . import panel
+from .panel import Key, Panel
+from .protocol import Friction
+from .session import Answer, SessionFile
+from .stage import Stage
+
+REST_S = 1.0
+LEAST_TOUCH_S = 0.3  # an answer without having felt anything is a slip of the hand
+FAST_MM_S = 100.0  # the paper's 10 cm/s, at which its positions were 1.5 mm behind
+
+
+class Clock(Protocol):
+    """Time, for a session: a test has its own."""
+
+    def monotonic(self) -> float:
+        """Seconds that only ever grow."""
+
+    def time(self) -> float:
+        """Seconds of the calendar, since 1970."""
+
+
+def conduct(file: SessionFile, stage: Stage, shown: Panel, clock: Clock) -> None:
+    """Hold the session to its end. It may be left at any time, by an exception: what was answered is kept."""
+    trials = file.session.design.trials
+    if file.session.answers:
+        _pause(file, stage, shown)
+    else:
+        _train(stage, shown)
+    stage.mark(f"study {file.session.participant} begins")
+    while not file.session.is_complete:
+        number = len(file.session.answers) + 1
+        _rest(stage, shown, panel.between(number, trials), clock)
+        answer = _try(file, stage, shown, clock, number)
+        stage.rest()
+        if answer is None:
+            _pause(file, stage, shown)
+        else:
+            file.append(answer)
+            stage.mark(f"study {file.session.participant} trial {number} answer {answer.answer}")
+    file.end()
+    stage.mark(f"study {file.session.participant} ends")
+    shown.show(panel.over(trials))
+
+
+def _train(stage: Stage, shown: Panel) -> None:
+    """Both frictions as in the trials, by name and by choice, until the participant has had enough."""
+    feeling = Key.HIGH
+    while feeling is not Key.NEXT:
+        shown.show(panel.training(feeling))
+        stage.present(Friction(feeling))
+        feeling = _wait(stage, shown, lambda: _advice(stage))
+    stage.rest()
+
+
+def _try(file: SessionFile, stage: Stage, shown: Panel, clock: Clock, number: int) -> Answer | None:
+    """One trial; None where it was broken off."""
+    session = file.session
+    stage.mark(f"study {session.participant} trial {number} start")
+    t_start_s = clock.monotonic()
+    stage.present(session.presented[number - 1])
+    shown.show(panel.trial(number, session.design.trials))
+    while True:
+        key = _wait(stage, shown, lambda: "")
+        if key is Key.PAUSE:
+            return None
+        if stage.touch.touched_s >= LEAST_TOUCH_S:
+            break
+        shown.note("Touch the plate first.")
+    return Answer(
+        trial=number,
+        answer=Friction(key),
+        t_unix_s=clock.time(),
+        took_s=clock.monotonic() - t_start_s,
+        touched_s=stage.touch.touched_s,
+        speed_mm_s=stage.touch.speed_mm_s,
+        limited_frac=stage.touch.limited_frac,
+    )
+
+
+def _rest(stage: Stage, shown: Panel, screen: panel.Screen, clock: Clock) -> None:
+    stage.rest()
+    shown.show(screen)
+    t_end_s = clock.monotonic() + REST_S
+    while clock.monotonic() < t_end_s:
+        stage.step()
+
+
+def _pause(file: SessionFile, stage: Stage, shown: Panel) -> None:
+    shown.show(panel.paused(len(file.session.answers), file.session.design.trials))
+    _wait(stage, shown, lambda: "")
+
+
+def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> Key:
+    """Step until a key of the screen is pressed."""
+    while (key := shown.pressed()) is None:
+        stage.step()
+        if remark := advice():
+            shown.note(remark)
+    return key
+
+
+def _advice(stage: Stage) -> str:
+    """Participants are trained not to move too fast, as in the paper."""
+    speed_mm_s = stage.touch.recent_mm_s
+    return f"{speed_mm_s:3.0f} mm/s, {'too fast: slower' if speed_mm_s > FAST_MM_S else 'a good speed'}"

@@ -1,0 +1,79 @@
+"""The panel in a terminal: F and J answer, where the index fingers find them, P pauses, Enter goes on."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any, TextIO
+
+from .panel import Key, Screen
+
+LETTERS: Mapping[str, Key] = {"f": Key.HIGH, "j": Key.LOW, "p": Key.PAUSE, "\n": Key.NEXT, "\r": Key.NEXT}
+NAMES: Mapping[Key, str] = {Key.HIGH: "F", Key.LOW: "J", Key.PAUSE: "P", Key.NEXT: "Enter"}
+READ_SIZE = 256
+
+
+class Keyboard:
+    """Reads single keys, as a context manager that gives the terminal back as it was.
+
+    Where standard input is no terminal it is read all the same, a key at a time; at its end a session is left.
+    """
+
+    def __init__(self, out: TextIO, fd: int | None = None) -> None:
+        self._out = out
+        self._fd = sys.stdin.fileno() if fd is None else fd
+        self._screen: Screen | None = None
+        self._is_terminal = os.isatty(self._fd)
+        self._before: list[Any] = []
+        self._waiting = ""
+        self._noted = ""
+
+    def __enter__(self) -> Keyboard:
+        if self._is_terminal:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._is_terminal:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    def show(self, screen: Screen) -> None:
+        if screen == self._screen:
+            return
+        self._screen = screen
+        if self._is_terminal:  # whoever types ahead has not felt what comes
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+            self._waiting = ""
+        if self._noted:
+            self._out.write("\n")
+            self._noted = ""
+        keys = "   ".join(f"[{NAMES[key]}] {what}" for key, what in screen.keys.items())
+        self._out.write("\n".join(["", screen.heading, screen.text, *([keys] if keys else [])]) + "\n")
+        self._out.flush()
+
+    def note(self, text: str) -> None:
+        if self._is_terminal and text != self._noted:
+            self._noted = text
+            self._out.write(f"\r\x1b[K{text}")
+            self._out.flush()
+
+    def pressed(self) -> Key | None:
+        if not self._waiting and select.select([self._fd], [], [], 0)[0]:
+            data = os.read(self._fd, READ_SIZE)
+            if not data:
+                raise KeyboardInterrupt  # nobody will press anything any more
+            self._waiting = data.decode("ascii", "replace").lower()
+        while self._waiting and self._screen is not None:
+            letter, self._waiting = self._waiting[0], self._waiting[1:]
+            key = LETTERS.get(letter)
+            if key in self._screen.keys:
+                return key
+        return None

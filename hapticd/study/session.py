@@ -1,0 +1,205 @@
+"""A session as a file: JSON lines, only ever appended to, one flushed to the disk for each answer.
+
+    {"kind": "session", "version": 1, "participant": .., "seed": .., "design": {..}, ..}
+    {"kind": "answer", "trial": 1, "answer": "low", ..}
+    {"kind": "end", "presented": ["high", ..]}
+
+What was presented is written by the last line only: until then the file does not tell a curious eye. A line that a
+crash cut short was not yet an answer and is dropped; the trial is presented again.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+from .protocol import Design, Friction, StudyError, participant_name, presented
+
+VERSION = 1
+SUFFIX = ".jsonl"
+MAX_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer. `trial` counts from 1, `t_unix_s` is when it was given, `took_s` how long since the trial began.
+
+    `touched_s` is how long the finger was on the plate meanwhile, `speed_mm_s` its mean speed there, `limited_frac`
+    the share of that time in which the plate could not give what was asked.
+    """
+
+    trial: int
+    answer: Friction
+    t_unix_s: float
+    took_s: float
+    touched_s: float
+    speed_mm_s: float
+    limited_frac: float
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One participant's session as far as it has come; `about` is whatever else the first line holds."""
+
+    participant: str
+    seed: int
+    design: Design
+    answers: tuple[Answer, ...] = ()
+    is_over: bool = False
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def presented(self) -> tuple[Friction, ...]:
+        """What each trial presents (trials,)."""
+        return presented(self.seed, self.design.trials)
+
+    @property
+    def is_complete(self) -> bool:
+        """Every trial was answered."""
+        return len(self.answers) == self.design.trials
+
+
+class SessionFile:
+    """A session being held: `append` answers, then `end` it. Begins the file, or goes on where it stops.
+
+    `given` is the session as it would begin; of a session that has answers, the file's own seed, design and answers
+    count. Raises StudyError where the file is not a session, is of another design, or another process has it open.
+    """
+
+    def __init__(self, path: Path, given: Session) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file: BinaryIO = path.open("a+b")
+        except OSError as error:
+            raise StudyError(f"{path}: cannot be written ({error.strerror}): choose another --out.") from None
+        try:
+            self._lock(path)
+            self.session = self._begin(path, given)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> SessionFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def append(self, answer: Answer) -> None:
+        """Keep an answer: when this returns it is on the disk."""
+        if answer.trial != len(self.session.answers) + 1 or self.session.is_complete:
+            raise ValueError(f"trial {answer.trial} is not the next")
+        self._write({"kind": "answer", **asdict(answer)})
+        self.session = replace(self.session, answers=(*self.session.answers, answer))
+
+    def end(self) -> None:
+        """Say what was presented. Nothing is added after it."""
+        if not self.session.is_complete:
+            raise ValueError("trials are missing")
+        if not self.session.is_over:
+            self._write({"kind": "end", "presented": list(self.session.presented)})
+            self.session = replace(self.session, is_over=True)
+
+    def _lock(self, path: Path) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StudyError(f"{path}: another hapticd study has it open: end that first.") from None
+
+    def _begin(self, path: Path, given: Session) -> Session:
+        self._file.seek(0)
+        data = self._file.read()
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            self._file.truncate(whole)
+        if whole > 0:
+            begun = decode(data[:whole], str(path))
+            if begun.answers:
+                return begun
+            self._file.truncate(0)
+        header = {"kind": "session", "version": VERSION, "participant": given.participant, "seed": given.seed}
+        self._write({**header, "design": asdict(given.design), **given.about})
+        return given
+
+    def _write(self, line: Mapping[str, Any]) -> None:
+        self._file.write(json.dumps(line).encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def read(path: Path) -> Session:
+    """A session's file. Raises StudyError, naming the line that is wrong."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror}).") from None
+    return decode(data[: data.rfind(b"\n") + 1], str(path))
+
+
+def decode(data: bytes, where: str) -> Session:
+    """The lines of a session's file. Raises StudyError, and nothing else, for whatever else they are."""
+    session: Session | None = None
+    for number, line in enumerate(data.splitlines(), 1):
+        try:
+            entry = json.loads(line)
+            session = _begun(entry) if session is None else _with(session, entry)
+        except StudyError as error:
+            raise StudyError(f"{where}: line {number}: {error}") from None
+        except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
+            raise StudyError(f"{where}: line {number} is not of a session: is this hapticd study's file?") from None
+    if session is None:
+        raise StudyError(f"{where}: holds no session yet.")
+    return session
+
+
+def _begun(entry: dict[str, Any]) -> Session:
+    if entry["kind"] != "session":
+        raise ValueError("a file begins with its session")
+    if entry["version"] != VERSION:
+        raise StudyError(f"is of version {entry['version']!r}, this hapticd reads {VERSION}: use a newer one.")
+    if type(entry["seed"]) is not int or not 0 <= entry["seed"] <= MAX_SEED:
+        raise ValueError("a seed is a whole number")
+    table = entry["design"]
+    if type(table["trials"]) is not int:
+        raise ValueError("trials are counted")
+    (from_mm, to_mm) = ((float(x_mm), float(y_mm)) for x_mm, y_mm in table["line_mm"])
+    design = Design(table["trials"], float(table["slippery_um"]), (from_mm, to_mm), float(table["line_speed_mm_s"]))
+    known = ("kind", "version", "participant", "seed", "design")
+    about = {name: value for name, value in entry.items() if name not in known}
+    return Session(participant_name(entry["participant"]), entry["seed"], design, about=about)
+
+
+def _with(session: Session, entry: dict[str, Any]) -> Session:
+    """The session after one more line."""
+    if session.is_over:
+        raise ValueError("nothing follows the end")
+    if entry["kind"] == "end":
+        if not session.is_complete:
+            raise StudyError("ends a session that lacks answers.")
+        if tuple(entry["presented"]) != session.presented:
+            raise StudyError("does not hold what this seed presents: the file was changed.")
+        return replace(session, is_over=True)
+    if entry["kind"] != "answer" or session.is_complete or entry["trial"] != len(session.answers) + 1:
+        raise ValueError("trials are answered in their order")
+    numbers = {name: _finite(entry[name]) for name in (f.name for f in fields(Answer)) if name not in _NOT_NUMBERS}
+    answer = Answer(trial=len(session.answers) + 1, answer=Friction(entry["answer"]), **numbers)
+    return replace(session, answers=(*session.answers, answer))
+
+
+_NOT_NUMBERS = ("trial", "answer")
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError("a number is finite")
+    return number

@@ -1,0 +1,48 @@
+"""Each example against the whole service on the simulated plate, in real time, for a second."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from test_examples import NAMES, example
+
+from hapticd.study.rehearsal import Rehearsal
+from hapticd_client import Client
+
+PATIENCE_S = 60.0
+
+# What an example says on two fingers that stroke the plate: a line of its own.
+SAYS = {
+    "detents": r"^finger \d+: detent [0-8]$",
+    "find_the_edge": r"^Score: \d+ in 1 s$",
+    "grating": r"^finger \d+: stripes every 8 mm, 0 \.\. 1\.5 um$",
+    "paper_environment": r"^finger \d+ landed at x = [-+][\d.]+ mm: [01] um$",
+    "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
+    "print_achieved": r"^. (ACTIVE|ARMED) +",
+    "virtual_finger": r"^finger \d+: 1 um$",
+}
+
+
+@pytest.fixture(scope="module")
+def service() -> Iterator[Path]:
+    """A running service whose two fingers are down."""
+    with Rehearsal("strokes") as running:
+        with Client(running.runtime_dir, timeout_s=PATIENCE_S) as client:
+            next(state for state in client.states(PATIENCE_S) if len(state.fingers) == 2)
+        yield running.runtime_dir
+
+
+def test_every_example_is_tried() -> None:
+    assert sorted(SAYS) == NAMES
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("name", NAMES)
+def test_an_example_runs_on_the_simulated_plate(name: str, service: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example(name).main(["--endpoint", str(service), "--seconds", "1"])
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert re.search(SAYS[name], said.out, re.MULTILINE), said.out

@@ -1,0 +1,173 @@
+"""Maps from arrays and pictures: what is felt where, and what is no map."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_daemon import FakeDaemon
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from hapticd_client import Client, Grating, HapticdError, Map, RefusedError
+
+CLIENT = Path(__file__).parents[2] / "clients" / "python"
+
+
+def levels(image: Map) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    fields = image.fields()
+    raw, shape = fields["levels"], (fields["height"], fields["width"])
+    assert isinstance(raw, bytes)
+    return np.frombuffer(raw, dtype=np.uint8).reshape(shape)  # type: ignore[arg-type]
+
+
+def amplitudes_um(image: Map) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return image.low_um + (image.high_um - image.low_um) * levels(image) / 255.0
+
+
+# --- arrays -----------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None)
+@given(st.lists(st.lists(st.floats(0.0, 20.0), min_size=3, max_size=3), min_size=1, max_size=4))
+def test_amplitudes_come_back_within_half_a_step(rows_um: list[list[float]]) -> None:
+    image = Map.from_um(rows_um)
+    step_um = (image.high_um - image.low_um) / 255
+    assert np.abs(amplitudes_um(image) - np.array(rows_um)).max() <= 0.5001 * step_um + 1e-12
+
+
+def test_a_numpy_array_of_amplitudes_is_a_map() -> None:
+    y, x = np.mgrid[-1:1:64j, -1:1:64j]
+    image = Map.from_um(1.0 + np.cos(9 * np.hypot(x, y)))
+    assert np.abs(amplitudes_um(image) - (1.0 + np.cos(9 * np.hypot(x, y)))).max() < 0.004
+
+
+def test_a_numpy_array_of_levels_is_a_map() -> None:
+    grey = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    assert (levels(Map(grey, high_um=1.0)) == grey).all()
+
+
+def test_an_even_array_is_even() -> None:
+    image = Map.from_um([[0.7, 0.7]])
+    assert (image.low_um, image.high_um) == (0.7, 0.7)
+    assert (amplitudes_um(image) == 0.7).all()
+
+
+@pytest.mark.parametrize("rows_um", [[[math.nan]], [[math.inf]], [[-0.1]], [[1.0, 1000.1]]])
+def test_an_amplitude_that_is_none_is_refused(rows_um: list[list[float]]) -> None:
+    with pytest.raises(RefusedError, match="out of bounds"):
+        Map.from_um(rows_um)
+
+
+@pytest.mark.parametrize("rows_um", [[], [[]]])
+def test_an_array_without_pixels_is_refused(rows_um: list[list[float]]) -> None:
+    with pytest.raises(RefusedError, match="no pixels"):
+        Map.from_um(rows_um)
+
+
+@pytest.mark.parametrize("rows_um", [np.ones((129, 2)), [[1.0], [1.0, 2.0]]])
+def test_an_array_that_is_no_map_is_refused_where_it_is_sent(rows_um: Any) -> None:
+    with pytest.raises(RefusedError, match="map: "):
+        Map.from_um(rows_um).fields()
+
+
+def test_the_library_does_not_load_numpy_or_pillow() -> None:
+    code = "import sys, hapticd_client; hapticd_client.Map.from_um([[1.0]]); print({'numpy', 'PIL'} & {*sys.modules})"
+    command = [sys.executable, "-c", code]
+    said = subprocess.run(command, cwd=CLIENT, capture_output=True, text=True, check=True)
+    assert said.stdout == "set()\n"
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------
+
+
+def saved(tmp_path: Path, picture: Image.Image, name: str = "picture.png", **options: Any) -> Path:
+    path = tmp_path / name
+    picture.save(path, **options)
+    return path
+
+
+def test_white_slips_and_black_sticks_from_the_top_left_on(tmp_path: Path) -> None:
+    grey = np.zeros((8, 8), dtype=np.uint8)
+    grey[0, 0], grey[7, 3] = 255, 128
+    image = Map.from_image(saved(tmp_path, Image.fromarray(grey)), high_um=2.0, low_um=0.5)
+    assert (levels(image) == grey).all()
+    assert amplitudes_um(image)[0, 0] == 2.0
+    assert amplitudes_um(image)[1, 1] == 0.5
+
+
+@pytest.mark.parametrize("size", [(300, 200), (200, 300)])
+def test_of_a_photograph_the_middle_square_is_felt_as_finely_as_a_map_can(
+    size: tuple[int, int], tmp_path: Path
+) -> None:
+    picture = Image.new("RGB", size, "black")
+    picture.paste("white", (size[0] // 2 - 100, size[1] // 2 - 100, size[0] // 2 + 100, size[1] // 2 + 100))
+    image = Map.from_image(saved(tmp_path, picture, "photo.jpg", quality=95), high_um=1.0)
+    assert levels(image).shape == (128, 128)
+    assert levels(image).min() > 240
+
+
+def test_a_picture_lies_as_the_camera_was_held(tmp_path: Path) -> None:
+    picture = Image.new("L", (4, 4), 0)
+    picture.putpixel((0, 0), 255)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # taken with the camera turned: the first row is the right side
+    grey = levels(Map.from_image(saved(tmp_path, picture, exif=exif), high_um=1.0))
+    assert list(zip(*np.nonzero(grey), strict=True)) == [(0, 3)]
+
+
+def test_what_is_transparent_is_black(tmp_path: Path) -> None:
+    picture = Image.new("RGBA", (2, 2), (255, 255, 255, 0))
+    picture.putpixel((1, 1), (255, 255, 255, 255))
+    assert levels(Map.from_image(saved(tmp_path, picture), high_um=1.0)).tolist() == [[0, 0], [0, 255]]
+
+
+def test_a_file_that_is_no_picture_is_one_sentence(tmp_path: Path) -> None:
+    whole = saved(tmp_path, Image.effect_noise((64, 64), 50.0)).read_bytes()
+    for name, data in (("text.png", b"hello"), ("empty.png", b""), ("cut.png", whole[: len(whole) // 2])):
+        path = tmp_path / name
+        path.write_bytes(data)
+        with pytest.raises(RefusedError, match=name):
+            Map.from_image(path, high_um=1.0)
+
+
+def test_a_picture_that_is_missing_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(RefusedError, match=r"none\.png: cannot be read \(No such file or directory\)\.$"):
+        Map.from_image(tmp_path / "none.png", high_um=1.0)
+
+
+def test_without_pillow_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(HapticdError, match=r"pip install \"hapticd-client\[image\]\""):
+        Map.from_image(tmp_path / "picture.png", high_um=1.0)
+
+
+def test_a_daemon_lets_a_finger_feel_a_picture(daemon: FakeDaemon, tmp_path: Path) -> None:
+    half = Image.new("L", (64, 64), 0)
+    half.paste(255, (0, 0, 32, 64))
+    daemon.fingers = {1: (-30.0, 0.0)}
+    with Client(daemon.directory) as plate:
+        plate.set(1, map=Map.from_image(saved(tmp_path, half), high_um=1.5))
+        felt_um = [daemon.scene.amplitude_um(1, x_mm, 0.0) for x_mm in (-30.0, 30.0)]
+    assert felt_um == [1.5, 0.0]
+
+
+def test_the_readme_s_textures_are_lines_that_run(daemon: FakeDaemon, tmp_path: Path) -> None:
+    text = (CLIENT / "README.md").read_text(encoding="utf-8")
+    block = next(block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "from_image" in block)
+    lines = block.replace("portrait.jpg", str(saved(tmp_path, Image.new("L", (90, 60), 200), "portrait.jpg")))
+    daemon.fingers = {1: (0.0, 0.0)}
+    felt_um = []
+    with Client(daemon.directory) as plate:
+        for line in lines.splitlines():
+            exec(line, {"plate": plate, "finger": 1, "Grating": Grating, "Map": Map, "np": np})
+            felt_um.append(daemon.scene.amplitude_um(1, 0.0, 0.0))
+    nearest_um = 1 + math.cos(9 * math.sqrt(2) / 63)  # the four pixels round the centre
+    assert felt_um == pytest.approx([1.5, 1.5 * 200 / 255, nearest_um], abs=0.01)
