@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | firmware | latency | keys | doctor | install-service`."""
+"""The command line: `hapticd demo | run | simulate | bench | firmware | calibrate | plate | latency | keys | ...`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__, config
+from .calibrate import arguments as calibrate_arguments
 from .errors import HapticdError
 
 STDERR = 2  # the descriptor
@@ -41,6 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_firmware(commands)
     _add_latency(commands)
+    calibrate_arguments.add(commands)
     _add_keys(commands)
     _add_doctor(commands)
     _add_install_service(commands)

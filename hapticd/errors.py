@@ -25,6 +25,12 @@ class TrackpadError(HapticdError):
     """The trackpad cannot be found, opened or put into multitouch mode."""
 
 
+class CalibrationError(HapticdError):
+    """A measurement cannot be used as it is: its file, its arguments or what it shows."""
+
+    exit_code = 2
+
+
 class AlreadyRunningError(HapticdError):
     """Another daemon holds the runtime directory."""
 

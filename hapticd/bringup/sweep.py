@@ -30,8 +30,8 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         if not path.absolute().parent.is_dir():
             raise ConfigError(f"{path}: its directory is missing: create it first.")
     saved = _saved(options.save, board.hello.modes)
-    points = await _measured(board, sweep, show=not options.json)
-    found = _fitted(points, sweep.mode)
+    points = await measured(board, sweep, show=not options.json)
+    found = fitted(points, sweep.mode)
     if options.json:
         print(text.as_json({"sweep": sweep, "points": points, "resonance": found}))
     else:
@@ -69,7 +69,8 @@ def check_drive(hello: BoardHello, mode: int, volts: float) -> None:
         raise DeviceError(f"--volts is {volts:g}, but open loop the board gives more than 0 and at most {limit_v:g} V.")
 
 
-async def _measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:
+async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:
+    """All points of the sweep, printed as they come if `show`. Raises DeviceError where some never come."""
     points: list[SweepPoint] = []
     loop = asyncio.get_running_loop()
     end_s = loop.time() + sweep.points * sweep.dwell_ms * 1e-3 + SPARE_S
@@ -95,7 +96,8 @@ async def _measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[Sw
     return points
 
 
-def _fitted(points: list[SweepPoint], mode: int) -> Resonance:
+def fitted(points: list[SweepPoint], mode: int) -> Resonance:
+    """The resonance in the mode's answers. Raises DeviceError where there is none."""
     frequency_hz = np.array([point.frequency_hz for point in points])
     try:
         return fit_resonance(frequency_hz, responses_um_per_v(points, mode))
