@@ -43,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_firmware(commands)
     _add_latency(commands)
     calibrate_arguments.add(commands)
+    calibrate_arguments.add_plate(commands)
     _add_keys(commands)
     _add_doctor(commands)
     _add_install_service(commands)

@@ -30,6 +30,48 @@ def add(commands: Any) -> None:
     _add_all(steps)
 
 
+def add_plate(commands: Any) -> None:
+    """The command `plate`."""
+    summary = "design a plate: pairs of modes near a frequency, their shapes, and where to glue it"
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "plate",
+        help=summary,
+        description=summary[0].upper() + summary[1:] + ".",
+        epilog="example: hapticd plate --size 137.5x137.5 --material glass --near 29200 --plot plate.png\n\n"
+        "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="width x depth (default 137.5x137.5)")
+    parser.add_argument("--thickness", dest="thickness_mm", type=float, default=2.0, metavar="MM", help="default 2")
+    parser.add_argument(
+        "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
+    )
+    parser.add_argument("--near", dest="near_hz", type=float, default=29200.0, metavar="HZ", help="default 29200")
+    parser.add_argument(
+        "--splitting",
+        dest="splitting_hz",
+        type=float,
+        default=60.0,
+        metavar="HZ",
+        help="of a pair, at most (default 60)",
+    )
+    parser.add_argument("--pair", type=int, default=1, metavar="N", help="which of the table to take (default 1)")
+    parser.add_argument("--stamp", dest="stamp_mm", type=float, default=2.0, metavar="MM", help="radius (default 2)")
+    parser.add_argument(
+        "--amplitude", dest="amplitude_um", type=float, default=4.0, metavar="UM", help="of both modes (default 4)"
+    )
+    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the pair's shapes as a mode file")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the shapes and the stamps")
+    parser.add_argument("--json", metavar="F", help="write pairs and stamps as JSON; - is standard output")
+    parser.set_defaults(command=_run_plate)
+
+
+def _run_plate(options: argparse.Namespace) -> int:
+    from .plate import run
+
+    return run(options)
+
+
 def _step(steps: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = steps.add_parser(
         name,

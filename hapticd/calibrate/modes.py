@@ -30,16 +30,19 @@ WRONG_FRAC = 0.05  # of the points
 ALIKE_FRAC = 0.9  # of two modes' correlation squared: beyond it they are one
 LIKE_THEORY_FRAC = 0.7  # of that with the nearest free-plate mode
 TURNED_DEG, SHIFTED_MM = 1.0, 1.0
+RUNAWAY = 3.0  # times the largest readings: a map that goes beyond was invented between points or at the edges
 
 
 @dataclass(frozen=True, slots=True)
 class FittedMap:
     """The fit that is taken; by how much the other one's map differs, RMS per mode (M,), NaN where there is none; per
-    mode the free-plate mode that it is most like and their correlation squared; and what it will leak."""
+    mode the free-plate mode that it is most like and their correlation squared; how far the map goes beyond the largest
+    readings; and what it will leak."""
 
     fit: CartographyFit
     other_differs_rms: npt.NDArray[np.float64]
     like: tuple[tuple[str, float], ...]
+    beyond: float
     leak: ExpectedLeak
 
 
@@ -88,6 +91,7 @@ def fit_map(scan: Scan, size_mm: tuple[float, float], *, normalise: bool) -> Fit
         best,
         differs_rms,
         nearest_free_modes(best.modes, best.wavelength_mm, size_mm),
+        _beyond(best, scan),
         expected_leak(best.modes, best.map_error_rms.tolist()),
     )
 
@@ -130,6 +134,9 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
         findings.append(
             (bad, f"The map would leak {leak_um:.2f} um for 1 um: measure closer points, or longer at each.")
         )
+    if found.beyond > RUNAWAY:
+        beyond = f"The map goes {found.beyond:.1f} times beyond the largest readings"
+        findings.append((Outcome.FAIL, f"{beyond}: measure closer points, up to the edges."))
     for first, second in zip(*np.triu_indices(fit.modes.M, 1), strict=True):
         if _correlation(fit.modes, int(first), int(second)) > ALIKE_FRAC:
             findings.append(
@@ -150,6 +157,12 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
             (Outcome.LOOK, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: was that so?")
         )
     return findings
+
+
+def _beyond(fit: CartographyFit, scan: Scan) -> float:
+    """The map's largest value over that of the readings, specks left out; of all modes the largest."""
+    told = np.nanpercentile(np.abs(scan.readings / fit.scale), 99.0, axis=0)
+    return float((np.abs(fit.modes.shapes).max(axis=(1, 2)) / told).max())
 
 
 def _correlation(modes: ModeShapes, first: int, second: int) -> float:

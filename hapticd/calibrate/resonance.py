@@ -1,7 +1,7 @@
 """Step 1: sweep each mode on the board, fit its circle, and say where the drive should be.
 
-A narrow resonance, or one near the band's edge, is swept a second time around itself. The drive's criterion is told in
-`design.drive`. The drive frequency is the firmware's own constant: it is proposed here, not set.
+A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. The drive's criterion is
+told in `design.drive`. The drive frequency is the firmware's own constant: it is proposed here, not set.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from ..design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ..design.resonance import Resonance
 from ..io.device import SerialLink
 from ..tool_values import Sweep
-from ..values import BoardHello
+from ..values import BoardHello, BoardState, BoardStatus
 from ..wire import protocol
 from . import picture
 from .verdict import Figure, Finding, Outcome, Settings, Verdict, judge
@@ -35,7 +36,10 @@ CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # of the largest answer: what the circle ma
 WORTH_MOVING = 1.1  # times the voltage at the best drive
 POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
 WIDTHS = 2.0  # of f / Q to either side, the second time
+DWELL_DECAYS = 12.0  # time constants of the mode, of which the board waits for half: 0.2 % is left then
 CURVE_POINTS = 400
+STATUS_WITHIN_S = 0.5  # the board says how it is ten times a second
+QUIET_WITHIN = 10  # of what it says
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,7 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]
 
 
 async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
+    await _quiet(board)
     points = await sweep.measured(board, plan, show=False)
     frequency_hz = np.array([point.frequency_hz for point in points])
     return ModeSweep(
@@ -89,17 +94,29 @@ async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
     )
 
 
+async def _quiet(board: Conversation) -> None:
+    """Wait for the sweep before to have been ramped down; what else keeps a board busy it says when it is asked."""
+    for _ in range(QUIET_WITHIN):
+        status = await board.wait_for(BoardStatus, STATUS_WITHIN_S)
+        if status is None or status.state is not BoardState.TOOL:
+            return
+
+
 def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
     """A sweep around the resonance, or None where `plan` has shown it well."""
     width_hz = found.frequency_hz / found.q_factor
-    step_hz = (plan.stop_hz - plan.start_hz) / max(plan.points - 1, 1)
-    is_surrounded = plan.start_hz + width_hz / 2 <= found.frequency_hz <= plan.stop_hz - width_hz / 2
-    if is_surrounded and abs(step_hz) * POINTS_IN_WIDTH <= width_hz:
+    step_hz = abs(plan.stop_hz - plan.start_hz) / max(plan.points - 1, 1)
+    low_hz, high_hz = sorted((plan.start_hz, plan.stop_hz))
+    is_surrounded = low_hz + width_hz / 2 <= found.frequency_hz <= high_hz - width_hz / 2
+    dwell_ms = min(math.ceil(1e3 * DWELL_DECAYS / (math.pi * width_hz)), protocol.SWEEP_DWELL_MS[1])
+    if is_surrounded and step_hz * POINTS_IN_WIDTH <= width_hz and plan.dwell_ms >= dwell_ms:
         return None
-    low_hz, high_hz = (hello.drive_hz + offset_hz for offset_hz in protocol.SWEEP_OFFSET_HZ)
+    least_hz, most_hz = (hello.drive_hz + offset_hz for offset_hz in protocol.SWEEP_OFFSET_HZ)
     reach_hz = WIDTHS * width_hz
-    start_hz, stop_hz = max(found.frequency_hz - reach_hz, low_hz), min(found.frequency_hz + reach_hz, high_hz)
-    return replace(plan, start_hz=start_hz, stop_hz=stop_hz) if start_hz < stop_hz else None
+    start_hz, stop_hz = max(found.frequency_hz - reach_hz, least_hz), min(found.frequency_hz + reach_hz, most_hz)
+    if not start_hz < stop_hz:
+        return None
+    return replace(plan, start_hz=start_hz, stop_hz=stop_hz, dwell_ms=max(plan.dwell_ms, dwell_ms))
 
 
 def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, *, is_simulated: bool) -> Verdict:
