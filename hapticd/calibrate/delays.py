@@ -21,7 +21,7 @@ from .folder import CONFIG_FILE
 from .verdict import Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE, LEDGER_FILE = "latency.png", "latency.csv"
-STEADY_FRAC, USABLE_FRAC = 0.01, 0.1  # of the frames that come late or are never applied
+STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # of the frames that come late or are never applied
 PERIOD_WORTH_FRAC = 0.03  # a report period nearer to the configured one is the same
 LEAST_FRAMES = 50
 SPREAD_WORTH_MS = 3.0  # of the link, from the median to the 95th percentile

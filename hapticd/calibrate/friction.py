@@ -34,6 +34,7 @@ OUTLIER_SIGMA = 5.0
 SIGMA_PER_MEDIAN = 1.4826  # of normal noise: standard deviation over median size
 LEAST_FALL = 0.2  # of bare glass's friction: less is hardly felt
 FLAT_SIGMA = 2.0  # of a block's mean: nearer to the floor is on it
+ROUNDING = 1e-9  # of the friction: readings without noise have a floor too
 
 Array = npt.NDArray[np.float64]
 
@@ -142,7 +143,8 @@ def _blocks(levels: Array, falling: Array, weights: Array, noise: float) -> tupl
     starts = np.concatenate(([0], np.flatnonzero(np.diff(falling) < 0.0) + 1))
     counts = np.add.reduceat(weights, starts)
     at_um, height = np.add.reduceat(levels * weights, starts) / counts, falling[starts]
-    is_floor = height - height[-1] <= FLAT_SIGMA * noise * np.sqrt(1.0 / counts + 1.0 / counts[-1])
+    flat = FLAT_SIGMA * noise * np.sqrt(1.0 / counts + 1.0 / counts[-1]) + ROUNDING * abs(height[0])
+    is_floor = height - height[-1] <= flat
     first = int(np.argmax(is_floor))  # the last block always is
     if first == 0 or height[0] - height[-1] < LEAST_FALL * abs(height[0]):
         raise CalibrationError("Friction hardly falls with amplitude: measure again, with more amplitude.")

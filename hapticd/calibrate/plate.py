@@ -29,6 +29,7 @@ from .modes import parse_size
 SPAN_FRAC = 0.05  # of the frequency, to either side, where pairs are looked for
 ROWS = 10  # of the tables
 MAP_STEP_MM = 1.375
+MOST_UM = 20.0  # of a mode, as in the service's configuration
 DRAWN = 2  # pairs in the picture
 
 
@@ -43,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
         raise CalibrationError(_no_pair(options, len(pairs)))
     if not 0.0 <= options.stamp_mm <= min(size_mm) / 4.0:
         raise CalibrationError(f"--stamp is {options.stamp_mm:g}: give a radius of 0 mm up to a quarter of the plate.")
+    if not 0.0 <= options.amplitude_um <= MOST_UM:
+        raise CalibrationError(f"--amplitude is {options.amplitude_um:g}: give 0 to {MOST_UM:g} um.")
     pair = pairs[options.pair - 1]
     nodes = common_nodes(pair.shapes, options.stamp_mm)
     chosen = four_stamps(nodes, size_mm)
