@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import calibration
 from ..design.resonance import Resonance, fit_resonance
-from ..errors import ConfigError, DeviceError
+from ..errors import ConfigError, DeviceError, SweepEndedError
 from ..tool_values import Sweep, SweepPoint
 from ..values import BoardHello, BoardState, BoardStatus, ModeCalibration
 from ..wire import protocol
@@ -70,7 +70,8 @@ def check_drive(hello: BoardHello, mode: int, volts: float) -> None:
 
 
 async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:
-    """All points of the sweep, printed as they come if `show`. Raises DeviceError where some never come."""
+    """All points of the sweep, printed as they come if `show`. Raises DeviceError where some never come,
+    SweepEndedError where the board ended it."""
     points: list[SweepPoint] = []
     loop = asyncio.get_running_loop()
     end_s = loop.time() + sweep.points * sweep.dwell_ms * 1e-3 + SPARE_S
@@ -89,7 +90,7 @@ async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[Swe
                 is_over = True
                 end_s = min(end_s, loop.time() + LAST_POINTS_S)  # a STATUS overtakes points on their way to the line
     if is_over and (not points or points[-1].index + 1 < sweep.points):
-        raise DeviceError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
+        raise SweepEndedError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
     if len(points) < sweep.points:
         lost = sweep.points - len(points)
         raise DeviceError(f"{lost} of the sweep's points never came: take a longer --dwell, or a faster --baud.")

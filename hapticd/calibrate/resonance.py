@@ -22,8 +22,9 @@ from ..bringup.conversation import Conversation
 from ..bringup.program import named_port
 from ..design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ..design.resonance import Resonance
+from ..errors import SweepEndedError
 from ..io.device import SerialLink
-from ..tool_values import Sweep
+from ..tool_values import Sweep, SweepPoint
 from ..values import BoardHello, BoardState, BoardStatus
 from ..wire import protocol
 from . import picture
@@ -38,6 +39,7 @@ POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
 WIDTHS = 2.0  # of f / Q to either side, the second time
 DWELL_DECAYS = 12.0  # time constants of the mode, of which the board waits for half: 0.2 % is left then
 CURVE_POINTS = 400
+TRIES = 3  # of a sweep that the board ends
 STATUS_WITHIN_S = 0.5  # the board says how it is ten times a second
 QUIET_WITHIN = 10  # of what it says
 
@@ -86,12 +88,23 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]
 
 
 async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
-    await _quiet(board)
-    points = await sweep.measured(board, plan, show=False)
+    points = await _measured(board, plan)
     frequency_hz = np.array([point.frequency_hz for point in points])
     return ModeSweep(
         plan.mode, frequency_hz, sweep.responses_um_per_v(points, plan.mode), sweep.fitted(points, plan.mode)
     )
+
+
+async def _measured(board: Conversation, plan: Sweep) -> list[SweepPoint]:
+    """The sweep's points. On a busy machine the board may once not hear from us for 50 ms, and end it: then again."""
+    for tries_left in reversed(range(TRIES)):
+        await _quiet(board)
+        try:
+            return await sweep.measured(board, plan, show=False)
+        except SweepEndedError:
+            if tries_left == 0:
+                raise
+    raise AssertionError("the last try returns or raises")
 
 
 async def _quiet(board: Conversation) -> None:

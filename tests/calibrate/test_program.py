@@ -2,30 +2,58 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import pytest
+from machine_bench import SLIPPERY, STICKY, Bench
+from virtual_board import PlateLink, in_virtual_time
 
-from hapticd import calibration, config
+from hapticd import calibration, config, latency
 from hapticd.__main__ import main
-from hapticd.calibrate import folder
+from hapticd.bringup import sweep
+from hapticd.bringup.conversation import Conversation
+from hapticd.calibrate import folder, resonance
 from hapticd.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
 from hapticd.core.modes import ModeShapes
 from hapticd.errors import CalibrationError
 from hapticd.machine import Machine
 from hapticd.service import Workshop
 from hapticd.sim.lockstep import Settings, Simulation
+from hapticd.sim.plate import PlateTruth
 from hapticd.sim.scenarios import SCENARIOS, SPEED_MM_S
+from hapticd.values import BoardHello
 
 SECONDS = 4.0
+Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
+
+
+async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespace) -> Swept:
+    del port, baud
+    async with Conversation(PlateLink(PlateTruth()), "the bench") as board:  # type: ignore[arg-type]
+        return board.hello, await resonance.sweep_modes(board, sweep.planned(board.hello, options))
+
+
+def frames_of_a_bench(configured: config.Config, seconds: float) -> latency.Measured:
+    del configured, seconds
+    bench = Bench(SLIPPERY, STICKY).driven()
+    for _ in range(1000):
+        bench.machine.pipeline.forget_standing()
+        bench.run(1)
+        bench.board.status()
+    return latency.gather(bench.machine, list(bench.machine.session.ledger))
 
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `hapticd calibrate all --sim` leaves."""
+    """What `hapticd calibrate all --sim` leaves. What would run in real time runs in virtual time instead."""
     out = tmp_path_factory.mktemp("calibrate") / "plate"
-    quick = ("--points", "21", "--dwell", "66", "--seconds", "1.5")
-    assert main(["calibrate", "all", "--sim", "--out", str(out), *quick]) in (0, 1)  # a busy machine is late
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(resonance, "named_port", lambda *_: ("none", 921600))
+        patched.setattr(resonance.asyncio, "run", in_virtual_time)
+        patched.setattr(resonance, "_sweep_on", sweep_in_virtual_time)
+        patched.setattr(latency, "measure", frames_of_a_bench)
+        assert main(["calibrate", "all", "--sim", "--out", str(out), "--points", "21", "--dwell", "66"]) == 0
     return out
 
 
