@@ -9,7 +9,7 @@ from typing import Any
 from ..errors import CalibrationError
 
 DPI = 80
-COLOURS = 128  # of a picture: a third of the bytes
+COLOURS = 64  # of a picture: a third of the bytes
 
 
 def require() -> None:

@@ -12,6 +12,7 @@ import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,8 @@ from ..bringup import sweep
 from ..bringup.conversation import Conversation
 from ..bringup.program import named_port
 from ..design.drive import largest_voltage_v, propose_drive_hz, voltage_v
-from ..design.resonance import Resonance
-from ..errors import SweepEndedError
+from ..design.resonance import MIN_POINTS, Resonance
+from ..errors import CalibrationError, SweepEndedError
 from ..io.device import SerialLink
 from ..tool_values import Sweep, SweepPoint
 from ..values import BoardHello, BoardState, BoardStatus
@@ -39,7 +40,9 @@ POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
 WIDTHS = 2.0  # of f / Q to either side, the second time
 DWELL_DECAYS = 12.0  # time constants of the mode, of which the board waits for half: 0.2 % is left then
 CURVE_POINTS = 400
-TRIES = 3  # of a sweep that the board ends
+MOST_POINTS = 2001  # as the board takes them
+PIECE_POINTS = 7  # of a sweep: what is lost when the board ends it
+TRIES = 8  # of a piece that the board ends
 STATUS_WITHIN_S = 0.5  # the board says how it is ten times a second
 QUIET_WITHIN = 10  # of what it says
 
@@ -62,6 +65,8 @@ class ModeSweep:
 def run(options: argparse.Namespace) -> Verdict:
     """The whole step on the board that `options` name. Raises HapticdError."""
     picture.require()
+    if not MIN_POINTS <= options.points <= MOST_POINTS:
+        raise CalibrationError(f"--points is {options.points}: a sweep has {MIN_POINTS} to {MOST_POINTS}.")
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         hello, sweeps = asyncio.run(_sweep_on(port, baud, options))
@@ -96,11 +101,30 @@ async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
 
 
 async def _measured(board: Conversation, plan: Sweep) -> list[SweepPoint]:
-    """The sweep's points. On a busy machine the board may once not hear from us for 50 ms, and end it: then again."""
+    """The plan's points, piece by piece: on a busy machine the board may not hear from us for 50 ms, and ends it."""
+    points: list[SweepPoint] = []
+    for piece in pieces(plan):
+        points += await _measured_piece(board, piece)
+    return points
+
+
+def pieces(plan: Sweep) -> list[Sweep]:
+    """The same frequencies in sweeps of about PIECE_POINTS each."""
+    frequency_hz = np.linspace(plan.start_hz, plan.stop_hz, plan.points).tolist()
+    count = max(plan.points // PIECE_POINTS, 1)
+    edges = [place * plan.points // count for place in range(count + 1)]
+    return [
+        replace(plan, start_hz=frequency_hz[first], stop_hz=frequency_hz[end - 1], points=end - first)
+        for first, end in pairwise(edges)
+        if first < end
+    ]
+
+
+async def _measured_piece(board: Conversation, piece: Sweep) -> list[SweepPoint]:
     for tries_left in reversed(range(TRIES)):
         await _quiet(board)
         try:
-            return await sweep.measured(board, plan, show=False)
+            return await sweep.measured(board, piece, show=False)
         except SweepEndedError:
             if tries_left == 0:
                 raise

@@ -115,6 +115,7 @@ def test_without_a_step_the_order_is_told_and_what_is_done(out: Path, capsys: py
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["resonance", "--sim", "--points", "-1"], "--points is -1"),
         (["modes"], "No scan is named"),
         (["friction"], "No readings are named"),
         (["latency"], "No devices are named"),

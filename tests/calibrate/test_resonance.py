@@ -14,8 +14,9 @@ from hapticd.calibrate import resonance
 from hapticd.calibrate.resonance import ModeSweep, draw, refined, sweep_modes
 from hapticd.calibrate.verdict import Outcome, Verdict
 from hapticd.design.resonance import Resonance
+from hapticd.errors import SweepEndedError
 from hapticd.sim.plate import PlateSettings, PlateTruth
-from hapticd.tool_values import Sweep
+from hapticd.tool_values import Sweep, SweepPoint
 from hapticd.values import BoardHello
 
 PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
@@ -97,6 +98,35 @@ def test_a_resonance_that_the_plan_shows_well_is_not_swept_again() -> None:
     assert beside is not None
     assert beside.start_hz < 29500.0 < beside.stop_hz
     assert refined(PLAN, replace(fit, frequency_hz=39500.0), HELLO) is None  # the board does not sweep there
+
+
+def test_a_sweep_in_pieces_has_the_same_frequencies() -> None:
+    for points in (1, 2, 6, 7, 13, 14, 41, 2001):
+        plan = replace(PLAN, points=points)
+        parts = resonance.pieces(plan)
+        f_hz = np.concatenate([np.linspace(part.start_hz, part.stop_hz, part.points) for part in parts])
+        np.testing.assert_allclose(f_hz, np.linspace(plan.start_hz, plan.stop_hz, points))
+        assert max(part.points for part in parts) < 2 * resonance.PIECE_POINTS
+
+
+@pytest.mark.parametrize("ended", [1, resonance.TRIES])
+def test_a_piece_that_the_board_ends_is_swept_again_but_not_for_ever(
+    ended: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = [SweepEndedError("ended")] * ended
+
+    async def stumbling(board: Conversation, plan: Sweep, *, show: bool) -> list[SweepPoint]:
+        if left:
+            raise left.pop()
+        return await measured(board, plan, show=show)
+
+    measured = resonance.sweep.measured
+    monkeypatch.setattr(resonance.sweep, "measured", stumbling)
+    if ended < resonance.TRIES:
+        assert swept(PlateSettings())[0].fit.frequency_hz == pytest.approx(29195.0, abs=0.5)
+    else:
+        with pytest.raises(SweepEndedError):
+            swept(PlateSettings())
 
 
 def test_the_picture_is_one(tmp_path: Path) -> None:
