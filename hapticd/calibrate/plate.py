@@ -147,7 +147,7 @@ def draw(
 ) -> None:
     """Both shapes of each pair, and of the taken one the common nodes over where it moves. Raises CalibrationError."""
     rows = len(pairs)
-    figure, axes = picture.canvas(3, rows, width_in=8.0, height_in=2.7 * rows)
+    figure, axes = picture.canvas(3, rows, width_in=7.5, height_in=2.5 * rows)
     width_mm, depth_mm = taken.shapes[0].size_mm
     x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, 161) for edge_mm in (width_mm, depth_mm))
     extent = (-width_mm / 2, width_mm / 2, -depth_mm / 2, depth_mm / 2)

@@ -94,7 +94,7 @@ def from_json(text: str) -> Verdict:
             raise TypeError(is_simulated)
         outcome = Outcome(table["outcome"])
         return Verdict(str(table["step"]), outcome, str(table["sentence"]), figures, settings, is_simulated)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"it is no verdict ({error})") from None
 
 

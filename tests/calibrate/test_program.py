@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 import pytest
@@ -185,3 +186,15 @@ def test_a_directory_or_a_result_that_cannot_be_used_is_one_sentence(tmp_path: P
         folder.load(tmp_path)
     with pytest.raises(CalibrationError, match="cannot be made"):
         folder.prepare(tmp_path / "modes.json" / "below", is_simulated=True)
+
+
+PAGE = Path(folder.__file__).with_name("README.md")
+
+
+def test_the_page_shows_small_pictures_that_are_there_and_keys_that_are_ones() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    pictures = re.findall(r"\]\((\w+\.png)\)", text)
+    assert sorted(pictures) == sorted(path.name for path in PAGE.parent.glob("*.png"))
+    assert all((PAGE.parent / name).stat().st_size < 60_000 for name in pictures)
+    for section, key in re.findall(r"`(plate|trackpad|device|prediction)\.(\w+)`", text):
+        assert hasattr(getattr(config.Config(), section), key)
