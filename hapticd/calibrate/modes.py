@@ -25,6 +25,7 @@ from .verdict import Figure, Finding, Outcome, Verdict, judge
 MODES_FILE, PICTURE_FILE = "modes.npz", "modes.png"
 
 GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # under the sticky finger, for 1 um under the other
+USABLE_NOISE_FRAC = 0.5  # of the map, both RMS
 ONE_PHASE = 3.0  # times the noise: what may lie across a mode's phase
 WRONG_FRAC = 0.05  # of the points
 ALIKE_FRAC = 0.9  # of two modes' correlation squared: beyond it they are one
@@ -142,6 +143,14 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
             findings.append(
                 (Outcome.FAIL, f"Modes {first} and {second} have the same shape: drive each of them alone.")
             )
+    sizes = np.sqrt((fit.modes.shapes**2).mean(axis=(1, 2)))
+    for mode, noise_frac in enumerate(fit.noise_rms / sizes):
+        if not noise_frac <= USABLE_NOISE_FRAC:
+            findings.append((Outcome.FAIL, f"Mode {mode} is mostly noise: measure longer at each point."))
+    if not found.like:
+        findings.append(
+            (Outcome.LOOK, "Theory has no mode of this wavelength here: is --size right, and are positions in mm?")
+        )
     for mode, across in enumerate(fit.across_rms):
         if across > ONE_PHASE * fit.noise_rms[mode]:
             findings.append((Outcome.LOOK, f"Mode {mode} does not move in one phase: another mode was driven with it."))

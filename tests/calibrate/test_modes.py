@@ -70,6 +70,12 @@ def same_twice(fit: CartographyFit) -> CartographyFit:
         (lambda f: replace(f, fit=same_twice(f.fit)), Outcome.FAIL, "Modes 0 and 1 have the same shape"),
         (lambda f: replace(f, leak=ExpectedLeak(0.5, 0.9)), Outcome.FAIL, "would leak 0.50 um"),
         (lambda f: replace(f, leak=ExpectedLeak(0.1, 0.2)), Outcome.LOOK, "would leak 0.10 um"),
+        (
+            lambda f: replace(f, fit=replace(f.fit, noise_rms=np.array([0.02, 0.5]))),
+            Outcome.FAIL,
+            "Mode 1 is mostly noise",
+        ),
+        (lambda f: replace(f, like=()), Outcome.LOOK, "Theory has no mode of this wavelength"),
         (lambda f: replace(f, beyond=9.0), Outcome.FAIL, "9.0 times beyond the largest readings"),
         (lambda f: replace(f, like=(("11x0", 0.99), ("5x10", 0.4))), Outcome.LOOK, "Mode 1 is like the free plate's"),
         (lambda f: replace(f, fit=replace(f.fit, left_out=200)), Outcome.LOOK, "200 of 900 readings are wrong"),
@@ -96,6 +102,26 @@ def test_what_is_wrong_with_a_scan_is_said(
 def test_a_scan_that_is_none_is_refused_in_a_sentence() -> None:
     with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
         fit_map(Scan(np.zeros((5, 2)), np.ones((5, 2))), SIZE_MM, normalise=True)
+
+
+GRID_MM = np.stack(np.meshgrid(np.linspace(-60, 60, 20), np.linspace(-60, 60, 20)), axis=-1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(
+    ("points_mm", "scale"),
+    [(GRID_MM, 1.0), (GRID_MM, 1e11), (np.zeros((400, 2)), 1.0)],
+    ids=["noise", "huge", "a point"],
+)
+def test_readings_that_are_no_modes_fail(points_mm: np.ndarray, scale: float) -> None:
+    readings = scale * np.random.default_rng(1).integers(-3, 4, (400, 1))
+    found = fit_map(Scan(points_mm, readings), SIZE_MM, normalise=True)
+    assert modes.verdict(found, 400, SIZE_MM, is_simulated=False).outcome is Outcome.FAIL
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, 1e-200, np.inf, np.nan])
+def test_readings_that_are_all_the_same_are_refused(value: float) -> None:
+    with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
+        fit_map(Scan(GRID_MM, np.full((400, 2), value)), SIZE_MM, normalise=True)
 
 
 def test_every_form_of_the_file_gives_the_same_scan(tmp_path: Path) -> None:
