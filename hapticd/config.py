@@ -222,11 +222,19 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
 
 
 def simulated(config: Config) -> Config:
-    """The same on the simulated plate, with its own mode shapes and the firmware's own models of them."""
+    """The same on the simulated plate: its own mode shapes, the firmware's own models of them, the pad centred."""
     return replace(
         config,
         plate=replace(config.plate, modes_file=""),
-        trackpad=replace(config.trackpad, source=SIMULATED, model="auto"),
+        trackpad=replace(
+            config.trackpad,
+            source=SIMULATED,
+            model="auto",
+            offset_mm=(0.0, 0.0),
+            rotation_deg=0.0,
+            scale=(1.0, 1.0),
+            matrix=(),
+        ),
         device=replace(config.device, port=SIMULATED, calibration_file=""),
     )
 

@@ -145,7 +145,11 @@ def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: s
 
 
 def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
-    real = config.Config(plate=config.PlateConfig(modes_file="a.npz"), device=config.DeviceConfig(port="/dev/ttyACM0"))
+    real = config.Config(
+        plate=config.PlateConfig(modes_file="a.npz"),
+        trackpad=config.TrackpadConfig(source="hid", offset_mm=(1.0, 2.0), matrix=(1.0, 0.1, 0.0, 1.0)),
+        device=config.DeviceConfig(port="/dev/ttyACM0"),
+    )
     assert config.simulated(real) == config.Config()
 
 
