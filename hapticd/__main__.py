@@ -37,9 +37,18 @@ COMMANDS = {
         "talk to the board: who it is, sweeps, telemetry, gains",
         "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     ),
-    "study": Command(
-        "study.arguments", "hold the paper's study with people, and judge it", "report answers/"
+    "calibrate": Command(
+        "calibrate.arguments",
+        "measure plate, trackpad and delays step by step, each with a picture and a verdict",
+        "all --sim --out DIR",
     ),
+    "plate": Command(
+        "calibrate.arguments",
+        "design a plate: pairs of modes near a frequency, their shapes, and where to glue it",
+        "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
+        "add_plate_arguments",
+    ),
+    "study": Command("study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
     "latency": Command(
         "cli.latency",
         "measure what each part of a touch's way takes, on the devices at hand",

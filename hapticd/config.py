@@ -19,6 +19,7 @@ from .toml_file import read_table, shown
 
 SIMULATED = "sim"
 MAX_PORT = 65535
+MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
 
 # What the core and the simulation know by name, written down here too: a configuration is checked before they load.
 PREDICTOR_NAMES = (
@@ -84,6 +85,9 @@ class TrackpadConfig:
     offset_mm: tuple[float, ...] = _key((0.0, 0.0), "the pad's centre on the plate", low=-500, high=500)
     rotation_deg: float = _key(0.0, "the pad turned anticlockwise on the plate", low=-180, high=180)
     scale: tuple[float, ...] = _key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)
+    matrix: tuple[float, ...] = _key(
+        (), "rotation, scale and shear in one, rows of 2 x 2: xx, xy, yx, yy; empty: the two above", low=-2, high=2
+    )
     latency_ms: float = _key(10.0, "from the finger's position to the report", low=0, high=50)
     silence_ms: float = _key(40.0, "fingers count as lifted when the pad is silent for so long", low=15, high=1000)
 
@@ -218,11 +222,19 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
 
 
 def simulated(config: Config) -> Config:
-    """The same on the simulated plate, with its own mode shapes and the firmware's own models of them."""
+    """The same on the simulated plate: its own mode shapes, the firmware's own models of them, the pad centred."""
     return replace(
         config,
         plate=replace(config.plate, modes_file=""),
-        trackpad=replace(config.trackpad, source=SIMULATED, model="auto"),
+        trackpad=replace(
+            config.trackpad,
+            source=SIMULATED,
+            model="auto",
+            offset_mm=(0.0, 0.0),
+            rotation_deg=0.0,
+            scale=(1.0, 1.0),
+            matrix=(),
+        ),
         device=replace(config.device, port=SIMULATED, calibration_file=""),
     )
 
@@ -306,6 +318,7 @@ def _check_together(config: Config, where: str) -> None:
     ):
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
+    _check_matrix(config.trackpad.matrix, where)
     if not 1 <= len(config.limits.w_limit_um) <= 8:
         raise ConfigError(f"{where}: limits.w_limit_um: needs one number for each mode (1 .. 8).")
     curve = config.plate.friction_curve
@@ -320,6 +333,14 @@ def _check_together(config: Config, where: str) -> None:
         )
     if config.device.port != SIMULATED and not config.plate.modes_file:
         raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode shapes (NPZ or CSV).")
+
+
+def _check_matrix(matrix: tuple[float, ...], where: str) -> None:
+    """Empty, or a map of the pad onto the plate that loses no direction."""
+    if len(matrix) not in (0, 4):
+        raise ConfigError(f"{where}: trackpad.matrix: needs 4 numbers, xx, xy, yx, yy, not {len(matrix)}.")
+    if matrix and not abs(matrix[0] * matrix[3] - matrix[1] * matrix[2]) >= MIN_DETERMINANT:
+        raise ConfigError(f"{where}: trackpad.matrix: lays the pad on a line: measure it again.")
 
 
 def _check_tcp(client: ClientConfig, where: str) -> None:

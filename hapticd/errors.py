@@ -21,8 +21,18 @@ class DeviceError(HapticdError):
     """The board cannot be opened, or its handshake was refused (version, protocol hash, modes, limits)."""
 
 
+class SweepEndedError(DeviceError):
+    """The board ended a sweep before its last point: it has a fault, or did not hear from us for too long."""
+
+
 class TrackpadError(HapticdError):
     """The trackpad cannot be found, opened or put into multitouch mode."""
+
+
+class CalibrationError(HapticdError):
+    """A measurement cannot be used as it is: its file, its arguments or what it shows."""
+
+    exit_code = 2
 
 
 class AlreadyRunningError(HapticdError):

@@ -60,6 +60,19 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
     Raises HapticdError where no frame was answered.
     """
+    measured = measure(config, seconds)
+    print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
+    if json_file is not None:
+        text = json.dumps(figures(measured), indent=2) + "\n"
+        sys.stdout.write(text) if json_file == "-" else Path(json_file).write_text(text, encoding="utf-8")
+    if ledger is not None:
+        write_ledger(measured.lines, ledger)
+    if plot is not None:
+        draw(measured, plot)
+
+
+def measure(config: Config, seconds: float) -> Measured:
+    """Serve the configured devices for `seconds`. Raises HapticdError where no frame was answered."""
     if not 0.0 < seconds < math.inf:
         raise HapticdError(f"latency: {seconds:g} s is no time to measure in: give --seconds above 0.")
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, Workshop() as workshop:
@@ -69,14 +82,7 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
         raise HapticdError(
             "latency: no frame reached the board: lay two fingers on the pad, move them, and read above."
         )
-    print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
-    if json_file is not None:
-        text = json.dumps(figures(measured), indent=2) + "\n"
-        sys.stdout.write(text) if json_file == "-" else Path(json_file).write_text(text, encoding="utf-8")
-    if ledger is not None:
-        write_ledger(measured.lines, ledger)
-    if plot is not None:
-        draw(measured, plot)
+    return measured
 
 
 async def _measure(prepared: Prepared, seconds: float) -> Measured:

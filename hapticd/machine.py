@@ -370,6 +370,8 @@ def _friction_curve(config: Config) -> FrictionCurve:
 
 def _plate_from_pad(config: Config) -> AffineMap:
     pad = config.trackpad
+    if pad.matrix:
+        return AffineMap(*pad.matrix, *pad.offset_mm)
     return AffineMap.from_placement(
         (pad.offset_mm[0], pad.offset_mm[1]), pad.rotation_deg, (pad.scale[0], pad.scale[1])
     )

@@ -145,5 +145,17 @@ def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: s
 
 
 def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
-    real = config.Config(plate=config.PlateConfig(modes_file="a.npz"), device=config.DeviceConfig(port="/dev/ttyACM0"))
+    real = config.Config(
+        plate=config.PlateConfig(modes_file="a.npz"),
+        trackpad=config.TrackpadConfig(source="hid", offset_mm=(1.0, 2.0), matrix=(1.0, 0.1, 0.0, 1.0)),
+        device=config.DeviceConfig(port="/dev/ttyACM0"),
+    )
     assert config.simulated(real) == config.Config()
+
+
+def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:
+    told = load("[trackpad]\nmatrix = [0.0, -1.0, 1.0, 0.0]\n", tmp_path)
+    assert told.trackpad.matrix == (0.0, -1.0, 1.0, 0.0)
+    for text, sentence in (("[1.0, 0.0]", "needs 4 numbers"), ("[1.0, 1.0, 1.0, 1.0]", "lays the pad on a line")):
+        with pytest.raises(ConfigError, match=sentence):
+            load(f"[trackpad]\nmatrix = {text}\n", tmp_path)

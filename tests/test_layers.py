@@ -78,6 +78,16 @@ def test_the_core_knows_no_clock_socket_file_or_log(path: Path) -> None:
     assert not roots & (FORBIDDEN_IN_CORE - excused)
 
 
+def test_no_part_of_the_daemon_knows_the_calibration() -> None:
+    """Only the command line does, and that imports its arguments alone."""
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] not in ("calibrate", "__main__.py"):
+            assert not any(name.startswith("calibrate") for name in ours(imported_names(path))), path
+    arguments = ast.parse((PACKAGE / "calibrate" / "arguments.py").read_text(encoding="utf-8"))
+    at_import = [node for node in arguments.body if isinstance(node, ast.ImportFrom) and node.level > 0]
+    assert not at_import
+
+
 def test_the_client_shares_no_code_with_the_daemon() -> None:
     files = list(CLIENT.glob("*.py"))
     assert files
@@ -91,6 +101,6 @@ def test_the_client_shares_no_code_with_the_daemon() -> None:
 
 def test_the_touch_path_never_imports_scipy() -> None:
     for path in PACKAGE.rglob("*.py"):
-        if path.relative_to(PACKAGE).parts[0] in ("bench", "study"):
+        if path.relative_to(PACKAGE).parts[0] in ("bench", "calibrate", "study"):
             continue
         assert "scipy" not in {name.split(".")[0] for name in imported_names(path)}, path

@@ -30,7 +30,7 @@ SIM_SCENARIO = "step"  # nobody touches the plate
 def run(options: argparse.Namespace) -> int:
     """The whole of one subcommand; returns the exit code."""
     with contextlib.ExitStack() as stack:
-        port, baud = _port(options, stack)
+        port, baud = named_port(options, stack)
         try:
             asyncio.run(_converse(port, baud, options))
         except BrokenPipeError:  # `| head` has seen enough; what is buffered must not be tried again at exit
@@ -38,7 +38,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str, int]:
+def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str, int]:
+    """The board's port and speed as --port, --baud, --config or --sim say; `stack` keeps the simulated rig."""
     loaded = config.load(options.config) if options.config is not None else None
     device = config.DeviceConfig() if loaded is None else loaded.device
     named = options.port or (loaded is not None and device.port)

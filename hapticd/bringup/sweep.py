@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import calibration
 from ..design.resonance import Resonance, fit_resonance
-from ..errors import ConfigError, DeviceError
+from ..errors import ConfigError, DeviceError, SweepEndedError
 from ..tool_values import Sweep, SweepPoint
 from ..values import BoardHello, BoardState, BoardStatus, ModeCalibration
 from ..wire import protocol
@@ -30,8 +30,8 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         if not path.absolute().parent.is_dir():
             raise ConfigError(f"{path}: its directory is missing: create it first.")
     saved = _saved(options.save, board.hello.modes)
-    points = await _measured(board, sweep, show=not options.json)
-    found = _fitted(points, sweep.mode)
+    points = await measured(board, sweep, show=not options.json)
+    found = fitted(points, sweep.mode)
     if options.json:
         print(text.as_json({"sweep": sweep, "points": points, "resonance": found}))
     else:
@@ -69,7 +69,9 @@ def check_drive(hello: BoardHello, mode: int, volts: float) -> None:
         raise DeviceError(f"--volts is {volts:g}, but open loop the board gives more than 0 and at most {limit_v:g} V.")
 
 
-async def _measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:
+async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:
+    """All points of the sweep, printed as they come if `show`. Raises DeviceError where some never come,
+    SweepEndedError where the board ended it."""
     points: list[SweepPoint] = []
     loop = asyncio.get_running_loop()
     end_s = loop.time() + sweep.points * sweep.dwell_ms * 1e-3 + SPARE_S
@@ -88,14 +90,15 @@ async def _measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[Sw
                 is_over = True
                 end_s = min(end_s, loop.time() + LAST_POINTS_S)  # a STATUS overtakes points on their way to the line
     if is_over and (not points or points[-1].index + 1 < sweep.points):
-        raise DeviceError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
+        raise SweepEndedError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
     if len(points) < sweep.points:
         lost = sweep.points - len(points)
         raise DeviceError(f"{lost} of the sweep's points never came: take a longer --dwell, or a faster --baud.")
     return points
 
 
-def _fitted(points: list[SweepPoint], mode: int) -> Resonance:
+def fitted(points: list[SweepPoint], mode: int) -> Resonance:
+    """The resonance in the mode's answers. Raises DeviceError where there is none."""
     frequency_hz = np.array([point.frequency_hz for point in points])
     try:
         return fit_resonance(frequency_hz, responses_um_per_v(points, mode))

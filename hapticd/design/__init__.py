@@ -1,6 +1,7 @@
 """What a plate's mode shapes are: free-plate theory, and the fit of a measured cartography."""
 
 from .cartography import CartographyFit, fit_cartography, fit_scan
+from .free_fit import nearest_free_modes
 from .free_plate import ModeShape, free_plate_modes
 from .pose import Pose
 from .scan import sample_cartography, sample_scan
@@ -12,6 +13,7 @@ __all__ = [
     "fit_cartography",
     "fit_scan",
     "free_plate_modes",
+    "nearest_free_modes",
     "sample_cartography",
     "sample_scan",
 ]

@@ -155,6 +155,8 @@ def _fitted(
     if normalise:
         fine_x_mm, fine_y_mm = (_map_axis(edge_mm, step_mm / _FINER) for edge_mm in size_mm)
         peak = np.abs(best.surfaces.on_grid(fit.coefficients, fine_x_mm, fine_y_mm)).max(axis=(1, 2))
+        if not (peak > 0.0).all():
+            raise ModesError("a map is flat; spread the points over the plate.")
     shapes = best.surfaces.on_grid(fit.coefficients / peak, map_x_mm, map_y_mm)
     return CartographyFit(
         modes=ModeShapes.from_grid(map_x_mm, map_y_mm, shapes),

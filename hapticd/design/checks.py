@@ -16,6 +16,7 @@ MIN_LINES = 8  # per axis: fewer cannot hold a wave and its surroundings
 _MIN_STEP_MM = 0.1
 _MOST_SHIFT_MM = 5.0  # a scan shifted by so much seems to reach beyond the plate
 _MAX_VALUE = 1e12  # larger is a damaged file, and squares could overflow
+_MIN_VALUE = 1e-60  # smaller is none, and squares could vanish
 
 
 def require_grid(x_mm: FloatArray, y_mm: FloatArray, shapes: Readings) -> None:
@@ -48,7 +49,7 @@ def require_scan(
     if np.isfinite(readings).all(axis=1).mean() < 0.5:
         raise ModesError("more than half of the points have no value in some mode; measure them again.")
     for mode, shape in enumerate(readings.T, 1):
-        if not np.nanmax(np.abs(shape)) > 0.0:
+        if not np.nanmax(np.abs(shape)) > _MIN_VALUE:
             raise ModesError(f"mode {mode} is zero everywhere; leave it out or measure it again.")
 
 

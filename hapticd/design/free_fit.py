@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hapticd.core.modes import ModeShapes
+
 from . import legendre
 from .free_plate import free_plate_modes
 from .legendre import FloatArray
@@ -26,6 +28,27 @@ _BAND_FRAC = 0.08  # of the frequency: neighbours that the real plate can mix in
 _THICKNESS_MM, _YOUNG_GPA, _POISSON, _DENSITY_KG_M3 = 2.0, 72.5, 0.22, 2500.0
 _STIFFNESS_NM = _YOUNG_GPA * 1e9 * (_THICKNESS_MM * 1e-3) ** 3 / (12.0 * (1.0 - _POISSON**2))
 _WAVE_SPEED_M2_S = math.sqrt(_STIFFNESS_NM / (_DENSITY_KG_M3 * _THICKNESS_MM * 1e-3))
+
+
+def nearest_free_modes(
+    modes: ModeShapes, wavelength_mm: float, size_mm: tuple[float, float]
+) -> tuple[tuple[str, float], ...]:
+    """Of each mode the free-plate mode of about its wavelength that it is most like: its name, and their correlation
+    squared over the map, 1 for the same shape. () where theory has none.
+
+    Source of the measure: R. J. Allemang and D. L. Brown, Proc. 1st Int. Modal Analysis Conf. (1982) 110.
+    """
+    try:
+        free = FreePlateModes(size_mm, 2.0 * math.pi / wavelength_mm)
+    except ValueError:
+        return ()
+    if not len(free):
+        return ()
+    points = np.stack(np.meshgrid(modes.x_mm, modes.y_mm), axis=-1).reshape(-1, 2)
+    theory, measured = free.at(points), modes.shapes.reshape(modes.M, -1)
+    sizes = np.outer((measured**2).sum(axis=1), (theory**2).sum(axis=0))
+    alike = (measured @ theory) ** 2 / np.maximum(sizes, np.finfo(float).tiny)
+    return tuple((free.names[int(np.argmax(row))], float(row.max())) for row in alike)
 
 
 class FreeFit(NamedTuple):
@@ -44,6 +67,7 @@ class FreePlateModes:
         found = free_plate_modes(size_mm, _THICKNESS_MM, _YOUNG_GPA, _POISSON, _DENSITY_KG_M3, band_hz)
         self._half_mm = np.array(size_mm) / 2.0
         self._shapes = [shape for _, shape in found]
+        self.names = tuple(shape.name for shape in self._shapes)
 
     def __len__(self) -> int:
         return len(self._shapes)

@@ -1,0 +1,41 @@
+"""Which frequency to drive all modes at, when they share one oscillator.
+
+The criterion: the largest voltage that any mode needs for its own full amplitude shall be as small as it can be. The
+voltage of one mode, W |sigma - j 2 pi (f_mode - f)| / g, is convex in f, and so is the largest of several: it is least
+where two of them meet, half-way by voltage, or at the resonance of a mode that needs more than the others anyway.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..values import ModeCalibration
+
+_SHRINK = (math.sqrt(5.0) - 1.0) / 2.0  # golden section
+_CLOSE_HZ = 1e-4
+
+
+def voltage_v(mode: ModeCalibration, drive_hz: float, amplitude_um: float) -> float:
+    """What holds a mode at `amplitude_um` when it is driven at `drive_hz`."""
+    model = mode.model(drive_hz)
+    return amplitude_um * math.hypot(model.decay_1_s, model.detuning_rad_s) / model.gain_um_per_v_s
+
+
+def largest_voltage_v(modes: Sequence[ModeCalibration], drive_hz: float, amplitude_um: Sequence[float]) -> float:
+    """That of the mode that needs most; `amplitude_um` (M,)."""
+    return max(voltage_v(mode, drive_hz, um) for mode, um in zip(modes, amplitude_um, strict=True))
+
+
+def propose_drive_hz(modes: Sequence[ModeCalibration], amplitude_um: Sequence[float]) -> float:
+    """The frequency at which `largest_voltage_v` is least. Raises ValueError without modes."""
+    if not modes:
+        raise ValueError("a drive frequency is proposed for one mode or more.")
+    low_hz, high_hz = min(mode.frequency_hz for mode in modes), max(mode.frequency_hz for mode in modes)
+    while high_hz - low_hz > _CLOSE_HZ:
+        left_hz, right_hz = high_hz - _SHRINK * (high_hz - low_hz), low_hz + _SHRINK * (high_hz - low_hz)
+        if largest_voltage_v(modes, left_hz, amplitude_um) < largest_voltage_v(modes, right_hz, amplitude_um):
+            high_hz = right_hz
+        else:
+            low_hz = left_hz
+    return (low_hz + high_hz) / 2.0

@@ -1,0 +1,43 @@
+"""What plates are made of. Catalogue values: a batch's modulus may be some per cent off, and frequencies half of that.
+
+Sources: EN 572-1 (float); Pilkington technical bulletin ATS-129 (pilkington); SCHOTT, BOROFLOAT 33 mechanical
+properties (borosilicate); J. M. Gere, Mechanics of Materials, 5th ed., appendix H (aluminium, steel). `glass` is the
+reference plate: soda-lime glass with the modulus that puts the paper's pair of modes at its 29.2 kHz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """An isotropic solid, and where its numbers are from."""
+
+    young_gpa: float
+    poisson: float
+    density_kg_m3: float
+    source: str
+
+
+MATERIALS = {
+    "glass": Material(72.5, 0.22, 2500.0, "the reference plate"),
+    "float": Material(70.0, 0.20, 2500.0, "EN 572-1"),
+    "pilkington": Material(72.0, 0.23, 2530.0, "Pilkington ATS-129"),
+    "borosilicate": Material(64.0, 0.20, 2230.0, "SCHOTT BOROFLOAT 33"),
+    "aluminium": Material(70.0, 0.33, 2700.0, "Gere, 6061-T6"),
+    "steel": Material(200.0, 0.29, 7850.0, "Gere, structural steel"),
+}
+
+
+def find_material(text: str) -> Material:
+    """One of MATERIALS by name, or "YOUNG_GPA,POISSON,DENSITY_KG_M3". Raises ValueError."""
+    if text in MATERIALS:
+        return MATERIALS[text]
+    try:
+        young_gpa, poisson, density_kg_m3 = map(float, text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"there is no material {text!r}; it is one of {', '.join(MATERIALS)}, or GPa,Poisson,kg/m3."
+        ) from None
+    return Material(young_gpa, poisson, density_kg_m3, "as given")

@@ -1,0 +1,89 @@
+"""Where a plate may be held: the common nodes of its two modes, and how much a stamp of adhesive is moved there.
+
+A stamp is a disc; what moves it is the slope of the shapes, for at its centre both stand still. It costs damping, and
+shakes the sensor under the plate, in the measure of the largest motion within it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .free_plate import ModeShape
+from .legendre import FloatArray
+
+_CELLS_PER_WAVE = 12  # of the grid on which nodes are looked for
+_STEPS = 20  # Newton's, which needs five
+_SETTLED = 1e-9
+_SAME_MM = 0.1
+_DISC_RADII, _DISC_ANGLES = 4, 16  # points of a disc besides its centre
+_INNER_FRAC = 0.25  # of the half plate: four stamps nearer to the middle let the plate tip
+
+
+class Stamp(NamedTuple):
+    """A common node, and the largest motion within the disc about it, in shares of the amplitude that both modes have
+    at once, in phase at the worst."""
+
+    x_mm: float
+    y_mm: float
+    moved_frac: float
+
+
+def common_nodes(shapes: Sequence[ModeShape], radius_mm: float) -> tuple[Stamp, ...]:
+    """All points where both `shapes` (two) stand still and a stamp of `radius_mm` finds room, the calmest first."""
+    width_mm, depth_mm = shapes[0].size_mm
+    lines = max(max(shape.nodal_lines) for shape in shapes) + 2
+    x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, _CELLS_PER_WAVE * lines) for edge_mm in (width_mm, depth_mm))
+    grids = np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])
+    corners = np.stack([grids[:, :-1, :-1], grids[:, 1:, :-1], grids[:, :-1, 1:], grids[:, 1:, 1:]])
+    changes = (corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)
+    rows, columns = np.nonzero(changes.all(axis=0))
+    start = np.stack(((x_mm[columns] + x_mm[columns + 1]) / 2, (y_mm[rows] + y_mm[rows + 1]) / 2), axis=-1)
+    points = _nodes_near(shapes, start, reach_mm=2.0 * max(x_mm[1] - x_mm[0], y_mm[1] - y_mm[0]))
+    room = (np.abs(points) <= np.array((width_mm, depth_mm)) / 2 - radius_mm).all(axis=1)
+    points = _distinct(points[room])
+    moved = _moved(shapes, points, radius_mm)
+    order = np.lexsort((*points.T, -np.round(np.abs(points[:, 0]), 3), np.round(moved, 6)))  # the same on any machine
+    return tuple(Stamp(float(points[i, 0]), float(points[i, 1]), float(moved[i])) for i in order)
+
+
+def four_stamps(nodes: Sequence[Stamp], size_mm: tuple[float, float]) -> tuple[Stamp, ...]:
+    """The calmest node of each quadrant that keeps away from the middle; fewer where a quadrant has none."""
+    chosen = []
+    for right, up in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        inner_x_mm, inner_y_mm = (_INNER_FRAC * edge_mm / 2 for edge_mm in size_mm)
+        fitting = [node for node in nodes if right * node.x_mm >= inner_x_mm and up * node.y_mm >= inner_y_mm]
+        chosen += fitting[:1]
+    return tuple(chosen)
+
+
+def _nodes_near(shapes: Sequence[ModeShape], start: FloatArray, reach_mm: float) -> FloatArray:
+    """Newton's method from each start (N, 2); those that settle within reach."""
+    points = start.copy()
+    for _ in range(_STEPS):
+        values = np.stack([shape.evaluate(points) for shape in shapes], axis=-1)
+        slopes = np.stack([shape.gradient(points) for shape in shapes], axis=-2)
+        points = points - np.einsum("nij,nj->ni", np.linalg.pinv(slopes), values)
+    left = np.abs(np.stack([shape.evaluate(points) for shape in shapes])).max(axis=0)
+    is_near = np.hypot(*(points - start).T) <= reach_mm
+    return np.asarray(points[(left <= _SETTLED) & is_near], np.float64)
+
+
+def _distinct(points: FloatArray) -> FloatArray:
+    kept: list[FloatArray] = []
+    for point in points:
+        if all(np.hypot(*(point - other)) > _SAME_MM for other in kept):
+            kept.append(point)
+    return np.array(kept).reshape(-1, 2)
+
+
+def _moved(shapes: Sequence[ModeShape], points: FloatArray, radius_mm: float) -> FloatArray:
+    """The largest sum of the sizes of all shapes within each disc (N,)."""
+    radii = radius_mm * np.arange(1, _DISC_RADII + 1) / _DISC_RADII
+    angles = 2.0 * np.pi * np.arange(_DISC_ANGLES) / _DISC_ANGLES
+    disc = (radii[:, None, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)).reshape(-1, 2)
+    around = (points[:, None] + disc).reshape(-1, 2)
+    size = sum(np.abs(shape.evaluate(around)) for shape in shapes)
+    return np.asarray(np.reshape(size, (len(points), len(disc))).max(axis=1), np.float64)

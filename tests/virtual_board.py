@@ -1,0 +1,117 @@
+"""A board at the other end of a link, in virtual time: the loop's clock jumps to whatever is due next."""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import numpy as np
+
+from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.plate import PlateTruth
+from hapticd.sim.world import World
+
+STEP_TICKS = 4  # 2 ms
+LINK_S = 0.002
+
+
+class JumpingSelector(selectors.SelectSelector):
+    """Waits by moving the clock on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now_s = 0.0
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        assert timeout is not None, "nothing will ever happen"
+        self.now_s += max(timeout, 0.0)
+        return super().select(0)
+
+
+class VirtualLoop(asyncio.SelectorEventLoop):
+    def __init__(self) -> None:
+        self._jumping = JumpingSelector()
+        super().__init__(self._jumping)
+
+    def time(self) -> float:
+        return self._jumping.now_s
+
+
+class BoardLink:
+    """What `SerialLink` is to a conversation, with the firmware's C behind it."""
+
+    def __init__(self, *, mute: bool = False, refuses: str = "", config: BoardConfig | None = None) -> None:
+        config = BoardConfig() if config is None else config
+        gain = np.diag(config.gain_um_per_v_s)
+        model = PlateModel(
+            np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, config.v_limit_v
+        )
+        self.board = Board(model, config=config, boot_id=7)
+        self.mute, self.refuses = mute, refuses
+        self.peak_v = 0.0
+        self.voltage_v = np.zeros(2, dtype=np.complex128)
+        self.says: Callable[[bytes], bytes] = lambda data: data
+        self._open = False
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_bytes: Callable[[bytes], None],
+        on_link: Callable[[bool, str], None],
+    ) -> None:
+        self._loop, self._on_bytes, self._on_link, self._open = loop, on_bytes, on_link, True
+        on_link(not self.refuses, self.refuses)
+        loop.call_soon(self._step)
+
+    def write(self, data: bytes) -> bool:
+        self._loop.call_later(LINK_S, self.board.receive, data)
+        return True
+
+    def pull(self) -> None:
+        self._open = False
+        self._on_link(False, "board lost: end of file")
+
+    async def drained(self, within_s: float) -> None:
+        await asyncio.sleep(within_s)
+
+    def close(self) -> None:
+        self._open = False
+
+    def _step(self) -> None:
+        if not self._open:
+            return
+        trace = BoardTrace(STEP_TICKS, 2, 2)
+        self.board.run(STEP_TICKS, np.zeros((STEP_TICKS, 0, 2)), np.zeros((STEP_TICKS, 0)), trace)
+        self.voltage_v = trace.voltage_v[-1]
+        self.peak_v = max(self.peak_v, float(np.abs(trace.voltage_v).max()))
+        while (said := self.board.transmit()) and not self.mute:
+            self._loop.call_later(LINK_S, self._on_bytes, self.says(said))
+        self._loop.call_later(STEP_TICKS * 0.0005, self._step)
+
+
+def in_virtual_time(what: Coroutine[Any, Any, Any]) -> Any:
+    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+        return runner.run(what)
+
+
+class PlateLink(BoardLink):
+    """The same before the simulated plate's whole truth: neighbouring modes, crosstalk, noise."""
+
+    def __init__(self, plate: PlateTruth) -> None:
+        super().__init__()
+        w_limit_um = (plate.settings.w_limit_um,) * 2
+        self.world = World((), plate, w_limit_um=w_limit_um, seed=1, boot_id=7, keep=False)
+
+    def write(self, data: bytes) -> bool:
+        self._loop.call_later(LINK_S, lambda: self.world.receive(data, self.world.t_s))
+        return True
+
+    def _step(self) -> None:
+        if not self._open:
+            return
+        t_end_s = self.world.t_s + STEP_TICKS * 0.0005
+        while said := self.world.advance(t_end_s):
+            self._loop.call_later(LINK_S, self._on_bytes, said)
+        self._loop.call_later(STEP_TICKS * 0.0005, self._step)
