@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | firmware | latency | keys | doctor | install-service`."""
+"""The command line: `hapticd demo | run | simulate | record | bench | firmware | doctor | ...`; `--help` lists all."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_run(commands)
     _add_simulate(commands)
+    _add_recording(commands)
     _add_bench(commands)
     _add_firmware(commands)
     _add_latency(commands)
@@ -177,6 +178,7 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it in the manner of the paper's figures")
+    parser.add_argument("--record", type=Path, metavar="F.hrec", help="record it, with the plate's truth beside it")
     parser.set_defaults(command=_simulate)
 
 
@@ -185,7 +187,14 @@ def _simulate(options: argparse.Namespace) -> None:
 
     settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
     t_start_s = time.perf_counter()
-    played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+    if options.record is None:
+        played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+    else:
+        from .recording import simulated
+
+        played = simulated.run(
+            options.scenario, options.record, settings=settings, seed=options.seed, seconds=options.seconds
+        )
     took_s = time.perf_counter() - t_start_s
     figures = report.figures(played, compare=not options.alone)
     print(report.table(figures), file=sys.stderr)
@@ -199,6 +208,15 @@ def _simulate(options: argparse.Namespace) -> None:
         from .sim import picture
 
         picture.draw_run(played, options.plot)
+
+
+# --- recordings --------------------------------------------------------------------------------------------------
+
+
+def _add_recording(commands: Any) -> None:
+    from .recording import commands as recording
+
+    recording.add(commands, _command)
 
 
 # --- bench ------------------------------------------------------------------------------------------------------
