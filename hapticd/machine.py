@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from . import __version__, status
@@ -48,6 +49,7 @@ TIMER_NS = 10_000_000  # how often `timer` wants to be called
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
+MAX_MARKERS = 64  # told in one state; a client that sends more between two passes has lost count itself
 FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
 COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
@@ -99,6 +101,7 @@ class Machine:
         self.last_refusal = ""
         self.publish = publish
         self.tap: Tap | None = None
+        self.markers: list[client_wire.Marker] = []  # that telemetry has not told yet
         self.calibration = tuple(calibration)
         self._write_board = write_board
         self.unsent = 0
@@ -144,6 +147,8 @@ class Machine:
         else:
             self.published += 1
             self.publish(status.telemetry(self, tick))
+        if self.markers:
+            self.markers.clear()
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:
         for report in batch:
@@ -326,6 +331,8 @@ class Machine:
         return is_newest
 
     def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
+        if isinstance(request.body, client_wire.Marker):
+            return self._mark(replace(request.body, t_ns=t_now_ns))
         if request.body is not None and not self._is_newest(request.body, user, t_now_ns):
             raise RequestError("A newer message of this client came before this one: nothing was changed.")
         if isinstance(request.body, ClientTargets):
@@ -341,6 +348,13 @@ class Machine:
         if request.op == "status":
             return self.report_status(t_now_ns)
         return {"version": __version__, "instance": self.instance, **client_wire.CAPABILITIES}
+
+    def _mark(self, marker: client_wire.Marker) -> Mapping[str, object]:
+        if self.tap is not None:
+            self.tap("marker", marker.t_ns, marker.client, marker.text)
+        if len(self.markers) < MAX_MARKERS:
+            self.markers.append(marker)
+        return {"t_ns": marker.t_ns}
 
     def _clear_fault(self, t_now_ns: int) -> None:
         if self.supervisor.state is not State.FAULT:

@@ -27,13 +27,14 @@ ALLOWED = {
 # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
 ALLOWED_FOR_FILE = {
     "sim/lockstep.py": {"machine", "config", "core.solver"},
+    "recording/service.py": {"io.record_socket"},
     "recording/attach.py": {"io.record_socket", "io.runtime_dir"},
     "recording/picture.py": {"sim.picture"},
     "recording/simulated.py": {"sim.lockstep"},
     "recording/whatif.py": {"sim.score"},
 }
 # What a daemon that records takes along: neither the rig nor a library of an extra.
-TAKEN_ALONG = ("files", "framing", "header", "records", "stream", "wanted", "writer")
+TAKEN_ALONG = ("files", "framing", "header", "records", "service", "stream", "wanted", "writer")
 FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "pathlib", "threading", "random", "zmq", "serial"}
 # `core.modes` reads and writes mode-shape files: `.load(path)` and `.save(path)` are names that others call.
 EXCUSED_IN_CORE = {"core/modes.py": {"pathlib"}}

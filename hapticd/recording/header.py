@@ -122,8 +122,8 @@ def decode_header(body: bytes) -> Header:
 
 
 def _typed(table: Any, name: str, kind: type) -> Any:
-    value: Any = table[name]
-    if type(value) is not kind or (kind is int and not -(1 << 63) <= int(value) < 1 << 63):
+    value = table[name]
+    if type(value) is not kind or (isinstance(value, int) and not -(1 << 63) <= value < 1 << 63):
         raise ValueError(name)
     return value
 
