@@ -40,7 +40,7 @@ class RecordingFile:
         """The file that is written now."""
         return self._paths[-1]
 
-    def is_full_with(self, data: bytes) -> bool:
+    def is_full_with(self, data: bytes | bytearray) -> bool:
         """These bytes would make the file too large, and it holds more than its opening."""
         return self._bytes + len(data) > self._max_bytes and self._bytes > self._opening_bytes
 

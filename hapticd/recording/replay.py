@@ -75,8 +75,9 @@ class _Board:
         recorded, is_accepted = self.expected.popleft().fields[1:]
         if line != recorded:
             self._differs(recorded, line)
-        self.outcome.lines += 1
-        self.outcome.references += message_of(line) == protocol.MSG_REFERENCE
+        elif self.outcome.difference is None:
+            self.outcome.lines += 1
+            self.outcome.references += message_of(line) == protocol.MSG_REFERENCE
         return bool(is_accepted)
 
     def all_said(self) -> None:

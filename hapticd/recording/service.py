@@ -91,7 +91,7 @@ class Recorders:
             if self._live is None:
                 self._live = Stream(self._make_header(False))
             self._flush()
-            self._send(self._live.header())
+            self._send(self._live.header(self._live.seq))
         else:
             self._live = None
             self._waiting.clear()

@@ -18,13 +18,18 @@ class Stream:
         self._header = encode_header(header)
         self._seq = 0
 
-    def opening(self) -> bytes:
-        """What a file begins with, the first and each that follows it: magic and header."""
-        return MAGIC + self.header()
+    @property
+    def seq(self) -> int:
+        """The number of the record that comes next."""
+        return self._seq
 
-    def header(self) -> bytes:
-        """The header alone; its number is that of the record that comes next."""
-        return frame(HEADER_KIND, self._seq, self._header)
+    def opening(self, seq: int = 0) -> bytes:
+        """What the file that goes on with record `seq` begins with: magic and header."""
+        return MAGIC + self.header(seq)
+
+    def header(self, seq: int) -> bytes:
+        """The header alone, with the number of the record that follows it."""
+        return frame(HEADER_KIND, seq, self._header)
 
     def record(self, kind: str, t_ns: int, values: tuple[Any, ...]) -> bytes:
         """One record, framed. A record that is too long leaves a gap in the numbers, which a reader reports."""

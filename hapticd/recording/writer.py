@@ -88,21 +88,21 @@ class Writer:
 
     def _drain(self) -> None:
         while self._queue and not self.is_over:
-            data = bytearray()
+            data, first_seq = bytearray(), self._stream.seq
             for _ in range(min(BITE, len(self._queue))):
                 kind, t_ns, values = self._queue.popleft()
                 self._written += 1
                 if kind == "targets" or kind == "request":
                     self._written += len(values[0]) // WAITING_BYTES
                 data += self._stream.record(kind, t_ns, values)
-            self._write(bytes(data))
+            self._write(data, first_seq)
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytearray, first_seq: int) -> None:
         if self._file.is_full_with(data):
             if not self._file.may_follow():
                 self._end("the file has reached record.max_mb")
                 return
-            self._file.follow(self._stream.opening())
+            self._file.follow(self._stream.opening(first_seq))
         self._file.write(data)
 
     def _end(self, why: str) -> None:
