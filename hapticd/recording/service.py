@@ -57,6 +57,11 @@ class Recorders:
         self._loop = loop
         self._socket.start(loop, self._on_recorder)
 
+    @property
+    def is_live(self) -> bool:
+        """Somebody runs `hapticd record`."""
+        return self._live is not None
+
     def sweep(self) -> None:
         """Now and then, as the clients' sockets are swept; a recording that has ended is told no more."""
         self._socket.sweep()
