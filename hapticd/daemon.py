@@ -137,11 +137,11 @@ class Daemon:
             self._timer.close()
         if self._machine is not None:
             self._machine.stop(now_ns())
-        if self._recorders is not None:
-            self._recorders.close(now_ns())
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
         self._link.close()
+        if self._recorders is not None:
+            self._recorders.close(now_ns())
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:

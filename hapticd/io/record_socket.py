@@ -18,6 +18,7 @@ from .sockets import MAX_SUBSCRIPTION_BYTES, SOCKET_UMASK
 
 NAME = "record"
 SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
+LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
 
 
@@ -37,7 +38,7 @@ class RecordSocket:
         self._loop, self._on_recorder = loop, on_recorder
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.XPUB)
-        self._socket.linger = 0
+        self._socket.linger = LINGER_MS
         self._socket.sndhwm = SEND_HIGH_WATER
         self._socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES
         self._socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # the second recorder needs a header, too

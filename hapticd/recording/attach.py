@@ -15,6 +15,7 @@ from ..io.record_socket import NAME, SEND_HIGH_WATER
 from ..io.runtime_dir import endpoint_path, runtime_directory
 from .files import RecordingFile
 from .framing import HEAD, HEADER_KIND, MAGIC, SYNC
+from .records import KINDS
 
 HEADER_WITHIN_S = 3.0
 POLL_MS = 100
@@ -22,7 +23,10 @@ SYNC_EVERY_S = 1.0
 
 
 def record(out: Path, directory: Path | None, seconds: float | None) -> str:
-    """Record for `seconds`, or until KeyboardInterrupt; a sentence of what is there then. Raises RecordingError."""
+    """Record for `seconds`, until KeyboardInterrupt, or until the daemon stops; a sentence of what is there then.
+
+    Raises RecordingError.
+    """
     if seconds is not None and not 0.0 < seconds < math.inf:
         raise RecordingError(f"--seconds {seconds:g}: give a finite number above 0.")
     directory = runtime_directory(os.environ) if directory is None else directory
@@ -46,9 +50,11 @@ def _record(socket: zmq.Socket[bytes], out: Path, directory: Path, seconds: floa
     records = 0
     try:
         for data in _records(socket, math.inf if seconds is None else begun_s + seconds):
-            if not is_header(data):
+            if not is_of(data, HEADER_KIND):
                 file.write(data)
                 records += len(data) > 0
+            if is_of(data, KINDS["end"].number):
+                break
             if time.monotonic() - synced_s >= SYNC_EVERY_S:
                 synced_s = time.monotonic()
                 file.sync()
@@ -63,7 +69,7 @@ def _header(socket: zmq.Socket[bytes], directory: Path) -> bytes:
     """The first message that begins a recording: to this recorder, or to another that came at the same time."""
     deadline_s = time.monotonic() + HEADER_WITHIN_S
     for data in _records(socket, deadline_s):
-        if is_header(data):
+        if is_of(data, HEADER_KIND):
             return data
     raise RecordingError(f"No hapticd answers in {directory}: start one, or name its directory with --runtime-dir.")
 
@@ -77,6 +83,6 @@ def _records(socket: zmq.Socket[bytes], deadline_s: float) -> Iterator[bytes]:
         return
 
 
-def is_header(data: bytes) -> bool:
-    """Whether a framed record is a header."""
-    return len(data) >= HEAD.size and data.startswith(SYNC) and data[len(SYNC)] == HEADER_KIND
+def is_of(data: bytes, kind: int) -> bool:
+    """Whether a framed record is of this kind."""
+    return len(data) >= HEAD.size and data.startswith(SYNC) and data[len(SYNC)] == kind

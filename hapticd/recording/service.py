@@ -15,6 +15,7 @@ from typing import Any
 import zmq
 
 from ..config import RecordConfig
+from ..errors import RecordingError
 from ..io.record_socket import RecordSocket
 from ..machine import Machine
 from .files import RecordingFile
@@ -33,7 +34,7 @@ class Recorders:
     """All that record one machine, from the constructor to `close`."""
 
     def __init__(self, machine: Machine, config: RecordConfig, directory: Path, make_header: MakeHeader) -> None:
-        """Begins the file that the configuration asks for; the machine has heard nothing yet. Raises RecordingError."""
+        """Begins the file that the configuration asks for; the machine has heard nothing yet."""
         self._machine = machine
         self._make_header = make_header
         self._socket = RecordSocket(directory)
@@ -41,15 +42,7 @@ class Recorders:
         self._live: Stream | None = None
         self._writer: Writer | None = None
         if config.file:
-            stream = Stream(make_header(True))
-            file = RecordingFile(
-                Path(config.file),
-                stream.opening(),
-                max_bytes=config.max_mb * BYTES_PER_MB,
-                max_files=config.max_files,
-            )
-            log.info("recording to %s", file.path)
-            self._writer = Writer(file, stream)
+            self._writer = _begun(config, Stream(make_header(True)))
         self._choose_tap()
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -117,3 +110,16 @@ class Recorders:
             self._socket.send(record)
         except zmq.ZMQError:  # whoever does not keep up sees the gap
             return
+
+
+def _begun(config: RecordConfig, stream: Stream) -> Writer | None:
+    """The daemon's own recording; where none can be made the touch goes on without."""
+    try:
+        file = RecordingFile(
+            Path(config.file), stream.opening(), max_bytes=config.max_mb * BYTES_PER_MB, max_files=config.max_files
+        )
+    except RecordingError as error:
+        log.error("recording: there is none, the touch goes on: %s", error)
+        return None
+    log.info("recording to %s", file.path)
+    return Writer(file, stream)

@@ -24,7 +24,7 @@ SYNC_EVERY_LOOKS = 10
 MAX_WAITING = 20_000  # half a minute of touching; client messages count by their size
 WAITING_BYTES = 1024  # of a message, that count as one record
 BITE = 8  # records between two system calls, which let the loop in: some 0.1 ms
-CLOSE_WITHIN_S = 2.0
+CLOSE_WITHIN_S = 1.0  # the service manager kills after two
 
 
 class Waiting(NamedTuple):

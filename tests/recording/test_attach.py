@@ -88,6 +88,37 @@ def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Pa
     assert replay(open_recording(tmp_path / "own.hrec")).is_identical
 
 
+def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0))
+
+    async def stops() -> None:
+        ours.start(asyncio.get_running_loop())
+        thread.start()
+        while not ours.is_live:
+            ours.sweep()
+            await asyncio.sleep(STEP_S)
+        bench.run(50)
+        bench.machine.stop(bench.t_ns)
+        await asyncio.sleep(STEP_S)
+        ours.close(bench.t_ns)
+
+    asyncio.run(stops())
+    thread.join(20.0)
+    kinds = [one.kind for one in open_recording(tmp_path / "a.hrec").records()]
+    assert "stop" in kinds
+    assert kinds[-1] == "end"
+
+
+def test_without_a_place_for_its_file_the_daemon_goes_on(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY)
+    recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "no" / "where.hrec")))
+
+    assert bench.machine.tap is None
+    assert [one.getMessage() for one in caplog.records if "the touch goes on" in one.getMessage()]
+
+
 def test_no_daemon_is_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
