@@ -45,13 +45,14 @@ class Losses:
 class Recording:
     """One recording in the files `paths`. `header` is at hand; `records` reads the rest, as often as it is asked to.
 
-    `losses` is complete when a reading has come to its end.
+    `losses` and `has_end`, whether its last record is there, are known when a reading has come to its end.
     """
 
     paths: tuple[Path, ...]
     header: Header
     first_seq: int
     losses: Losses = field(default_factory=Losses)
+    has_end: bool = False
 
     @property
     def is_whole(self) -> bool:
@@ -61,6 +62,7 @@ class Recording:
     def records(self) -> Iterator[Record]:
         """All intact records in their order. Raises RecordingError where a file cannot be read to its end."""
         self.losses = losses = Losses()
+        self.has_end = False
         expected = self.first_seq
         for raw in _raw_of_all(self.paths, losses):
             if raw.kind == HEADER_KIND:
@@ -77,6 +79,7 @@ class Recording:
                 losses.unreadable += 1
                 continue
             if record is not None:
+                self.has_end = record.kind == "end"
                 yield record
 
 

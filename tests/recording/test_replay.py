@@ -15,7 +15,7 @@ from hapticd.recording.framing import MAGIC, SYNC, Scanner, frame
 from hapticd.recording.header import decode_header, encode_header
 from hapticd.recording.reader import open_recording
 from hapticd.recording.records import HEARD, KINDS
-from hapticd.recording.replay import replay, told
+from hapticd.recording.replay import replay, report, told
 
 LONG_LINE_BYTES = 60  # only a reference is so long
 
@@ -112,6 +112,7 @@ def test_a_recording_cut_anywhere_is_identical_as_far_as_it_goes(tmp_path: Path,
         outcome = replay(open_recording(cut))
         assert outcome.is_identical
         assert outcome.lines <= whole
+        assert "its end is cut off" in report(open_recording(cut), outcome)
 
 
 def test_a_recording_that_began_late_says_that_it_cannot_be_exact(tmp_path: Path, strokes: Path) -> None:
