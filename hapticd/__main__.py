@@ -32,6 +32,30 @@ COMMANDS = {
         "play a scenario in virtual time and judge it",
         "strokes --seed 3 --json - --out strokes.npz",
     ),
+    "record": Command(
+        "recording.commands",
+        "record a running daemon: all that it hears, decides and writes",
+        "session.hrec --seconds 60",
+        "add_record_arguments",
+    ),
+    "replay": Command(
+        "recording.commands",
+        "feed a recording through the same core: bit-identical, or the first difference",
+        "session.hrec",
+        "add_replay_arguments",
+    ),
+    "export": Command(
+        "recording.commands",
+        "turn a recording into tables for pandas, MATLAB and others",
+        "session.hrec --hdf5 session.h5",
+        "add_export_arguments",
+    ),
+    "plot": Command(
+        "recording.commands",
+        "draw a recording in the manner of the paper's figures",
+        "session.hrec session.png --from 2 --to 6",
+        "add_plot_arguments",
+    ),
     "firmware": Command(
         "bringup.arguments",
         "talk to the board: who it is, sweeps, telemetry, gains",

@@ -177,6 +177,15 @@ class RealtimeConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordConfig:
+    """What is written down; see hapticd/recording/README.md."""
+
+    file: str = _key("", "recording of everything, from each start on; one that exists is kept; empty: none")
+    max_mb: int = _key(512, "size at which a recording's file ends", low=1, high=1_000_000)
+    max_files: int = _key(8, "files kept of one start: the next follows a full one, the oldest goes", low=1, high=999)
+
+
+@dataclass(frozen=True, slots=True)
 class LogConfig:
     """What is said."""
 
@@ -196,6 +205,7 @@ class Config:
     client: ClientConfig = field(default_factory=ClientConfig)
     sim: SimConfig = field(default_factory=SimConfig)
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
     log: LogConfig = field(default_factory=LogConfig)
 
 
@@ -205,8 +215,9 @@ def load(path: Path) -> Config:
     return from_table(table, where=str(path), folder=path.parent)
 
 
-def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
-    """Validate a parsed table. `where` names it in errors; relative file names are taken from `folder`."""
+def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> Config:
+    """Validate a parsed table. `where` names it in errors; relative file names are taken from `folder`. Without one
+    the files that it names are not looked for: they may be another machine's."""
     by_name = {section.name: section for section in fields(Config)}
     sections: dict[str, Any] = {}
     for name, value in table.items():
@@ -218,7 +229,7 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path) -> Config:
         sections[name] = _section(section_type, value, f"{where}: {name}")
     config = Config(**sections)
     _check_together(config, where)
-    return _with_files(config, where, folder)
+    return config if folder is None else _with_files(config, where, folder)
 
 
 def simulated(config: Config) -> Config:
@@ -372,6 +383,8 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
         config = replace(
             config, client=replace(config.client, keys_dir=str((folder / config.client.keys_dir).resolve()))
         )
+    if config.record.file:
+        config = replace(config, record=replace(config.record, file=str((folder / config.record.file).resolve())))
     if config.trackpad.source == "replay" and not config.trackpad.replay_file:
         raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
     return config

@@ -14,6 +14,8 @@ import secrets
 import signal
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,6 +29,8 @@ from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import TrackpadSource
 from .machine import TIMER_NS, Machine
+from .recording.header import Header, header_of
+from .recording.service import Recorders
 from .values import ModeCalibration, RawReport
 
 log = logging.getLogger("hapticd")
@@ -65,6 +69,7 @@ class Daemon:
         self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
         self._said_missed = 0
         self._machine: Machine | None = None
+        self._recorders: Recorders | None = None
 
     @property
     def machine(self) -> Machine:
@@ -89,6 +94,8 @@ class Daemon:
             on_message=lambda payload, user: machine.targets(payload, now_ns(), user),
             on_request=lambda payload, user: machine.request(payload, now_ns(), user),
         )
+        self._recorders = Recorders(machine, self._config.record, self.runtime_dir, partial(_header, machine, modes))
+        self._recorders.start(loop)
         self._link.start(
             loop,
             on_bytes=lambda data: machine.board_bytes(data, now_ns()),
@@ -133,6 +140,8 @@ class Daemon:
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
         self._link.close()
+        if self._recorders is not None:
+            self._recorders.close(now_ns())
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
@@ -157,6 +166,7 @@ class Daemon:
     def _keep_pace(self, t_now_ns: int) -> None:
         """What need not be done while somebody touches: collect garbage, tick half as often, say what was missed."""
         assert self._timer is not None
+        assert self._recorders is not None
         is_idle = self.machine.is_idle
         period_ns = IDLE_TIMER_NS if is_idle else TIMER_NS
         if self._timer.period_ns != period_ns:
@@ -164,6 +174,7 @@ class Daemon:
         if not is_idle or t_now_ns - self._t_swept_ns >= IDLE_SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
+            self._recorders.sweep()
         if is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()
@@ -235,6 +246,11 @@ def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) 
     if not asked.done():
         log.info("%s", why)
         asked.set_result(again)
+
+
+def _header(machine: Machine, modes: ModeShapes, is_whole: bool) -> Header:
+    utc = datetime.now(UTC).isoformat(timespec="milliseconds")
+    return header_of(machine, modes, t_ns=now_ns(), utc=utc, is_whole=is_whole)
 
 
 def now_ns() -> int:

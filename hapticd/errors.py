@@ -45,6 +45,12 @@ class RequestError(HapticdError):
     """A client's message was refused; the text is sent back to it."""
 
 
+class RecordingError(HapticdError):
+    """A recording cannot be read, replayed or written, or is asked for what it does not hold."""
+
+    exit_code = 2
+
+
 class SimulationError(HapticdError, ValueError):
     """A simulated run is asked for that cannot be: unknown scenario or setting, or a value out of bounds."""
 

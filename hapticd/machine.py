@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from . import __version__, status
@@ -48,10 +49,14 @@ TIMER_NS = 10_000_000  # how often `timer` wants to be called
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
+MAX_MARKERS = 64  # told in one state; a client that sends more between two passes has lost count itself
 FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
 COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
+
+
+Tap = Callable[..., None]  # (kind, t_ns, *values): what a machine hears, writes and finds; `recording.records` has all
 
 
 class Machine:
@@ -95,7 +100,9 @@ class Machine:
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # what never came here, as the sockets counted it
         self.last_refusal = ""
         self.publish = publish
-        self._calibration = calibration
+        self.tap: Tap | None = None
+        self.markers: list[client_wire.Marker] = []  # that telemetry has not told yet
+        self.calibration = tuple(calibration)
         self._write_board = write_board
         self.unsent = 0
         self.refused_board = ""
@@ -114,6 +121,8 @@ class Machine:
 
     def reports(self, batch: Sequence[RawReport], t_now_ns: int) -> None:
         """All reports that were waiting, newest last: every one is tracked, one pass is made."""
+        if self.tap is not None:
+            self.tap("reports", t_now_ns, batch)
         self.t_reports_ns = t_now_ns
         self._pass(t_now_ns, batch)
 
@@ -130,12 +139,16 @@ class Machine:
             tick = self.pipeline.rest(t_now_ns, ahead_ns)
         self.last_tick = tick
         if tick.drive is not None:
-            self._say(self.session.reference(tick.drive, tick, t_now_ns))
+            self._say(self.session.reference(tick.drive, tick, t_now_ns), t_now_ns)
+        if self.tap is not None:
+            self.tap("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers)
         if self.publish is None:
             self.skipped_no_subscriber += 1
         else:
             self.published += 1
             self.publish(status.telemetry(self, tick))
+        if self.markers:
+            self.markers.clear()
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:
         for report in batch:
@@ -152,6 +165,8 @@ class Machine:
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
         report makes a pass, virtual fingers walk on."""
+        if self.tap is not None:
+            self.tap("timer", t_now_ns)
         released = self.scene.expire(t_now_ns)
         if released:
             self.pipeline.release(released)
@@ -159,7 +174,7 @@ class Machine:
             log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
             self.pipeline.sensor_lost()
         was_accepted = self.session.hello is not None
-        self._say(self.session.timer(t_now_ns))
+        self._say(self.session.timer(t_now_ns), t_now_ns)
         if was_accepted and self.session.hello is None:
             log.warning("board: it has fallen silent; it is greeted until it answers")
         if self.session.ready:
@@ -171,6 +186,8 @@ class Machine:
 
     def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, model: str | None = None) -> None:
         """The trackpad came or went; `model` says which one it is, where that was not configured."""
+        if self.tap is not None:
+            self.tap("trackpad_link", t_now_ns, up, reason, model)
         log.log(logging.INFO if up else logging.WARNING, "trackpad: %s", reason)
         if model is not None and model != self.trackpad.model:
             self.trackpad = trackpad_wire.Decoder(model, _plate_from_pad(self.config))
@@ -183,17 +200,21 @@ class Machine:
 
     def board_link(self, up: bool, reason: str, t_now_ns: int) -> None:
         """The serial port came or went."""
+        if self.tap is not None:
+            self.tap("board_link", t_now_ns, up, reason)
         log.log(logging.INFO if up else logging.WARNING, "board: %s", reason)
         self.board = device_wire.Decoder()
         self.refused_board = ""
         if up:
-            self._say(self.session.link_up(t_now_ns))
+            self._say(self.session.link_up(t_now_ns), t_now_ns)
         else:
             self.session.link_down()
             self._supervise(Event.LINK_DOWN, reason, t_now_ns)
 
     def board_bytes(self, data: bytes, t_now_ns: int) -> None:
         """What the board said."""
+        if self.tap is not None:
+            self.tap("board_bytes", t_now_ns, data)
         was_accepted = self.session.hello is not None
         for message in self.board.feed(data):
             self._hear(message, t_now_ns)
@@ -221,7 +242,7 @@ class Machine:
             device_wire.check_hello(
                 hello, modes=len(self.config.limits.w_limit_um), w_limit_um=self.config.limits.w_limit_um
             )
-            device_wire.check_calibration(hello, self._calibration)
+            device_wire.check_calibration(hello, self.calibration)
         except DeviceError as error:
             if str(error) != self.refused_board:
                 log.error("board refused: %s", error)
@@ -229,10 +250,15 @@ class Machine:
             return
         self.refused_board = ""
         log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
-        self._say(self.session.receive_hello(hello, t_now_ns))
+        self._say(self.session.receive_hello(hello, t_now_ns), t_now_ns)
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
+        booked = self.session.ledger.age.count
         self.session.receive_status(message, t_now_ns)
+        if self.tap is not None:
+            self.tap("status", t_now_ns, message)
+            if self.session.ledger.age.count != booked:
+                self.tap("ledger", t_now_ns, self.session.ledger[-1])
         if self.session.hello is None:
             return  # who has not been accepted is not believed
         if message.state is BoardState.FAULT:
@@ -244,14 +270,20 @@ class Machine:
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last thing that is said."""
+        if self.tap is not None:
+            self.tap("stop", t_now_ns)
         self._supervise(Event.STOP, "stopping", t_now_ns)
         tick = self.pipeline.rest(t_now_ns, 0)
         if tick.drive is not None:
-            self._say(self.session.reference(tick.drive, tick, t_now_ns))
+            self._say(self.session.reference(tick.drive, tick, t_now_ns), t_now_ns)
 
-    def _say(self, commands: Sequence[BoardCommand]) -> None:
+    def _say(self, commands: Sequence[BoardCommand], t_now_ns: int) -> None:
         for command in commands:
-            if not self._write_board(FRESH_START + encode(command)):
+            line = FRESH_START + encode(command)
+            is_accepted = self._write_board(line)
+            if self.tap is not None:
+                self.tap("written", t_now_ns, line, is_accepted)
+            if not is_accepted:
                 self.unsent += 1
                 self.pipeline.forget_standing()  # the board may hold another reference than is believed
 
@@ -271,9 +303,11 @@ class Machine:
 
     def targets(self, payload: bytes, t_now_ns: int, user: str = "") -> None:
         """A message of the targets socket, sent by `user`; what is wrong with it is counted and kept for `status`."""
+        if self.tap is not None:
+            self.tap("targets", t_now_ns, payload, user)
         try:
             message = client_wire.decode_targets(payload)
-            refusals = self.want(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
+            refusals = self.scene.apply(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
         except RequestError as error:
             refusals = (str(error),)
         if refusals:
@@ -281,11 +315,15 @@ class Machine:
             self.last_refusal = refusals[0]
 
     def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
-        """Put a client's targets in force; sentences for what it may not have."""
+        """Put the targets of a client that speaks in values in force; sentences for what it may not have."""
+        if self.tap is not None:
+            self.tap("targets", t_now_ns, message, "")
         return self.scene.apply(message, t_now_ns)
 
     def request(self, payload: bytes, t_now_ns: int, user: str = "") -> bytes:
         """Answer a message of the control socket, sent by `user`."""
+        if self.tap is not None:
+            self.tap("request", t_now_ns, payload, user)
         return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
 
     def _is_newest(self, message: ClientTargets | client_wire.Release, user: str, t_now_ns: int) -> bool:
@@ -296,10 +334,12 @@ class Machine:
         return is_newest
 
     def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
+        if isinstance(request.body, client_wire.Marker):
+            return self._mark(replace(request.body, t_ns=t_now_ns))
         if request.body is not None and not self._is_newest(request.body, user, t_now_ns):
             raise RequestError("A newer message of this client came before this one: nothing was changed.")
         if isinstance(request.body, ClientTargets):
-            refusals = self.want(request.body, t_now_ns)
+            refusals = self.scene.apply(request.body, t_now_ns)
             if refusals:
                 raise RequestError(" ".join(refusals))
             return {}
@@ -312,13 +352,20 @@ class Machine:
             return self.report_status(t_now_ns)
         return {"version": __version__, "instance": self.instance, **client_wire.CAPABILITIES}
 
+    def _mark(self, marker: client_wire.Marker) -> Mapping[str, object]:
+        if self.tap is not None:
+            self.tap("marker", marker.t_ns, marker.client, marker.text)
+        if len(self.markers) < MAX_MARKERS:
+            self.markers.append(marker)
+        return {"t_ns": marker.t_ns}
+
     def _clear_fault(self, t_now_ns: int) -> None:
         if self.supervisor.state is not State.FAULT:
             return
         if not self.session.ready:
             raise RequestError("The board does not answer, so its fault cannot be cleared: connect it first.")
         self._t_clear_until_ns = t_now_ns + CLEAR_WITHIN_NS
-        self._say([ClearFault()])
+        self._say([ClearFault()], t_now_ns)
 
     def _release(self, release: client_wire.Release) -> bool:
         if release.finger is None:

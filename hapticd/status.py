@@ -38,6 +38,7 @@ def telemetry(machine: Machine, tick: Tick) -> bytes:
             condition=None,
             age_ms=tick.age_ns * 1e-6,
             horizon_ms=tick.horizon_ns * 1e-6,
+            markers=tuple(machine.markers),
         )
     )
 

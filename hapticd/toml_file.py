@@ -30,7 +30,7 @@ def read_table(path: Path, hint: str) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read ({error}): {hint}.") from None
     if len(data) > MAX_BYTES:
         raise ConfigError(f"{path}: has more than {MAX_BYTES} bytes: {hint}.")
-    return _parsed(text, str(path))
+    return parse(text, str(path))
 
 
 def shown(value: object) -> str:
@@ -39,7 +39,8 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
 
 
-def _parsed(text: str, where: str) -> dict[str, Any]:
+def parse(text: str, where: str) -> dict[str, Any]:
+    """The table that the text means; `where` names it in errors. Raises ConfigError."""
     if max(part.count(".") for part in _NOT_IN_KEYS.split(text)) >= _MAX_KEY_PARTS:
         raise ConfigError(f"{where}: holds a name with {_MAX_KEY_PARTS} dots or more: write [section] and key = value.")
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,7 @@ import pytest
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.core.supervisor import State
-from hapticd.machine import TIMER_NS, Machine
+from hapticd.machine import TIMER_NS, Machine, Tap
 from hapticd.sim.fingers import Path, Rest, Touch
 from hapticd.sim.sensor import SensorModel, SensorSettings
 from hapticd.values import ModeCalibration, RawReport
@@ -142,12 +142,14 @@ class Bench:
         *paths: Path,
         protocol_hash: int = protocol.PROTOCOL_HASH,
         calibration: Sequence[ModeCalibration] = (),
+        tap: Callable[[Machine], Tap] | None = None,
     ) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
         self.published: list[dict[str, Any]] = []
         self.machine = Machine(Config(), PLATE, write_board=self.board.write, instance=4, calibration=calibration)
+        self.machine.tap = None if tap is None else tap(self.machine)
         self.machine.trackpad_link(True, "a pad", self.t_ns)
         self.machine.board_link(True, "a board", self.t_ns)
         self._reports = self._sense(paths)

@@ -23,14 +23,21 @@ ALLOWED = {
     "design": {"values", "errors", "core.modes", "design"},
     "sim": {"values", "tool_values", "errors", "core.modes", "wire", "design", "sim"},
     "study": {"errors", "study"},  # a client: it knows the daemon by the client library only
+    "recording": {"__version__", "values", "errors", "config", "toml_file", "core", "wire", "machine", "recording"},
 }
-# The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it. The simulated
-# participant feels what that plate truly does.
 ALLOWED_FOR_FILE = {
+    # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
     "sim/lockstep.py": {"machine", "config", "core.solver"},
+    "recording/service.py": {"io.record_socket"},
+    "recording/attach.py": {"io.record_socket", "io.runtime_dir"},
+    "recording/picture.py": {"sim.picture"},
+    "recording/simulated.py": {"sim.lockstep"},
+    "recording/whatif.py": {"sim.score"},
     "study/run.py": {"__version__"},
-    "study/simulated.py": {"sim", "values"},
+    "study/simulated.py": {"sim", "values"},  # it feels what that plate truly does
 }
+# What a daemon that records takes along: neither the rig nor a library of an extra.
+TAKEN_ALONG = ("files", "framing", "header", "records", "service", "stream", "wanted", "writer")
 FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "pathlib", "threading", "random", "zmq", "serial"}
 # `core.modes` reads and writes mode-shape files: `.load(path)` and `.save(path)` are names that others call.
 EXCUSED_IN_CORE = {"core/modes.py": {"pathlib"}}
@@ -97,6 +104,13 @@ def test_the_client_shares_no_code_with_the_daemon() -> None:
         for node in imports:
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
             assert not any(module == "hapticd" or module.startswith("hapticd.") for module in modules), path
+
+
+@pytest.mark.parametrize("name", TAKEN_ALONG)
+def test_what_records_within_the_daemon_knows_no_simulation(name: str) -> None:
+    names = imported_names(PACKAGE / "recording" / f"{name}.py")
+    assert not any(one.startswith("hapticd.sim") for one in names)
+    assert not {one.split(".")[0] for one in names} & {"h5py", "pyarrow", "matplotlib"}
 
 
 def test_the_touch_path_never_imports_scipy() -> None:

@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it in the manner of the paper's figures")
+    parser.add_argument("--record", type=Path, metavar="F.hrec", help="record it, with the plate's truth beside it")
     parser.set_defaults(command=_simulate)
 
 
@@ -32,7 +33,14 @@ def _simulate(options: argparse.Namespace) -> None:
 
     settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
     t_start_s = time.perf_counter()
-    played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+    if options.record is None:
+        played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+    else:
+        from ..recording import simulated
+
+        played = simulated.run(
+            options.scenario, options.record, settings=settings, seed=options.seed, seconds=options.seconds
+        )
     took_s = time.perf_counter() - t_start_s
     figures = report.figures(played, compare=not options.alone)
     print(report.table(figures), file=sys.stderr)

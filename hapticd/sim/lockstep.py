@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -19,9 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..config import Config
+from ..core.modes import ModeShapes
 from ..core.solver import solve
 from ..errors import SimulationError
-from ..machine import TIMER_NS, Machine
+from ..machine import TIMER_NS, Machine, Tap
 from ..values import RawReport
 from .inforce import Passes
 from .plate import PlateSettings, PlateTruth
@@ -93,11 +94,12 @@ def run(
     settings: Settings | Mapping[str, Any] | None = None,
     seed: int = 1,
     seconds: float | None = None,
+    tap: Callable[[Machine, ModeShapes], Tap] | None = None,
 ) -> Run:
     """Play `scenario` for `seconds` of virtual time. The same arguments give the same arrays, byte for byte.
 
-    `settings` may be a mapping of some of Settings' fields. Raises SimulationError, a ValueError, for an unknown
-    scenario or setting and for values out of bounds.
+    `settings` may be a mapping of some of Settings' fields; `tap` makes the machine's tap before the first event.
+    Raises SimulationError, a ValueError, for an unknown scenario or setting and for values out of bounds.
     """
     if scenario not in SCENARIOS:
         raise SimulationError(f"there is no scenario {scenario!r}: choose one of {', '.join(SCENARIOS)}.")
@@ -113,6 +115,8 @@ def run(
     except ValueError as error:
         raise SimulationError(f"{scenario} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
     simulation = Simulation(actors, chosen, seed)
+    if tap is not None:
+        simulation.machine.tap = tap(simulation.machine, simulation.modes)
     simulation.run(seconds)
     return simulation.result(scenario)
 
@@ -155,7 +159,7 @@ class Simulation:
             boot_id=seed + 1,
             board_start_us=BOARD_START_US,
         )
-        self._modes = plate.cartography(seed)
+        self.modes = plate.cartography(seed)
         self.machine = self._new_machine()
         self._sensor = SensorModel(
             SensorSettings(
@@ -217,7 +221,7 @@ class Simulation:
             self.machine.want(message, t_ns)
 
     def _new_machine(self) -> Machine:
-        return Machine(self._config, self._modes, write_board=self._to_board)
+        return Machine(self._config, self.modes, write_board=self._to_board)
 
     def _to_board(self, data: bytes) -> bool:
         self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)

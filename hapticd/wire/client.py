@@ -31,9 +31,10 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "clear_fault")
+OPS = ("hello", "capabilities", "set", "release", "status", "clear_fault", "marker")
 
 MAX_REQUEST_ID = 2**32 - 1
+MAX_MARKER_CHARACTERS = 100
 UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be read
 
 CAPABILITIES: Mapping[str, object] = {
@@ -45,6 +46,7 @@ CAPABILITIES: Mapping[str, object] = {
     "max_virtuals": MAX_VIRTUALS,
     "max_path_points": MAX_PATH_POINTS,
     "max_map_side": MAX_MAP_SIDE,
+    "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,
     "ttl_s": (MIN_TTL_S, MAX_TTL_S),
 }
@@ -63,12 +65,21 @@ class Release:
 
 
 @dataclass(frozen=True, slots=True)
+class Marker:
+    """A client's word for an instant of its experiment; `t_ns` is when the daemon heard it, 0 on its way there."""
+
+    client: str
+    text: str
+    t_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Request:
-    """One control request. `body` is ClientTargets for "set", Release for "release", else None."""
+    """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", else None."""
 
     op: str
     id: int
-    body: ClientTargets | Release | None
+    body: ClientTargets | Release | Marker | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +101,8 @@ class PlateState:
     """One telemetry message. `instance` changes with every start of the daemon; `seq` counts its messages.
 
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
-    mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
+    mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's,
+    `markers` those that came since the message before.
     """
 
     instance: int
@@ -103,6 +115,7 @@ class PlateState:
     condition: float | None
     age_ms: float
     horizon_ms: float
+    markers: tuple[Marker, ...] = ()
 
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -159,11 +172,13 @@ def _request(fields: Fields, request_id: int) -> Request:
     op = fields.label("op")
     if op not in OPS:
         raise RequestError(f"op: {op!r} is none of {', '.join(OPS)}.")
-    body: ClientTargets | Release | None = None
+    body: ClientTargets | Release | Marker | None = None
     if op == "set":
         body = read_targets(Fields(fields.take("body"), "body"))
     elif op == "release":
         body = _release(Fields(fields.take("body"), "body"))
+    elif op == "marker":
+        body = _marker(Fields(fields.take("body"), "body"))
     fields.end()
     return Request(op, request_id, body)
 
@@ -173,6 +188,12 @@ def _release(fields: Fields) -> Release:
     release = Release(client, read_finger_key(fields) if "finger" in fields else None, read_stamp(fields))
     fields.end()
     return release
+
+
+def _marker(fields: Fields) -> Marker:
+    marker = Marker(fields.label("client"), fields.text("text", MAX_MARKER_CHARACTERS))
+    fields.end()
+    return marker
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------
@@ -194,6 +215,7 @@ def encode_state(state: PlateState) -> bytes:
                 "condition": _finite(state.condition),
                 "age_ms": _finite(state.age_ms),
                 "horizon_ms": _finite(state.horizon_ms),
+                **_marker_fields(state.markers),
             }
         )
     )
@@ -210,6 +232,12 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
         "achieved_um": _finite(finger.achieved_um),
         "virtual": finger.virtual,
     }
+
+
+def _marker_fields(markers: tuple[Marker, ...]) -> dict[str, object]:
+    """Left out where none came, as nearly always."""
+    told = [{"t_ns": marker.t_ns, "client": marker.client, "text": marker.text} for marker in markers]
+    return {"markers": told} if told else {}
 
 
 def _finite(value: float | None) -> float | None:

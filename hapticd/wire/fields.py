@@ -105,6 +105,15 @@ class Fields:
         """A name of 1 .. 32 printable characters."""
         return label(self.take(name), self.place(name))
 
+    def text(self, name: str, longest: int) -> str:
+        """1 .. `longest` printable characters, in a message at most 128 bytes of UTF-8."""
+        value = self.take(name)
+        if not isinstance(value, str):
+            raise RequestError(f"{self.place(name)}: must be a text, not {_kind(value)}.")
+        if not (1 <= len(value) <= longest and value.isprintable()):
+            raise RequestError(f"{self.place(name)}: has 1 .. {longest} printable characters.")
+        return value
+
     def binary(self, name: str, length: int) -> bytes:
         """Exactly `length` bytes."""
         value = self.take(name)

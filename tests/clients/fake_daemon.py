@@ -37,6 +37,7 @@ class FakeDaemon:
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False
+        self.markers: list[wire.Marker] = []
         self._instance = 0
         self._seq = 0
 
@@ -104,6 +105,9 @@ class FakeDaemon:
         return is_newest
 
     def _handle(self, request: wire.Request, user: str) -> Mapping[str, object]:
+        if isinstance(request.body, wire.Marker):
+            self.markers.append(request.body)
+            return {"t_ns": time.monotonic_ns()}
         if request.body is not None and not self._is_newest(request.body, user):
             raise RequestError("A newer message came before.")
         match request.op, request.body:

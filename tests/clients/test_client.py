@@ -454,3 +454,13 @@ def test_a_slow_reader_sees_the_newest_state_and_not_the_oldest(daemon: FakeDaem
         first = next(states)
         state_when(watch, lambda state: state.seq > first.seq + 40)
         assert next(states).seq > first.seq + 30
+
+
+def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, "study") as client:
+        t_ns = client.marker("trial 7 begins")
+        with pytest.raises(RefusedError, match=r"body\.text"):
+            client.marker("")
+
+    assert [(one.client, one.text) for one in daemon.markers] == [("study", "trial 7 begins")]
+    assert t_ns > 0

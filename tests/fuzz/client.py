@@ -10,8 +10,10 @@ from fuzz.target import Cost, Target
 from hapticd.errors import RequestError
 from hapticd.values import ClientTargets
 from hapticd.wire.client import (
+    MAX_MARKER_CHARACTERS,
     PROTOCOL_VERSION,
     UNREAD_REQUEST_ID,
+    Marker,
     Release,
     Request,
     answer,
@@ -78,7 +80,10 @@ def check_answer(data: bytes, request: Request | None) -> None:
     assert reply["ok"] is (request is not None)
     if request is not None:
         assert reply["id"] == request.id != UNREAD_REQUEST_ID
-        assert request.body is None or isinstance(request.body, (ClientTargets, Release))
+        assert request.body is None or isinstance(request.body, (ClientTargets, Release, Marker))
+        if isinstance(request.body, Marker):
+            assert 1 <= len(request.body.text) <= MAX_MARKER_CHARACTERS
+            assert request.body.text.isprintable()
 
 
 def packed(message: dict[str, object]) -> bytes:
@@ -93,6 +98,7 @@ def seeds() -> dict[str, bytes]:
         "set": packed({"id": 2**32 - 1, "op": "set", "body": BODY}),
         "release": packed({"id": 1, "op": "release", "body": {"client": "a", "finger": "ghost"}}),
         "release-all": packed({"id": 1, "op": "release", "body": {"client": "a"}}),
+        "marker": packed({"id": 5, "op": "marker", "body": {"client": "a", "text": "trial 7: \xb5m"}}),
         "later": bytes(msgpack.packb({"v": 2, "id": 1, "op": "hello"})),
         "deep": b"\x91" * 600,
     }

@@ -28,6 +28,7 @@ INSTRUMENTED = [
     "hapticd.core.modes",
     "hapticd.core.modes_file",
     "hapticd.io.replay",
+    "hapticd.recording",
     "hapticd.toml_file",
     "hapticd.wire",
     "hapticd_client.messages",

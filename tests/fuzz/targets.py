@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fuzz import board, client, files, library, trackpad
+from fuzz import board, client, files, library, recordings, trackpad
 
 TARGETS = {
     target.name: target
-    for target in (trackpad.TARGET, board.TARGET, client.TARGET, library.TARGET, *files.TARGETS)
+    for target in (trackpad.TARGET, board.TARGET, client.TARGET, library.TARGET, recordings.TARGET, *files.TARGETS)
 }  # fmt: skip

@@ -6,7 +6,7 @@ the daemon.
 
 from .client import Client
 from .errors import DaemonGoneError, HapticdError, RefusedError
-from .messages import FingerState, PlateState
+from .messages import FingerState, Marker, PlateState
 from .targets import Grating, Map
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Grating",
     "HapticdError",
     "Map",
+    "Marker",
     "PlateState",
     "RefusedError",
 ]

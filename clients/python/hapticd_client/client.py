@@ -171,6 +171,14 @@ class Client:
         """Leave a latched fault. Raises RefusedError where its cause persists."""
         self._ask("clear_fault")
 
+    def marker(self, text: str) -> int:
+        """Note an instant of an experiment, such as "trial 7 begins", in the recording and in every client's states.
+
+        1 .. 100 printable characters. Returns the instant: nanoseconds on the daemon's monotonic clock. Raises
+        RefusedError, also for a daemon that knows no markers yet.
+        """
+        return int(self._ask("marker", {"client": self.name, "text": text})["t_ns"])
+
     # --- what is wanted ---
 
     def _want(self, wanted: Wanted, wait: bool) -> None:

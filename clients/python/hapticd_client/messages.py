@@ -34,13 +34,23 @@ class FingerState:
 
 
 @dataclass(frozen=True, slots=True)
+class Marker:
+    """What some client noted of its experiment with `Client.marker`, and when: `t_ns` as in PlateState."""
+
+    t_ns: int
+    client: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class PlateState:
     """What the plate did at one instant, for all its fingers.
 
     `t_ns` is the host's monotonic clock and `seq` counts the messages of one daemon; `instance` changes when the
     daemon restarts. `limited` says that some target was missed because a mode met its limit, `condition` how hard
     the fingers are to tell apart (None: not computed, or impossible). `age_ms` is the age of the newest touch sample,
-    `horizon_ms` how far ahead of it the plate was driven.
+    `horizon_ms` how far ahead of it the plate was driven. `markers` came since the message before: a reader that skips
+    messages misses those in them.
     """
 
     instance: int
@@ -53,6 +63,7 @@ class PlateState:
     condition: float | None
     age_ms: float
     horizon_ms: float
+    markers: tuple[Marker, ...] = ()
 
 
 def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) -> bytes:
@@ -94,6 +105,7 @@ def decode_state(payload: bytes) -> PlateState:
             condition=fields["condition"],
             age_ms=_number(fields["age_ms"]),
             horizon_ms=_number(fields["horizon_ms"]),
+            markers=tuple(Marker(one["t_ns"], one["client"], one["text"]) for one in fields.get("markers", ())),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise HapticdError(f"The daemon sent a state that cannot be read ({error}).") from None

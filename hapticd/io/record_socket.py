@@ -1,0 +1,78 @@
+"""The `record` socket: what recorders of a running daemon connect to, on this machine only.
+
+XPUB, ipc://<directory>/record. While nobody subscribes nothing is framed. A recorder that does not keep up loses
+records, and sees by their numbers which.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import zmq
+
+from ..errors import HapticdError
+from .runtime_dir import endpoint_path, masked
+from .sockets import MAX_SUBSCRIPTION_BYTES, SOCKET_UMASK
+
+NAME = "record"
+SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
+LINGER_MS = 200  # for the last record, when the daemon stops
+MAX_READS = 64
+
+
+class RecordSocket:
+    """Binds in `directory`, whose lock the caller holds, from `start` to `close`."""
+
+    def __init__(self, directory: Path) -> None:
+        self._path = directory / NAME
+        self._directory = directory
+        self._context: zmq.Context[zmq.Socket[bytes]] | None = None
+
+    def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bool], None]) -> None:
+        """Bind, and call `on_recorder` on `loop` with True for each recorder that comes, False when the last one went.
+
+        Raises HapticdError.
+        """
+        self._loop, self._on_recorder = loop, on_recorder
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.XPUB)
+        self._socket.linger = LINGER_MS
+        self._socket.sndhwm = SEND_HIGH_WATER
+        self._socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES
+        self._socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # the second recorder needs a header, too
+        try:
+            with masked(SOCKET_UMASK):
+                self._socket.bind(f"ipc://{endpoint_path(self._directory, NAME)}")
+        except zmq.ZMQError as error:
+            self.close()
+            raise HapticdError(f"{self._path}: recorders cannot be served here ({error.strerror}).") from None
+        loop.add_reader(self._socket.FD, self.sweep)
+
+    def send(self, record: bytes) -> None:
+        """To all recorders, without waiting."""
+        self._socket.send(record, zmq.NOBLOCK)
+
+    def sweep(self) -> None:
+        """Read who came and went; also to be called now and then, for a send may eat a socket's wake-up."""
+        if self._context is None:
+            return
+        for _ in range(MAX_READS):
+            try:
+                said = self._socket.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            if said in (b"\x00", b"\x01"):
+                self._on_recorder(said == b"\x01")
+
+    def close(self) -> None:
+        """Stop serving and remove the socket. Safe to call twice, and before `start`."""
+        if self._context is None:
+            return
+        if not self._loop.is_closed():
+            self._loop.remove_reader(self._socket.FD)
+        self._socket.close()
+        self._context.term()
+        self._context = None
+        self._path.unlink(missing_ok=True)
