@@ -233,7 +233,7 @@ class Machine:
                 if verdict is not Verdict.DONE:
                     log.error("board: it refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
                 if request in (protocol.MSG_SET_CONTROLLER, protocol.MSG_SET_MODEL):
-                    self._say(self.session.receive_answer(t_now_ns))
+                    self._say(self.session.receive_answer(t_now_ns), t_now_ns)
             case _:
                 pass  # answers to a person at the bench
 
