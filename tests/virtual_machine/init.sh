@@ -1,7 +1,7 @@
 #!/bin/busybox sh
-# The guest's first and only program: load the modules, enter the host's root, which is read-only, and run there what
-# the kernel's command line names (the kernel hands unknown words of it to init as variables): `guest_python`,
-# `guest_program`. What it measures goes to /run/results, a folder of the host's.
+# The guest's first program: it loads the modules, enters the host's root, which is read-only, and runs there what the
+# kernel's command line names: the kernel hands words it does not know to init, as variables. What the program finds
+# goes to /run/results, a folder of the host's.
 b=/bin/busybox
 $b mount -t devtmpfs dev /dev
 $b mount -t proc proc /proc
@@ -23,7 +23,7 @@ $b mount -t 9p -o trans=virtio,version=9p2000.L,msize=512000 results /host/run/r
 $b ifconfig lo 127.0.0.1 up
 export HOME=/run TMPDIR=/run/tmp PATH=/usr/bin:/bin:/usr/sbin:/sbin LANG=C.UTF-8
 export PYTHONDONTWRITEBYTECODE=1 PYTHONUNBUFFERED=1 OPENBLAS_NUM_THREADS=1
-$b chroot /host "$guest_python" "$guest_program"
+$b chroot /host "$GUEST_PYTHON" "$GUEST_PROGRAM"
 echo "guest: the program ended with $?"
 $b sync
 $b poweroff -f

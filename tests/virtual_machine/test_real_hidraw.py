@@ -37,7 +37,12 @@ GOLDEN_KEYS = {
     "pressure": "pressure",
 }
 
+PLUGS = ("daemon-bluetooth", "daemon-replugged", "daemon-cable", "daemon-cable-back")
+GID = 64444  # of the rules' group in the guest
+LEFT, RIGHT, SLID = (-824, 275), (1317, -386), (700, 600)  # raw; the left one slides
+
 each_pad = pytest.mark.parametrize("step", STEPS)
+each_plug = pytest.mark.parametrize("step", PLUGS)
 
 
 @each_pad
@@ -88,6 +93,89 @@ def test_the_pad_has_the_ranges_that_the_kernel_declares(guest: Boot, step: str)
     units_x, units_y = pad.units_per_mm
     assert ranges["x"] == [pad.x_min_raw, pad.x_max_raw, math.floor(units_x)]
     assert ranges["y"] == [-pad.y_max_raw, -pad.y_min_raw, math.floor(units_y)]  # evdev's y points to the user
+
+
+@each_pad
+def test_the_rules_give_the_pad_to_the_services_group_and_to_who_sits_at_the_screen(guest: Boot, step: str) -> None:
+    guest.step("rules")
+    access = guest.step(step)["access"]
+    assert (access["mode"], access["gid"]) == ("0660", GID)
+    assert "uaccess" in access["tags"].split(":")
+
+
+def test_a_mouse_is_left_alone_by_the_rules_and_by_hapticd(guest: Boot) -> None:
+    found = guest.step("mouse")
+    assert found["driver"] == "hid-generic"
+    assert found["access"] == {"mode": "0600", "gid": 0, "tags": ""}
+    assert found["pads"] == []
+
+
+# --- the daemon, as a user who is in that group and has no other right ---
+
+
+@each_plug
+def test_the_daemon_sends_the_same_enable_as_the_driver(guest: Boot, step: str) -> None:
+    features = guest.step(step)["features"]
+    assert len(features) >= 2
+    assert set(features) == {"0201" if "cable" in step else "f10201"}
+
+
+@each_plug
+def test_a_client_sees_the_fingers_where_they_are(guest: Boot, step: str) -> None:
+    found = guest.step(step)
+    assert sorted(positions(found["landed"])) == [pytest.approx(plate_mm(point)) for point in (LEFT, RIGHT)]
+    assert sorted(positions(found["slid"])) == [pytest.approx(plate_mm(point)) for point in (SLID, RIGHT)]
+
+
+@each_plug
+def test_each_finger_gets_what_the_client_asked_for_and_the_plate_moves(guest: Boot, step: str) -> None:
+    found = guest.step(step)
+    left, right = sorted(found["driven"]["fingers"], key=lambda finger: finger["x_mm"])
+    assert (left["target_um"], right["target_um"]) == (1.0, 0.0)
+    assert (left["achieved_um"], right["achieved_um"]) == (pytest.approx(1.0), pytest.approx(0.0))
+    assert found["plate_um"] > 0.3  # what the board measures
+
+
+def test_fingers_of_another_plug_are_new_fingers(guest: Boot) -> None:
+    landings = [*PLUGS, "daemon-mouse-mode"]
+    ids = [finger["id"] for step in landings for finger in guest.step(step)["landed"]["fingers"]]
+    assert len(ids) == len(set(ids)) == 2 * len(landings)
+
+
+@pytest.mark.parametrize("step", ["daemon-unplugged", "daemon-cable-pulled"])
+def test_a_pad_that_is_pulled_under_the_fingers_lifts_them_and_the_plate_comes_to_rest(guest: Boot, step: str) -> None:
+    found = guest.step(step)  # it waited for the board to measure that
+    assert (found["quiet"]["state"], found["quiet"]["fingers"]) == ("IDLE", [])
+
+
+def test_a_pad_that_speaks_as_a_mouse_is_enabled_again(guest: Boot) -> None:
+    assert "f10201" in guest.step("daemon-mouse-mode")["features"]
+
+
+def test_every_plug_and_every_pull_is_one_line(guest: Boot) -> None:
+    ended = guest.step("daemon-ended")
+    assert ended["exit"] == 0
+    lines = [line for line in ended["log"] if "trackpad" in line and "cannot be opened" not in line]  # udev may be slow
+    bluetooth, cable = "Magic Trackpad 2 on Bluetooth", "Magic Trackpad 2 on USB"
+    assert lines == [
+        "WARNING trackpad: no trackpad is connected: plug one in or pair it",
+        f"INFO trackpad: {bluetooth} at /dev/hidraw0",
+        f"WARNING trackpad: {bluetooth} was lost (read error): looking for it",
+        f"INFO trackpad: {bluetooth} at /dev/hidraw0",
+        f"WARNING trackpad: {bluetooth} was lost (read error): looking for it",
+        f"INFO trackpad: {cable} at /dev/hidraw1",  # hidraw0 is its other interface
+        f"WARNING trackpad: {cable} was lost (read error): looking for it",
+        f"INFO trackpad: {cable} at /dev/hidraw1",
+    ]
+
+
+def positions(state: dict[str, Any]) -> list[tuple[float, float]]:
+    return [(finger["x_mm"], finger["y_mm"]) for finger in state["fingers"]]
+
+
+def plate_mm(raw: tuple[int, int]) -> tuple[float, float]:
+    """The kernel's ranges and sizes: 160 mm are -3678 to 3934, 114.9 mm are -2587 to 2478, upwards."""
+    return (raw[0] + 3678) / 7612 * 160 - 80, (raw[1] + 2587) / 5065 * 114.9 - 57.45
 
 
 def axes(contact: Contact, model: str) -> dict[str, int]:

@@ -78,12 +78,9 @@ class EventDevice:
         os.close(self._fd)
 
     def ranges(self) -> dict[str, tuple[int, int, int]]:
-        """Of each axis minimum, maximum and resolution."""
-        found = {}
-        for name, code in ABS.items():
-            _, low, high, _, _, resolution = self._absinfo(code)
-            found[name] = low, high, resolution
-        return found
+        """Of each axis minimum, maximum and resolution; of one that the device has not, zeros."""
+        infos = {name: self._absinfo(code) for name, code in ABS.items()}
+        return {name: (low, high, resolution) for name, (_, low, high, _, _, resolution) in infos.items()}
 
     def without_fuzz(self) -> None:
         """Make the kernel say every change: by default it smooths small ones away."""

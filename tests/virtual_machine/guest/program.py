@@ -14,9 +14,12 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import rules
 from bluetooth import BluetoothPad
 from cable import CablePad
+from daemon import LOG
 from kernel import EventDevice, Hidraw, Node, touch_node, wait_for
+from story import Story
 
 from hapticd.io.trackpad import find_pads, load_hid
 
@@ -25,19 +28,35 @@ RESULTS = Path("/run/results")
 GOLDEN = [json.loads(line) for line in (ROOT / "tests/data/trackpad-golden.jsonl").read_text().splitlines()]
 
 
-def step(name: str, look: Callable[[], Any]) -> None:
+def step(name: str, look: Callable[[], Any]) -> Any:
+    """Run it and keep what it found or how it failed; gives what it found, None if it failed."""
     print(f"guest: {name}", flush=True)
+    found, error = None, None
     try:
-        outcome = {"found": look(), "error": None}
+        found = look()
     except Exception:
-        outcome = {"found": None, "error": traceback.format_exc()}
-    (RESULTS / f"{name}.json").write_text(json.dumps(outcome))
+        error = traceback.format_exc() + (f"\nthe daemon said:\n{LOG.read_text()}" if LOG.exists() else "")
+    (RESULTS / f"{name}.json").write_text(json.dumps({"found": found, "error": error}, default=str))
+    return found
 
 
 def main() -> None:
+    step("rules", rules.start)
     step("bluetooth", lambda: bluetooth_pad(0x004C, 0x0265, "mt2-bt"))
     step("bluetooth-mt1", lambda: bluetooth_pad(0x05AC, 0x030E, "mt1-bt"))
-    step("cable", cable_pad)
+    step("mouse", another_mouse)
+    cable = CablePad(0x05AC, 0x0265)
+    step("cable", lambda: cable_pad(cable))
+    tell(cable)
+
+
+def tell(cable: CablePad) -> None:
+    """The daemon's story; where one step fails, those after it make no sense."""
+    story: list[Story] = []
+    if step("daemon", lambda: story.append(Story(cable)) or "it serves"):
+        for name, look in story[0].steps():
+            if step(name, look) is None:
+                return
 
 
 def bluetooth_pad(vendor_id: int, product_id: int, tag: str) -> dict[str, Any]:
@@ -54,8 +73,16 @@ def bluetooth_pad(vendor_id: int, product_id: int, tag: str) -> dict[str, Any]:
         pad.unplug()
 
 
-def cable_pad() -> dict[str, Any]:
-    pad = CablePad(0x05AC, 0x0265)
+def another_mouse() -> dict[str, Any]:
+    """A device on Bluetooth that is no trackpad, with the very descriptor of ours."""
+    mouse = BluetoothPad(0x046D, 0xB00C)
+    try:
+        return found_by_others(touch_node("0005:046D:B00C"))
+    finally:
+        mouse.unplug()
+
+
+def cable_pad(pad: CablePad) -> dict[str, Any]:
     pad.plug()
     try:
         node = touch_node("0003:05AC:0265")
@@ -70,13 +97,18 @@ def cable_pad() -> dict[str, Any]:
 
 
 def seen(node: Node) -> dict[str, Any]:
-    """The kernel's driver and the ranges it declares, and which of the nodes hapticd would open."""
-    pads = [(pad.model, path.decode()) for pad, path in find_pads(load_hid())]
+    """The ranges that the kernel's driver declares, and what others make of the node."""
     assert node.event is not None
     events = EventDevice(node.event)
     ranges = events.ranges()
     events.close()
-    return {"driver": node.driver, "hidraw": str(node.hidraw), "pads": pads, "ranges": ranges}
+    return {"ranges": ranges, **found_by_others(node)}
+
+
+def found_by_others(node: Node) -> dict[str, Any]:
+    """The kernel's driver, the nodes that hapticd would open, and what the rules give."""
+    pads = [(pad.model, path.decode()) for pad, path in find_pads(load_hid())]
+    return {"driver": node.driver, "hidraw": str(node.hidraw), "pads": pads, "access": rules.outcome(node.hidraw)}
 
 
 def reports(pad: BluetoothPad | CablePad, node: Node, tag: str) -> list[dict[str, Any]]:
