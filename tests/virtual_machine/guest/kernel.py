@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-PATIENCE_S = 60.0
+PATIENCE_S = 90.0  # for an emulated machine that others keep waiting
 SLOTS = 16
 BTN_MOUSE = 0x110
 ABS = {"x": 0x35, "y": 0x36, "major": 0x30, "minor": 0x31, "orientation": 0x34, "pressure": 0x3A}

@@ -8,7 +8,8 @@ from __future__ import annotations
 import json
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,11 @@ from hapticd.io.trackpad import find_pads, load_hid
 
 ROOT = Path(__file__).parents[3]
 RESULTS = Path("/run/results")
-GOLDEN = [json.loads(line) for line in (ROOT / "tests/data/trackpad-golden.jsonl").read_text().splitlines()]
+GOLDEN = [
+    golden
+    for line in (ROOT / "tests/data/trackpad-golden.jsonl").read_text(encoding="utf-8").splitlines()
+    if "report" in (golden := json.loads(line))
+]
 
 
 def step(name: str, look: Callable[[], Any]) -> Any:
@@ -61,76 +66,65 @@ def tell(cable: CablePad) -> None:
 
 def bluetooth_pad(vendor_id: int, product_id: int, tag: str) -> dict[str, Any]:
     pad = BluetoothPad(vendor_id, product_id)
-    try:
-        node = touch_node(f"0005:{vendor_id:04X}:{product_id:04X}")
+    with plugged(pad, f"0005:{vendor_id:04X}:{product_id:04X}") as node:
         wait_for("the driver's enable", lambda: pad.features)
-        return {
-            "features": [feature.hex() for feature in pad.features],
-            "reports": reports(pad, node, tag),
-            **seen(node),
-        }
-    finally:
-        pad.unplug()
-
-
-def another_mouse() -> dict[str, Any]:
-    """A device on Bluetooth that is no trackpad, with the very descriptor of ours."""
-    mouse = BluetoothPad(0x046D, 0xB00C)
-    try:
-        return found_by_others(touch_node("0005:046D:B00C"))
-    finally:
-        mouse.unplug()
+        return {"features": [feature.hex() for feature in pad.features], **taken(pad, node, tag)}
 
 
 def cable_pad(pad: CablePad) -> dict[str, Any]:
     pad.plug()
-    try:
-        node = touch_node("0003:05AC:0265")
+    with plugged(pad, "0003:05AC:0265") as node:
         wait_for("the driver's enable", pad.collect)
-        return {
-            "features": [feature.hex() for feature in pad.features],
-            "reports": reports(pad, node, "mt2-usb"),
-            **seen(node),
-        }
+        return {"features": [feature.hex() for feature in pad.features], **taken(pad, node, "mt2-usb")}
+
+
+def another_mouse() -> dict[str, Any]:
+    """A device on Bluetooth that is no trackpad, with the very descriptor of ours."""
+    with plugged(BluetoothPad(0x046D, 0xB00C), "0005:046D:B00C") as node:
+        return seen(node)
+
+
+@contextmanager
+def plugged(pad: BluetoothPad | CablePad, hid_id: str) -> Iterator[Node]:
+    """Its node, until udevd too has taken leave of it: the next pad's node may have the same name and number."""
+    node = touch_node(hid_id)
+    record = rules.record(node.hidraw)
+    try:
+        yield node
     finally:
         pad.unplug()
+    wait_for(f"udev's farewell to {node.hidraw}", lambda: not record.exists())
+
+
+def taken(pad: BluetoothPad | CablePad, node: Node, tag: str) -> dict[str, Any]:
+    """What the kernel's driver makes of a pad and of its reports."""
+    assert node.event is not None
+    hidraw, events = Hidraw(node.hidraw), EventDevice(node.event)
+    ranges = events.ranges()
+    events.without_fuzz()
+    found = reports(pad, hidraw, events, tag)
+    hidraw.close()
+    events.close()
+    return {"ranges": ranges, "reports": found, **seen(node)}
 
 
 def seen(node: Node) -> dict[str, Any]:
-    """The ranges that the kernel's driver declares, and what others make of the node."""
-    assert node.event is not None
-    events = EventDevice(node.event)
-    ranges = events.ranges()
-    events.close()
-    return {"ranges": ranges, **found_by_others(node)}
-
-
-def found_by_others(node: Node) -> dict[str, Any]:
     """The kernel's driver, the nodes that hapticd would open, and what the rules give."""
     pads = [(pad.model, path.decode()) for pad, path in find_pads(load_hid())]
     return {"driver": node.driver, "hidraw": str(node.hidraw), "pads": pads, "access": rules.outcome(node.hidraw)}
 
 
-def reports(pad: BluetoothPad | CablePad, node: Node, tag: str) -> list[dict[str, Any]]:
+def reports(pad: BluetoothPad | CablePad, hidraw: Hidraw, events: EventDevice, tag: str) -> list[dict[str, Any]]:
     """Every golden report of a pad: as hidraw gave it, and what the kernel's driver took from it."""
-    assert node.event is not None
-    hidraw, events = Hidraw(node.hidraw), EventDevice(node.event)
-    events.without_fuzz()
     found = []
-    for golden in GOLDEN:
-        if golden["tag"] != tag or "report" not in golden:
-            continue
-        report = bytes.fromhex(golden["report"])
+    for report in (bytes.fromhex(golden["report"]) for golden in GOLDEN if golden["tag"] == tag):
         pad.send(report)
         heard = hidraw.read()
-        found.append(
-            {"sent": report.hex(), "hidraw": heard.hex(), "contacts": events.contacts(), "button": events.button()}
-        )
+        kernel = {"contacts": events.contacts(), "button": events.button()}
+        found.append({"sent": report.hex(), "hidraw": heard.hex(), **kernel})
         for ending in endings(report):
             pad.send(ending)
             hidraw.read()
-    hidraw.close()
-    events.close()
     return found
 
 

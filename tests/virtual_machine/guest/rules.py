@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -31,16 +32,20 @@ def start() -> None:
     subprocess.run([UDEVD, "--daemon"], check=True)
 
 
+def record(node: Path) -> Path:
+    """Where udevd keeps what it knows of a node: written when it has finished with it, removed when it is gone."""
+    number = node.stat().st_rdev
+    return Path(f"/run/udev/data/c{os.major(number)}:{os.minor(number)}")
+
+
 def outcome(node: Path) -> dict[str, str | int]:
     """Access and tags of a node, once udevd has finished with it."""
-    known = wait_for(f"udev's word on {node}", lambda: _known(node))
+    wait_for(f"udev's word on {node}", record(node).exists)
     status = node.stat()
-    return {"mode": f"{status.st_mode & 0o777:04o}", "gid": status.st_gid, "tags": known.get("CURRENT_TAGS", "")}
+    return {"mode": f"{status.st_mode & 0o777:04o}", "gid": status.st_gid, "tags": _properties(node)["CURRENT_TAGS"]}
 
 
-def _known(node: Path) -> dict[str, str]:
-    """A node's properties; none before udevd has taken note of it, which it does last."""
+def _properties(node: Path) -> dict[str, str]:
     command = ["udevadm", "info", "--query=property", f"--name={node}"]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    properties = dict(line.split("=", 1) for line in told.splitlines())
-    return properties if "USEC_INITIALIZED" in properties else {}
+    return {"CURRENT_TAGS": ""} | dict(line.split("=", 1) for line in told.splitlines())
