@@ -27,7 +27,7 @@ KERNEL = ROOT / "build/virtual_machine/vmlinuz"
 INITRAMFS = ROOT / "build/virtual_machine/initramfs.img"
 UDEVD = Path("/lib/systemd/systemd-udevd")
 PROCESSOR = "Nehalem,+rdrand"  # what wheels ask for; without AVX, for emulated it is slower than doing without
-BOOT_S = 600.0  # with everything in it a boot took 88 s on two cores that three others shared
+BOOT_S = 600.0  # with everything in it a boot took 88 to 177 s on two cores that others used as well
 _TAIL = 4000
 
 

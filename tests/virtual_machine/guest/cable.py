@@ -1,7 +1,8 @@
 """A trackpad on USB: a gadget of two HID functions on a bus in memory (dummy_hcd), plugged in by binding it.
 
 The host's whole USB stack takes part: enumeration, usbhid, interface numbers, control transfers. What it leaves out:
-the wire, and the pad's own descriptors. Files: the kernel's `Documentation/usb/gadget_configfs.rst`.
+the wire, and the pad's own descriptors, so also how a real endpoint may cut frames of many fingers into packets. Files:
+the kernel's `Documentation/usb/gadget_configfs.rst`.
 """
 
 from __future__ import annotations

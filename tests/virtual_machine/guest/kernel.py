@@ -78,7 +78,7 @@ class EventDevice:
         os.close(self._fd)
 
     def ranges(self) -> dict[str, tuple[int, int, int]]:
-        """Of each axis minimum, maximum and resolution; of one that the device has not, zeros."""
+        """Of each axis minimum, maximum and resolution. OSError if the device has it not."""
         infos = {name: self._absinfo(code) for name, code in ABS.items()}
         return {name: (low, high, resolution) for name, (_, low, high, _, _, resolution) in infos.items()}
 
