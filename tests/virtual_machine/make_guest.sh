@@ -8,6 +8,7 @@ modules=(
     virtio_pci 9pnet_virtio 9p        # this machine's own root
     evdev uhid hid-generic hid-magicmouse
     dummy_hcd usbhid usb_f_hid        # a USB bus in memory, and a pad on it
+    cdc_acm usb_f_acm                 # or a board
 )
 
 for tool in apt-get dpkg-deb busybox cpio depmod; do

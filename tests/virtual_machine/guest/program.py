@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import rules
 from bluetooth import BluetoothPad
-from cable import CablePad
+from cable import CableBoard, CablePad
 from daemon import LOG
 from kernel import EventDevice, Hidraw, Node, touch_node, wait_for
 from story import Story
@@ -26,6 +26,7 @@ from hapticd.io.trackpad import find_pads, load_hid
 
 ROOT = Path(__file__).parents[3]
 RESULTS = Path("/run/results")
+PORT = Path("/dev/ttyACM0")
 GOLDEN = [
     golden
     for line in (ROOT / "tests/data/trackpad-golden.jsonl").read_text(encoding="utf-8").splitlines()
@@ -50,6 +51,7 @@ def main() -> None:
     step("bluetooth", lambda: bluetooth_pad(0x004C, 0x0265, "mt2-bt"))
     step("bluetooth-mt1", lambda: bluetooth_pad(0x05AC, 0x030E, "mt1-bt"))
     step("mouse", another_mouse)
+    step("board", board)
     cable = CablePad(0x05AC, 0x0265)
     step("cable", lambda: cable_pad(cable))
     tell(cable)
@@ -82,6 +84,15 @@ def another_mouse() -> dict[str, Any]:
     """A device on Bluetooth that is no trackpad, with the very descriptor of ours."""
     with plugged(BluetoothPad(0x046D, 0xB00C), "0005:046D:B00C") as node:
         return seen(node)
+
+
+def board() -> dict[str, Any]:
+    plug = CableBoard(0x0483, 0x5740)
+    try:
+        wait_for("the board's port", PORT.exists)
+        return {"access": rules.outcome(PORT)}
+    finally:
+        plug.unplug()
 
 
 @contextmanager

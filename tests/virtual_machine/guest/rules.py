@@ -38,14 +38,19 @@ def record(node: Path) -> Path:
     return Path(f"/run/udev/data/c{os.major(number)}:{os.minor(number)}")
 
 
-def outcome(node: Path) -> dict[str, str | int]:
+def outcome(node: Path) -> dict[str, str]:
     """Access and tags of a node, once udevd has finished with it."""
     wait_for(f"udev's word on {node}", record(node).exists)
-    status = node.stat()
-    return {"mode": f"{status.st_mode & 0o777:04o}", "gid": status.st_gid, "tags": _properties(node)["CURRENT_TAGS"]}
+    status, properties = node.stat(), _properties(node)
+    return {
+        "mode": f"{status.st_mode & 0o777:04o}",
+        "group": "ours" if status.st_gid == GID else str(status.st_gid),
+        "tags": properties.get("CURRENT_TAGS", ""),
+        "modem_manager": "ignores it" if properties.get("ID_MM_DEVICE_IGNORE") == "1" else "greets it",
+    }
 
 
 def _properties(node: Path) -> dict[str, str]:
     command = ["udevadm", "info", "--query=property", f"--name={node}"]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return {"CURRENT_TAGS": ""} | dict(line.split("=", 1) for line in told.splitlines())
+    return dict(line.split("=", 1) for line in told.splitlines())
