@@ -11,7 +11,7 @@ demo: $(INSTALLED)
 	$(BIN)/hapticd demo
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 -m "not virtual_machine"
 
 # Every branch of the limits, the supervisor and the decoders.
 coverage: $(INSTALLED)

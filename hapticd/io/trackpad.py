@@ -154,6 +154,7 @@ class HidTrackpad:
         self._stop, self._enable = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
         self._last_link: tuple[bool, str] | None = None
+        self._refused_path: bytes | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._mailbox = _Mailbox(loop, on_reports, on_link)
@@ -207,8 +208,12 @@ class HidTrackpad:
         try:
             device.open_path(path)
         except OSError as error:
-            self._tell(False, f"{pad.name} at {node} cannot be opened ({error}): give this user read and write access")
+            if path == self._refused_path:  # not at once: udev gives a new node its access after it has appeared
+                reason = f"cannot be opened ({error}): give this user read and write access"
+                self._tell(False, f"{pad.name} at {node} {reason}")
+            self._refused_path = path
             return
+        self._refused_path = None
         device.set_nonblocking(True)  # so that read without a time-out drains instead of blocking
         self.model = pad.model
         enabled = _send_enable(device, pad)

@@ -63,6 +63,7 @@ class FakeHid:
         self.waiting: queue.Queue[bytes] = queue.Queue()
         self.unplugged, self.idle = threading.Event(), threading.Event()
         self.refuse_open = self.refuse_feature = False
+        self.opens_refused, self.granted_after = 0, -1
         self.features: queue.Queue[bytes] = queue.Queue()
         self.open_now = 0
         self.threads: set[int] = set()
@@ -89,6 +90,8 @@ class FakeDevice:
 
     def open_path(self, path: bytes) -> None:
         if self.hid.refuse_open or path not in [node["path"] for node in self.hid.nodes]:
+            self.hid.opens_refused += 1
+            self.hid.refuse_open = self.hid.refuse_open and self.hid.opens_refused != self.hid.granted_after
             raise OSError("open failed")
         self.is_open = True
         self.hid.open_now += 1
@@ -265,6 +268,20 @@ def test_no_pad_is_told_once_and_one_that_cannot_be_opened_says_what_to_do() -> 
         hid.refuse_open = False
         await listener.until(lambda: len(listener.links) == 3)
         assert listener.links[2][0]
+        await source.close()
+
+    asyncio.run(main())
+
+
+def test_a_new_pad_to_which_udev_gives_access_a_moment_later_is_no_complaint() -> None:
+    async def main() -> None:
+        hid, listener = FakeHid(node("mt2-bt")), Listener()
+        hid.refuse_open, hid.granted_after = True, 1
+        source = hid_source(hid)
+        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
+        await listener.until(lambda: len(listener.links) == 1)
+        assert listener.links == [(True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw3")]
+        assert hid.opens_refused == 1
         await source.close()
 
     asyncio.run(main())
