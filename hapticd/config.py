@@ -46,6 +46,7 @@ SCENARIO_NAMES = (
     "paper-figure-11",
     "step",
     "both-slip",
+    "hands",
 )
 
 
