@@ -31,7 +31,7 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "clear_fault")
+OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault")
 
 MAX_REQUEST_ID = 2**32 - 1
 UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be read
@@ -73,7 +73,10 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class FingerState:
-    """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants."""
+    """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants.
+
+    `owner` is the client that holds it.
+    """
 
     id: int | str
     x_mm: float
@@ -83,6 +86,7 @@ class FingerState:
     target_um: float | None
     achieved_um: float | None
     virtual: bool
+    owner: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,7 @@ class PlateState:
 
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
     mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
+    `modal_um` are the phasors that the board was asked for, `measured_um` those that it last measured.
     """
 
     instance: int
@@ -98,11 +103,12 @@ class PlateState:
     t_ns: int
     state: str
     fingers: tuple[FingerState, ...]
-    modal_um: tuple[float, ...]
+    modal_um: tuple[complex, ...]
     limited: bool
     condition: float | None
     age_ms: float
     horizon_ms: float
+    measured_um: tuple[complex, ...] = ()
 
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -189,7 +195,9 @@ def encode_state(state: PlateState) -> bytes:
                 "t_ns": state.t_ns,
                 "state": state.state,
                 "fingers": [_finger_fields(finger) for finger in state.fingers],
-                "modal_um": [_finite(w_um) for w_um in state.modal_um],
+                "modal_um": [_finite(w_um.real) for w_um in state.modal_um],
+                "modal_q_um": [_finite(w_um.imag) for w_um in state.modal_um],
+                "measured_um": [[_finite(w_um.real), _finite(w_um.imag)] for w_um in state.measured_um],
                 "limited": state.limited,
                 "condition": _finite(state.condition),
                 "age_ms": _finite(state.age_ms),
@@ -209,6 +217,7 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
         "target_um": _finite(finger.target_um),
         "achieved_um": _finite(finger.achieved_um),
         "virtual": finger.virtual,
+        "owner": finger.owner,
     }
 
 
