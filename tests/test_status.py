@@ -93,7 +93,9 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     assert said["drive_hz"] == pytest.approx(29205.0)
     shapes = np.frombuffer(said["shapes"], "<f4").reshape(said["modes"], len(said["y_mm"]), len(said["x_mm"]))
     points_mm = np.stack(np.meshgrid(said["x_mm"], said["y_mm"]), axis=-1)
-    np.testing.assert_allclose(np.moveaxis(shapes, 0, -1), modes.evaluate(points_mm), atol=1e-6)
+    np.testing.assert_allclose(
+        np.moveaxis(shapes, 0, -1), modes.evaluate(points_mm.reshape(-1, 2)).reshape(points_mm.shape), atol=1e-6
+    )
     assert (said["x_mm"][0], said["x_mm"][-1]) == (modes.x_mm[0], modes.x_mm[-1])
     assert len(msgpack.packb(said)) < 65536
 
