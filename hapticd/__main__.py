@@ -1,4 +1,4 @@
-"""The command line: `hapticd demo | run | simulate | bench | firmware | latency | keys | doctor | install-service`."""
+"""The command line: `hapticd demo | run | view | simulate | bench | firmware | latency | keys | doctor | ...`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 
 from . import __version__, config
 from .errors import HapticdError
+from .viewer import arguments as viewer
 
 STDERR = 2  # the descriptor
 
@@ -39,6 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_simulate(commands)
     _add_bench(commands)
+    viewer.add(commands)
     _add_firmware(commands)
     _add_latency(commands)
     _add_keys(commands)

@@ -9,7 +9,6 @@ whole program in QEMU or in a process of its own, with a simpler plate inside: t
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
 import time
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .config import LimitsConfig, SolverConfig
+from .daemonprocess import DaemonProcess
 from .errors import HapticdError
 from .sim import lockstep
 from .sim.emulator import find_program
@@ -38,7 +38,6 @@ SCENARIO = "strokes"
 FINGERS = 2
 DAEMON_WITHIN_S = 15.0
 FINGERS_WITHIN_S = 10.0
-END_WITHIN_S = 10.0
 PICTURE_S = 2.5
 
 BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process", "qemu": "hapticd, the board in QEMU"}
@@ -80,8 +79,8 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
         rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
-        with rig, _Daemon(Path(folder), rig, board) as runtime_dir:
-            with hapticd_client.Client(runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
+        with rig, DaemonProcess(rig.directory, f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon:
+            with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 t_asked_s = _ask(client, rig, seed)
                 status = _watch(client, seconds)
                 if status["board"].get("refused"):
@@ -122,32 +121,6 @@ def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
             f"{latency['link']['p50']:.1f} ms: fingers are predicted {latency['horizon']['p50']:.1f} ms ahead."
         )
     return "\n".join(lines)
-
-
-class _Daemon:
-    """`hapticd run` as a process, on a rig that already runs; gives the runtime directory of its endpoints."""
-
-    def __init__(self, folder: Path, rig: RigProcess, board: str) -> None:
-        self._runtime_dir = folder / "run"
-        self._config = folder / "hapticd.toml"
-        self._config.write_text(
-            f'[sim]\nrig_dir = "{rig.directory}"\n[client]\nruntime_dir = "{self._runtime_dir}"\n'
-            f'[log]\nlevel = "warning"\n[solver]\nmax_knots = {MAX_KNOTS[board]}\n',
-            encoding="utf-8",
-        )
-
-    def __enter__(self) -> Path:
-        command = [sys.executable, "-m", "hapticd", "run", "--config", str(self._config)]
-        self._process = subprocess.Popen(command, start_new_session=True)
-        return self._runtime_dir
-
-    def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
 
 
 def _ask(client: Client, rig: RigProcess, seed: int) -> float:

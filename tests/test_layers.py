@@ -21,6 +21,7 @@ ALLOWED = {
     "wire": {"values", "tool_values", "errors", "wire"},
     "io": {"values", "errors", "io"},
     "design": {"values", "errors", "core.modes", "design"},
+    "viewer": {"errors", "config", "daemonprocess", "core.modes", "wire.fields", "sim", "viewer"},
     "sim": {"values", "tool_values", "errors", "core.modes", "wire", "design", "sim"},
 }
 # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
@@ -81,6 +82,12 @@ def test_the_client_shares_no_code_with_the_daemon() -> None:
         for node in imports:
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
             assert not any(module == "hapticd" or module.startswith("hapticd.") for module in modules), path
+
+
+def test_only_the_viewer_knows_of_a_web_server() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] != "viewer":
+            assert "aiohttp" not in {name.split(".")[0] for name in imported_names(path)}, path
 
 
 def test_the_touch_path_never_imports_scipy() -> None:
