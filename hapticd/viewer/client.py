@@ -25,7 +25,7 @@ from .messages import ClearFault, Want
 from .rig import TruthEar
 from .shapes import modes_of, picture_grid
 
-ANSWER_S = 1.0
+ANSWER_S = 2.0
 STATE_S = 1.0  # a daemon that is silent for longer is gone
 RETRY_S = 0.5
 STATUS_EVERY_S = 1.0

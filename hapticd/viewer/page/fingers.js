@@ -66,7 +66,7 @@ export class FingerList {
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
     write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
-    write(row.owner, owner === null ? "held by nobody" : isOurs ? "held by this viewer" : `held by ‘${owner}’: only it can change it`);
+    write(row.owner, owner === null ? "held by nobody" : isOurs ? "held by this viewer" : `held by '${owner}': only that client can change it`);
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
     row.sticky.setAttribute("aria-pressed", owner !== null && target_um === 0);

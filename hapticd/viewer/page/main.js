@@ -96,6 +96,17 @@ function pointedAt([right, up]) {
   if (there) choose(there.id);
 }
 
+/** Ask for the finger that the keys speak to, if it is there and nobody else's. */
+function askForChosen(wish) {
+  const finger = history.newest?.fingers.find(({ id }) => id === chosen);
+  if (!finger) return;
+  if (finger.owner !== null && finger.owner !== plate?.client) {
+    notice(`Finger ${finger.id} is held by '${finger.owner}': only that client can change it.`, 6000);
+    return;
+  }
+  ask({ ...wish, finger: chosen });
+}
+
 const greeted = new Set();
 /** A finger of ours that has just landed gets what the menu says. */
 function giveTargets(frame) {
@@ -135,10 +146,10 @@ document.addEventListener("keydown", (event) => {
   if (event.key === " " && !(event.target instanceof HTMLButtonElement)) {
     event.preventDefault();
     pause(!history.paused);
-  } else if (/^[0-9]$/.test(event.key) && chosen !== null) {
-    ask({ op: "set", finger: chosen, amplitude_um: Number((event.key * STEP_UM).toFixed(1)) });
-  } else if (event.key.toLowerCase() === "r" && chosen !== null) {
-    ask({ op: "release", finger: chosen });
+  } else if (/^[0-9]$/.test(event.key)) {
+    askForChosen({ op: "set", amplitude_um: Number((event.key * STEP_UM).toFixed(1)) });
+  } else if (event.key.toLowerCase() === "r") {
+    askForChosen({ op: "release" });
   }
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (colours = theme()));
