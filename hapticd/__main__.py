@@ -80,13 +80,21 @@ def _add_demo(commands: Any) -> None:
         help="the firmware's core within the rig (default), or its whole program as a process or in QEMU",
     )
     parser.add_argument("--image", type=Path, metavar="FILE", help="that program (default: built by make -C firmware)")
+    parser.add_argument("--view", action="store_true", help="show the plate in the browser meanwhile")
     parser.set_defaults(command=_demo)
 
 
 def _demo(options: argparse.Namespace) -> int:
     from .demo import show
 
-    return show(options.seconds, options.seed, options.out, board=options.board, image=options.image)
+    return show(
+        options.seconds,
+        options.seed,
+        options.out,
+        board=options.board,
+        image=options.image,
+        in_browser=options.view,
+    )
 
 
 # --- run --------------------------------------------------------------------------------------------------------

@@ -9,9 +9,12 @@ whole program in QEMU or in a process of its own, with a simpler plate inside: t
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,10 +54,19 @@ BARE_PLATE = PlateSettings(
 )
 
 
-def show(seconds: float, seed: int, out: Path, *, board: str = "library", image: Path | None = None) -> int:
+def show(
+    seconds: float,
+    seed: int,
+    out: Path,
+    *,
+    board: str = "library",
+    image: Path | None = None,
+    in_browser: bool = False,
+) -> int:
     """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code.
 
-    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's.
+    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's. With
+    `in_browser` the plate can be watched there meanwhile (`viewer`).
     """
     try:
         import hapticd_client
@@ -68,12 +80,12 @@ def show(seconds: float, seed: int, out: Path, *, board: str = "library", image:
         raise HapticdError("--image is for a board in another process: give --board qemu or --board host as well.")
     program = None if board == "library" else find_program(board, image)
     try:
-        return _play(seconds, seed, out, board, program)
+        return _play(seconds, seed, out, board, program, in_browser=in_browser)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
 
-def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None) -> int:
+def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None, *, in_browser: bool) -> int:
     import hapticd_client
 
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
@@ -82,7 +94,8 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
         with rig, DaemonProcess(rig.directory, f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon:
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 t_asked_s = _ask(client, rig, seed)
-                status = _watch(client, seconds)
+                with _watched(daemon.runtime_dir) if in_browser else nullcontext():
+                    status = _watch(client, seconds)
                 if status["board"].get("refused"):
                     raise HapticdError(status["board"]["refused"])
             t_end_s = time.monotonic() - rig.t_start_s
@@ -98,6 +111,7 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board fell silent for want of frames in time: this computer is too busy to emulate it; try again.")
     print(f"picture: {out.resolve()}")
+    print("To touch such a plate yourself, in the browser: hapticd view --sim")
     return 0
 
 
@@ -140,6 +154,19 @@ def _ask(client: Client, rig: RigProcess, seed: int) -> float:
         if time.monotonic() > t_give_up_s:
             break
     raise HapticdError("The simulated fingers did not land: try `hapticd run --sim` and read what it says.")
+
+
+@contextmanager
+def _watched(runtime_dir: Path) -> Iterator[None]:
+    """The plate in the browser as well; its own message says it where that cannot be."""
+    command = [sys.executable, "-m", "hapticd", "view", "--endpoint", str(runtime_dir)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        print(process.stdout.readline(), end="", flush=True)
+        try:
+            yield
+        finally:
+            process.terminate()
 
 
 def _watch(client: Client, seconds: float) -> dict[str, Any]:

@@ -21,6 +21,7 @@ import hapticd_client
 
 from ..errors import HapticdError
 from . import messages
+from .layers import LAYERS, LayerFinger
 from .messages import ClearFault, Want
 from .rig import TruthEar
 from .shapes import modes_of, picture_grid
@@ -42,8 +43,11 @@ class Plate:
         simulated = body.get("simulated")
         self.rig_dir = Path(simulated) if simulated and Path(simulated, "fingers").is_socket() else None
         self.modes = modes_of(body)
-        self.grid = picture_grid(self.modes, (body["size_mm"][0], body["size_mm"][1]))
-        self.text = messages.plate(body, client, is_simulated=self.rig_dir is not None)
+        self.size_mm = (float(body["size_mm"][0]), float(body["size_mm"][1]))
+        self.w_limit_um = tuple(map(float, body["w_limit_um"]))
+        self.grid = picture_grid(self.modes, self.size_mm)
+        self.fingers: tuple[LayerFinger, ...] = ()  # those that are wanted now
+        self.text = messages.plate(body, client, sorted(LAYERS), is_simulated=self.rig_dir is not None)
 
 
 class PlateClient:
@@ -90,9 +94,9 @@ class PlateClient:
                 context = stack.enter_context(zmq.Context())
                 ear = TruthEar(context, plate.rig_dir)
                 stack.callback(ear.close)
-            self._follow(client, ear)
+            self._follow(client, plate, ear)
 
-    def _follow(self, client: hapticd_client.Client, ear: TruthEar | None) -> None:
+    def _follow(self, client: hapticd_client.Client, plate: Plate, ear: TruthEar | None) -> None:
         t_frame_s = t_status_s = -1.0
         instance: int | None = None
         for state in client.states(timeout_s=STATE_S):
@@ -104,6 +108,11 @@ class PlateClient:
             if t_now_s - t_frame_s >= FRAME_EVERY_S:
                 t_frame_s = t_now_s
                 truth = None if ear is None else ear.newest(state.t_ns)
+                plate.fingers = tuple(
+                    LayerFinger(finger.x_mm, finger.y_mm, finger.target_um)
+                    for finger in state.fingers
+                    if finger.target_um is not None
+                )
                 self._tell("frame", messages.frame(state, truth), None)
             if t_now_s - t_status_s >= STATUS_EVERY_S:
                 t_status_s = t_now_s

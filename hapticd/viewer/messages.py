@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -120,7 +120,7 @@ def frame(state: PlateState, truth: Truth | None) -> str:
     )
 
 
-def plate(body: Mapping[str, Any], client: str, *, is_simulated: bool) -> str:
+def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], *, is_simulated: bool) -> str:
     """What the page must know once: sizes, limits, who we are, and whether the plate can be touched from here."""
     return _text(
         {
@@ -130,6 +130,7 @@ def plate(body: Mapping[str, Any], client: str, *, is_simulated: bool) -> str:
             "drive_hz": body["drive_hz"],
             "modes": body["modes"],
             "client": client,
+            "layers": list(layers),
             "simulated": is_simulated,
         }
     )

@@ -18,6 +18,7 @@ from ..sim.rigprocess import RigProcess
 
 SCENARIO = "hands"
 HOST = "127.0.0.1"
+PATIENT = "[trackpad]\nsilence_ms = 1000\n"  # a browser that takes the processor must not make old fingers new ones
 
 
 def run(
@@ -31,7 +32,7 @@ def run(
         stack.enter_context(listener)
         if simulate:
             rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
-            endpoint = str(stack.enter_context(DaemonProcess(rig.directory)).runtime_dir)
+            endpoint = str(stack.enter_context(DaemonProcess(rig.directory, PATIENT)).runtime_dir)
         asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
 
 

@@ -1,7 +1,8 @@
 """Serves the page on this computer, and each open page a websocket. One asyncio loop; the client has its own thread.
 
-/            the page, for who brings the key        /shapes    the plate's mode shapes, float32
-/<file>      its styles and scripts                  /socket    frames out, wishes in (messages.py)
+/            the page, for who brings the key     /shapes           the plate's mode shapes, float32
+/<file>      its styles and scripts               /layer?name=..    what is laid over the picture (layers.py)
+/socket      frames out, wishes in (messages.py)
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from aiohttp import WSMsgType, web
 
 from ..errors import RequestError
 from ..sim.hands import MAX_HANDS, Point
-from . import guard, messages
+from . import guard, layers, messages
 from .client import Plate, PlateClient
 from .messages import ClearFault, Hold, Want
 from .rig import PadHand
 
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+KEYED = ("/", "/shapes", "/layer", "/socket")  # what is more than the page's own files
 MAX_PAGES = 8
 HOLD_EVERY_S = 0.15  # the rig lets go of who is silent for three times as long
 
@@ -77,6 +79,7 @@ class Viewer:
         app = web.Application(middlewares=[self._guarded])
         app.router.add_get("/", self._index)
         app.router.add_get("/shapes", self._shapes)
+        app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
         for entry in resources.files(__package__).joinpath("page").iterdir():
             if entry.name != "index.html" and entry.name.rpartition(".")[2] in TYPES:
@@ -89,7 +92,7 @@ class Viewer:
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         why = guard.refusal(self.port, request.headers, is_socket=request.path == "/socket")
-        if not why and request.path in ("/", "/shapes", "/socket"):
+        if not why and request.path in KEYED:
             is_known = guard.has_key(request.query.get("key", ""), self.key)
             why = "" if is_known else "Open the address that `hapticd view` printed: it ends with a key."
         if why:
@@ -110,6 +113,17 @@ class Viewer:
         if self._plate is None:
             raise web.HTTPNotFound(text="No plate is known yet.\n")
         return web.Response(body=self._plate.grid, content_type="application/octet-stream")
+
+    async def _layer(self, request: web.Request) -> web.StreamResponse:
+        plate = self._plate
+        if plate is None:
+            raise web.HTTPNotFound(text="No plate is known yet.\n")
+        wanted = request.query.get("name", ""), plate.modes, plate.fingers, plate.w_limit_um, plate.size_mm
+        try:
+            levels = await asyncio.to_thread(layers.picture, *wanted)
+        except RequestError as error:
+            raise web.HTTPNotFound(text=f"{error}\n") from None
+        return web.Response(body=levels, content_type="application/octet-stream")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         if len(self._pages) >= MAX_PAGES:

@@ -28,8 +28,17 @@ export class Link {
 
   /** The mode shapes of the plate that was announced. */
   async shapes() {
-    const answer = await fetch(`/shapes?key=${encodeURIComponent(this.key)}`);
+    return new Float32Array(await this.bytes("/shapes?"));
+  }
+
+  /** A layer's levels, one byte a point. */
+  async layer(name) {
+    return new Uint8Array(await this.bytes(`/layer?name=${encodeURIComponent(name)}&`));
+  }
+
+  async bytes(path) {
+    const answer = await fetch(`${path}key=${encodeURIComponent(this.key)}`);
     if (!answer.ok) throw new Error(await answer.text());
-    return new Float32Array(await answer.arrayBuffer());
+    return answer.arrayBuffer();
   }
 }

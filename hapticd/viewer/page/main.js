@@ -6,6 +6,7 @@ import { Field } from "./field.js";
 import { FingerList, write } from "./fingers.js";
 import { Hands } from "./hands.js";
 import { History, judge, motion } from "./history.js";
+import { LayerMenu } from "./layers.js";
 import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
 
@@ -47,6 +48,7 @@ const link = new Link({
     hands.allow(message.simulated ? message.size_mm : null);
     write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
     $("new-box").hidden = !message.simulated;
+    layers.offer(message.layers);
     notice("");
   },
   frame: (message) => {
@@ -63,6 +65,7 @@ const link = new Link({
 });
 const ask = (wish) => link.say(wish);
 const hands = new Hands($("plate"), ask, pointedAt);
+const layers = new LayerMenu($("layer-box"), $("layer"), (name) => link.layer(name));
 const list = new FingerList($("fingers"), $("nobody"), ask, choose);
 
 function stopped(state, sentence) {
@@ -160,7 +163,7 @@ function draw(t_ms) {
   requestAnimationFrame(draw);
   hands.flush();
   const frame = history.current;
-  picture.draw(frame, chosen, isLive);
+  picture.draw(frame, chosen, isLive, layers.canvas);
   drawStrip($("strip"), history, colours);
   if (plate && frame) {
     const is = motion(frame);

@@ -12,14 +12,15 @@ export class PlatePicture {
     this.field = null;
   }
 
-  /** Draw a frame; `chosen` is the id of the finger that the keys speak to. */
-  draw(frame, chosen, isLive) {
+  /** Draw a frame; `chosen` is the id of the finger that the keys speak to, `layer` a picture to lay over the field. */
+  draw(frame, chosen, isLive, layer) {
     const { context, width, height } = prepared(this.canvas);
     if (!frame || !this.field) return;
     const { modal_um } = motion(frame);
     const largest_um = this.field.update(modal_um);
     context.globalAlpha = isLive ? 1 : 0.4;
     this.field.draw(context, width, height);
+    if (layer) context.drawImage(layer, 0, 0, width, height);
     if (largest_um > LEAST_UM) {
       context.strokeStyle = "rgb(255 255 255 / .5)";
       context.lineWidth = 1;
