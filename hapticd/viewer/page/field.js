@@ -14,6 +14,7 @@ export class Field {
     this.shapes = Array.from({ length: modes }, (_, k) => shapes.subarray(k * this.cells, (k + 1) * this.cells));
     this.real = new Float32Array(this.cells);
     this.imaginary = new Float32Array(this.cells);
+    this.inPhase = new Float32Array(this.cells);
     this.image = new ImageData(this.side, this.side);
     this.pixels = new Uint32Array(this.image.data.buffer);
     this.canvas = new OffscreenCanvas(this.side, this.side);
@@ -32,7 +33,7 @@ export class Field {
     }
     let largest = 0;
     for (let i = 0; i < cells; i++) {
-      const w_um = Math.hypot(real[i], imaginary[i]);
+      const w_um = Math.sqrt(real[i] * real[i] + imaginary[i] * imaginary[i]); // a tenth of Math.hypot's time
       if (w_um > largest) largest = w_um;
       this.pixels[i] = PIXELS[Math.min(LEVELS - 1, (w_um / FULL_UM) * (LEVELS - 1)) | 0];
     }
@@ -76,13 +77,17 @@ export class Field {
     const size = Math.hypot(...strongest);
     if (!(size > 0)) return path;
     const [cos, sin] = [strongest[0] / size, strongest[1] / size];
-    const { real, imaginary, side } = this;
-    const value = (i) => real[i] * cos + imaginary[i] * sin;
+    const { real, imaginary, side, inPhase } = this;
+    for (let i = 0; i < this.cells; i++) inPhase[i] = real[i] * cos + imaginary[i] * sin;
     const [dx, dy] = [width / (side - 1), height / (side - 1)];
     for (let row = 0; row < side - 1; row++) {
       for (let column = 0; column < side - 1; column++) {
         const i = row * side + column;
-        const corners = [value(i), value(i + 1), value(i + side + 1), value(i + side)];
+        const isBelow = inPhase[i] < 0;
+        if (inPhase[i + 1] < 0 === isBelow && inPhase[i + side] < 0 === isBelow && inPhase[i + side + 1] < 0 === isBelow) {
+          continue; // most cells
+        }
+        const corners = [inPhase[i], inPhase[i + 1], inPhase[i + side + 1], inPhase[i + side]];
         const crossings = [];
         for (let edge = 0; edge < 4; edge++) {
           const [a, b] = [corners[edge], corners[(edge + 1) % 4]];

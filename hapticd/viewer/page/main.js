@@ -21,6 +21,7 @@ const HINTS = {
     "finger sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
   real: "Click a finger to choose it. Keys: 0 makes it sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
 };
+const INVITATION = "Drag here to touch the plate";
 const FIELDS = {
   true: "as the simulated plate truly moves",
   measured: "as the board measures it",
@@ -163,8 +164,8 @@ function draw(t_ms) {
   requestAnimationFrame(draw);
   hands.flush();
   const frame = history.current;
-  picture.draw(frame, chosen, isLive, layers.canvas);
-  drawStrip($("strip"), history, colours);
+  picture.draw(frame, { chosen, isLive, layer: layers.canvas, invitation: plate?.simulated && isLive ? INVITATION : "" });
+  if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
     const modes = [{ phasors: frame.modal_um, colour: colours.asked, wide: 3.5 }];

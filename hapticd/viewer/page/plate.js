@@ -12,15 +12,16 @@ export class PlatePicture {
     this.field = null;
   }
 
-  /** Draw a frame; `chosen` is the id of the finger that the keys speak to, `layer` a picture to lay over the field. */
-  draw(frame, chosen, isLive, layer) {
+  /** Draw a frame; `chosen` is the id of the finger that the keys speak to, `layer` a picture to lay over the field,
+   * `invitation` what an untouched plate says. */
+  draw(frame, { chosen, isLive, layer, invitation }) {
     const { context, width, height } = prepared(this.canvas);
     if (!frame || !this.field) return;
     const { modal_um } = motion(frame);
     const largest_um = this.field.update(modal_um);
     context.globalAlpha = isLive ? 1 : 0.4;
     this.field.draw(context, width, height);
-    if (layer) context.drawImage(layer, 0, 0, width, height);
+    if (layer) context.drawImage(layer, 0.5, 0.5, layer.width - 1, layer.height - 1, 0, 0, width, height);
     if (largest_um > LEAST_UM) {
       context.strokeStyle = "rgb(255 255 255 / .5)";
       context.lineWidth = 1;
@@ -34,6 +35,7 @@ export class PlatePicture {
       if (finger.seen_mm[0] === null) continue;
       this.finger(context, finger, to, scale, finger.id === chosen, width);
     }
+    if (invitation && frame.fingers.length === 0) invite(context, invitation, width, height);
     context.globalAlpha = 1;
   }
 
@@ -91,6 +93,14 @@ export class PlatePicture {
     context.fillStyle = finger.target_um === null ? "#fff" : finger.target_um === 0 ? "#ffb877" : "#8fd3ff";
     context.fillText(text, left + 7, top + 10.5);
   }
+}
+
+function invite(context, text, width, height) {
+  context.font = "15px system-ui, sans-serif";
+  context.textAlign = "center";
+  context.fillStyle = "rgb(255 255 255 / .85)";
+  context.fillText(text, width / 2, height / 2);
+  context.textAlign = "left";
 }
 
 /** White with a dark edge, legible on every colour of the field. */
