@@ -63,7 +63,7 @@ export function drawLatency(canvas, histograms, colours) {
     context.fillText("No frame was sent yet.", 0, 20);
     return;
   }
-  const full_ms = Math.max(...names.map((name) => histograms[name].p99_ms)) * 1.25;
+  const full_ms = Math.max(...names.map((name) => Math.min(1.25 * histograms[name].p99_ms, 3 * histograms[name].p50_ms)));
   const [left, right, row] = [86, 92, (height - 16) / names.length];
   const to = (ms) => left + (Math.min(ms, full_ms) / full_ms) * (width - left - right);
   names.forEach((name, index) => {
