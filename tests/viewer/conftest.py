@@ -1,4 +1,4 @@
-"""A real Chromium without a screen, and the viewer as a process."""
+"""A real Chromium without a screen; the viewer as a process is in `viewprocess.py` beside this file."""
 
 from __future__ import annotations
 
@@ -41,19 +41,3 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chro
     driver = webdriver.Chrome(options=options, service=Service(DRIVER, log_output=subprocess.DEVNULL))
     yield driver
     driver.quit()
-
-
-class View:
-    """`hapticd view` as a process; `address` is what it printed."""
-
-    def __init__(self, *arguments: str) -> None:
-        command = [sys.executable, "-m", "hapticd", "view", "--no-browser", "--port", "0", *arguments]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        self.address = self.process.stdout.readline().partition(": ")[2].strip()
-
-    def end(self) -> int:
-        """As Ctrl-C does."""
-        self.process.terminate()
-        self.process.communicate(timeout=30)
-        return self.process.returncode

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 
 import pytest
-from conftest import View
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
+from viewprocess import View
 
 from hapticd.daemonprocess import DaemonProcess
 from hapticd.sim.rigprocess import RigProcess

@@ -42,6 +42,8 @@ let t_texts_ms = 0;
 const link = new Link({
   plate: async (message) => {
     plate = message;
+    chosen = null;
+    greeted.clear(); // another daemon counts its fingers from 1
     history.clear();
     const shapes = await link.shapes();
     if (plate !== message) return;
