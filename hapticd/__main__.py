@@ -27,6 +27,9 @@ class Command(NamedTuple):
 COMMANDS = {
     "demo": Command("cli.demo", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"),
     "run": Command("cli.run", "run the service in the foreground", "--config hapticd.toml"),
+    "view": Command(
+        "viewer.arguments", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
+    ),
     "simulate": Command(
         "cli.simulate",
         "play a scenario in virtual time and judge it",

@@ -47,6 +47,7 @@ SCENARIO_NAMES = (
     "paper-figure-11",
     "step",
     "both-slip",
+    "hands",
 )
 
 

@@ -13,12 +13,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .config import LimitsConfig, SolverConfig
+from .daemonprocess import DaemonProcess
 from .errors import HapticdError
 from .sim import lockstep
 from .sim.emulator import find_program
@@ -38,7 +41,6 @@ SCENARIO = "strokes"
 FINGERS = 2
 DAEMON_WITHIN_S = 15.0
 FINGERS_WITHIN_S = 10.0
-END_WITHIN_S = 10.0
 PICTURE_S = 2.5
 
 BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process", "qemu": "hapticd, the board in QEMU"}
@@ -52,10 +54,19 @@ BARE_PLATE = PlateSettings(
 )
 
 
-def show(seconds: float, seed: int, out: Path, *, board: str = "library", image: Path | None = None) -> int:
+def show(
+    seconds: float,
+    seed: int,
+    out: Path,
+    *,
+    board: str = "library",
+    image: Path | None = None,
+    in_browser: bool = False,
+) -> int:
     """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code.
 
-    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's.
+    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's. With
+    `in_browser` the plate can be watched there meanwhile (`viewer`).
     """
     try:
         import hapticd_client
@@ -69,21 +80,22 @@ def show(seconds: float, seed: int, out: Path, *, board: str = "library", image:
         raise HapticdError("--image is for a board in another process: give --board qemu or --board host as well.")
     program = None if board == "library" else find_program(board, image)
     try:
-        return _play(seconds, seed, out, board, program)
+        return _play(seconds, seed, out, board, program, in_browser=in_browser)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
 
-def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None) -> int:
+def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None, *, in_browser: bool) -> int:
     import hapticd_client
 
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
         rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
-        with rig, _Daemon(Path(folder), rig, board) as runtime_dir:
-            with hapticd_client.Client(runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
+        with rig, DaemonProcess(rig.directory, f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon:
+            with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 t_asked_s = _ask(client, rig, seed)
-                status = _watch(client, seconds)
+                with _watched(daemon.runtime_dir) if in_browser else nullcontext():
+                    status = _watch(client, seconds)
                 if status["board"].get("refused"):
                     raise HapticdError(status["board"]["refused"])
             t_end_s = time.monotonic() - rig.t_start_s
@@ -99,6 +111,7 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board fell silent for want of frames in time: this computer is too busy to emulate it; try again.")
     print(f"picture: {out.resolve()}")
+    print("To touch such a plate yourself, in the browser: hapticd view --sim")
     return 0
 
 
@@ -124,32 +137,6 @@ def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-class _Daemon:
-    """`hapticd run` as a process, on a rig that already runs; gives the runtime directory of its endpoints."""
-
-    def __init__(self, folder: Path, rig: RigProcess, board: str) -> None:
-        self._runtime_dir = folder / "run"
-        self._config = folder / "hapticd.toml"
-        self._config.write_text(
-            f'[sim]\nrig_dir = "{rig.directory}"\n[client]\nruntime_dir = "{self._runtime_dir}"\n'
-            f'[log]\nlevel = "warning"\n[solver]\nmax_knots = {MAX_KNOTS[board]}\n',
-            encoding="utf-8",
-        )
-
-    def __enter__(self) -> Path:
-        command = [sys.executable, "-m", "hapticd", "run", "--config", str(self._config)]
-        self._process = subprocess.Popen(command, start_new_session=True)
-        return self._runtime_dir
-
-    def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-
 def _ask(client: Client, rig: RigProcess, seed: int) -> float:
     """Ask for what each of the scenario's fingers should feel. Returns when, in the rig's time."""
     person = ScriptedClient(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S))
@@ -167,6 +154,19 @@ def _ask(client: Client, rig: RigProcess, seed: int) -> float:
         if time.monotonic() > t_give_up_s:
             break
     raise HapticdError("The simulated fingers did not land: try `hapticd run --sim` and read what it says.")
+
+
+@contextmanager
+def _watched(runtime_dir: Path) -> Iterator[None]:
+    """The plate in the browser as well; its own message says it where that cannot be."""
+    command = [sys.executable, "-m", "hapticd", "view", "--endpoint", str(runtime_dir)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        print(process.stdout.readline(), end="", flush=True)
+        try:
+            yield
+        finally:
+            process.terminate()
 
 
 def _watch(client: Client, seconds: float) -> dict[str, Any]:

@@ -76,6 +76,7 @@ class Machine:
         `calibration` is what the board shall know of its modes."""
         self.config = config
         self.instance = instance
+        self.modes = modes
         self.supervisor = Supervisor()
         self.scene = Scene(
             w_limit_um=max(config.limits.w_limit_um),
@@ -350,6 +351,8 @@ class Machine:
             return {}
         if request.op == "status":
             return self.report_status(t_now_ns)
+        if request.op == "plate":
+            return status.plate(self)
         return {"version": __version__, "instance": self.instance, **client_wire.CAPABILITIES}
 
     def _mark(self, marker: client_wire.Marker) -> Mapping[str, object]:

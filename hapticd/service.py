@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from . import calibration
@@ -77,7 +77,7 @@ class Workshop:
         modes = load_modes(config, rig_dir)
         warm_up(config)
         return Prepared(
-            config,
+            config if rig_dir == Path() else replace(config, sim=replace(config.sim, rig_dir=str(rig_dir))),
             modes,
             tuple(calibration.load(Path(measured), modes.M)) if measured else (),
             _trackpad(config, rig_dir),

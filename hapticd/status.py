@@ -1,4 +1,4 @@
-"""What the daemon tells of itself: the telemetry message of each pass, and the `status` answer."""
+"""What the daemon tells of itself: the telemetry message of each pass, and the answers to `status` and `plate`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
+
+from .config import SIMULATED
 from .values import Tick, TouchPoint
 from .wire.client import FingerState, PlateState, encode_state
 
@@ -16,16 +20,19 @@ if TYPE_CHECKING:
 
 RECENT_NS = 10_000_000_000  # frames older than this say nothing of now
 CHANGES_SHOWN = 5
+MAP_POINTS = 64  # per axis: a dozen for each wave of the reference plate
 
 
 def telemetry(machine: Machine, tick: Tick) -> bytes:
     """The telemetry message of one pass: every finger seen or virtual, with what it should get and gets."""
     points = {point.key: point for point in tick.points}
+    owner_of, board = machine.scene.owner_of, machine.session.status
     fingers = [
-        _finger_state(finger.finger_id, finger.x_mm, finger.y_mm, points.pop(finger.finger_id, None))
+        _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key))
         for finger in machine.pipeline.fingers
+        for key in (finger.finger_id,)
     ]
-    fingers += [_finger_state(key, point.x_mm, point.y_mm, point) for key, point in points.items()]
+    fingers += [_finger_state(key, point.x_mm, point.y_mm, point, owner_of(key)) for key, point in points.items()]
     return encode_state(
         PlateState(
             instance=machine.instance,
@@ -39,11 +46,12 @@ def telemetry(machine: Machine, tick: Tick) -> bytes:
             age_ms=tick.age_ns * 1e-6,
             horizon_ms=tick.horizon_ns * 1e-6,
             markers=tuple(machine.markers),
+            measured_um=() if board is None else board.measured_um,
         )
     )
 
 
-def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | None) -> FingerState:
+def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | None, owner: str | None) -> FingerState:
     return FingerState(
         id=key,
         x_mm=x_mm,
@@ -53,7 +61,39 @@ def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | 
         target_um=None if point is None else point.target_um,
         achieved_um=None if point is None else point.achieved_um,
         virtual=isinstance(key, str),
+        owner=owner,
     )
+
+
+def plate(machine: Machine) -> dict[str, object]:
+    """What a picture of the plate needs: its size, limits and drive, and points of its modes' maps.
+
+    `shapes` are float32, little-endian, by mode and then by rows along `y_mm`: (M, ny, nx). They are the map's own
+    points, as many as a wave needs: to evaluate others is not the daemon's work.
+    """
+    modes, hello = machine.modes, machine.session.hello
+    columns, rows = _spread(modes.x_mm.size), _spread(modes.y_mm.size)
+    return {
+        "size_mm": list(machine.config.plate.size_mm),
+        "w_limit_um": list(machine.config.limits.w_limit_um),
+        "drive_hz": None if hello is None else hello.drive_hz,
+        "x_mm": modes.x_mm[columns].tolist(),
+        "y_mm": modes.y_mm[rows].tolist(),
+        "modes": modes.M,
+        "shapes": modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
+        "simulated": _rig_directory(machine),
+    }
+
+
+def _spread(points: int) -> npt.NDArray[np.intp]:
+    """Which of an axis' points are told: evenly spread ones, with the first and the last."""
+    return np.linspace(0, points - 1, min(points, MAP_POINTS)).round().astype(np.intp)
+
+
+def _rig_directory(machine: Machine) -> str | None:
+    """Where the simulated rig is, if the trackpad is its."""
+    config = machine.config
+    return config.sim.rig_dir or None if config.trackpad.source == SIMULATED else None
 
 
 def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
@@ -65,6 +105,7 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
         "t_ns": t_now_ns,
         "fingers": len(machine.pipeline.fingers),
         "virtual_fingers": len(machine.scene.virtual_names(t_now_ns)),
+        "simulated": _rig_directory(machine),
         "touch": dataclasses.asdict(machine.pipeline.counters),
         "telemetry": {"published": machine.published, "skipped_no_subscriber": machine.skipped_no_subscriber},
         "trackpad": {

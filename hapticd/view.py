@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ LINE_S = 1.0
 RATE_OVER = 64
 PLATE_MM = 137.5
 COLUMNS, ROWS = 45, 15
+LEAST_UM = 0.005  # less is shown as 0
 CLEAR_TO_END = "\x1b[J"
 
 
@@ -72,7 +74,7 @@ class LiveView:
             f"{_um(finger.target_um):>11}{_um(finger.achieved_um):>9}"
             for finger in state.fingers
         ]
-        modes = "  ".join(f"W{name} {w_um:+.2f}" for name, w_um in zip("XYZ", state.modal_um, strict=False))
+        modes = "  ".join(f"W{name} {w}" for name, w in zip("XYZ", _phasors(state), strict=False))
         share = self._limited / self._states
         lines.append(f"{modes} um   {'LIMITED' if state.limited else '       '} ({share:.0%} of the time)")
         lines.append(
@@ -94,6 +96,13 @@ def _plate(state: PlateState) -> list[str]:
             target_um = finger.target_um
             rows[row][column] = "+" if target_um is None else "#" if target_um == 0 else "o"
     return ["".join(row) for row in rows]
+
+
+def _phasors(state: PlateState) -> list[str]:
+    """The modes' amplitudes, with the imaginary parts while two slipping fingers turn their phase."""
+    parts_um = zip_longest(state.modal_um, state.modal_q_um, fillvalue=0.0)
+    is_turned = any(abs(q_um) >= LEAST_UM for q_um in state.modal_q_um)
+    return [f"{d_um:+.2f}{q_um:+.2f}j" if is_turned else f"{d_um:+.2f}" for d_um, q_um in parts_um]
 
 
 def _um(amplitude_um: float | None) -> str:

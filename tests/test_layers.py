@@ -21,6 +21,7 @@ ALLOWED = {
     "wire": {"values", "tool_values", "errors", "wire"},
     "io": {"values", "errors", "io"},
     "design": {"values", "errors", "core.modes", "design"},
+    "viewer": {"errors", "config", "daemonprocess", "core.modes", "wire.fields", "sim", "viewer"},
     "sim": {"values", "tool_values", "errors", "core.modes", "wire", "design", "sim"},
     "study": {"errors", "study"},  # a client: it knows the daemon by the client library only
     "recording": {"__version__", "values", "errors", "config", "toml_file", "core", "wire", "machine", "recording"},
@@ -111,6 +112,12 @@ def test_what_records_within_the_daemon_knows_no_simulation(name: str) -> None:
     names = imported_names(PACKAGE / "recording" / f"{name}.py")
     assert not any(one.startswith("hapticd.sim") for one in names)
     assert not {one.split(".")[0] for one in names} & {"h5py", "pyarrow", "matplotlib"}
+
+
+def test_only_the_viewer_and_the_study_know_of_a_web_server() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] not in ("viewer", "study"):
+            assert "aiohttp" not in {name.split(".")[0] for name in imported_names(path)}, path
 
 
 def test_the_touch_path_never_imports_scipy() -> None:

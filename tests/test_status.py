@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
 
@@ -81,6 +83,46 @@ def test_latencies_are_those_of_now() -> None:
     assert 9.0 <= now["latency_ms"]["age"]["p50"] <= 12.0
     later: Any = status.collect(bench.machine, bench.t_ns + status.RECENT_NS + 1000 * MS)
     assert later["latency_ms"] == {}
+
+
+def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    said: Any = status.plate(bench.machine)
+    modes = bench.machine.modes
+    assert (said["size_mm"], said["w_limit_um"], said["simulated"]) == ([137.5, 137.5], [4.0, 4.0], None)
+    assert said["drive_hz"] == pytest.approx(29205.0)
+    shapes = np.frombuffer(said["shapes"], "<f4").reshape(said["modes"], len(said["y_mm"]), len(said["x_mm"]))
+    points_mm = np.stack(np.meshgrid(said["x_mm"], said["y_mm"]), axis=-1)
+    np.testing.assert_allclose(
+        np.moveaxis(shapes, 0, -1), modes.evaluate(points_mm.reshape(-1, 2)).reshape(points_mm.shape), atol=1e-6
+    )
+    assert (said["x_mm"][0], said["x_mm"][-1]) == (modes.x_mm[0], modes.x_mm[-1])
+    assert len(msgpack.packb(said)) < 65536
+
+
+def test_a_simulated_rig_is_told_with_its_directory() -> None:
+    bench = Bench()
+    assert status.collect(bench.machine, bench.t_ns)["simulated"] is None
+    config = bench.machine.config
+    bench.machine.config = replace(config, sim=replace(config.sim, rig_dir="/rig"))
+    assert status.plate(bench.machine)["simulated"] == status.collect(bench.machine, bench.t_ns)["simulated"] == "/rig"
+    bench.machine.config = replace(bench.machine.config, trackpad=replace(config.trackpad, source="hid"))
+    assert status.plate(bench.machine)["simulated"] is None
+
+
+def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.run(400)
+    states: list[dict[str, Any]] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.want({1: 1.0, 2: 1.0})
+    bench.run(200)
+    told = states[-1]
+    assert [finger["owner"] for finger in told["fingers"]] == ["test", "test"]
+    for finger in told["fingers"]:
+        shapes = bench.machine.modes.at(finger["predicted_x_mm"], finger["predicted_y_mm"])
+        w_um = sum(phi * complex(d, q) for phi, d, q in zip(shapes, told["modal_um"], told["modal_q_um"], strict=True))
+        assert abs(w_um) == pytest.approx(finger["achieved_um"], abs=0.03)
 
 
 def test_a_finger_that_nobody_wants_is_told_with_its_place_only() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -36,6 +37,12 @@ def shown(*states: PlateState) -> list[str]:
         view.update(each, 100.0 + index * STEP_S)
     view.close()
     return out.getvalue().rpartition("\x1b[J")[2].splitlines()
+
+
+def test_a_turned_phase_is_shown_with_both_parts() -> None:
+    turned = replace(state(finger(1, 0.0, 0.0)), modal_q_um=(0.25, -0.5))
+    assert "WX +1.50+0.25j  WY -2.25-0.50j um" in "".join(shown(turned))
+    assert "WX +1.50  WY -2.25 um" in "".join(shown(replace(turned, modal_q_um=(0.001, 0.0))))
 
 
 def test_elsewhere_than_on_a_terminal_it_is_one_line_a_second() -> None:

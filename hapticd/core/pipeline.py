@@ -112,9 +112,9 @@ class Pipeline:
         self._standing_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
 
     @property
-    def modal_um(self) -> tuple[float, ...]:
-        """The modal amplitudes at the first knot of the reference that stands."""
-        return tuple(w_um.real for w_um in self._standing.knots[0].modal_um)
+    def modal_um(self) -> tuple[complex, ...]:
+        """The modal phasors at the first knot of the reference that stands."""
+        return self._standing.knots[0].modal_um
 
     # --- from the trackpad ---
 

@@ -26,7 +26,7 @@ from ..machine import TIMER_NS, Machine, Tap
 from ..values import RawReport
 from .inforce import Passes
 from .plate import PlateSettings, PlateTruth
-from .scenarios import SCENARIOS, SPEED_MM_S, Actor
+from .scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
 from .score import Score, score
 from .scripted import ScriptedClient, virtual_name
 from .sensor import SensorModel, SensorSettings
@@ -152,7 +152,7 @@ class Simulation:
         self._config = _scheme_config(settings)
         plate = PlateTruth(settings.plate)
         self.world = World(
-            actors,
+            paths_of(actors),
             plate,
             w_limit_um=self._config.limits.w_limit_um,
             seed=seed,
@@ -238,7 +238,9 @@ class Simulation:
         recording = self.world.recording()
         t_s = recording.t_s
         true_mm = self._true_mm(t_s)
-        target_um = np.stack([actor.target_um(t_s) for actor in self.actors], axis=1)
+        target_um = np.full(true_mm.shape[:2], np.nan)
+        for index, actor in enumerate(self.actors):
+            target_um[:, index] = actor.target_um(t_s)
         target_um[~np.isfinite(true_mm[..., 0])] = np.nan
         truth_um = np.einsum("tnp,tp->tn", self.world.plate.shapes(true_mm), recording.plate_um)
         truth_um[~np.isfinite(true_mm[..., 0])] = np.nan

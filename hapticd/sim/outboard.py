@@ -17,19 +17,20 @@ import numpy.typing as npt
 from ..wire import protocol
 from ..wire.framing import FrameSplitter
 from .emulator import MODES, BenchReport, Emulator
-from .scenarios import Actor
-from .world import Recording
+from .fingers import Path as FingerPath
+from .world import Instant, Recording
 
 _FRAME_MAX = 512  # encoded; a reference of two modes has at most 450 bytes
 _KNOT = struct.Struct(f"<H{2 * MODES}f")
 
 
 class Outboard:
-    """A board in another process, with the fingers of a scenario at its plate; t = 0 is the rig's start."""
+    """A board in another process, with the fingers of `paths` at its plate; t = 0 is the rig's start."""
 
-    def __init__(self, actors: Sequence[Actor], board: str, program: Path, *, boot_id: int, keep: bool) -> None:
+    def __init__(self, paths: Sequence[FingerPath], board: str, program: Path, *, boot_id: int, keep: bool) -> None:
         self.t_s = 0.0
-        self._paths = [actor.path for actor in actors if actor.path is not None]
+        self._paths = paths
+        self._plate_um = np.zeros(MODES, dtype=np.complex128)
         self._keep = keep
         self._reports: list[tuple[int, BenchReport]] = []
         self._board_us = 0
@@ -55,12 +56,23 @@ class Outboard:
             self._board_us = unwrapped_us(report.t_us, self._board_us)
             # The board's clock against the rig's, by the report that was fastest: nothing arrives before it is sent.
             self._boot_s = min(self._boot_s, t_s - self._board_us * 1e-6)
+            self._plate_um = np.array(report.plate_um)
             if self._keep:
                 self._reports.append((self._board_us, report))
         return self._emulator.read()
 
+    @property
+    def t_ahead_s(self) -> float:
+        """Nobody has been asked where the fingers will be: this plate does not feel them."""
+        return self.t_s
+
+    def now(self) -> Instant:
+        """The fingers now, and what the bench saw last."""
+        finger_mm = np.array([path.position_mm(np.array([self.t_s]))[0] for path in self._paths]).reshape(-1, 2)
+        return Instant(finger_mm[np.isfinite(finger_mm[:, 0])], self._plate_um)
+
     def recording(self) -> Recording:
-        """Everything so far, at the instants of the bench's reports."""
+        """Everything so far, at the instants of the bench's reports; of a person's fingers only the newest places."""
         t_us = np.array([board_us for board_us, _ in self._reports], dtype=np.int64)
         plate_um = np.array([report.plate_um for _, report in self._reports], dtype=np.complex128).reshape(-1, MODES)
         t_s = np.asarray(t_us * 1e-6 + self._boot_s, dtype=np.float64)

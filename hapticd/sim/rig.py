@@ -5,7 +5,8 @@
 `DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate: its core in
 this process, or with `--board` the whole program in QEMU or in a process of its own (`sim/emulator.py`).
 `DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
-`DIRECTORY/modes.npz` is the cartography that was made of this plate.
+`DIRECTORY/modes.npz` is the cartography that was made of this plate. `DIRECTORY/truth` tells the plate's true motion
+and `DIRECTORY/fingers` takes the fingers of a person in place of the scenario's (`rigsockets.py`).
 The daemon cannot tell it from the real thing but by its file names. Bytes to and from the board take the link's 5 ms,
 reports the sensor's 10 ms. It prints `ready T` when both can be opened; T is its time zero on the
 host's monotonic clock. SIGTERM ends it and writes the recording, if asked; SIGUSR1 pulls the board's plug or puts it
@@ -36,15 +37,19 @@ import numpy as np
 
 from ..errors import DeviceError
 from .emulator import BOARDS
+from .fingers import Path as FingerPath
+from .hands import Hands, Yielding
 from .outboard import Outboard
 from .plate import PlateSettings, PlateTruth
 from .rigprocess import MODES_FILE
-from .scenarios import SCENARIOS, SPEED_MM_S
+from .rigsockets import RigSockets
+from .scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from .sensor import Report, SensorModel, SensorSettings
 from .world import World
 
 LINK_S = 0.005
 STEP_S = 0.002  # the board's clock is looked at so often
+CHUNK_TICKS = 16  # 8 ms: so far ahead it is settled what a finger does; half as many cost 3 % more of a processor
 MAX_BEHIND_S = 0.5  # after a longer stall time is dropped, as a board that was stopped would
 READ_SIZE = 4096
 
@@ -62,20 +67,28 @@ class Rig:
         board: str = "library",
         program: Path | None = None,
     ) -> None:
-        actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
-        self.actors = actors
+        self.actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
+        self.hands = Hands()
         self.plate = PlateTruth(PlateSettings())
         self._map = directory / MODES_FILE
         self.plate.cartography(seed).save(self._map)
         boot_id = os.getpid() & 0x7FFFFFFF
+        paths: list[FingerPath] = [*(Yielding(path, self.hands) for path in paths_of(self.actors)), *self.hands.fingers]
         self.world: World | Outboard
         if program is not None:
-            self.world = Outboard(actors, board, program, boot_id=boot_id, keep=keep)
+            self.world = Outboard(paths, board, program, boot_id=boot_id, keep=keep)
         else:
-            w_limit_um = (self.plate.settings.w_limit_um,) * 2
-            self.world = World(actors, self.plate, w_limit_um=w_limit_um, seed=seed, boot_id=boot_id, keep=keep)
-        paths = [actor.path for actor in actors if actor.path is not None]
-        self._scans = SensorModel(SensorSettings(), seed).scans(paths)
+            self.world = World(
+                paths,
+                self.plate,
+                w_limit_um=(self.plate.settings.w_limit_um,) * 2,
+                seed=seed,
+                boot_id=boot_id,
+                keep=keep,
+                chunk_ticks=CHUNK_TICKS,
+            )
+        self._scans = SensorModel(SensorSettings(), seed, block=1).scans(paths)
+        self._sockets = RigSockets(directory)
         self._reports: deque[Report] = deque()
         self._t_scan_s = 0.0
         self._to_board: deque[tuple[float, bytes]] = deque()
@@ -123,6 +136,7 @@ class Rig:
         if self._listener is not None:
             self._replug_trackpad()
         self._selector.close()
+        self._sockets.close()
         self._map.unlink(missing_ok=True)
         if isinstance(self.world, Outboard):
             self.world.close()
@@ -175,6 +189,7 @@ class Rig:
         return max(min(due_s) - self._now_s(), 0.0)
 
     def _advance(self, now_s: float) -> None:
+        self._hold()
         while self._to_board and self._to_board[0][0] <= now_s:
             due_s, data = self._to_board.popleft()
             self._run_to(due_s)
@@ -188,6 +203,21 @@ class Rig:
         self._scan(now_s)
         while self._reports and self._reports[0].t_arrive_s <= now_s:
             self._tell(self._reports.popleft().data)
+        if self._sockets.wants_truth(now_s):
+            self._tell_truth()
+
+    def _hold(self) -> None:
+        """Take what a person's fingers do; it begins where the plate has not gone on yet."""
+        t_s = self.world.t_ahead_s
+        for points_mm in self._sockets.held():
+            self.hands.hold(points_mm, t_s)
+        self.hands.expire(t_s)
+
+    def _tell_truth(self) -> None:
+        now = self.world.now()
+        truth_um = self.plate.shapes(now.finger_mm)[:, : len(now.plate_um)] @ now.plate_um
+        t_s = self.world.t_s
+        self._sockets.tell(t_s, round((self.t_start_s + t_s) * 1e9), now, truth_um)
 
     def _scan(self, now_s: float) -> None:
         """Sense up to now: reports wait in `_reports` for as long as the pad takes to send them."""
@@ -220,19 +250,26 @@ class Rig:
                 self._pads.remove(endpoint)
 
     def save(self, path: Path) -> None:
-        """Write what the plate did, and what each finger that touched it got, as the arrays of `sim.run`."""
+        """Write what the plate did, and what each finger that touched it got, as the arrays of `sim.run`; a person's
+        fingers follow the scenario's."""
         recording = self.world.recording()
         wants_um = [actor.target_um(recording.t_s) for actor in self.actors if actor.path is not None]
-        target_um = np.reshape(wants_um, (len(wants_um), len(recording.t_s))).T.copy()
-        absent = ~np.isfinite(recording.finger_mm[..., 0])
+        scripted = len(wants_um)
+        used = np.isfinite(recording.finger_mm[..., 0]).any(axis=0) | (
+            np.arange(recording.finger_mm.shape[1]) < scripted
+        )
+        finger_mm = recording.finger_mm[:, used]
+        target_um = np.full(finger_mm.shape[:2], np.nan)  # what a person wants of theirs is not known here
+        target_um[:, :scripted] = np.reshape(wants_um, (scripted, len(recording.t_s))).T
+        absent = ~np.isfinite(finger_mm[..., 0])
         target_um[absent] = np.nan
-        shapes = self.plate.shapes(recording.finger_mm)[..., : recording.plate_um.shape[1]]
+        shapes = self.plate.shapes(finger_mm)[..., : recording.plate_um.shape[1]]
         truth_um = np.einsum("tnp,tp->tn", shapes, recording.plate_um)
         truth_um[absent] = np.nan
         np.savez_compressed(
             path,
             t_s=recording.t_s,
-            finger_true_mm=recording.finger_mm,
+            finger_true_mm=finger_mm,
             target_um=target_um,
             reference_um=recording.reference_um,
             modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +59,11 @@ class Scenario:
     summary: str
     seconds: float
     build: Callable[[int, float], tuple[Actor, ...]]
+
+
+def paths_of(actors: Sequence[Actor]) -> list[Path]:
+    """The ways of those that touch the plate."""
+    return [actor.path for actor in actors if actor.path is not None]
 
 
 def _always(amplitude_um: float) -> tuple[tuple[float, float], ...]:
@@ -159,6 +164,11 @@ def _both_slip(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     )
 
 
+def _hands(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    del seed, speed_mm_s
+    return ()
+
+
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
@@ -173,5 +183,6 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
         Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
+        Scenario("hands", "nobody touches until a person does, in `hapticd view --sim`", 1.0, _hands),
     )
 }

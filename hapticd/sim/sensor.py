@@ -25,7 +25,7 @@ __all__ = ["Record", "Report", "Scan", "SensorModel", "SensorSettings", "encode_
 Array = npt.NDArray[np.float64]
 
 _TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
-_BLOCK = 64  # frames whose positions are asked for at once
+BLOCK = 64  # frames whose positions are asked for at once, where they are known so far ahead
 _OFF_PAD_MM = 3.0  # a finger's centre may lie a little beyond the declared range and still be felt
 _MAX_RAW = 4095
 _PRESSURE_RISE = (0.4, 0.7, 1.0)  # of the first frames of a contact
@@ -130,14 +130,16 @@ def _position_word(record: Record) -> int:
 class SensorModel:
     """Reports of one pad for the given finger paths (at most 15). Same settings, seed and paths: same bytes.
 
-    ValueError if the model is unknown or `plate_from_pad` cannot be inverted.
+    `block` is for how many frames at once the paths are asked; the noise depends on it. ValueError if the model is
+    unknown or `plate_from_pad` cannot be inverted.
     """
 
-    def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0) -> None:
+    def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0, *, block: int = BLOCK) -> None:
         if settings.model not in GEOMETRY:
             raise ValueError(f"unknown trackpad model {settings.model!r}: use one of {', '.join(GEOMETRY)}")
         self.settings = settings
         self.seed = seed
+        self._block = block
         affine = settings.plate_from_pad
         self._pad_from_plate = np.linalg.inv(
             ((affine.xx, affine.xy), (affine.yx, affine.yy))
@@ -169,9 +171,10 @@ class SensorModel:
         if start_ms is None:
             start_ms = STAMP_WRAP_MS - int(rng.integers(1, 10_000))
         first = rng.random()  # the pad's scans and the run begin independently
-        for block in count(step=_BLOCK):
-            t_s: Array = (first + np.arange(block, block + _BLOCK, dtype=np.float64)) * np.float64(settings.period_s)
-            stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, _BLOCK) * settings.stamp_jitter_ms)
+        size = self._block
+        for block in count(step=size):
+            t_s: Array = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
+            stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
             points, copies = self._raw_points(paths, t_s, rng), self._copies(rng)
             for i, t_sample_s in enumerate(t_s.tolist()):
                 records = contacts.scan([path_points[i] for path_points in points])
@@ -198,7 +201,10 @@ class SensorModel:
 
     def _copies(self, rng: np.random.Generator) -> list[int]:
         """How often the report of each scan of a block is delivered."""
-        is_lost, is_duplicated = rng.random((2, _BLOCK)) < [[self.settings.lost_frac], [self.settings.duplicate_frac]]
+        is_lost, is_duplicated = rng.random((2, self._block)) < [
+            [self.settings.lost_frac],
+            [self.settings.duplicate_frac],
+        ]
         copies: list[int] = np.where(is_lost, 0, 1 + is_duplicated).tolist()
         return copies
 

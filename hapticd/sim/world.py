@@ -1,7 +1,7 @@
 """The physical half of the simulation: fingers on the plate, the plate, and the board with the firmware's C.
 
 It is advanced tick by tick, in virtual time by `lockstep` and in real time by `rig`. What the fingers do is computed
-a chunk ahead, vectorised, for they are pure functions of time.
+a chunk ahead, vectorised, for they are pure functions of time, or a person's, of which little is known ahead.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .board import Board, BoardConfig, BoardTrace, PlateModel
+from .fingers import Path
 from .plate import PlateTruth
-from .scenarios import Actor
 
 CHUNK_TICKS = 500
 CONTROL_HZ = 2000.0
@@ -32,12 +32,23 @@ class Recording:
     flags: npt.NDArray[np.uint8]
 
 
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """The plate at one instant: the fingers that touch it (F, 2), and P of its modes (P,) in the rotating frame."""
+
+    finger_mm: npt.NDArray[np.float64]
+    plate_um: npt.NDArray[np.complex128]
+
+
 class World:
-    """One plate with its fingers and its board; t = 0 is its start. With `keep` everything is recorded."""
+    """One plate with its fingers and its board; t = 0 is its start. With `keep` everything is recorded.
+
+    `paths` are its F fingers, `chunk_ticks` is how far ahead they are asked where they will be.
+    """
 
     def __init__(
         self,
-        actors: Sequence[Actor],
+        paths: Sequence[Path],
         plate: PlateTruth,
         *,
         w_limit_um: tuple[float, ...],
@@ -45,6 +56,7 @@ class World:
         boot_id: int,
         board_start_us: int = 0,
         keep: bool = True,
+        chunk_ticks: int = CHUNK_TICKS,
     ) -> None:
         self.plate = plate
         self.board = Board(
@@ -72,9 +84,11 @@ class World:
         )
         self.ticks = 0
         self._board_start_us = board_start_us
-        self._paths = [actor.path for actor in actors if actor.path is not None]
+        self._paths = paths
         self._keep = keep
+        self._chunk_ticks = chunk_ticks
         self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
+        self._before = np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128)
         self._start_chunk()
 
     @property
@@ -82,13 +96,24 @@ class World:
         """The world's time: the end of the last control tick."""
         return self.ticks / CONTROL_HZ
 
+    @property
+    def t_ahead_s(self) -> float:
+        """Up to here the fingers have been asked where they are: what they do from then on can still change."""
+        return (self.ticks - self._done + self._chunk_ticks) / CONTROL_HZ
+
+    def now(self) -> Instant:
+        """The last tick; before the first a plate at rest."""
+        finger_mm, plate_um = self._before if self._done == 0 else self._row(self._done - 1)
+        return Instant(finger_mm[np.isfinite(finger_mm[:, 0])], plate_um)
+
     def advance(self, t_s: float) -> bytes:
         """Run up to `t_s`, or to the tick at which the board says something: its bytes, b"" at `t_s`."""
         due = int(t_s * CONTROL_HZ + 1e-6)
         while self.ticks < due:
-            if self._done == CHUNK_TICKS:
+            if self._done == self._chunk_ticks:
+                self._before = self._row(self._done - 1)
                 self._start_chunk()
-            ticks = min(due - self.ticks, CHUNK_TICKS - self._done)
+            ticks = min(due - self.ticks, self._chunk_ticks - self._done)
             part = slice(self._done, self._done + ticks)
             ran = self.board.run(
                 ticks, self._phi[part], self._decay_1_s[part], self._trace, self._done, stop_on_transmit=True
@@ -111,7 +136,7 @@ class World:
 
     def recording(self) -> Recording:
         """Everything so far."""
-        parts = [(fingers, trace, CHUNK_TICKS) for fingers, trace in self._kept[:-1]]
+        parts = [(fingers, trace, self._chunk_ticks) for fingers, trace in self._kept[:-1]]
         parts.append((*self._kept[-1], self._done))
         return Recording(
             t_s=(np.arange(self.ticks) + 1) / CONTROL_HZ,
@@ -122,14 +147,23 @@ class World:
             flags=np.concatenate([trace.flags[:count] for _, trace, count in parts]),
         )
 
+    def _row(self, tick: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]:
+        """Fingers (F, 2) and plate (P,) at a tick of this chunk."""
+        fingers_mm, trace = self._kept[-1]
+        return fingers_mm[tick], trace.plate_um[tick]
+
     def _start_chunk(self) -> None:
-        t_s = (self.ticks + np.arange(CHUNK_TICKS) + 1) / CONTROL_HZ
-        fingers_mm = np.full((CHUNK_TICKS, len(self._paths), 2), np.nan)
+        ticks = self._chunk_ticks
+        t_s = (self.ticks + np.arange(ticks) + 1) / CONTROL_HZ
+        fingers_mm = np.full((ticks, len(self._paths), 2), np.nan)
         for index, path in enumerate(self._paths):
             fingers_mm[:, index] = path.position_mm(t_s)
-        self._phi = np.ascontiguousarray(self.plate.shapes(fingers_mm))
-        self._decay_1_s = np.where(np.isfinite(fingers_mm[..., 0]), self.plate.settings.finger_decay_1_s, 0.0)
-        self._trace = BoardTrace(CHUNK_TICKS, len(self.plate.sensor), len(self.plate.decay_1_s))
+        near = np.ascontiguousarray(
+            fingers_mm[:, np.isfinite(fingers_mm[..., 0]).any(axis=0)]
+        )  # a finger in the air takes no part
+        self._phi = np.ascontiguousarray(self.plate.shapes(near))
+        self._decay_1_s = np.where(np.isfinite(near[..., 0]), self.plate.settings.finger_decay_1_s, 0.0)
+        self._trace = BoardTrace(ticks, len(self.plate.sensor), len(self.plate.decay_1_s))
         self._done = 0
         if not self._keep:
             self._kept.clear()

@@ -31,7 +31,7 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "clear_fault", "marker")
+OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker")
 
 MAX_REQUEST_ID = 2**32 - 1
 MAX_MARKER_CHARACTERS = 100
@@ -84,7 +84,10 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class FingerState:
-    """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants."""
+    """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants.
+
+    `owner` is the client that holds it.
+    """
 
     id: int | str
     x_mm: float
@@ -94,6 +97,7 @@ class FingerState:
     target_um: float | None
     achieved_um: float | None
     virtual: bool
+    owner: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +105,9 @@ class PlateState:
     """One telemetry message. `instance` changes with every start of the daemon; `seq` counts its messages.
 
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
-    mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's,
-    `markers` those that came since the message before.
+    mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
+    `modal_um` are the phasors that the board was asked for, `measured_um` those that it last measured; `markers` came
+    since the message before.
     """
 
     instance: int
@@ -110,12 +115,13 @@ class PlateState:
     t_ns: int
     state: str
     fingers: tuple[FingerState, ...]
-    modal_um: tuple[float, ...]
+    modal_um: tuple[complex, ...]
     limited: bool
     condition: float | None
     age_ms: float
     horizon_ms: float
     markers: tuple[Marker, ...] = ()
+    measured_um: tuple[complex, ...] = ()
 
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -210,7 +216,9 @@ def encode_state(state: PlateState) -> bytes:
                 "t_ns": state.t_ns,
                 "state": state.state,
                 "fingers": [_finger_fields(finger) for finger in state.fingers],
-                "modal_um": [_finite(w_um) for w_um in state.modal_um],
+                "modal_um": [_finite(w_um.real) for w_um in state.modal_um],
+                "modal_q_um": [_finite(w_um.imag) for w_um in state.modal_um],
+                "measured_um": [[_finite(w_um.real), _finite(w_um.imag)] for w_um in state.measured_um],
                 "limited": state.limited,
                 "condition": _finite(state.condition),
                 "age_ms": _finite(state.age_ms),
@@ -231,6 +239,7 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
         "target_um": _finite(finger.target_um),
         "achieved_um": _finite(finger.achieved_um),
         "virtual": finger.virtual,
+        "owner": finger.owner,
     }
 
 

@@ -70,8 +70,10 @@ def test_the_texts_state_has_the_fields_that_the_daemon_sends_and_the_library_re
     for example in examples("telemetry"):
         state = messages.decode_state(msgpack.packb(example))
         fingers = tuple(wire.FingerState(**finger) for finger in example["fingers"])
-        fields = {name: value for name, value in example.items() if name not in ("v", "fingers", "modal_um")}
-        sent = wire.encode_state(wire.PlateState(**fields, fingers=fingers, modal_um=tuple(example["modal_um"])))
+        fields = {name: value for name, value in example.items() if name not in ("v", "fingers") and "_um" not in name}
+        modal_um = tuple(map(complex, example["modal_um"], example["modal_q_um"]))
+        measured_um = tuple(complex(d, q) for d, q in example["measured_um"])
+        sent = wire.encode_state(wire.PlateState(**fields, fingers=fingers, modal_um=modal_um, measured_um=measured_um))
         assert msgpack.unpackb(sent) == example
         assert messages.decode_state(sent) == state
 
@@ -220,6 +222,17 @@ def test_fields_of_a_newer_daemon_are_ignored() -> None:
     (example,) = examples("telemetry")
     newer = example | {"mood": "good", "fingers": [finger | {"pressure": 1} for finger in example["fingers"]]}
     assert messages.decode_state(msgpack.packb(newer)) == messages.decode_state(msgpack.packb(example))
+
+
+def test_a_state_of_an_older_daemon_lacks_only_what_it_did_not_tell() -> None:
+    (example,) = examples("telemetry")
+    older = {name: value for name, value in example.items() if name not in ("modal_q_um", "measured_um")}
+    older["fingers"] = [
+        {name: value for name, value in finger.items() if name != "owner"} for finger in older["fingers"]
+    ]
+    state = messages.decode_state(msgpack.packb(older))
+    assert (state.modal_q_um, state.measured_um, state.fingers[0].owner) == ((), (), None)
+    assert state.modal_um == tuple(example["modal_um"])
 
 
 def test_a_late_reply_is_not_mistaken_for_another() -> None:

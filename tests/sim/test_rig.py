@@ -12,12 +12,16 @@ import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
+import zmq
 
 from hapticd.errors import DeviceError
 from hapticd.sim import rig as rig_module
+from hapticd.sim import rigsockets
 from hapticd.sim.rig import Rig
 from hapticd.sim.rigprocess import RigProcess
 from hapticd.values import BoardHello, BoardMessage
@@ -135,6 +139,71 @@ def test_the_trackpads_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) ->
         assert pad.recv(512)
 
 
+# --- a person's fingers, and the truth ---
+
+
+@contextmanager
+def socket_of(directory: Path, kind: int, name: str) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(kind) as end:
+        end.linger = 0
+        end.rcvtimeo = round(PATIENCE_S * 1e3)
+        if kind == zmq.SUB:
+            end.subscribe(b"")
+        end.connect(f"ipc://{directory / name}")
+        yield end
+
+
+def truth_where(end: zmq.Socket[bytes], condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The first truth that meets the condition."""
+    for _ in range(round(PATIENCE_S / rigsockets.PERIOD_S)):
+        truth = msgpack.unpackb(end.recv())
+        if condition(truth):
+            return dict(truth)
+    raise AssertionError(f"still {truth}")
+
+
+def test_the_truth_is_told_to_who_listens(rig: tuple[Rig, Path]) -> None:
+    made, directory = rig
+    with socket_of(directory, zmq.SUB, "truth") as end:
+        first, second = (truth_where(end, lambda truth: len(truth["fingers"]) == 2) for _ in range(2))
+    assert second["t_ns"] - first["t_ns"] >= 0.9 * rigsockets.PERIOD_S * 1e9
+    assert np.shape(first["modal_um"]) == (4, 2)
+    assert np.shape(first["truth_um"]) == (2, 2)
+    until(lambda: not made._sockets._is_subscribed)
+
+
+def test_a_persons_fingers_take_the_scenarios_place_until_they_let_go() -> None:
+    with RigProcess("rest", 1) as running, socket_of(running.directory, zmq.SUB, "truth") as truth:
+        truth_where(truth, lambda told: len(told["fingers"]) == 2)
+        with socket_of(running.directory, zmq.PUSH, "fingers") as fingers:
+            for message in (b"no fingers", msgpack.packb({"fingers": {"1": [7.0, -3.0]}})):
+                fingers.send(message)
+            truth_where(truth, lambda told: told["fingers"] == [[7.0, -3.0]])
+        truth_where(truth, lambda told: told["fingers"] == [])
+
+
+def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None:
+    made = Rig(tmp_path, "hands", 1, keep=True)
+    sensed: list[bytes] = []
+    made._tell = sensed.append  # type: ignore[method-assign]
+    made.hands.hold({"1": (7.0, -3.0)}, 0.05)
+    made._advance(0.4)
+    made._sockets.close()
+    decoder = Decoder("mt2-usb")
+    contacts = [contact for data in sensed for frame in decoder.decode(data, 0) for contact in frame.contacts]
+    places_mm = np.array([(contact.x_mm, contact.y_mm) for contact in contacts])
+    made.save(tmp_path / "plate.npz")
+    made.close()
+    assert len(contacts) > 20
+    assert 0.01 < np.std(places_mm[:, 0]) < 0.1
+    np.testing.assert_allclose(places_mm.mean(axis=0), (7.0, -3.0), atol=0.05)
+    with np.load(tmp_path / "plate.npz") as arrays:
+        down = np.isfinite(arrays["finger_true_mm"][:, 0, 0])
+        assert arrays["finger_true_mm"].shape == (800, 1, 2)
+        np.testing.assert_array_equal(arrays["t_s"][down][0], 0.05)
+        assert np.isnan(arrays["target_um"]).all()
+
+
 def test_a_recording_has_the_arrays_of_a_run(tmp_path: Path) -> None:
     made = Rig(tmp_path, "step", 1, keep=True)
     made._advance(0.2)
@@ -163,7 +232,7 @@ def test_a_rig_that_was_stopped_drops_the_time_it_missed(tmp_path: Path) -> None
 def test_a_rig_process_leaves_nothing_behind(tmp_path: Path) -> None:
     with RigProcess("rest", 1, record=tmp_path / "plate.npz") as running:
         directory = running.directory
-        assert {path.name for path in directory.iterdir()} == {"board", "trackpad", "modes.npz"}
+        assert {path.name for path in directory.iterdir()} == {"board", "trackpad", "modes.npz", "truth", "fingers"}
         assert running.t_start_s > 0
     assert running.process.returncode == 0
     assert not directory.exists()

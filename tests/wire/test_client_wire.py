@@ -327,11 +327,12 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         t_ns=2**40,
         state="ACTIVE",
         fingers=(client.FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True),),
-        modal_um=(1.0, -4.0),
+        modal_um=(1.0, -4.0 + 0.5j),
         limited=True,
         condition=math.inf,
         age_ms=10.5,
         horizon_ms=16.0,
+        measured_um=(1.1 + 0.1j, complex(math.nan, 2.0)),
     )
     assert msgpack.unpackb(client.encode_state(state)) == {
         "v": 1,
@@ -349,9 +350,12 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
                 "target_um": None,
                 "achieved_um": None,
                 "virtual": True,
+                "owner": None,
             }
         ],
         "modal_um": [1.0, -4.0],
+        "modal_q_um": [0.0, 0.5],
+        "measured_um": [[1.1, 0.1], [None, 2.0]],
         "limited": True,
         "condition": None,
         "age_ms": 10.5,

@@ -163,6 +163,10 @@ class Client:
         """The daemon's health: counters, latencies, the board."""
         return self._ask("status")
 
+    def plate(self) -> dict[str, Any]:
+        """The plate's size, limits, drive and mode shapes, as `plate` in clients/PROTOCOL.md has them."""
+        return self._ask("plate")
+
     def capabilities(self) -> dict[str, Any]:
         """What this daemon can be asked, and within which bounds."""
         return self._ask("capabilities")

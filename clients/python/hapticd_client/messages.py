@@ -20,7 +20,8 @@ class FingerState:
     """One finger: where it was last seen, where it will be when the plate moves, what it should get and gets.
 
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
-    None: nothing was computed, as for a finger that nobody wants. `virtual` fingers have a name for an id.
+    None: nothing was computed, as for a finger that nobody wants. `virtual` fingers have a name for an id. `owner` is
+    the client that holds it, None also of a daemon that does not tell.
     """
 
     id: int | str
@@ -31,6 +32,7 @@ class FingerState:
     target_um: float | None
     achieved_um: float | None
     virtual: bool
+    owner: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,9 @@ class PlateState:
     `t_ns` is the host's monotonic clock and `seq` counts the messages of one daemon; `instance` changes when the
     daemon restarts. `limited` says that some target was missed because a mode met its limit, `condition` how hard
     the fingers are to tell apart (None: not computed, or impossible). `age_ms` is the age of the newest touch sample,
-    `horizon_ms` how far ahead of it the plate was driven. `markers` came since the message before: a reader that skips
-    messages misses those in them.
+    `horizon_ms` how far ahead of it the plate was driven. `modal_um` and `modal_q_um` are the real and imaginary parts
+    of the modes' phasors, `measured_um` what the board last measured of them; an older daemon tells neither of the two.
+    `markers` came since the message before: a reader that skips messages misses those in them.
     """
 
     instance: int
@@ -64,6 +67,8 @@ class PlateState:
     age_ms: float
     horizon_ms: float
     markers: tuple[Marker, ...] = ()
+    modal_q_um: tuple[float, ...] = ()
+    measured_um: tuple[complex, ...] = ()
 
 
 def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) -> bytes:
@@ -106,6 +111,8 @@ def decode_state(payload: bytes) -> PlateState:
             age_ms=_number(fields["age_ms"]),
             horizon_ms=_number(fields["horizon_ms"]),
             markers=tuple(Marker(one["t_ns"], one["client"], one["text"]) for one in fields.get("markers", ())),
+            modal_q_um=tuple(_number(w_um) for w_um in fields.get("modal_q_um", ())),
+            measured_um=tuple(complex(_number(d), _number(q)) for d, q in fields.get("measured_um", ())),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise HapticdError(f"The daemon sent a state that cannot be read ({error}).") from None
@@ -121,6 +128,7 @@ def _finger_state(finger: dict[str, Any]) -> FingerState:
         target_um=finger["target_um"],
         achieved_um=finger["achieved_um"],
         virtual=finger["virtual"],
+        owner=finger.get("owner"),
     )
 
 

@@ -1,0 +1,42 @@
+"""`hapticd run` as a process of its own, on a simulated rig that runs already."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+END_WITHIN_S = 10.0
+
+
+class DaemonProcess:
+    """A service from `__enter__` to `__exit__`; `runtime_dir` is where its clients connect.
+
+    `settings` is more of its configuration, as TOML.
+    """
+
+    def __init__(self, rig_dir: Path, settings: str = "") -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="hapticd-run-")
+        self.runtime_dir = Path(self._folder.name, "run")
+        self._config = Path(self._folder.name, "hapticd.toml")
+        self._config.write_text(
+            f'[sim]\nrig_dir = "{rig_dir}"\n[client]\nruntime_dir = "{self.runtime_dir}"\n'
+            f'[log]\nlevel = "warning"\n{settings}',
+            encoding="utf-8",
+        )
+
+    def __enter__(self) -> DaemonProcess:
+        # Its own session: a Ctrl-C is for who started it, who then ends it.
+        command = [sys.executable, "-m", "hapticd", "run", "--config", str(self._config)]
+        self.process = subprocess.Popen(command, start_new_session=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        try:
+            self.process.wait(END_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._folder.cleanup()

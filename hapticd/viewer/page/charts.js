@@ -1,0 +1,146 @@
+// The charts beside the plate: the modes' phasors, where the time goes, and the last half minute.
+
+import { prepared } from "./colours.js";
+import { SPAN_S } from "./history.js";
+
+const NAMES = ["X", "Y", "Z"];
+const SPANS = { age: "sample's age", compute: "compute", link: "link", horizon: "horizon" };
+const FULL_UM = 2;
+const GAP_S = 0.5;
+
+/** Each mode's phasor against its limit: what was asked, what is. */
+export function drawModes(canvas, modes, limits_um, colours) {
+  const { context, width, height } = prepared(canvas);
+  const cell = width / limits_um.length;
+  const radius = Math.min(cell / 2 - 12, height / 2 - 13);
+  context.font = "12px system-ui, sans-serif";
+  for (let mode = 0; mode < limits_um.length; mode++) {
+    const [x, y] = [cell * (mode + 0.5), height / 2 + 8];
+    const scale = radius / limits_um[mode];
+    context.lineWidth = 1;
+    context.strokeStyle = colours.line;
+    for (const part of [0.5, 1]) {
+      context.beginPath();
+      context.arc(x, y, radius * part, 0, 2 * Math.PI);
+      context.stroke();
+    }
+    context.beginPath();
+    context.moveTo(x - radius, y);
+    context.lineTo(x + radius, y);
+    context.moveTo(x, y - radius);
+    context.lineTo(x, y + radius);
+    context.stroke();
+    context.fillStyle = colours.quiet;
+    context.textAlign = "left";
+    context.fillText(`W${NAMES[mode] ?? mode}`, cell * mode + 4, 12);
+    context.textAlign = "right";
+    context.fillText(`${limits_um[mode]} µm`, cell * (mode + 1) - 4, 12);
+    for (const { phasors, colour, wide } of modes) {
+      const w_um = phasors[mode];
+      if (!w_um) continue;
+      const [dx, dy] = [(w_um[0] ?? 0) * scale, -(w_um[1] ?? 0) * scale];
+      context.strokeStyle = context.fillStyle = colour;
+      context.lineWidth = wide;
+      context.beginPath();
+      context.moveTo(x, y);
+      context.lineTo(x + dx, y + dy);
+      context.stroke();
+      context.beginPath();
+      context.arc(x + dx, y + dy, wide + 1, 0, 2 * Math.PI);
+      context.fill();
+    }
+  }
+  context.textAlign = "left";
+}
+
+/** A histogram of each part of the way, all on one axis of milliseconds. */
+export function drawLatency(canvas, histograms, colours) {
+  const { context, width, height } = prepared(canvas);
+  const names = Object.keys(SPANS).filter((name) => histograms[name]);
+  context.font = "12px system-ui, sans-serif";
+  if (names.length === 0) {
+    context.fillStyle = colours.quiet;
+    context.fillText("No frame was sent yet.", 0, 20);
+    return;
+  }
+  const full_ms = Math.max(...names.map((name) => Math.min(1.25 * histograms[name].p99_ms, 3 * histograms[name].p50_ms)));
+  const [left, right, row] = [86, 92, (height - 16) / names.length];
+  const to = (ms) => left + (Math.min(ms, full_ms) / full_ms) * (width - left - right);
+  names.forEach((name, index) => {
+    const { buckets, p50_ms, p99_ms } = histograms[name];
+    const floor = row * (index + 1) - 3;
+    context.fillStyle = colours.quiet;
+    context.fillText(SPANS[name], 0, floor - 2);
+    context.fillStyle = colours.ink;
+    context.fillText(`${p50_ms.toFixed(1)} / ${p99_ms.toFixed(1)}`, width - right + 10, floor - 2);
+    let below_ms = 0;
+    const most = Math.max(...buckets.map(([above, count], i) => count / (above - (buckets[i - 1]?.[0] ?? 0) || 1)));
+    context.fillStyle = colours.bar;
+    for (const [above_ms, count] of buckets) {
+      const dense = count / (above_ms - below_ms || 1) / most;
+      const tall = count > 0 ? Math.max(dense * (row - 7), 1) : 0;
+      const begin = to(below_ms);
+      if (below_ms < full_ms) context.fillRect(begin, floor - tall, Math.max(to(above_ms) - begin - 0.5, 1), tall);
+      below_ms = above_ms;
+    }
+    context.fillStyle = colours.line;
+    context.fillRect(left, floor, width - left - right, 1);
+  });
+  context.fillStyle = colours.quiet;
+  context.fillText("0", left, height - 3);
+  context.textAlign = "right";
+  context.fillText(`${full_ms.toFixed(0)} ms`, width - right, height - 3);
+  context.textAlign = "left";
+  context.fillText("p50 / p99", width - right + 10, height - 3);
+}
+
+/** What each finger got over the last half minute, and where we look. */
+export function drawStrip(canvas, history, colours) {
+  const { context, width, height } = prepared(canvas);
+  const left = 34;
+  const newest = history.newest;
+  const floor = height - 6;
+  const up = (um) => floor - (Math.min(um, FULL_UM) / FULL_UM) * (height - 14);
+  context.font = "12px system-ui, sans-serif";
+  context.textBaseline = "middle";
+  for (const um of [0, 1, 2]) {
+    context.fillStyle = colours.line;
+    context.fillRect(left, up(um), width - left, 1);
+    context.fillStyle = colours.quiet;
+    context.fillText(um === 2 ? "2 µm" : `${um}`, 0, Math.max(up(um), 7));
+  }
+  context.textBaseline = "alphabetic";
+  if (!newest) return;
+  const along = (t_s) => left + (1 + (t_s - newest.t_s) / SPAN_S) * (width - left);
+  const lines = new Map();
+  let last_x = -1;
+  for (const frame of history.frames) {
+    const x = along(frame.t_s);
+    if (x - last_x < 0.7 && frame !== newest) continue;
+    last_x = x;
+    for (const { id, target_um, gets_um } of frame.fingers) {
+      if (gets_um === null) continue;
+      const colour = target_um === null ? colours.alone : target_um === 0 ? colours.stick : colours.slip;
+      const line = lines.get(id);
+      const goesOn = line && line.colour === colour && frame.t_s - line.t_s < GAP_S;
+      const path = goesOn ? line.path : new Path2D();
+      if (goesOn) path.lineTo(x, up(gets_um));
+      else path.moveTo(x, up(gets_um));
+      if (line && !goesOn) stroke(context, line);
+      lines.set(id, { path, colour, t_s: frame.t_s });
+    }
+  }
+  for (const line of lines.values()) stroke(context, line);
+  if (history.paused) {
+    const x = along(newest.t_s - history.back_s);
+    context.fillStyle = colours.ink;
+    context.fillRect(Math.min(x, width - 2), 0, 2, height);
+  }
+}
+
+function stroke(context, { path, colour }) {
+  context.strokeStyle = colour;
+  context.lineWidth = 1.5;
+  context.lineJoin = "round";
+  context.stroke(path);
+}

@@ -1,0 +1,89 @@
+// The list of fingers: what each should get and gets, who holds it, and what this page asks for it.
+
+const MOST_UM = 2;
+const STEP_UM = 0.05;
+const SLIPPERY_UM = 1;
+
+export class FingerList {
+  /** `ask` sends a wish, `choose` makes a finger the one that the keys speak to. */
+  constructor(list, nobody, ask, choose) {
+    this.list = list;
+    this.nobody = nobody;
+    this.ask = ask;
+    this.choose = choose;
+    this.rows = new Map();
+  }
+
+  /** Show these fingers; `client` is our own name. */
+  show(fingers, chosen, client, isLive) {
+    const ids = new Set(fingers.map((finger) => finger.id));
+    for (const [id, row] of this.rows) {
+      if (!ids.has(id)) {
+        row.box.remove();
+        this.rows.delete(id);
+      }
+    }
+    this.nobody.hidden = fingers.length > 0;
+    for (const finger of fingers) {
+      if (!this.rows.has(finger.id)) this.rows.set(finger.id, this.row(finger));
+      this.fill(this.rows.get(finger.id), finger, finger.id === chosen, client, isLive);
+    }
+  }
+
+  row(finger) {
+    const { id } = finger;
+    const box = made("div", "finger");
+    const name = made("button", "name", finger.virtual ? `${id} (virtual)` : `Finger ${id}`);
+    name.addEventListener("click", () => this.choose(id));
+    const amounts = made("span", "amounts");
+    const owner = made("span", "owner quiet");
+    const slider = made("input");
+    Object.assign(slider, { type: "range", min: 0, max: MOST_UM, step: STEP_UM });
+    slider.setAttribute("aria-label", `Amplitude for finger ${id}, micrometres`);
+    slider.addEventListener("input", () => this.ask({ op: "set", finger: id, amplitude_um: Number(slider.value) }));
+    const choices = made("span", "choices");
+    const sticky = this.choice("Sticky", { op: "set", finger: id, amplitude_um: 0 });
+    const slippery = this.choice("Slippery", { op: "set", finger: id, amplitude_um: SLIPPERY_UM });
+    const release = this.choice("Release", { op: "release", finger: id });
+    choices.append(sticky, slippery, release);
+    box.append(name, made("span"), amounts, slider, choices, owner);
+    this.list.append(box);
+    return { box, name, amounts, owner, slider, sticky, slippery, release };
+  }
+
+  choice(text, wish) {
+    const button = made("button", "", text);
+    button.addEventListener("click", () => this.ask(wish));
+    return button;
+  }
+
+  fill(row, finger, isChosen, client, isLive) {
+    const { target_um, gets_um, owner } = finger;
+    const isOurs = owner === null || owner === client;
+    row.box.classList.toggle("slip", target_um > 0);
+    row.box.classList.toggle("stick", target_um === 0);
+    row.box.classList.toggle("chosen", isChosen);
+    row.name.setAttribute("aria-pressed", isChosen);
+    const gets = gets_um === null ? "–" : gets_um.toFixed(2);
+    write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
+    write(row.owner, owner === null ? "held by nobody" : isOurs ? "held by this viewer" : `held by '${owner}': only that client can change it`);
+    for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
+    row.release.disabled = owner !== client || !isLive;
+    row.sticky.setAttribute("aria-pressed", owner !== null && target_um === 0);
+    row.slippery.setAttribute("aria-pressed", target_um > 0);
+    if (document.activeElement !== row.slider) row.slider.value = target_um ?? 0;
+  }
+}
+
+/** Write a text where it differs, so that nothing is laid out anew for nothing. */
+export function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function made(tag, className = "", text = "") {
+  const element = document.createElement(tag);
+  if (tag === "button") element.type = "button";
+  if (className) element.className = className;
+  if (text) element.textContent = text;
+  return element;
+}

@@ -1,0 +1,130 @@
+// Pointers and keys as fingers on the simulated pad: the mouse is one, shift-click leaves one lying, each touch is one.
+
+const REPEAT_MS = 120; // the rig lets go of who is silent
+const REACH_MM = 9; // as near as this one means a finger that lies there
+const STEP_MM = 1;
+const LONG_STEP_MM = 6;
+const EDGE_MM = 3;
+const KEYS = "keys"; // the name of the finger that the keyboard moves
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+export class Hands {
+  /** `say` sends to the server, `choose` hears of a place that was pointed at. */
+  constructor(canvas, say, choose) {
+    this.canvas = canvas;
+    this.say = say;
+    this.choose = choose;
+    this.size_mm = null; // until the plate may be touched
+    this.held = new Map();
+    this.dragged = new Map(); // by pointer: the name of the finger, and whether it stays where it is let go
+    this.pinned = 0;
+    this.changed = false;
+    canvas.addEventListener("pointerdown", (event) => this.down(event));
+    canvas.addEventListener("pointermove", (event) => this.move(event));
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.up(event));
+    canvas.addEventListener("keydown", (event) => this.key(event));
+    canvas.addEventListener("contextmenu", (event) => this.size_mm && event.preventDefault());
+    setInterval(() => this.held.size > 0 && this.tell(), REPEAT_MS);
+  }
+
+  /** The plate may be touched, or with null no more. */
+  allow(size_mm) {
+    this.size_mm = size_mm;
+    this.canvas.classList.toggle("touchable", size_mm !== null);
+    if (size_mm === null) this.held.clear();
+  }
+
+  /** Once for each picture: tell where the fingers are, if they moved. */
+  flush() {
+    if (this.changed) this.tell();
+  }
+
+  /** Whether one of this page's fingers is near. */
+  holds(x_mm, y_mm) {
+    return this.at(x_mm, y_mm, 2 * REACH_MM) !== undefined;
+  }
+
+  liftAll() {
+    this.held.clear();
+    this.dragged.clear();
+    this.changed = true;
+  }
+
+  tell() {
+    this.changed = false;
+    this.say({ op: "fingers", fingers: Object.fromEntries(this.held) });
+  }
+
+  place(event) {
+    const box = this.canvas.getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width - 0.5, 0.5 - (event.clientY - box.top) / box.height];
+  }
+
+  put(name, [x_mm, y_mm]) {
+    const within = (value, size_mm) => Math.min(Math.max(value, EDGE_MM - size_mm / 2), size_mm / 2 - EDGE_MM);
+    this.held.set(name, [within(x_mm, this.size_mm[0]), within(y_mm, this.size_mm[1])]);
+    this.changed = true;
+  }
+
+  lift(name) {
+    this.held.delete(name);
+    this.changed = true;
+  }
+
+  at(x_mm, y_mm, reach_mm = REACH_MM) {
+    return [...this.held.keys()].find((name) => {
+      const [there_mm, up_mm] = this.held.get(name);
+      return Math.hypot(there_mm - x_mm, up_mm - y_mm) < reach_mm;
+    });
+  }
+
+  down(event) {
+    const part = this.place(event);
+    this.choose(part);
+    if (!this.size_mm || event.button > 0) return;
+    const place_mm = [part[0] * this.size_mm[0], part[1] * this.size_mm[1]];
+    const there = this.at(...place_mm);
+    if (event.shiftKey && there) {
+      this.lift(there);
+      return;
+    }
+    const isTouch = event.pointerType === "touch";
+    const name = there ?? (event.shiftKey ? `pin${++this.pinned}` : isTouch ? `touch${event.pointerId}` : "mouse");
+    const stays = name.startsWith("pin") || name === KEYS;
+    this.dragged.set(event.pointerId, { name, stays });
+    this.canvas.setPointerCapture(event.pointerId);
+    this.put(name, place_mm);
+  }
+
+  move(event) {
+    const drag = this.dragged.get(event.pointerId);
+    if (!drag || !this.size_mm) return;
+    const part = this.place(event);
+    this.put(drag.name, [part[0] * this.size_mm[0], part[1] * this.size_mm[1]]);
+  }
+
+  up(event) {
+    const drag = this.dragged.get(event.pointerId);
+    this.dragged.delete(event.pointerId);
+    if (drag && !drag.stays) this.lift(drag.name);
+  }
+
+  key(event) {
+    if (!this.size_mm || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === "Enter") {
+      if (this.held.has(KEYS)) this.lift(KEYS);
+      else this.put(KEYS, [0, 0]);
+    } else if (event.key === "Escape") {
+      this.liftAll();
+    } else if (ARROWS[event.key] && this.held.has(KEYS)) {
+      const step_mm = event.shiftKey ? LONG_STEP_MM : STEP_MM;
+      const [x_mm, y_mm] = this.held.get(KEYS);
+      const [right, up] = ARROWS[event.key];
+      this.put(KEYS, [x_mm + right * step_mm, y_mm + up * step_mm]);
+    } else {
+      return;
+    }
+    event.preventDefault();
+  }
+}

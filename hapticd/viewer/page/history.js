@@ -1,0 +1,100 @@
+// The frames of the last half minute, and which of them is looked at: the newest, or while paused any.
+
+export const SPAN_S = 30;
+const SAME_MM = 12; // a finger that is told nearer than this is the same one
+const OVER_S = 2; // the leak is of the last so many seconds
+
+export class History {
+  constructor() {
+    this.frames = [];
+    this.paused = false;
+    this.back_s = 0;
+  }
+
+  /** Take a frame; while paused it is not kept, so that what is looked at stays. */
+  add(frame) {
+    if (this.paused) return;
+    const last = this.frames.at(-1);
+    if (last && (frame.instance !== last.instance || frame.t_s < last.t_s)) this.frames.length = 0;
+    this.frames.push(frame);
+    let old = 0;
+    while (this.frames[old].t_s < frame.t_s - SPAN_S) old++;
+    if (old > 0) this.frames.splice(0, old);
+  }
+
+  clear() {
+    this.frames.length = 0;
+  }
+
+  get newest() {
+    return this.frames.at(-1);
+  }
+
+  /** The frame that is looked at. */
+  get current() {
+    if (!this.newest || this.back_s === 0) return this.newest;
+    return this.frames[this.index(this.newest.t_s - this.back_s)];
+  }
+
+  index(t_s) {
+    let [low, high] = [0, this.frames.length - 1];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.frames[middle].t_s < t_s) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  /** RMS of what the sticky fingers got, and of what the others missed of their targets, over the last seconds. */
+  leak() {
+    const current = this.current;
+    if (!current) return { leak_um: null, off_um: null };
+    const sums = { leak: [0, 0], off: [0, 0] };
+    for (let i = this.index(current.t_s - OVER_S); i < this.frames.length && this.frames[i].t_s <= current.t_s; i++) {
+      for (const { target_um, gets_um } of this.frames[i].fingers) {
+        if (target_um === null || gets_um === null) continue;
+        const sum = target_um === 0 ? sums.leak : sums.off;
+        sum[0] += (gets_um - target_um) ** 2;
+        sum[1] += 1;
+      }
+    }
+    const rms = ([squares, count]) => (count > 0 ? Math.sqrt(squares / count) : null);
+    return { leak_um: rms(sums.leak), off_um: rms(sums.off) };
+  }
+}
+
+/** Which phasors are the best known of a frame, and of what kind they are. */
+export function motion(frame) {
+  if (frame.truth) return { modal_um: frame.truth.modal_um, of: "true" };
+  if (frame.measured_um.length > 0) return { modal_um: frame.measured_um, of: "measured" };
+  return { modal_um: frame.modal_um, of: "asked" };
+}
+
+/** Say of each finger what it gets: truly on a simulated plate, else as measured where it was seen. */
+export function judge(frame, field) {
+  const { modal_um } = motion(frame);
+  const free = frame.truth ? frame.truth.fingers_mm.map((_, i) => i) : [];
+  for (const finger of frame.fingers) {
+    const [x_mm, y_mm] = finger.seen_mm;
+    const near = nearest(free, (i) => Math.hypot(frame.truth.fingers_mm[i][0] - x_mm, frame.truth.fingers_mm[i][1] - y_mm));
+    if (near !== null) {
+      free.splice(free.indexOf(near), 1);
+      finger.true_mm = frame.truth.fingers_mm[near];
+      finger.gets_um = Math.hypot(...frame.truth.truth_um[near]);
+    } else {
+      finger.true_mm = null;
+      finger.gets_um = field && x_mm !== null ? field.at(modal_um, x_mm, y_mm) : null;
+    }
+  }
+  return frame;
+}
+
+function nearest(choices, distance) {
+  let [best, best_mm] = [null, SAME_MM];
+  for (const choice of choices) {
+    const away_mm = distance(choice);
+    if (away_mm < best_mm) [best, best_mm] = [choice, away_mm];
+  }
+  return best;
+}

@@ -1,0 +1,243 @@
+// The page: what the server says goes into the history, and each picture shows the instant that is looked at.
+
+import { drawLatency, drawModes, drawStrip } from "./charts.js";
+import { LEVELS, PIXELS, theme } from "./colours.js";
+import { Field } from "./field.js";
+import { FingerList, write } from "./fingers.js";
+import { Hands } from "./hands.js";
+import { History, judge, motion } from "./history.js";
+import { LayerMenu } from "./layers.js";
+import { Link } from "./link.js";
+import { PlatePicture } from "./plate.js";
+
+const SLOW_MS = 120; // texts change no faster than they can be read
+const STEP_UM = 0.2; // of the number keys
+const NEAR_MM = 10;
+const NEW_MS = 5000;
+const HINTS = {
+  simulated:
+    "Drag to touch. Shift-click leaves a finger lying there, and lifts it again; on a touch screen use several. " +
+    "Keys, on the plate: Enter lands and lifts a finger, arrows move it, Esc lifts all; anywhere: 0 makes the chosen " +
+    "finger sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
+  real: "Click a finger to choose it. Keys: 0 makes it sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
+};
+const INVITATION = "Drag here to touch the plate";
+const FIELDS = {
+  true: "as the simulated plate truly moves",
+  measured: "as the board measures it",
+  asked: "as asked of the board",
+};
+
+const $ = (id) => document.getElementById(id);
+const history = new History();
+const picture = new PlatePicture($("plate"));
+let plate = null;
+let status = null;
+let chosen = null;
+let colours = theme();
+let isLive = false;
+let pictures = 0;
+let t_texts_ms = 0;
+
+const link = new Link({
+  plate: async (message) => {
+    plate = message;
+    chosen = null;
+    greeted.clear(); // another daemon counts its fingers from 1
+    history.clear();
+    const shapes = await link.shapes();
+    if (plate !== message) return;
+    picture.field = new Field(shapes, message.modes, message.size_mm);
+    hands.allow(message.simulated ? message.size_mm : null);
+    write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
+    $("new-box").hidden = !message.simulated;
+    layers.offer(message.layers);
+    notice("");
+  },
+  frame: (message) => {
+    isLive = true;
+    history.add(judge(message, picture.field));
+    giveTargets(message);
+  },
+  status: (message) => {
+    status = message;
+  },
+  gone: (message) => stopped("No daemon", message.sentence),
+  refused: (message) => notice(message.sentence, 6000),
+  lost: () => stopped("Not connected", "The viewer has ended: start `hapticd view` again, and open the address it prints."),
+});
+const ask = (wish) => link.say(wish);
+const hands = new Hands($("plate"), ask, pointedAt);
+const layers = new LayerMenu($("layer-box"), $("layer"), (name) => link.layer(name));
+const list = new FingerList($("fingers"), $("nobody"), ask, choose);
+
+function stopped(state, sentence) {
+  isLive = false;
+  status = null;
+  hands.allow(null);
+  write($("state"), state);
+  notice(sentence);
+}
+
+let t_notice = 0;
+function notice(sentence, for_ms = 0) {
+  clearTimeout(t_notice);
+  write($("notice"), sentence);
+  $("notice").hidden = sentence === "";
+  if (for_ms > 0) t_notice = setTimeout(() => notice(""), for_ms);
+}
+
+// --- fingers ---
+
+function choose(id) {
+  chosen = id;
+}
+
+/** A place in parts of the plate was pointed at: the finger there is the one that the keys speak to. */
+function pointedAt([right, up]) {
+  const frame = history.current;
+  if (!frame || !plate) return;
+  const there = frame.fingers.find(({ seen_mm: [x_mm, y_mm] }) =>
+    x_mm !== null && Math.hypot(x_mm - right * plate.size_mm[0], y_mm - up * plate.size_mm[1]) < NEAR_MM);
+  if (there) choose(there.id);
+}
+
+/** Ask for the finger that the keys speak to, if it is there and nobody else's. */
+function askForChosen(wish) {
+  const finger = history.newest?.fingers.find(({ id }) => id === chosen);
+  if (!finger) return;
+  if (finger.owner !== null && finger.owner !== plate?.client) {
+    notice(`Finger ${finger.id} is held by '${finger.owner}': only that client can change it.`, 6000);
+    return;
+  }
+  ask({ ...wish, finger: chosen });
+}
+
+const greeted = new Set();
+/** A finger of ours that has just landed gets what the menu says. */
+function giveTargets(frame) {
+  if (!plate?.simulated || history.paused) return;
+  const way = $("new").value;
+  for (const finger of frame.fingers) {
+    if (finger.virtual || greeted.has(finger.id) || !hands.holds(...finger.seen_mm)) continue;
+    greeted.add(finger.id);
+    chosen = finger.id;
+    if (finger.owner !== null || way === "nothing") continue;
+    const isSlippery = frame.fingers.some((other) => other !== finger && other.owner === plate.client && other.target_um > 0);
+    const sticks = way === "sticky" || (way === "both" && isSlippery);
+    ask({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
+  }
+}
+
+// --- time ---
+
+function pause(paused) {
+  history.paused = paused;
+  if (!paused) {
+    history.back_s = 0;
+    history.clear();
+  }
+  $("pause").setAttribute("aria-pressed", paused);
+  $("pause").firstChild.data = paused ? "Go on " : "Pause ";
+  $("when").value = -history.back_s;
+}
+
+$("pause").addEventListener("click", () => pause(!history.paused));
+$("when").addEventListener("input", () => {
+  if (!history.paused) pause(true);
+  history.back_s = -Number($("when").value);
+});
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
+  if (event.key === " " && !(event.target instanceof HTMLButtonElement)) {
+    event.preventDefault();
+    pause(!history.paused);
+  } else if (/^[0-9]$/.test(event.key)) {
+    askForChosen({ op: "set", amplitude_um: Number((event.key * STEP_UM).toFixed(1)) });
+  } else if (event.key.toLowerCase() === "r") {
+    askForChosen({ op: "release" });
+  }
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (colours = theme()));
+
+// --- pictures ---
+
+function draw(t_ms) {
+  requestAnimationFrame(draw);
+  hands.flush();
+  const frame = history.current;
+  picture.draw(frame, { chosen, isLive, layer: layers.canvas, invitation: plate?.simulated && isLive ? INVITATION : "" });
+  if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
+  if (plate && frame) {
+    const is = motion(frame);
+    const modes = [{ phasors: frame.modal_um, colour: colours.asked, wide: 3.5 }];
+    if (is.of !== "asked") modes.push({ phasors: is.modal_um, colour: colours.slip, wide: 2 });
+    drawModes($("modes"), modes, plate.w_limit_um, colours);
+  }
+  pictures++;
+  if (t_ms - t_texts_ms < SLOW_MS) return;
+  document.body.dataset.rate = Math.round(pictures * 1000 / (t_ms - t_texts_ms));
+  [t_texts_ms, pictures] = [t_ms, 0];
+  tell(frame);
+}
+
+/** The texts, for readers and for screen readers. */
+function tell(frame) {
+  list.show(frame?.fingers ?? [], chosen, plate?.client, isLive);
+  drawLatency($("latency"), status?.latency ?? {}, colours);
+  if (!frame) return;
+  const is = motion(frame);
+  const fingers = frame.fingers.length;
+  if (isLive) write($("state"), `${frame.state.toLowerCase()} · ${fingers === 1 ? "1 finger" : `${fingers} fingers`}`);
+  write($("field-of"), `|W| ${FIELDS[is.of]}`);
+  write($("modes-text"), `Grey: asked. Blue: ${is.of}. The circle is the limit; ${drive()}.`);
+  const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
+  const rate = status?.frames_hz ? `; ${status.frames_hz.toFixed(0)} frames a second` : "";
+  write($("latency-text"), `Now predicted ${horizon} ms ahead of the sample${rate}. Milliseconds, since the daemon began.`);
+  const { leak_um, off_um } = history.leak();
+  const said = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
+  write($("leak"), [said(leak_um, "leak at the sticky"), said(off_um, "slippery off by")].filter(Boolean).join(" · ")
+    + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
+  write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
+  flags(frame);
+}
+
+const drive = () => (plate?.drive_hz ? `driven at ${(plate.drive_hz / 1000).toFixed(3)} kHz` : "the board has not answered");
+
+const counts = new Map();
+/** A count since the daemon began; it stands out for a while when it grows. */
+function count(name, value = 0) {
+  const known = counts.get(name);
+  if (!known || value < known.value) counts.set(name, { value, grew_ms: -Infinity });
+  else if (value > known.value) counts.set(name, { value, grew_ms: performance.now() });
+  return [`${name} ${value}`, performance.now() - counts.get(name).grew_ms < NEW_MS];
+}
+
+function flags(frame) {
+  const board = status?.board ?? {};
+  const wanted = [
+    ["limit met", frame.limited],
+    ["amplifier saturated", board.saturated === true],
+    ...(board.ready === false ? [["board is silent", true]] : []),
+    ...(frame.state === "FAULT" ? [[`fault ${board.fault_code ?? ""}`, true]] : []),
+    count("dead-man trips", board.deadman_trips ?? 0),
+    count("late frames", status?.late_frames),
+    count("missed ticks", status?.missed_ticks),
+  ];
+  const box = $("flags");
+  while (box.children.length > wanted.length) box.lastChild.remove();
+  wanted.forEach(([text, isOn], index) => {
+    const flag = box.children[index] ?? box.appendChild(document.createElement("li"));
+    write(flag, text);
+    flag.classList.toggle("on", Boolean(isOn));
+  });
+}
+
+function drawScale() {
+  const canvas = $("scale");
+  [canvas.width, canvas.height] = [LEVELS, 1];
+  canvas.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(PIXELS.buffer), LEVELS, 1), 0, 0);
+}
+
+drawScale();
+requestAnimationFrame(draw);

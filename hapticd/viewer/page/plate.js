@@ -1,0 +1,121 @@
+// The picture of the plate: its field, its node lines, and where the fingers are, were seen, and will be.
+
+import { prepared } from "./colours.js";
+import { motion } from "./history.js";
+
+const LEAST_UM = 0.02; // a plate that moves less than this has no node lines to show
+const FINGER_MM = 7; // the radius of a fingertip's mark
+
+export class PlatePicture {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.field = null;
+  }
+
+  /** Draw a frame; `chosen` is the id of the finger that the keys speak to, `layer` a picture to lay over the field,
+   * `invitation` what an untouched plate says. */
+  draw(frame, { chosen, isLive, layer, invitation }) {
+    const { context, width, height } = prepared(this.canvas);
+    if (!frame || !this.field) return;
+    const { modal_um } = motion(frame);
+    const largest_um = this.field.update(modal_um);
+    context.globalAlpha = isLive ? 1 : 0.4;
+    this.field.draw(context, width, height);
+    if (layer) context.drawImage(layer, 0.5, 0.5, layer.width - 1, layer.height - 1, 0, 0, width, height);
+    if (largest_um > LEAST_UM) {
+      context.strokeStyle = "rgb(255 255 255 / .5)";
+      context.lineWidth = 1;
+      context.stroke(this.field.nodes(width, height, modal_um));
+    }
+    const [w_mm, h_mm] = this.field.size_mm;
+    const scale = width / w_mm;
+    const to = ([x_mm, y_mm]) => [(x_mm / w_mm + 0.5) * width, (0.5 - y_mm / h_mm) * height];
+    for (const place of this.lonely(frame)) this.ring(context, to(place), FINGER_MM * scale, false);
+    for (const finger of frame.fingers) {
+      if (finger.seen_mm[0] === null) continue;
+      this.finger(context, finger, to, scale, finger.id === chosen, width);
+    }
+    if (invitation && frame.fingers.length === 0) invite(context, invitation, width, height);
+    context.globalAlpha = 1;
+  }
+
+  /** True fingers that the daemon does not see yet, or no more. */
+  lonely(frame) {
+    if (!frame.truth) return [];
+    const seen = new Set(frame.fingers.map((finger) => finger.true_mm));
+    return frame.truth.fingers_mm.filter((place) => !seen.has(place));
+  }
+
+  finger(context, finger, to, scale, isChosen, width) {
+    const radius = FINGER_MM * scale;
+    const centre = to(finger.true_mm ?? finger.seen_mm);
+    if (finger.true_mm) this.ring(context, centre, radius, isChosen);
+    else if (isChosen) this.ring(context, centre, radius + 3, true);
+    const [x, y] = to(finger.seen_mm);
+    outlined(context, () => {
+      context.beginPath();
+      if (finger.virtual) context.rect(x - 4, y - 4, 8, 8);
+      else context.arc(x, y, 3.5, 0, 2 * Math.PI);
+    }, "fill");
+    if (finger.predicted_mm) {
+      const [px, py] = to(finger.predicted_mm);
+      outlined(context, () => {
+        context.beginPath();
+        for (const [dx, dy] of [[6, 0], [0, 6]]) {
+          context.moveTo(px - dx, py - dy);
+          context.lineTo(px + dx, py + dy);
+        }
+      }, "stroke");
+    }
+    this.label(context, finger, centre, radius, width);
+  }
+
+  ring(context, [x, y], radius, isChosen) {
+    outlined(context, () => {
+      context.beginPath();
+      context.arc(x, y, radius, 0, 2 * Math.PI);
+    }, "stroke", isChosen ? 4 : 2);
+  }
+
+  label(context, finger, [x, y], radius, width) {
+    const gets = finger.gets_um === null ? "" : `${finger.gets_um.toFixed(2)} µm`;
+    const wants = finger.target_um === null ? "" : finger.target_um === 0 ? "sticky" : `of ${finger.target_um.toFixed(2)}`;
+    const text = [`${finger.id}:`, gets, wants].filter(Boolean).join(" ");
+    context.font = "600 13px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    const room = context.measureText(text).width + 14;
+    const left = Math.min(Math.max(x - room / 2, 4), width - room - 4);
+    const top = y - radius - 26 < 4 ? y + radius + 6 : y - radius - 26;
+    context.fillStyle = "rgb(12 16 20 / .78)";
+    context.beginPath();
+    context.roundRect(left, top, room, 20, 5);
+    context.fill();
+    context.fillStyle = finger.target_um === null ? "#fff" : finger.target_um === 0 ? "#ffb877" : "#8fd3ff";
+    context.fillText(text, left + 7, top + 10.5);
+  }
+}
+
+function invite(context, text, width, height) {
+  context.font = "15px system-ui, sans-serif";
+  context.textAlign = "center";
+  context.fillStyle = "rgb(255 255 255 / .85)";
+  context.fillText(text, width / 2, height / 2);
+  context.textAlign = "left";
+}
+
+/** White with a dark edge, legible on every colour of the field. */
+function outlined(context, trace, how, lineWidth = 2) {
+  trace();
+  context.strokeStyle = "rgb(12 16 20 / .75)";
+  context.lineWidth = lineWidth + 2.5;
+  context.stroke();
+  trace();
+  if (how === "fill") {
+    context.fillStyle = "#fff";
+    context.fill();
+    return;
+  }
+  context.strokeStyle = "#fff";
+  context.lineWidth = lineWidth;
+  context.stroke();
+}
