@@ -19,7 +19,8 @@ STDERR = 2  # the descriptor
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code. Errors of hapticd's own end in one sentence on stderr."""
-    options = _parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    options = _parser(arguments).parse_args(arguments)
     try:
         return int(options.command(options) or 0)
     except HapticdError as error:
@@ -29,12 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(arguments: Sequence[str] = ()) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="hapticd", description="Every finger on one vibrating glass plate gets its own friction."
     )
     parser.add_argument("--version", action="version", version=f"hapticd {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    if list(arguments[:1]) == ["run"]:  # the service carries nothing of the other commands in its memory
+        _add_run(commands)
+        return parser
     _add_demo(commands)
     _add_run(commands)
     _add_simulate(commands)
