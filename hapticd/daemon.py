@@ -33,7 +33,7 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
 IDLE_TIMER_NS = 2 * TIMER_NS  # nobody touches: a keep-alive with each tick is what the board needs, and no more
-IDLE_SWEEP_EVERY_NS = 100_000_000  # only traffic eats a socket's wake-up, and there is next to none
+SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
 COLLECT_EVERY_NS = 1_000_000_000
 SAY_MISSED_EVERY_NS = 10_000_000_000
 
@@ -161,7 +161,7 @@ class Daemon:
         period_ns = IDLE_TIMER_NS if is_idle else TIMER_NS
         if self._timer.period_ns != period_ns:
             self._timer.set_period(period_ns)
-        if not is_idle or t_now_ns - self._t_swept_ns >= IDLE_SWEEP_EVERY_NS:
+        if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
         if is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:

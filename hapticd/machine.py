@@ -45,6 +45,7 @@ from .wire.commands import encode
 log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # how often `timer` wants to be called
+LOOK_EVERY_NS = 100_000_000  # while nothing is going on; what begins something comes as a report or a message
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
@@ -104,11 +105,23 @@ class Machine:
         self.real_time: Mapping[str, object] = {}
         self.t_reports_ns: int | None = None
         self._t_clear_until_ns: int | None = None
+        self._t_looked_ns = -LOOK_EVERY_NS
 
     @property
     def is_idle(self) -> bool:
         """No finger is down and nobody wants anything: `timer` may come half as often."""
         return not self.pipeline.fingers and (self.last_tick is None or not self.last_tick.points)
+
+    def _rests(self, t_now_ns: int) -> bool:
+        """Nothing goes on, nobody looks on, and the board keeps to the zero that it was told."""
+        return (
+            t_now_ns - self._t_looked_ns < LOOK_EVERY_NS
+            and self.publish is None
+            and self.is_idle
+            and not self.is_failing
+            and self.scene.next_expiry_ns is None
+            and self.session.follows(t_now_ns)
+        )
 
     # --- the touch ---
 
@@ -151,7 +164,12 @@ class Machine:
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
-        report makes a pass, virtual fingers walk on."""
+        report makes a pass, virtual fingers walk on. At rest all that is looked at every LOOK_EVERY_NS, and in between
+        the board hears that its reference stands."""
+        if self._rests(t_now_ns):
+            self._say(self.session.keep_alive(t_now_ns))
+            return
+        self._t_looked_ns = t_now_ns
         released = self.scene.expire(t_now_ns)
         if released:
             self.pipeline.release(released)
