@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -99,6 +100,7 @@ def _add_run(commands: Any) -> None:
     parser.add_argument("--config", type=Path, help="TOML file; without it the defaults run the simulated plate")
     parser.add_argument("--sim", action="store_true", help="take the simulated plate, whatever the configuration says")
     parser.add_argument("--print-config", action="store_true", help="print the configuration in force, and end")
+    parser.add_argument("--check", action="store_true", help="read all that it names, say what is wrong, and end")
     parser.set_defaults(command=_run)
 
 
@@ -107,10 +109,20 @@ def _run(options: argparse.Namespace) -> None:
     if options.print_config:
         print(config.render(loaded), end="")
         return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # nothing here is large enough for numpy's threads
     from . import service
 
+    if options.check:
+        service.check(loaded)
+        return
     _log_to_stderr(loaded.log.level)
-    service.run(loaded, lambda: _configuration(options))
+    service.run(loaded, lambda: _configuration(options), judge=_check_command(options))
+
+
+def _check_command(options: argparse.Namespace) -> list[str]:
+    """`hapticd run --check` on what these options name."""
+    config_file = [] if options.config is None else ["--config", str(options.config)]
+    return [sys.executable, "-m", "hapticd", "run", "--check", *config_file, *(["--sim"] if options.sim else [])]
 
 
 def _configuration(options: argparse.Namespace) -> config.Config:

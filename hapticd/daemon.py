@@ -32,6 +32,7 @@ from .values import ModeCalibration, RawReport
 log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
+AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 IDLE_TIMER_NS = 2 * TIMER_NS  # nobody touches: a keep-alive with each tick is what the board needs, and no more
 SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
 COLLECT_EVERY_NS = 1_000_000_000
@@ -132,6 +133,10 @@ class Daemon:
             self._machine.stop(now_ns())
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
+        if self._machine is not None and self._machine.session.hello is not None:
+            await asyncio.sleep(AT_REST_AFTER_S)
+            self._machine.take_leave()
+            await self._link.drained(QUIET_WITHIN_S)
         self._link.close()
         self._server.close()
 

@@ -32,6 +32,7 @@ from .values import (
     BoardTime,
     ClearFault,
     ClientTargets,
+    HelloRequest,
     ModeCalibration,
     RawReport,
     Tick,
@@ -263,6 +264,14 @@ class Machine:
         tick = self.pipeline.rest(t_now_ns, 0)
         if tick.drive is not None:
             self._say(self.session.reference(tick.drive, tick, t_now_ns))
+
+    def take_leave(self) -> bool:
+        """End the session with a board that has come to rest, so that its dead-man does not trip: three trips in ten
+        seconds latch, and configurations may be read anew as often. False where there is no session."""
+        if self.session.hello is None:
+            return False
+        self._say([HelloRequest()])
+        return True
 
     def _say(self, commands: Sequence[BoardCommand]) -> None:
         for command in commands:

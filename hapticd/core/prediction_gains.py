@@ -77,7 +77,7 @@ class Rows:
         return tuple(map(Gain._make, _GAIN.iter_unpack(self._numbers[first : first + _ROW_BYTES])))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)  # two configurations of some levels each
 def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, ...]:
     """For each interval the rows of gains, one per sample after the first, the last for all that follow.
 
