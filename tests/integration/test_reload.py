@@ -22,7 +22,7 @@ def resident_mb(pid: int) -> float:
 
 @contextmanager
 def pulse() -> Iterator[list[float]]:
-    """A thread that only wants to wake every PULSE_S; the longest it had to wait, s: what the machine does to anybody."""
+    """A thread that only wants to wake every PULSE_S; the longest it waited, s: what the machine does to anybody."""
     longest_s, stop = [0.0], threading.Event()
 
     def beat() -> None:
