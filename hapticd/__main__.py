@@ -227,10 +227,11 @@ def _add_bench(commands: Any) -> None:
         "compare the choices on a touch's path, error against run time",
         "hapticd bench all --json bench.json --plot bench.png",
     )
-    parts = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "all")
+    parts = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "soak", "all")
     parser.add_argument("part", nargs="?", choices=parts, default="all", metavar="PART", help=f"{', '.join(parts)}")
     parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
     parser.add_argument("--steps", type=int, default=10_000_000, help="of stability's long walk (default 10000000)")
+    parser.add_argument("--hours", type=float, default=1.0, help="of soak's virtual time (default 1); not in all")
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw error against run time")
     parser.set_defaults(command=_bench)
@@ -239,7 +240,14 @@ def _add_bench(commands: Any) -> None:
 def _bench(options: argparse.Namespace) -> None:
     from .bench import suite
 
-    suite.run(options.part, seconds=options.seconds, steps=options.steps, json_file=options.json, plot=options.plot)
+    suite.run(
+        options.part,
+        seconds=options.seconds,
+        steps=options.steps,
+        hours=options.hours,
+        json_file=options.json,
+        plot=options.plot,
+    )
 
 
 # --- firmware ---------------------------------------------------------------------------------------------------
