@@ -57,9 +57,26 @@ def test_the_largest_amplitude_of_every_frame_is_seen() -> None:
     assert watch.peak_um == pytest.approx(3.5, rel=1e-6)
 
 
+def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    def play(found: Findings, seed: int) -> None:
+        found.virtual_s += 30.0
+        found.faults["trackpad silent"] += 1
+        found.latest_quiet_ms["trackpad silent"] = float(seed % 10)
+        if seed == 3_000_002:
+            found.wrong.append("run 3000002: something.")
+
+    monkeypatch.setattr(soak, "play", play)
+    monkeypatch.setattr(soak, "_resources", lambda: {"memory_mb": 100.0, "files": 9.0, "threads": 1.0})
+    (table,) = soak.run(0.1, seed=1)
+    assert dict(table.row("trackpad silent").figures) == {"faults_count": 12.0, "quiet_after_ms": 9.0}
+    assert table.row("all").figures["faults_count"] == 12.0
+    with pytest.raises(HapticdError, match=r"soak: 1 things went wrong:\nrun 3000002: something\."):
+        soak.run(0.1, seed=3)
+
+
 def test_a_process_that_grows_is_told() -> None:
     before = {"memory_mb": 100.0, "files": 9.0, "threads": 1.0}
-    assert soak._grown(before, {**before, "memory_mb": 108.0}) == []
+    assert soak._grown(before, {**before, "memory_mb": 101.0}) == []
     assert soak._grown(before, {**before, "memory_mb": 120.0}) == ["memory_mb grew from 100 to 120."]
     assert soak._grown(before, {**before, "files": 10.0}) == ["files grew from 9 to 10."]
 
