@@ -68,7 +68,7 @@ def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(soak, "play", play)
     monkeypatch.setattr(soak, "_resources", lambda: {"memory_mb": 100.0, "files": 9.0, "threads": 1.0})
     (table,) = soak.run(0.1, seed=1)
-    assert dict(table.row("trackpad silent").figures) == {"faults_count": 12.0, "quiet_after_ms": 9.0}
+    assert dict(table.row("trackpad silent").figures) == {"faults_count": 12.0, "quiet_after_ms": 2.0}
     assert table.row("all").figures["faults_count"] == 12.0
     with pytest.raises(HapticdError, match=r"soak: 1 things went wrong:\nrun 3000002: something\."):
         soak.run(0.1, seed=3)
