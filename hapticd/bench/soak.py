@@ -171,6 +171,7 @@ def _table(findings: Findings, runs: int, before: dict[str, float], after: dict[
         "peak_reference_um": findings.peak_reference_um,
         "peak_plate_um": findings.peak_plate_um,
     }
+    warm = min(WARM_AFTER_RUNS, runs)
     return Table(
         name="soak",
         title=f"{findings.virtual_s / 3600.0:.2f} h in which things go wrong, in virtual time",
@@ -179,9 +180,6 @@ def _table(findings: Findings, runs: int, before: dict[str, float], after: dict[
         compared=(),
         notes=(
             "every fault was told of, and the fingers were driven again after it",
-            *(
-                f"{name}: {before[name]:.4g} after {min(WARM_AFTER_RUNS, runs)} runs, {after[name]:.4g} after all {runs}"
-                for name in before
-            ),
+            *(f"{name}: {before[name]:.4g} after {warm} runs, {after[name]:.4g} after all {runs}" for name in before),
         ),
     )
