@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import logging
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -27,6 +28,8 @@ from ..sim.lockstep import Settings
 from ..sim.scenarios import Actor
 from .soak_faults import KINDS, Kind, Watch
 from .tables import Row, Table
+
+log = logging.getLogger("hapticd")
 
 RUN_S = 30.0
 FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board behind a wrapped clock is noticed after half a second
@@ -65,11 +68,13 @@ def run(hours: float = 1.0, *, seed: int = 1) -> tuple[Table, ...]:
         raise HapticdError(f"--hours: {hours:g} is out of bounds, it must be above 0 and at most {MOST_HOURS:g}.")
     findings = Findings()
     runs = max(1, round(hours * 3600.0 / RUN_S))
+    log.setLevel(logging.ERROR)  # the journal of two thousand faults
     before = after = _resources()
     for number in range(1, runs + 1):
         play(findings, seed * 1_000_000 + number)
         if number == min(WARM_AFTER_RUNS, runs):
             before = _resources()
+    log.setLevel(logging.NOTSET)
     after = _resources()
     findings.wrong += _grown(before, after)
     if findings.wrong:
