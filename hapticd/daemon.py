@@ -36,8 +36,9 @@ from .values import ModeCalibration, RawReport
 log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
+AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 IDLE_TIMER_NS = 2 * TIMER_NS  # nobody touches: a keep-alive with each tick is what the board needs, and no more
-IDLE_SWEEP_EVERY_NS = 100_000_000  # only traffic eats a socket's wake-up, and there is next to none
+SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
 COLLECT_EVERY_NS = 1_000_000_000
 SAY_MISSED_EVERY_NS = 10_000_000_000
 
@@ -139,6 +140,10 @@ class Daemon:
             self._machine.stop(now_ns())
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
+        if self._machine is not None and self._machine.session.hello is not None:
+            await asyncio.sleep(AT_REST_AFTER_S)
+            self._machine.take_leave(now_ns())
+            await self._link.drained(QUIET_WITHIN_S)
         self._link.close()
         if self._recorders is not None:
             self._recorders.close(now_ns())
@@ -171,7 +176,7 @@ class Daemon:
         period_ns = IDLE_TIMER_NS if is_idle else TIMER_NS
         if self._timer.period_ns != period_ns:
             self._timer.set_period(period_ns)
-        if not is_idle or t_now_ns - self._t_swept_ns >= IDLE_SWEEP_EVERY_NS:
+        if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
             self._recorders.sweep()

@@ -33,6 +33,7 @@ from .values import (
     BoardTime,
     ClearFault,
     ClientTargets,
+    HelloRequest,
     ModeCalibration,
     RawReport,
     Tick,
@@ -46,6 +47,7 @@ from .wire.commands import encode
 log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # how often `timer` wants to be called
+LOOK_EVERY_NS = 100_000_000  # while nothing is going on; what begins something comes as a report or a message
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
@@ -112,11 +114,23 @@ class Machine:
         self.real_time: Mapping[str, object] = {}
         self.t_reports_ns: int | None = None
         self._t_clear_until_ns: int | None = None
+        self._t_looked_ns = -LOOK_EVERY_NS
 
     @property
     def is_idle(self) -> bool:
         """No finger is down and nobody wants anything: `timer` may come half as often."""
         return not self.pipeline.fingers and (self.last_tick is None or not self.last_tick.points)
+
+    def _rests(self, t_now_ns: int) -> bool:
+        """Nothing goes on, nobody looks on, and the board keeps to the zero that it was told."""
+        return (
+            t_now_ns - self._t_looked_ns < LOOK_EVERY_NS
+            and self.publish is None
+            and self.is_idle
+            and not self.is_failing
+            and self.scene.next_expiry_ns is None
+            and self.session.follows(t_now_ns)
+        )
 
     # --- the touch ---
 
@@ -165,9 +179,14 @@ class Machine:
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
-        report makes a pass, virtual fingers walk on."""
+        report makes a pass, virtual fingers walk on. At rest all that is looked at every LOOK_EVERY_NS, and in between
+        the board hears that its reference stands."""
         if self.tap is not None:
             self.tap("timer", t_now_ns)
+        if self._rests(t_now_ns):
+            self._say(self.session.keep_alive(t_now_ns), t_now_ns)
+            return
+        self._t_looked_ns = t_now_ns
         released = self.scene.expire(t_now_ns)
         if released:
             self.pipeline.release(released)
@@ -277,6 +296,16 @@ class Machine:
         tick = self.pipeline.rest(t_now_ns, 0)
         if tick.drive is not None:
             self._say(self.session.reference(tick.drive, tick, t_now_ns), t_now_ns)
+
+    def take_leave(self, t_now_ns: int) -> bool:
+        """End the session with a board that has come to rest, so that its dead-man does not trip: three trips in ten
+        seconds latch, and configurations may be read anew as often. False where there is no session."""
+        if self.tap is not None:
+            self.tap("take_leave", t_now_ns)
+        if self.session.hello is None:
+            return False
+        self._say([HelloRequest()], t_now_ns)
+        return True
 
     def _say(self, commands: Sequence[BoardCommand], t_now_ns: int) -> None:
         for command in commands:

@@ -1,17 +1,19 @@
 """`hapticd run`: from a configuration to a running daemon, with the simulated rig beside it where that is asked for.
 
-What can be wrong is found before anything is opened, at the start and again at SIGHUP: files are read and judged in a
-thread, and only what is whole replaces what runs.
+What can be wrong is found before anything is opened: files are read and judged first. At SIGHUP another process does
+that, for a second thread in this one would keep the loop from its work, and the board waits 50 ms. Only once it has
+found all sound is the plate left quiet, and what runs replaced.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from . import calibration
 from .config import SIMULATED, Config
 from .core.modes import ModeShapes
 from .daemon import Daemon, serve
-from .errors import ConfigError
+from .errors import ConfigError, HapticdError
 from .io import keys
 from .io.replay import ReplayTrackpad
 from .io.server import runtime_directory
@@ -30,6 +32,11 @@ from .io.trackpad import HidTrackpad, TrackpadSource
 from .machine import warm_up
 from .sim.rigprocess import MODES_FILE, RigProcess
 from .values import ModeCalibration
+
+log = logging.getLogger("hapticd")
+
+SIGN_OF_LIFE_S = 0.2  # for the service manager, while a configuration is prepared
+JUDGE_WITHIN_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,26 +103,68 @@ class Workshop:
         return self._rigs[key].directory
 
 
-def run(config: Config, reread: Callable[[], Config] | None = None) -> None:
-    """What `hapticd run` does, until SIGTERM or SIGINT; `reread` gives the configuration again at SIGHUP."""
+def check(config: Config) -> None:
+    """What `hapticd run --check` does. Raises HapticdError in one sentence where something is wrong."""
+    with Workshop() as workshop:
+        workshop.prepare(config)
+
+
+def run(config: Config, reread: Callable[[], Config] | None = None, judge: Sequence[str] = ()) -> None:
+    """What `hapticd run` does, until SIGTERM or SIGINT; `reread` gives the configuration again at SIGHUP, after the
+    command `judge` has found nothing wrong with it."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
     signal.signal(signal.SIGHUP, lambda *_: None)  # until then there is nothing to read again
     with Workshop() as workshop, contextlib.closing(Notifier()) as notifier:
-        asyncio.run(_serve(workshop, workshop.prepare(config), notifier, reread))
+        asyncio.run(_serve(workshop, workshop.prepare(config), notifier, reread, judge))
 
 
 async def _serve(
-    workshop: Workshop, prepared: Prepared, notifier: Notifier, reread: Callable[[], Config] | None
+    workshop: Workshop,
+    prepared: Prepared,
+    notifier: Notifier,
+    reread: Callable[[], Config] | None,
+    judge: Sequence[str] = (),
 ) -> None:
-    async def prepare_again() -> Prepared:
+    async def read_again() -> Config:
         assert reread is not None
-        return await asyncio.to_thread(lambda: workshop.prepare(reread()))
+        await _judged(judge)
+        return reread()
 
-    following: Prepared | None = prepared
-    while following is not None:
-        current = following
-        following = await serve(current.daemon(notifier), current.modes, prepare_again if reread else None)
+    while True:
+        wanted = await serve(prepared.daemon(notifier), prepared.modes, read_again if reread else None)
+        if wanted is None:
+            break
+        prepared = await _prepared(workshop, wanted, prepared.config, notifier)
     notifier.tell(stopping=1)
+
+
+async def _judged(command: Sequence[str]) -> None:
+    """Have another process prepare what shall run. Raises HapticdError with what it says, if it fails."""
+    if not command:
+        return
+    judge = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
+    try:
+        _, said = await asyncio.wait_for(judge.communicate(), JUDGE_WITHIN_S)
+    except TimeoutError:
+        raise HapticdError(f"The configuration could not be judged within {JUDGE_WITHIN_S:g} s.") from None
+    finally:
+        if judge.returncode is None:
+            judge.kill()
+    if judge.returncode != 0:
+        lines = said.decode(errors="replace").strip().splitlines()
+        raise HapticdError(lines[-1].removeprefix("hapticd: ") if lines else "The configuration could not be judged.")
+
+
+async def _prepared(workshop: Workshop, wanted: Config, before: Config, notifier: Notifier) -> Prepared:
+    """What shall run now that the plate is quiet; the configuration before, if since its judgement a file has gone."""
+    preparing = asyncio.create_task(asyncio.to_thread(workshop.prepare, wanted))
+    while not (await asyncio.wait({preparing}, timeout=SIGN_OF_LIFE_S))[0]:
+        notifier.tell(watchdog=1)
+    try:
+        return preparing.result()
+    except HapticdError as error:
+        log.error("SIGHUP: %s The configuration in force stays.", error)
+        return workshop.prepare(before)
 
 
 def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:

@@ -220,6 +220,16 @@ def test_a_pulled_board_is_one_line_and_is_driven_again_when_it_is_back(caplog: 
     assert lines(caplog) == ["board: open", "board: firmware 9.9, boot 0000000c, 2 modes"]
 
 
+def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothing() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    assert not bench.machine.take_leave(bench.t_ns)
+    bench.driven()
+    bench.machine.stop(bench.t_ns)
+    assert bench.machine.take_leave(bench.t_ns)
+    zero, leave = bench.board.heard[-2:]
+    assert (zero.name, zero.peak_um, leave.name) == ("reference", 0.0, "hello")
+
+
 def test_hostile_bytes_from_the_board_change_nothing() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     noise = np.random.default_rng(3).bytes(20_000)

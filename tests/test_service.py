@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import socket
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from hapticd import service
+from hapticd.__main__ import main
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.errors import ConfigError, ModesError
@@ -84,22 +86,30 @@ def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config,
 
 
 def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
-    configuration: Config, manager: socket.socket, caplog: pytest.LogCaptureFixture
+    configuration: Config, manager: socket.socket, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "hapticd")
     runtime_dir = Path(configuration.client.runtime_dir)
-    read = [replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,))), configuration]
+    read = [configuration]
+    bad = tmp_path / "bad"
+    bad.touch()
+    judge = (
+        sys.executable,
+        "-c",
+        f"import os, sys; sys.exit('hapticd: It is bad.' if os.path.exists({str(bad)!r}) else 0)",
+    )
 
     async def story(notifier: Notifier) -> None:
         with Workshop() as workshop:
             prepared = workshop.prepare(configuration)
-            serving = asyncio.create_task(service._serve(workshop, prepared, notifier, lambda: read.pop(0)))
+            serving = asyncio.create_task(service._serve(workshop, prepared, notifier, lambda: read.pop(0), judge))
             await until(lambda: (runtime_dir / "control").is_socket())
             with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
                 first = await asyncio.to_thread(client.status)
                 os.kill(os.getpid(), signal.SIGHUP)
-                await until(lambda: "The configuration in force stays." in caplog.text)
+                await until(lambda: "SIGHUP: It is bad. The configuration in force stays." in caplog.text)
                 assert not serving.done()
+                bad.unlink()
                 os.kill(os.getpid(), signal.SIGHUP)
                 await until(lambda: caplog.text.count("serving clients in") == 2)
             with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
@@ -116,3 +126,28 @@ def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_lea
     assert [manager.recv(200) for _ in range(3)] == [ready, ready, b"STOPPING=1"]
     assert read == []
     assert sorted(os.listdir(runtime_dir)) == ["lock"]
+
+
+def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
+    configuration: Config, caplog: pytest.LogCaptureFixture
+) -> None:
+    bad = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
+    with Workshop() as workshop:
+        prepared = asyncio.run(service._prepared(workshop, bad, configuration, Notifier({})))
+    assert prepared.config is configuration
+    assert (
+        "has 1 limits for a plate of 2 modes: give one for each mode. The configuration in force stays." in caplog.text
+    )
+
+
+def test_a_configuration_is_checked_without_opening_anything(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sine_plate().save(tmp_path / "map.npz")
+    config = tmp_path / "hapticd.toml"
+    text = f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n[client]\nruntime_dir = "{tmp_path}/run"\n'
+    for limits, code, said in (("[4.0, 4.0]", 0, ""), ("[4.0]", 78, "give one for each mode.")):
+        config.write_text(f"{text}[limits]\nw_limit_um = {limits}\n", encoding="utf-8")
+        assert main(["run", "--check", "--config", str(config)]) == code
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

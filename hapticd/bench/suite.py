@@ -25,6 +25,7 @@ from . import (
     modes_scale,
     prediction,
     remains,
+    soak,
     solver,
     solver_tracks,
     stability,
@@ -36,10 +37,11 @@ __all__ = ["PARTS", "run"]
 
 
 class Extent(NamedTuple):
-    """How long the parts take that can be told: seconds of paced passes, steps of the long walk."""
+    """How long the parts take that can be told: seconds of paced passes, steps of the long walk, a soak's hours."""
 
     seconds: float
     steps: int
+    hours: float = 1.0
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
@@ -55,10 +57,20 @@ PARTS: dict[str, Part] = {
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.both_slip(), remains.run()),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
+    "soak": lambda extent: soak.run(extent.hours),
 }
+APART = ("soak",)  # it compares nothing and takes minutes: not one of `all`
 
 
-def run(part: str, *, seconds: float, json_file: str | None, plot: Path | None, steps: int = stability.STEPS) -> None:
+def run(
+    part: str,
+    *,
+    seconds: float,
+    json_file: str | None,
+    plot: Path | None,
+    steps: int = stability.STEPS,
+    hours: float = 1.0,
+) -> None:
     """Run a part, or `all`: tables as they are found, then JSON and the picture where they are asked for.
 
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
@@ -73,7 +85,7 @@ def run(part: str, *, seconds: float, json_file: str | None, plot: Path | None, 
     out = sys.stderr if json_file == "-" else sys.stdout
     told: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
-    for name, tables in _results(part, Extent(seconds, steps)):
+    for name, tables in _results(part, Extent(seconds, steps, hours)):
         told[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)
@@ -92,7 +104,7 @@ def _is_drawn(table: Table) -> bool:
 
 
 def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
-    for name in PARTS if part == "all" else (part,):
+    for name in [name for name in PARTS if name not in APART] if part == "all" else (part,):
         yield name, PARTS[name](extent)
 
 

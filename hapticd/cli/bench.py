@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-PARTS = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "all")
+PARTS = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "soak", "all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,6 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("part", nargs="?", choices=PARTS, default="all", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
     parser.add_argument("--steps", type=int, default=10_000_000, help="of stability's long walk (default 10000000)")
+    parser.add_argument("--hours", type=float, default=1.0, help="of soak's virtual time (default 1); not in all")
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw error against run time")
     parser.set_defaults(command=_bench)
@@ -21,4 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _bench(options: argparse.Namespace) -> None:
     from ..bench import suite
 
-    suite.run(options.part, seconds=options.seconds, steps=options.steps, json_file=options.json, plot=options.plot)
+    suite.run(
+        options.part,
+        seconds=options.seconds,
+        steps=options.steps,
+        hours=options.hours,
+        json_file=options.json,
+        plot=options.plot,
+    )

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 
 from .. import config
 from . import configured
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which configuration."""
+    """Which configuration, and whether it shall run."""
     configured.add_arguments(parser)
     parser.add_argument("--print-config", action="store_true", help="print the configuration in force, and end")
+    parser.add_argument("--check", action="store_true", help="read all that it names, say what is wrong, and end")
     parser.set_defaults(command=_run)
 
 
@@ -20,7 +23,17 @@ def _run(options: argparse.Namespace) -> None:
     if options.print_config:
         print(config.render(loaded), end="")
         return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # nothing here is large enough for numpy's threads
     from .. import service
 
+    if options.check:
+        service.check(loaded)
+        return
     configured.log_to_stderr(loaded.log.level)
-    service.run(loaded, lambda: configured.configuration(options))
+    service.run(loaded, lambda: configured.configuration(options), judge=_check_command(options))
+
+
+def _check_command(options: argparse.Namespace) -> list[str]:
+    """`hapticd run --check` on what these options name."""
+    config_file = [] if options.config is None else ["--config", str(options.config)]
+    return [sys.executable, "-m", "hapticd", "run", "--check", *config_file, *(["--sim"] if options.sim else [])]

@@ -14,30 +14,32 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-Cell = tuple[tuple[float, ...], ...]
+
+COEFFICIENTS = 16  # of one surface in one cell, powers of x fastest
 
 _FILL_STEPS = 500  # far above what scattered gaps need; a gap too wide to converge is still filled smoothly
 
 
 class BicubicSurfaces:
-    """M surfaces over one rectangular grid, evaluated many points at a time."""
+    """M surfaces over one rectangular grid, evaluated many points at a time.
 
-    __slots__ = ("_table", "x_knots", "y_knots")
+    `patches` (cells, M, 16) are the coefficients for who evaluates one point: cells row by row from the lowest y, of
+    each surface the powers y^d x^c, those of x fastest, of the distances to the cell's lower left corner.
+    """
+
+    __slots__ = ("_by_power", "patches", "x_knots", "y_knots")
 
     def __init__(self, x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> None:
         """Interpolate `values` (M, ny, nx), all finite, over increasing knots (nx,), (ny,), at least 4 of each."""
         self.x_knots, self.y_knots = x_knots, y_knots
         along_x = np.einsum("icn,myn->myic", _cell_operator(x_knots), values, optimize=True)
         patches = np.einsum("jdn,mnic->djcim", _cell_operator(y_knots), along_x, optimize=True)
-        # One contiguous (cells, M) block for each of the 16 powers y^d x^c, so that a batch gathers rows.
-        order = np.ascontiguousarray(patches.transpose(0, 2, 1, 3, 4))
-        self._table = order.reshape(4, 4, (y_knots.size - 1) * (x_knots.size - 1), values.shape[0])
-
-    def cells(self) -> tuple[Cell, ...]:
-        """Per cell, row by row from the lowest y, and per surface: the 16 coefficients, powers of x fastest."""
-        by_cell = self._table.transpose(2, 3, 0, 1)
-        rows: list[list[list[float]]] = by_cell.reshape(*by_cell.shape[:2], 16).tolist()
-        return tuple(tuple(tuple(surface) for surface in cell) for cell in rows)
+        # patches is (y^d, rows, x^c, columns, M); what one point needs of it lies together, which is what counts for a
+        # tick on a cold cache. Python floats of their own would take the fourfold memory.
+        by_cell = np.ascontiguousarray(patches.transpose(1, 3, 4, 0, 2))
+        by_cell.setflags(write=False)
+        self.patches = by_cell.reshape(-1, values.shape[0], COEFFICIENTS)
+        self._by_power = self.patches.reshape(-1, values.shape[0], 4, 4).transpose(2, 3, 0, 1)
 
     def evaluate(self, points: FloatArray) -> FloatArray:
         """Values (N, M) at `points` (N, 2); points outside are clamped to the edge, NaN gives zeros."""
@@ -69,12 +71,12 @@ class BicubicSurfaces:
 
     def _row(self, power: int, cell: npt.NDArray[np.intp], u: FloatArray) -> FloatArray:
         """The cubic in x that multiplies y^power, (N, M)."""
-        c0, c1, c2, c3 = self._table[power]
+        c0, c1, c2, c3 = self._by_power[power]
         value: FloatArray = ((c3[cell] * u + c2[cell]) * u + c1[cell]) * u + c0[cell]
         return value
 
     def _row_slope(self, power: int, cell: npt.NDArray[np.intp], u: FloatArray) -> FloatArray:
-        _, c1, c2, c3 = self._table[power]
+        _, c1, c2, c3 = self._by_power[power]
         slope: FloatArray = (3.0 * c3[cell] * u + 2.0 * c2[cell]) * u + c1[cell]
         return slope
 

@@ -11,13 +11,14 @@ Outside the map the shapes are those of the nearest edge point, and `inside` say
 
 from __future__ import annotations
 
+import struct
 from bisect import bisect_right
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.bicubic import BicubicSurfaces, FloatArray, fill_gaps
+from hapticd.core.bicubic import COEFFICIENTS, BicubicSurfaces, FloatArray, fill_gaps
 from hapticd.core.modes_file import FORMATS, MAX_BYTES, MAX_LINES, MAX_POSITION_MM, Grid, decode_grid, encode_grid
 from hapticd.errors import ModesError
 
@@ -27,16 +28,20 @@ Row = tuple[float, ...]  # of M shapes at one point
 Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
 
 _MIN_POINTS = 4  # what a cubic through a line of the grid needs
-_MAX_VALUES = 250_000  # of all modes, which take 0.7 kB each; two modes on 350 x 350 points
+_MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
 _MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
 _MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # beyond is a damaged file, and could overflow
+_PATCH = struct.Struct(f"={COEFFICIENTS}d")
 _FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
 
 
 class ModeShapes:
     """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only."""
 
-    __slots__ = ("M", "_cells", "_columns", "_surfaces", "_x_knots", "_y_knots", "_zeros", "shapes", "x_mm", "y_mm")
+    __slots__ = (
+        *("M", "shapes", "x_mm", "y_mm"),
+        *("_cell_bytes", "_columns", "_patches", "_surfaces", "_x_knots", "_y_knots", "_zeros"),
+    )
 
     def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
         """See `from_grid`."""
@@ -44,7 +49,8 @@ class ModeShapes:
         self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
         self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
         self.M = int(self.shapes.shape[0])
-        self._cells = self._surfaces.cells()
+        self._patches = self._surfaces.patches.data.cast("B")
+        self._cell_bytes = self.M * _PATCH.size
         self._columns = self.x_mm.size - 1
         self._x_knots: tuple[float, ...] = tuple(self.x_mm.tolist())
         self._y_knots: tuple[float, ...] = tuple(self.y_mm.tolist())
@@ -90,8 +96,10 @@ class ModeShapes:
         column = bisect_right(x_knots, x_mm, 1, self._columns) - 1
         row = bisect_right(y_knots, y_mm, 1, len(y_knots) - 1) - 1
         u, v = x_mm - x_knots[column], y_mm - y_knots[row]
+        first = (row * self._columns + column) * self._cell_bytes
         phi = []
-        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in self._cells[row * self._columns + column]:
+        cell = self._patches[first : first + self._cell_bytes]
+        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in _PATCH.iter_unpack(cell):
             a = ((a3 * u + a2) * u + a1) * u + a0
             b = ((b3 * u + b2) * u + b1) * u + b0
             c = ((c3 * u + c2) * u + c1) * u + c0
@@ -107,8 +115,10 @@ class ModeShapes:
         column = bisect_right(x_knots, x_mm, 1, self._columns) - 1
         row = bisect_right(y_knots, y_mm, 1, len(y_knots) - 1) - 1
         u, v = x_mm - x_knots[column], y_mm - y_knots[row]
+        first = (row * self._columns + column) * self._cell_bytes
         slopes = []
-        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in self._cells[row * self._columns + column]:
+        cell = self._patches[first : first + self._cell_bytes]
+        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in _PATCH.iter_unpack(cell):
             a, a_x = ((a3 * u + a2) * u + a1) * u + a0, (3.0 * a3 * u + 2.0 * a2) * u + a1
             b, b_x = ((b3 * u + b2) * u + b1) * u + b0, (3.0 * b3 * u + 2.0 * b2) * u + b1
             c, c_x = ((c3 * u + c2) * u + c1) * u + c0, (3.0 * c3 * u + 2.0 * c2) * u + c1

@@ -9,6 +9,7 @@ data, so those of regular samplers are computed once, for all intervals and dens
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -42,10 +43,41 @@ class Gain(NamedTuple):
     innovation_mm2: float
 
 
-Rows = tuple[tuple[Gain, ...], ...]
+_GAIN = struct.Struct(f"={len(Gain._fields)}d")
+_ROW_BYTES = len(MODELS) * _GAIN.size
 
 
-@lru_cache(maxsize=64)
+class Rows:
+    """The gains of one interval: a row per sample after the first, of a `Gain` for each of `MODELS`.
+
+    A sequence to read from. It keeps plain numbers, 40 bytes a gain where Python's objects take 220, and makes the row
+    that is asked for: a touch reads each once, and from its second second on only the last.
+    """
+
+    __slots__ = ("_length", "_numbers", "_steady")
+
+    def __init__(self, gains: FloatArray) -> None:
+        """`gains` (steps, models, 5), the fields `Gain`'s."""
+        self._length = len(gains)
+        self._numbers = np.ascontiguousarray(gains).tobytes()
+        self._steady = self._row(self._length - 1)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, index: int) -> tuple[Gain, ...]:
+        if index == self._length - 1:
+            return self._steady
+        if not 0 <= index < self._length:
+            raise IndexError(f"row {index} of {self._length}")
+        return self._row(index)
+
+    def _row(self, index: int) -> tuple[Gain, ...]:
+        first = index * _ROW_BYTES
+        return tuple(map(Gain._make, _GAIN.iter_unpack(self._numbers[first : first + _ROW_BYTES])))
+
+
+@lru_cache(maxsize=16)  # two configurations of some levels each
 def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, ...]:
     """For each interval the rows of gains, one per sample after the first, the last for all that follow.
 
@@ -58,9 +90,7 @@ def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, .
         ],
         axis=2,
     )
-    return tuple(
-        tuple(tuple(Gain(*gain) for gain in row) for row in interval) for interval in columns.swapaxes(0, 1).tolist()
-    )
+    return tuple(Rows(interval) for interval in columns.swapaxes(0, 1))
 
 
 def kalman_gains(

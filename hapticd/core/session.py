@@ -203,9 +203,13 @@ class BoardSession:
         if self.status.state is BoardState.QUIET and self._arming.due(t_now_ns):
             zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
             commands += self._numbered(zero, t_now_ns)
-        elif self._keeping_alive.due(t_now_ns):
-            commands.append(KeepAlive(self._seq))
+        else:
+            commands += self.keep_alive(t_now_ns)
         return commands
+
+    def keep_alive(self, t_now_ns: int) -> list[BoardCommand]:
+        """What a board that `follows` must hear, if nothing else is said to it."""
+        return [KeepAlive(self._seq)] if self._keeping_alive.due(t_now_ns) else []
 
     def _start_over(self) -> None:
         """The next timer greets: a board that was reset knows neither its controller nor its models any more."""

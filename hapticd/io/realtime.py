@@ -75,9 +75,18 @@ def quiet_collector() -> None:
     """What is alive now lives as long as the daemon: it is never looked at again, and the rest not while a finger is
     down (`collect_when_idle` does it then), unless so much piles up that memory would suffer."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.unfreeze()  # what an earlier daemon of this process left
     gc.collect()
     gc.freeze()
+    _give_back_memory()
     gc.set_threshold(EMERGENCY_ALLOCATIONS, 10, 10)
+
+
+def _give_back_memory() -> None:
+    """What reading and preparing needed for a moment: some megabytes, which glibc would keep for later."""
+    trim = getattr(_libc(), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
 
 
 def collect_when_idle() -> int:

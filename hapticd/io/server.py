@@ -4,9 +4,9 @@
     control    ROUTER  requests in, replies out
     telemetry  XPUB    states out, and knowledge of whether anybody listens
 
-A ZeroMQ file descriptor is edge-triggered, and any call on the socket may eat the edge: every wake-up reads to the
-end, and `sweep`, called on the daemon's tick, catches what an eaten edge left behind. zmq.asyncio carries no message
-of a client's: it receives five times slower, and its tail is a tick long under load.
+A ZeroMQ file descriptor is edge-triggered, and any call on the socket may eat the edge: every wake-up, and every send,
+reads to the end, and `sweep`, which the daemon calls now and then, catches what an eaten edge left behind all the same.
+zmq.asyncio carries no message of a client's: it receives five times slower, and its tail is a tick long under load.
 
 A flood cannot hold the loop: a wake-up reads for BUDGET_S of each socket, then the loop breathes, and each sender has
 a rate (senders.py). What is lost by that is counted and said.

@@ -1,5 +1,18 @@
 """The simulated plate: firmware C, plate physics and fingers, in lock-step or in real time."""
 
-from .lockstep import Run, Settings, run
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .lockstep import Run, Settings, run
 
 __all__ = ["Run", "Settings", "run"]
+
+
+def __getattr__(name: str) -> object:
+    """Loaded when asked for: a daemon takes from here how to start a rig, and needs none of its physics."""
+    if name in __all__:
+        return getattr(importlib.import_module(".lockstep", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -36,6 +36,7 @@ class FaultySimulation(Simulation):
         self._daemon_runs = True
         self._waiting: dict[str, list[bytes]] = {}
         self._host_ahead_ns = 0
+        self._resets = 0
         super().__init__(actors, settings, seed)
 
     @property
@@ -75,7 +76,8 @@ class FaultySimulation(Simulation):
     def reset_board(self, t_ns: int) -> None:
         """Its watchdog bites; the port stays, and for BOOT_S nobody is behind it."""
         del t_ns
-        self.world.reset_board(self.seed + 1000)
+        self._resets += 1
+        self.world.reset_board(self.seed + 1000 * self._resets)  # each boot has an id of its own
         self._carries["board"] = False
         self.at((self._t_ns - T_START_NS) * 1e-9 + BOOT_S, lambda _: self._carries.update(board=True))
 

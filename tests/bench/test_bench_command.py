@@ -25,7 +25,17 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_knows_every_part() -> None:
-    assert list(suite.PARTS) == ["modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware"]
+    assert list(suite.PARTS) == [
+        "modes",
+        "prediction",
+        "solver",
+        "knots",
+        "stability",
+        "tick",
+        "leak",
+        "firmware",
+        "soak",
+    ]
 
 
 @pytest.mark.usefixtures("quick")

@@ -17,8 +17,10 @@ FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "hapticd.service"
 RULES = FOLDER / "71-hapticd.rules"
 CONFIGURATION = FOLDER / "hapticd.toml"
+TCP = FOLDER / "tcp.conf"
 
 MAX_EXPOSURE = 1.0  # of 10; bare units have 9.6
+MAX_EXPOSURE_TCP = 1.6  # a network of its own, without any, is what it cannot have then
 BLUETOOTH_BUS = 2  # hidapi's name for it; the kernel's is 0005
 
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
@@ -54,6 +56,27 @@ def test_systemd_accepts_the_unit_without_a_word(installed_unit: Path) -> None:
 def test_the_service_is_left_with_next_to_nothing(installed_unit: Path) -> None:
     judged = analyze("security", "--offline=true", f"--threshold={round(MAX_EXPOSURE * 10)}", installed_unit)
     assert judged.returncode == 0, judged.stdout[-300:]
+
+
+@needs_systemd
+def test_the_drop_in_for_tcp_is_accepted_and_opens_next_to_nothing(installed_unit: Path, tmp_path: Path) -> None:
+    merged = tmp_path / "merged" / UNIT.name  # a drop-in's lines are read after the unit's own
+    merged.parent.mkdir()
+    merged.write_text(f"{installed_unit.read_text()}\n{TCP.read_text(encoding='utf-8')}", encoding="utf-8")
+    verified = analyze("verify", merged)
+    assert (verified.returncode, verified.stderr) == (0, "")
+    judged = analyze("security", "--offline=true", f"--threshold={round(MAX_EXPOSURE_TCP * 10)}", merged)
+    assert judged.returncode == 0, judged.stdout[-300:]
+
+
+def test_the_drop_in_opens_the_three_ports_of_one_address_range_and_no_more() -> None:
+    lines = [line for line in TCP.read_text(encoding="utf-8").splitlines() if "=" in line and not line.startswith("#")]
+    opened = dict(line.split("=", 1) for line in lines)
+    assert opened["SocketBindDeny"] == "any"
+    assert opened["SocketBindAllow"] == "tcp:7410-7412"
+    assert "any" not in opened["IPAddressAllow"].split()
+    assert "IPAddressDeny" not in opened  # the unit's own, any, stays
+    assert directives("IPAddressDeny") == ["any"]
 
 
 def test_the_unit_starts_the_program_with_the_configuration_that_is_installed() -> None:

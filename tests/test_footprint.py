@@ -1,0 +1,49 @@
+"""What a running service carries in its memory, and what it leaves where it lies."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.core.modes import ModeShapes
+
+START = """
+import sys
+from hapticd import __main__ as command, machine, service
+from hapticd.config import Config
+command._parser(["run"])
+machine.warm_up(Config())
+print(*sorted(sys.modules))
+"""
+
+NOT_NEEDED = (
+    *("scipy", "matplotlib", "numpy.ma", "numpy.fft", "numpy.random", "numpy.polynomial"),
+    *("hapticd.design", "hapticd.bench", "hapticd.bringup", "hapticd.sim.lockstep", "hapticd.sim.plate"),
+    *("email", "http", "xml", "unittest", "sqlite3", "multiprocessing"),
+)
+
+
+def test_a_started_service_has_loaded_nothing_of_the_simulation_the_fits_and_the_tools() -> None:
+    told = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True, check=True)
+    loaded = set(told.stdout.split())
+    assert "hapticd.core.pipeline" in loaded
+    assert not loaded & {*NOT_NEEDED}
+
+
+def test_a_map_s_patches_are_kept_once_and_as_plain_numbers() -> None:
+    axis_mm = np.linspace(-50.0, 50.0, 101)
+    modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 101, 101)))
+    assert modes._patches.nbytes == 100 * 100 * 2 * 16 * 8
+    assert modes._patches.readonly
+
+
+def test_the_first_word_alone_decides_whether_other_commands_are_known(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, word in ((["run", "--help"], "hapticd run --config"), (["--help"], "simulate")):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 0
+        assert word in capsys.readouterr().out
