@@ -109,10 +109,11 @@ def test_a_recording_cut_anywhere_is_identical_as_far_as_it_goes(tmp_path: Path,
     records_at = data.index(SYNC, data.index(SYNC) + 1)
     for share in (0.3, 0.999):
         cut.write_bytes(data[: records_at + int(share * (len(data) - records_at))])
-        outcome = replay(open_recording(cut))
+        recording = open_recording(cut)
+        outcome = replay(recording)
         assert outcome.is_identical
         assert outcome.lines <= whole
-        assert "its end is cut off" in report(open_recording(cut), outcome)
+        assert "its end is cut off" in report(recording, outcome)
 
 
 def test_a_recording_that_began_late_says_that_it_cannot_be_exact(tmp_path: Path, strokes: Path) -> None:
@@ -141,7 +142,9 @@ def test_the_command_says_identical_or_shows_the_difference(
     strokes: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert main(["replay", str(strokes)]) == 0
-    assert capsys.readouterr().out.startswith("bit-identical: ")
+    said = capsys.readouterr().out
+    assert said.startswith("bit-identical: ")
+    assert said.count("\n") == 1
 
     monkeypatch.setattr(machine_module, "FRESH_START", b"")
     assert main(["replay", str(strokes)]) == 1
