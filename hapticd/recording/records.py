@@ -3,7 +3,7 @@
 A record's body is a MessagePack list, whose fields are named here with their units; the header repeats these names, so
 that a file can be read without this one. Amplitudes are pairs (d, q): W = d + j q.
 
-    heard     reports timer board_bytes board_link trackpad_link targets request stop take_leave    what `replay` feeds
+    heard     reports timer board_bytes board_link trackpad_link targets request stop take_leave: what `replay` feeds
     done      written                                                                    what `replay` compares
     found     pass status ledger marker                                                  what people look at
     beside    truth end                                                                  the plate's own; the reason
