@@ -134,7 +134,11 @@ class SolverConfig:
     policy: str = _key("keep_zero", "what gives way at the limit", choices=POLICY_NAMES)
     effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
     fade: float = _key(
-        0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0: not", low=0, high=4
+        5.0,
+        "mm2/um2: share of its target that a slipping finger must get for a slope of 1 um/mm under a still one, where "
+        "a limit keeps it from more; else amplitude gives way; 0: it does not",
+        low=0,
+        high=100,
     )
     phase_rotation: bool = _key(
         True, "two slipping fingers or more change their signs by turning their phase, and never feel it"

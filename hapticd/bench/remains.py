@@ -2,10 +2,12 @@
 
     positions   each finger's predictor is replaced by its true path
     map         the measured cartography is replaced by the true shapes
-    loop        the plate does what the reference says, at once, and its neighbour modes keep still
+    neighbours  the plate's other modes keep still: the fingers' friction drives them more than the amplifiers do
+    loop        the driven modes do what the reference says, at once; always with still neighbours
 
-The trajectories, noise and links stay the same. What is left when all three are perfect is the polyline's: knots, and
-the tolerance within which a reference may stand.
+The trajectories, noise and links stay the same. What is left when all are perfect is the polyline's: knots, and the
+tolerance within which a reference may stand. No sensor sees the neighbours as the still finger feels them, so their
+share bounds what any control can do that knows the driven modes alone.
 """
 
 from __future__ import annotations
@@ -62,9 +64,8 @@ def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settin
         simulation = _simulation(settings, seed, true_path=true_path, true_map=true_map)
         simulation.run(seconds)
         played = simulation.result(SCENARIO)
-        for ideal_loop in (False, True):
-            name = _name(positions=true_path, map=true_map, loop=ideal_loop)
-            leak_um = _ideal_loop_um(simulation, played) if ideal_loop else played.score.leak_um
+        for part, leak_um in _leaks_um(simulation, played).items():
+            name = _name(positions=true_path, map=true_map, neighbours=part != "", loop=part == "loop")
             leaks_um.setdefault(name, []).append(leak_um)
             errors_mm.setdefault(name, []).append(_position_error_mm(played))
     rows = [
@@ -84,13 +85,14 @@ def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settin
 
 def _simulation(settings: Settings, seed: int, *, true_path: bool, true_map: bool) -> Simulation:
     simulation = Simulation(SCENARIOS[SCENARIO].build(seed, settings.speed_mm_s), settings, seed)
-    pipeline = simulation.machine.pipeline
+    if true_map:
+        simulation._modes = _true_map(simulation)
+        simulation.machine = simulation._new_machine()
     if true_path:
+        pipeline = simulation.machine.pipeline
         paths = [actor.path.path if isinstance(actor.path, Touch) else actor.path for actor in simulation.actors]
         known = [path for path in paths if path is not None]
         pipeline._settings = replace(pipeline._settings, make_predictor=lambda: TruePath(known))
-    if true_map:
-        pipeline._modes = _true_map(simulation)
     return simulation
 
 
@@ -101,10 +103,14 @@ def _true_map(simulation: Simulation) -> ModeShapes:
     return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
 
 
-def _ideal_loop_um(simulation: Simulation, played: Run) -> float:
-    phi = simulation.world.plate.shapes(played.finger_true_mm)[..., : played.reference_um.shape[1]]
-    truth_um = np.einsum("tnm,tm->tn", phi, played.reference_um)
-    return score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited).leak_um
+def _leaks_um(simulation: Simulation, played: Run) -> dict[str, float]:
+    """The run as it was, with still neighbours, and with a perfect loop too."""
+    phi = simulation.world.plate.shapes(played.finger_true_mm)[..., : played.modal_um.shape[1]]
+    leaks_um = {"": played.score.leak_um}
+    for part, modal_um in (("neighbours", played.modal_um), ("loop", played.reference_um)):
+        truth_um = np.einsum("tnm,tm->tn", phi, modal_um)
+        leaks_um[part] = score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited).leak_um
+    return leaks_um
 
 
 def _position_error_mm(played: Run) -> float:

@@ -25,6 +25,7 @@ from . import (
     modes_scale,
     prediction,
     remains,
+    singular,
     solver,
     solver_tracks,
     stability,
@@ -53,7 +54,7 @@ PARTS: dict[str, Part] = {
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), leak.both_slip(), remains.run()),
+    "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), remains.run()),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
 }
 

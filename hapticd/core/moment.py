@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..values import SafeDrive, TouchPoint
+from .fade import faded, is_near_node, least_share, slopes_at
 from .knots import SHORTEST_NS, Row
 from .modes import ModeShapes
 from .solver import solve_fast
@@ -33,7 +34,7 @@ class Moment(NamedTuple):
 
 
 class MomentSolver:
-    """Places to moments, for one plate. `fade`: see `_faded`; `phase_rotation`: whether phases may turn."""
+    """Places to moments, for one plate. `fade`: see `core.fade`; `phase_rotation`: whether phases may turn."""
 
     def __init__(
         self,
@@ -46,6 +47,8 @@ class MomentSolver:
         phase_rotation: bool,
     ) -> None:
         self._at = modes.at
+        self._slopes_at = modes.at_with_gradient
+        self._steepest_1_mm = modes.steepest_1_mm()
         self._w_limit_um = w_limit_um
         self._policy = policy
         self._effort = effort
@@ -75,9 +78,27 @@ class MomentSolver:
                 self._policy,
                 self._effort,
             )
-        if limited and self._fade > 0.0:
-            modal_um = _faded(phi, targets_um, modal_um, self._fade)
+        if self._fade > 0.0 and 0.0 in targets_um:
+            modal_um = self._faded(places, phi, targets_um, modal_um, limited)
         return Moment(places, phi, modal_um, limited)
+
+    def _faded(
+        self,
+        places: list[Place],
+        phi: tuple[tuple[float, ...], ...],
+        targets_um: tuple[float, ...],
+        modal_um: Row,
+        limited: bool,
+    ) -> Row:
+        """Less amplitude where it is not worth its price. Slopes are only looked at where they could matter."""
+        steepest_1_mm = self._steepest_1_mm
+        if not limited and not any(
+            target_um == 0.0 and is_near_node(row, modal_um, steepest_1_mm)
+            for row, target_um in zip(phi, targets_um, strict=True)
+        ):
+            return modal_um
+        share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um)
+        return faded(modal_um, share, slopes_at(self._slopes_at, places), self._fade, limited=limited)
 
 
 def points(keys: Sequence[Key], first: Moment, last: Moment) -> tuple[TouchPoint, ...]:
@@ -117,23 +138,6 @@ def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
             if not abs(w_um - end_um) <= tolerance_um:
                 return drive.t_apply_ns + last_ns
     return drive.t_apply_ns
-
-
-def _faded(rows: Sequence[tuple[float, ...]], targets_um: Sequence[float], modal_um: Row, fade: float) -> Row:
-    """Less amplitude where the limit leaves a slippery finger only a share of its target: that share to `fade`.
-
-    Near a singular position the slippery finger gets next to nothing from modes at their limits, and the sticky one
-    pays for it: what it feels of a position's error grows with the amplitude. All modes are scaled together, so the
-    zero stays; where targets are met nothing changes.
-    """
-    if 0.0 not in targets_um:
-        return modal_um
-    share = 1.0
-    for row, target_um in zip(rows, targets_um, strict=True):
-        if target_um > 0.0:
-            share = min(share, _amplitude_um(row, modal_um) / target_um)
-    scale = share**fade
-    return tuple([w_um * scale for w_um in modal_um])
 
 
 def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:

@@ -41,8 +41,9 @@ class Predictor(Protocol):
 class PipelineSettings:
     """What the pipeline is told once.
 
-    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway, and
-    `phase_rotation` whether two slipping fingers change their signs by turning their phase (see `moment`).
+    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `fade`;
+    0 also takes the bound off the reference's slope), and `phase_rotation` whether two slipping fingers change their
+    signs by turning their phase (see `moment`).
     `cover_ns` is how long one frame must carry the plate: one and a half report periods, so that one lost report
     leaves it on known ground. `loop_delay_ns` is by how much the plate follows its reference late.
     """

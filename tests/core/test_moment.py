@@ -31,7 +31,7 @@ def sine_plate() -> ModeShapes:
 PLATE = sine_plate()
 
 
-def solver(*, phase_rotation: bool = True, policy: str = "keep_zero", fade: float = 0.4) -> MomentSolver:
+def solver(*, phase_rotation: bool = True, policy: str = "keep_zero", fade: float = 5.0) -> MomentSolver:
     return MomentSolver(PLATE, W_LIMIT_UM, policy=policy, effort=0.0, fade=fade, phase_rotation=phase_rotation)
 
 
