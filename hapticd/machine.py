@@ -7,6 +7,7 @@ It wires decoders, core and encoders for both the service (`daemon.py`) and the 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
@@ -15,12 +16,13 @@ from .config import Config
 from .core.clientele import Clientele
 from .core.ledger import LoopTiming
 from .core.modes import ModeShapes
+from .core.neighbours import Neighbours
 from .core.pipeline import Pipeline, PipelineSettings
 from .core.prediction import PREDICTORS, make_predictor
 from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve, Scene
 from .core.session import BoardSession
 from .core.supervisor import Event, State, Supervisor
-from .errors import DeviceError, RequestError
+from .errors import ConfigError, DeviceError, RequestError
 from .tool_values import BoardVerdict, ToolMessage, Verdict
 from .values import (
     AffineMap,
@@ -66,9 +68,11 @@ class Machine:
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
         calibration: Sequence[ModeCalibration] = (),
+        neighbours: Neighbours | None = None,
     ) -> None:
         """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next;
-        `calibration` is what the board shall know of its modes."""
+        `calibration` is what the board shall know of its modes, `neighbours` the modes that only fingers drive: those
+        that the configuration names, if left out."""
         self.config = config
         self.instance = instance
         self.supervisor = Supervisor()
@@ -78,7 +82,9 @@ class Machine:
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
         )
         self.clientele = Clientele()
-        self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config))
+        self.pipeline = Pipeline(
+            modes, self.scene, _pipeline_settings(config), neighbours=neighbours or _neighbours(config)
+        )
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6),
             controller=config.device.controller,
@@ -357,6 +363,18 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         cover_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )
+
+
+def _neighbours(config: Config) -> Neighbours | None:
+    plate = config.plate
+    if not plate.neighbours_file:
+        return None
+    detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.neighbours_detuning_hz]
+    modes = ModeShapes.load(plate.neighbours_file)
+    try:
+        return Neighbours(modes, plate.neighbours_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
+    except ValueError as error:
+        raise ConfigError(f"plate.neighbours_file: {error}") from error
 
 
 def _friction_curve(config: Config) -> FrictionCurve:

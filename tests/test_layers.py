@@ -21,7 +21,7 @@ ALLOWED = {
     "wire": {"values", "tool_values", "errors", "wire"},
     "io": {"values", "errors", "io"},
     "design": {"values", "errors", "core.modes", "design"},
-    "sim": {"values", "tool_values", "errors", "core.modes", "wire", "design", "sim"},
+    "sim": {"values", "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
 }
 # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
 ALLOWED_FOR_FILE = {"sim/lockstep.py": {"machine", "config", "core.solver"}}

@@ -6,8 +6,8 @@
     loop        the driven modes do what the reference says, at once; always with still neighbours
 
 The trajectories, noise and links stay the same. What is left when all are perfect is the polyline's: knots, and the
-tolerance within which a reference may stand. No sensor sees the neighbours as the still finger feels them, so their
-share bounds what any control can do that knows the driven modes alone.
+tolerance within which a reference may stand. What the neighbours still leak is what `core.neighbours` leaves out, and
+what their scan errs by.
 """
 
 from __future__ import annotations
@@ -60,12 +60,14 @@ def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settin
     settings = Settings() if settings is None else settings
     leaks_um: dict[str, list[float]] = {}
     errors_mm: dict[str, list[float]] = {}
-    for seed, true_path, true_map in product(seeds, (False, True), (False, True)):
-        simulation = _simulation(settings, seed, true_path=true_path, true_map=true_map)
+    for seed, (true_path, true_map, still) in product(seeds, product((False, True), repeat=3)):
+        # a neighbour that keeps still must not be taken back either
+        chosen = replace(settings, neighbours_known=settings.neighbours_known and not still)
+        simulation = _simulation(chosen, seed, true_path=true_path, true_map=true_map)
         simulation.run(seconds)
         played = simulation.result(SCENARIO)
-        for part, leak_um in _leaks_um(simulation, played).items():
-            name = _name(positions=true_path, map=true_map, neighbours=part != "", loop=part == "loop")
+        for true_loop, leak_um in _leaks_um(simulation, played, still=still).items():
+            name = _name(positions=true_path, map=true_map, neighbours=still, loop=true_loop)
             leaks_um.setdefault(name, []).append(leak_um)
             errors_mm.setdefault(name, []).append(_position_error_mm(played))
     rows = [
@@ -103,13 +105,16 @@ def _true_map(simulation: Simulation) -> ModeShapes:
     return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
 
 
-def _leaks_um(simulation: Simulation, played: Run) -> dict[str, float]:
-    """The run as it was, with still neighbours, and with a perfect loop too."""
+def _leaks_um(simulation: Simulation, played: Run, *, still: bool) -> dict[bool, float]:
+    """The run as it was; or with still neighbours, and then (True) with a perfect loop too."""
+    if not still:
+        return {False: played.score.leak_um}
     phi = simulation.world.plate.shapes(played.finger_true_mm)[..., : played.modal_um.shape[1]]
-    leaks_um = {"": played.score.leak_um}
-    for part, modal_um in (("neighbours", played.modal_um), ("loop", played.reference_um)):
+    leaks_um = {}
+    for true_loop, modal_um in ((False, played.modal_um), (True, played.reference_um)):
         truth_um = np.einsum("tnm,tm->tn", phi, modal_um)
-        leaks_um[part] = score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited).leak_um
+        judged = score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited)
+        leaks_um[true_loop] = judged.leak_um
     return leaks_um
 
 

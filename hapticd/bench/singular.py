@@ -47,7 +47,7 @@ def run(*, strokes: int = 40) -> Table:
         error="largest_step_um",
         notes=(
             "largest step: of all crossings, the mode that changes most from knot to knot; usual: the median crossing",
-            "anywhere: the same of all knots, not at singular positions alone; of paper: its largest step over this one",
+            "anywhere: the same of all knots, not of crossings alone; of paper: its largest step over this one",
             f"price: RMS of what {POSITION_ERROR_MM} mm of error on each axis give the still finger",
         ),
     )

@@ -15,6 +15,7 @@ from ..values import SafeDrive, TouchPoint
 from .fade import faded, is_near_node, least_share, slopes_at
 from .knots import SHORTEST_NS, Row
 from .modes import ModeShapes
+from .neighbours import Neighbours
 from .solver import solve_fast
 from .solver_phase import solve_phased_fast
 
@@ -34,7 +35,8 @@ class Moment(NamedTuple):
 
 
 class MomentSolver:
-    """Places to moments, for one plate. `fade`: see `core.fade`; `phase_rotation`: whether phases may turn."""
+    """Places to moments, for one plate. `fade`: see `core.fade`; `phase_rotation`: whether phases may turn;
+    `neighbours`: modes that fingers drive, taken back under `keep_zero`: then all amplitudes are complex."""
 
     def __init__(
         self,
@@ -45,6 +47,7 @@ class MomentSolver:
         effort: float,
         fade: float,
         phase_rotation: bool,
+        neighbours: Neighbours | None = None,
     ) -> None:
         self._at = modes.at
         self._slopes_at = modes.at_with_gradient
@@ -54,6 +57,8 @@ class MomentSolver:
         self._effort = effort
         self._fade = fade
         self._rotates = phase_rotation and policy == "keep_zero"
+        self._neighbours = neighbours if policy == "keep_zero" else None
+        self._is_turned = False
 
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> Moment:
         """The moment with these places; `previous_um` (M,) is what the plate does `since_ns` before it."""
@@ -65,7 +70,7 @@ class MomentSolver:
             wanted_um.append(target_um)
         phi, targets_um = tuple(rows), tuple(wanted_um)
         modal_um: Row
-        if self._rotates and (targets_um.count(0.0) + 2 <= len(targets_um) or type(previous_um[0]) is complex):
+        if self._turns(targets_um, previous_um):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
             previous_um = tuple(map(complex, previous_um))
             modal_um, limited = solve_phased_fast(phi, targets_um, self._w_limit_um, previous_um, turn_rad)
@@ -74,13 +79,27 @@ class MomentSolver:
                 phi,
                 targets_um,
                 self._w_limit_um,
-                previous_um,  # type: ignore[arg-type]  # floats: no phase turns
+                tuple([w_um.real for w_um in previous_um]),
                 self._policy,
                 self._effort,
             )
         if self._fade > 0.0 and 0.0 in targets_um:
             modal_um = self._faded(places, phi, targets_um, modal_um, limited)
+        if self._neighbours is not None:
+            modal_um = self._neighbours.silenced(places, phi, modal_um, self._w_limit_um)
         return Moment(places, phi, modal_um, limited)
+
+    def _turns(self, targets_um: tuple[float, ...], previous_um: Row) -> bool:
+        """Whether phases turn: while two fingers slip, and after that until the plate has been silent."""
+        if not self._rotates:
+            return False
+        if targets_um.count(0.0) + 2 <= len(targets_um):
+            self._is_turned = True
+        elif self._neighbours is None:
+            return type(previous_um[0]) is complex
+        elif not any(previous_um):
+            self._is_turned = False
+        return self._is_turned
 
     def _faded(
         self,

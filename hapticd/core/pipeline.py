@@ -21,6 +21,7 @@ from .knots import SHORTEST_NS, Row, refine
 from .limits import gate, silence
 from .modes import ModeShapes
 from .moment import Key, Moment, MomentSolver, Place, interpolated_um, moved, points, settles_ns
+from .neighbours import Neighbours
 from .scene import Scene
 from .sensor_clock import SensorClock
 from .tracking import Tracker
@@ -81,7 +82,9 @@ class PipelineCounters:
 class Pipeline:
     """The touch path for one plate. Holds the fingers, their predictors and the reference that stands."""
 
-    def __init__(self, modes: ModeShapes, scene: Scene, settings: PipelineSettings) -> None:
+    def __init__(
+        self, modes: ModeShapes, scene: Scene, settings: PipelineSettings, *, neighbours: Neighbours | None = None
+    ) -> None:
         self.counters = PipelineCounters()
         self.fingers: tuple[Finger, ...] = ()
         self._modes = modes
@@ -94,6 +97,7 @@ class Pipeline:
             effort=settings.effort,
             fade=settings.fade,
             phase_rotation=settings.phase_rotation,
+            neighbours=neighbours,
         )
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(settings.sensor_latency_ns)
