@@ -153,6 +153,9 @@ class SolverConfig:
     phase_rotation: bool = _key(
         True, "two slipping fingers or more change their signs by turning their phase, and never feel it"
     )
+    contact_radius_mm: float = _key(
+        0.0, "of a still finger's contact, over which its mean square is least; 0: a point", low=0, high=15
+    )
     tolerance_um: float = _key(
         0.02, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
     )

@@ -51,7 +51,8 @@ REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes t
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
 FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
-COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
+# A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
+START_COMPUTE_NS = 400_000
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
 
@@ -86,7 +87,7 @@ class Machine:
             modes, self.scene, _pipeline_settings(config), neighbours=neighbours or _neighbours(config)
         )
         self.session = BoardSession(
-            link_start_ns=round(config.device.link_ms * 1e6),
+            link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
         )
@@ -125,7 +126,7 @@ class Machine:
 
     def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> None:
         """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
-        ahead_ns = COMPUTE_NS + self.session.latency.link_ns
+        ahead_ns = self.session.latency.link_ns  # from the pass's beginning, so computing is in it
         try:
             tick = self._decide(batch, t_now_ns, ahead_ns)
             self.is_failing = False
@@ -356,6 +357,7 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         effort=config.solver.effort,
         fade=config.solver.fade,
         phase_rotation=config.solver.phase_rotation,
+        contact_radius_mm=config.solver.contact_radius_mm,
         tolerance_um=config.solver.tolerance_um,
         max_knots=config.solver.max_knots,
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),

@@ -19,6 +19,7 @@ from . import (
     firmware,
     knots,
     leak,
+    leak_contact,
     modes,
     modes_contact,
     modes_fit,
@@ -54,7 +55,7 @@ PARTS: dict[str, Part] = {
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), remains.run()),
+    "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak_contact.run(), remains.run()),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
 }
 

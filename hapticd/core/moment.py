@@ -11,12 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ..values import SafeDrive, TouchPoint
 from .fade import faded, is_near_node, least_share, slopes_at
 from .knots import SHORTEST_NS, Row
 from .modes import ModeShapes
+from .modes_contact import ContactGram
 from .neighbours import Neighbours
 from .solver import solve_fast
+from .solver_contact import contact_problem
 from .solver_phase import solve_phased_fast
 
 Key = int | str  # a finger's id, or a virtual finger's name
@@ -36,7 +40,8 @@ class Moment(NamedTuple):
 
 class MomentSolver:
     """Places to moments, for one plate. `fade`: see `core.fade`; `phase_rotation`: whether phases may turn;
-    `neighbours`: modes that fingers drive, taken back under `keep_zero`: then all amplitudes are complex."""
+    `neighbours`: modes that fingers drive, taken back under `keep_zero`: then all amplitudes are complex;
+    `contact_radius_mm` above 0: a still finger is a disc, and its mean square is least."""
 
     def __init__(
         self,
@@ -48,6 +53,7 @@ class MomentSolver:
         fade: float,
         phase_rotation: bool,
         neighbours: Neighbours | None = None,
+        contact_radius_mm: float = 0.0,
     ) -> None:
         self._at = modes.at
         self._slopes_at = modes.at_with_gradient
@@ -57,7 +63,9 @@ class MomentSolver:
         self._effort = effort
         self._fade = fade
         self._rotates = phase_rotation and policy == "keep_zero"
-        self._neighbours = neighbours if policy == "keep_zero" else None
+        is_point = contact_radius_mm == 0.0  # a disc has no zero that the neighbours could be brought back to
+        self._neighbours = neighbours if policy == "keep_zero" and is_point else None
+        self._contact = None if is_point else ContactGram(modes, contact_radius_mm)
         self._is_turned = False
 
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> Moment:
@@ -69,15 +77,19 @@ class MomentSolver:
             rows.append(at(x_mm, y_mm))
             wanted_um.append(target_um)
         phi, targets_um = tuple(rows), tuple(wanted_um)
+        served, wanted = phi, targets_um
+        if self._contact is not None and 0.0 in targets_um:
+            grams = np.array([self._contact.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
+            served, wanted = contact_problem(phi, targets_um, grams)
         modal_um: Row
         if self._turns(targets_um, previous_um):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
             previous_um = tuple(map(complex, previous_um))
-            modal_um, limited = solve_phased_fast(phi, targets_um, self._w_limit_um, previous_um, turn_rad)
+            modal_um, limited = solve_phased_fast(served, wanted, self._w_limit_um, previous_um, turn_rad)
         else:
             modal_um, limited = solve_fast(
-                phi,
-                targets_um,
+                served,
+                wanted,
                 self._w_limit_um,
                 tuple([w_um.real for w_um in previous_um]),
                 self._policy,

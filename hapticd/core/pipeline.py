@@ -44,7 +44,7 @@ class PipelineSettings:
 
     `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `fade`;
     0 also takes the bound off the reference's slope), and `phase_rotation` whether two slipping fingers change their
-    signs by turning their phase (see `moment`).
+    signs by turning their phase (see `moment`). `contact_radius_mm` above 0 makes still fingers discs.
     `cover_ns` is how long one frame must carry the plate: one and a half report periods, so that one lost report
     leaves it on known ground. `loop_delay_ns` is by how much the plate follows its reference late.
     """
@@ -55,6 +55,7 @@ class PipelineSettings:
     effort: float = 0.0
     fade: float = 0.0
     phase_rotation: bool = True
+    contact_radius_mm: float = 0.0
     tolerance_um: float = 0.02
     max_knots: int = 16
     sensor_latency_ns: int = 10_000_000
@@ -98,6 +99,7 @@ class Pipeline:
             fade=settings.fade,
             phase_rotation=settings.phase_rotation,
             neighbours=neighbours,
+            contact_radius_mm=settings.contact_radius_mm,
         )
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(settings.sensor_latency_ns)
