@@ -64,6 +64,16 @@ class PlateConfig:
 
     size_mm: tuple[float, ...] = _key((137.5, 137.5), "width (x) and depth (y)", low=10, high=1000)
     modes_file: str = _key("", "NPZ or CSV of the measured mode shapes; empty: the simulated plate's own cartography")
+    neighbours_file: str = _key(
+        "", "NPZ or CSV of the shapes of modes near the drive that only fingers drive; empty: none"
+    )
+    neighbours_detuning_hz: tuple[float, ...] = _key(
+        (), "how far each of them lies above the drive", low=-1000, high=1000
+    )
+    neighbours_decay_1_s: tuple[float, ...] = _key((), "pi f / Q of each of them", low=1, high=10000)
+    finger_decay_1_s: float = _key(
+        100.0, "what one finger on a peak of a mode adds to its decay, for neighbours_file", low=0, high=2000
+    )
     friction_curve: tuple[float, ...] = _key(
         (),
         "amplitude in um at equally spaced frictions 1 .. 0, rising from 0; empty: the built-in curve",
@@ -139,10 +149,17 @@ class SolverConfig:
     policy: str = _key("keep_zero", "what gives way at the limit", choices=POLICY_NAMES)
     effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
     fade: float = _key(
-        0.4, "how far amplitude gives way where a limit keeps a finger from its target; 0: not", low=0, high=4
+        5.0,
+        "mm2/um2: share of its target that a slipping finger must get for a slope of 1 um/mm under a still one, where "
+        "a limit keeps it from more; else amplitude gives way; 0: it does not",
+        low=0,
+        high=100,
     )
     phase_rotation: bool = _key(
         True, "two slipping fingers or more change their signs by turning their phase, and never feel it"
+    )
+    contact_radius_mm: float = _key(
+        0.0, "of a still finger's contact, over which its mean square is least; 0: a point", low=0, high=15
     )
     tolerance_um: float = _key(
         0.02, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
@@ -237,7 +254,7 @@ def simulated(config: Config) -> Config:
     """The same on the simulated plate: its own mode shapes, the firmware's own models of them, the pad centred."""
     return replace(
         config,
-        plate=replace(config.plate, modes_file=""),
+        plate=replace(config.plate, modes_file="", neighbours_file=""),
         trackpad=replace(
             config.trackpad,
             source=SIMULATED,
@@ -336,6 +353,12 @@ def _check_together(config: Config, where: str) -> None:
     curve = config.plate.friction_curve
     if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
         raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, the first of them 0.")
+    plate = config.plate
+    if plate.neighbours_file and not len(plate.neighbours_detuning_hz) == len(plate.neighbours_decay_1_s) > 0:
+        raise ConfigError(
+            f"{where}: plate.neighbours_file: needs neighbours_detuning_hz and neighbours_decay_1_s too, a number for "
+            "each of its modes."
+        )
     if config.client.tcp:
         _check_tcp(config.client, where)
     if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:

@@ -7,6 +7,7 @@ It wires decoders, core and encoders for both the service (`daemon.py`) and the 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,12 +17,13 @@ from .config import Config
 from .core.clientele import Clientele
 from .core.ledger import LoopTiming
 from .core.modes import ModeShapes
+from .core.neighbours import Neighbours
 from .core.pipeline import Pipeline, PipelineSettings
 from .core.prediction import PREDICTORS, make_predictor
 from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve, Scene
 from .core.session import BoardSession
 from .core.supervisor import Event, State, Supervisor
-from .errors import DeviceError, RequestError
+from .errors import ConfigError, DeviceError, RequestError
 from .tool_values import BoardVerdict, ToolMessage, Verdict
 from .values import (
     AffineMap,
@@ -53,7 +55,8 @@ FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the st
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
 MAX_MARKERS = 64  # told in one state; a client that sends more between two passes has lost count itself
 FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
-COMPUTE_NS = 200_000  # from reading a report to the frame being written, a little above the paced median
+# A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
+START_COMPUTE_NS = 400_000
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
 
@@ -73,9 +76,11 @@ class Machine:
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
         calibration: Sequence[ModeCalibration] = (),
+        neighbours: Neighbours | None = None,
     ) -> None:
         """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next;
-        `calibration` is what the board shall know of its modes."""
+        `calibration` is what the board shall know of its modes, `neighbours` the modes that only fingers drive: those
+        that the configuration names, if left out."""
         self.config = config
         self.instance = instance
         self.modes = modes
@@ -86,9 +91,11 @@ class Machine:
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
         )
         self.clientele = Clientele()
-        self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config))
+        self.pipeline = Pipeline(
+            modes, self.scene, _pipeline_settings(config), neighbours=neighbours or _neighbours(config)
+        )
         self.session = BoardSession(
-            link_start_ns=round(config.device.link_ms * 1e6),
+            link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
         )
@@ -143,7 +150,7 @@ class Machine:
 
     def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> None:
         """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
-        ahead_ns = COMPUTE_NS + self.session.latency.link_ns
+        ahead_ns = self.session.latency.link_ns  # from the pass's beginning, so computing is in it
         try:
             tick = self._decide(batch, t_now_ns, ahead_ns)
             self.is_failing = False
@@ -432,6 +439,7 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         effort=config.solver.effort,
         fade=config.solver.fade,
         phase_rotation=config.solver.phase_rotation,
+        contact_radius_mm=config.solver.contact_radius_mm,
         tolerance_um=config.solver.tolerance_um,
         max_knots=config.solver.max_knots,
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
@@ -439,6 +447,18 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         cover_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )
+
+
+def _neighbours(config: Config) -> Neighbours | None:
+    plate = config.plate
+    if not plate.neighbours_file:
+        return None
+    detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.neighbours_detuning_hz]
+    modes = ModeShapes.load(plate.neighbours_file)
+    try:
+        return Neighbours(modes, plate.neighbours_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
+    except ValueError as error:
+        raise ConfigError(f"plate.neighbours_file: {error}") from error
 
 
 def _friction_curve(config: Config) -> FrictionCurve:

@@ -33,7 +33,7 @@ _WAYS = {
     "slips": VirtualPath(((-50.0, -20.0), (30.0, 24.0)), SPEED_MM_S, loop=True),
     "sticks": VirtualPath(((45.0, -41.0), (-12.0, 38.0)), SPEED_MM_S, loop=True),
 }
-_BASE = PipelineSettings(w_limit_um=_LIMITS_UM, make_predictor=make_predictor, fade=0.4)
+_BASE = PipelineSettings(w_limit_um=_LIMITS_UM, make_predictor=make_predictor, fade=5.0)
 SCHEMES: Mapping[str, PipelineSettings] = {
     DEFAULT: _BASE,
     "adaptive, 5 nm": replace(_BASE, tolerance_um=0.005),

@@ -48,7 +48,7 @@ def alternatives() -> dict[str, Settings]:
         "effort 0.02, no fade": {"solver": {"effort": 0.02, "fade": 0.0}},
     }
     told = {name: replace(ours, config=swapped(ours.config, swap)) for name, swap in swaps.items()}
-    return {**told, PAPER: paper(ours)}
+    return {**told, "neighbours unknown": replace(ours, neighbours_known=False), PAPER: paper(ours)}
 
 
 def swapped(config: Config, swap: Mapping[str, Mapping[str, Any]]) -> Config:

@@ -2,10 +2,12 @@
 
     positions   each finger's predictor is replaced by its true path
     map         the measured cartography is replaced by the true shapes
-    loop        the plate does what the reference says, at once, and its neighbour modes keep still
+    neighbours  the plate's other modes keep still: the fingers' friction drives them more than the amplifiers do
+    loop        the driven modes do what the reference says, at once; always with still neighbours
 
-The trajectories, noise and links stay the same. What is left when all three are perfect is the polyline's: knots, and
-the tolerance within which a reference may stand.
+The trajectories, noise and links stay the same. What is left when all are perfect is the polyline's: knots, and the
+tolerance within which a reference may stand. What the neighbours still leak is what `core.neighbours` leaves out, and
+what their scan errs by.
 """
 
 from __future__ import annotations
@@ -58,13 +60,14 @@ def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settin
     settings = Settings() if settings is None else settings
     leaks_um: dict[str, list[float]] = {}
     errors_mm: dict[str, list[float]] = {}
-    for seed, true_path, true_map in product(seeds, (False, True), (False, True)):
-        simulation = _simulation(settings, seed, true_path=true_path, true_map=true_map)
+    for seed, (true_path, true_map, still) in product(seeds, product((False, True), repeat=3)):
+        # a neighbour that keeps still must not be taken back either
+        chosen = replace(settings, neighbours_known=settings.neighbours_known and not still)
+        simulation = _simulation(chosen, seed, true_path=true_path, true_map=true_map)
         simulation.run(seconds)
         played = simulation.result(SCENARIO)
-        for ideal_loop in (False, True):
-            name = _name(positions=true_path, map=true_map, loop=ideal_loop)
-            leak_um = _ideal_loop_um(simulation, played) if ideal_loop else played.score.leak_um
+        for true_loop, leak_um in _leaks_um(simulation, played, still=still).items():
+            name = _name(positions=true_path, map=true_map, neighbours=still, loop=true_loop)
             leaks_um.setdefault(name, []).append(leak_um)
             errors_mm.setdefault(name, []).append(_position_error_mm(played))
     rows = [
@@ -84,13 +87,14 @@ def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settin
 
 def _simulation(settings: Settings, seed: int, *, true_path: bool, true_map: bool) -> Simulation:
     simulation = Simulation(SCENARIOS[SCENARIO].build(seed, settings.speed_mm_s), settings, seed)
-    pipeline = simulation.machine.pipeline
+    if true_map:
+        simulation.modes = _true_map(simulation)
+        simulation.machine = simulation._new_machine()
     if true_path:
+        pipeline = simulation.machine.pipeline
         paths = [actor.path.path if isinstance(actor.path, Touch) else actor.path for actor in simulation.actors]
         known = [path for path in paths if path is not None]
         pipeline._settings = replace(pipeline._settings, make_predictor=lambda: TruePath(known))
-    if true_map:
-        pipeline._modes = _true_map(simulation)
     return simulation
 
 
@@ -101,10 +105,17 @@ def _true_map(simulation: Simulation) -> ModeShapes:
     return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
 
 
-def _ideal_loop_um(simulation: Simulation, played: Run) -> float:
-    phi = simulation.world.plate.shapes(played.finger_true_mm)[..., : played.reference_um.shape[1]]
-    truth_um = np.einsum("tnm,tm->tn", phi, played.reference_um)
-    return score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited).leak_um
+def _leaks_um(simulation: Simulation, played: Run, *, still: bool) -> dict[bool, float]:
+    """The run as it was; or with still neighbours, and then (True) with a perfect loop too."""
+    if not still:
+        return {False: played.score.leak_um}
+    phi = simulation.world.plate.shapes(played.finger_true_mm)[..., : played.modal_um.shape[1]]
+    leaks_um = {}
+    for true_loop, modal_um in ((False, played.modal_um), (True, played.reference_um)):
+        truth_um = np.einsum("tnm,tm->tn", phi, modal_um)
+        judged = score(played.t_s, played.target_um, truth_um, played.reference_um, played.limited)
+        leaks_um[true_loop] = judged.leak_um
+    return leaks_um
 
 
 def _position_error_mm(played: Run) -> float:

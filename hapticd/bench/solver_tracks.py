@@ -37,7 +37,7 @@ SIZES = ((1, 1), (2, 1), (1, 2), (2, 2), (3, 2), (15, 2), (2, 3), (3, 3), (5, 4)
 
 def run(*, strokes: int = 40, repeats: int = REPEATS, pairs: int = 400, calls: int = 20) -> tuple[Table, ...]:
     """All tables: `strokes` for the first two, `pairs` of random positions for discs, `calls` for each size."""
-    points_mm = _strokes_mm(strokes)
+    points_mm = strokes_mm(strokes)
     return (
         both_slip(points_mm, repeats),
         one_still(points_mm, repeats),
@@ -46,7 +46,7 @@ def run(*, strokes: int = 40, repeats: int = REPEATS, pairs: int = 400, calls: i
     )
 
 
-def _strokes_mm(strokes: int) -> FloatArray:
+def strokes_mm(strokes: int) -> FloatArray:
     """Positions (strokes, KNOTS, 2 fingers, 2) on lines that stay on the plate."""
     random = np.random.default_rng(17)
     angle = random.uniform(0.0, 2 * np.pi, (strokes, 1, 2))

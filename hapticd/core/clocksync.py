@@ -176,10 +176,10 @@ def _mean(values: Sequence[float], weights: Sequence[float]) -> float:
 
 
 class LinkLatency:
-    """How long a frame takes from the host's send to the board's receipt: the 90 % quantile of the last 64.
+    """How long a frame takes from the beginning of its pass to the board's receipt: the 90 % quantile of the last 64.
 
-    It is the link's part of the horizon, so frames should rarely come later. `start_ns` holds until eight frames
-    were measured.
+    Computing is in it as well as the link: it is their part of the horizon, so frames should rarely come later.
+    `start_ns` holds until eight frames were measured.
     """
 
     _WINDOW = 64

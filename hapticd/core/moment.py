@@ -11,10 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ..values import SafeDrive, TouchPoint
+from .fade import faded, is_near_node, least_share, slopes_at
 from .knots import SHORTEST_NS, Row
 from .modes import ModeShapes
+from .modes_contact import ContactGram
+from .neighbours import Neighbours
 from .solver import solve_fast
+from .solver_contact import contact_problem
 from .solver_phase import solve_phased_fast
 
 Key = int | str  # a finger's id, or a virtual finger's name
@@ -33,7 +39,9 @@ class Moment(NamedTuple):
 
 
 class MomentSolver:
-    """Places to moments, for one plate. `fade`: see `_faded`; `phase_rotation`: whether phases may turn."""
+    """Places to moments, for one plate. `fade`: see `core.fade`; `phase_rotation`: whether phases may turn;
+    `neighbours`: modes that fingers drive, taken back under `keep_zero`: then all amplitudes are complex;
+    `contact_radius_mm` above 0: a still finger is a disc, and its mean square is least."""
 
     def __init__(
         self,
@@ -44,13 +52,21 @@ class MomentSolver:
         effort: float,
         fade: float,
         phase_rotation: bool,
+        neighbours: Neighbours | None = None,
+        contact_radius_mm: float = 0.0,
     ) -> None:
         self._at = modes.at
+        self._slopes_at = modes.at_with_gradient
+        self._steepest_1_mm = modes.steepest_1_mm()
         self._w_limit_um = w_limit_um
         self._policy = policy
         self._effort = effort
         self._fade = fade
         self._rotates = phase_rotation and policy == "keep_zero"
+        is_point = contact_radius_mm == 0.0  # a disc has no zero that the neighbours could be brought back to
+        self._neighbours = neighbours if policy == "keep_zero" and is_point else None
+        self._contact = None if is_point else ContactGram(modes, contact_radius_mm)
+        self._is_turned = False
 
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> Moment:
         """The moment with these places; `previous_um` (M,) is what the plate does `since_ns` before it."""
@@ -61,23 +77,59 @@ class MomentSolver:
             rows.append(at(x_mm, y_mm))
             wanted_um.append(target_um)
         phi, targets_um = tuple(rows), tuple(wanted_um)
+        served, wanted = phi, targets_um
+        if self._contact is not None and 0.0 in targets_um:
+            grams = np.array([self._contact.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
+            served, wanted = contact_problem(phi, targets_um, grams)
         modal_um: Row
-        if self._rotates and (targets_um.count(0.0) + 2 <= len(targets_um) or type(previous_um[0]) is complex):
+        if self._turns(targets_um, previous_um):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
             previous_um = tuple(map(complex, previous_um))
-            modal_um, limited = solve_phased_fast(phi, targets_um, self._w_limit_um, previous_um, turn_rad)
+            modal_um, limited = solve_phased_fast(served, wanted, self._w_limit_um, previous_um, turn_rad)
         else:
             modal_um, limited = solve_fast(
-                phi,
-                targets_um,
+                served,
+                wanted,
                 self._w_limit_um,
-                previous_um,  # type: ignore[arg-type]  # floats: no phase turns
+                tuple([w_um.real for w_um in previous_um]),
                 self._policy,
                 self._effort,
             )
-        if limited and self._fade > 0.0:
-            modal_um = _faded(phi, targets_um, modal_um, self._fade)
+        if self._fade > 0.0 and 0.0 in targets_um:
+            modal_um = self._faded(places, phi, targets_um, modal_um, limited)
+        if self._neighbours is not None:
+            modal_um = self._neighbours.silenced(places, phi, modal_um, self._w_limit_um)
         return Moment(places, phi, modal_um, limited)
+
+    def _turns(self, targets_um: tuple[float, ...], previous_um: Row) -> bool:
+        """Whether phases turn: while two fingers slip, and after that until the plate has been silent."""
+        if not self._rotates:
+            return False
+        if targets_um.count(0.0) + 2 <= len(targets_um):
+            self._is_turned = True
+        elif self._neighbours is None:
+            return type(previous_um[0]) is complex
+        elif not any(previous_um):
+            self._is_turned = False
+        return self._is_turned
+
+    def _faded(
+        self,
+        places: list[Place],
+        phi: tuple[tuple[float, ...], ...],
+        targets_um: tuple[float, ...],
+        modal_um: Row,
+        limited: bool,
+    ) -> Row:
+        """Less amplitude where it is not worth its price. Slopes are only looked at where they could matter."""
+        steepest_1_mm = self._steepest_1_mm
+        if not limited and not any(
+            target_um == 0.0 and is_near_node(row, modal_um, steepest_1_mm)
+            for row, target_um in zip(phi, targets_um, strict=True)
+        ):
+            return modal_um
+        share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um)
+        return faded(modal_um, share, slopes_at(self._slopes_at, places), self._fade, limited=limited)
 
 
 def points(keys: Sequence[Key], first: Moment, last: Moment) -> tuple[TouchPoint, ...]:
@@ -117,23 +169,6 @@ def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
             if not abs(w_um - end_um) <= tolerance_um:
                 return drive.t_apply_ns + last_ns
     return drive.t_apply_ns
-
-
-def _faded(rows: Sequence[tuple[float, ...]], targets_um: Sequence[float], modal_um: Row, fade: float) -> Row:
-    """Less amplitude where the limit leaves a slippery finger only a share of its target: that share to `fade`.
-
-    Near a singular position the slippery finger gets next to nothing from modes at their limits, and the sticky one
-    pays for it: what it feels of a position's error grows with the amplitude. All modes are scaled together, so the
-    zero stays; where targets are met nothing changes.
-    """
-    if 0.0 not in targets_um:
-        return modal_um
-    share = 1.0
-    for row, target_um in zip(rows, targets_um, strict=True):
-        if target_um > 0.0:
-            share = min(share, _amplitude_um(row, modal_um) / target_um)
-    scale = share**fade
-    return tuple([w_um * scale for w_um in modal_um])
 
 
 def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:

@@ -21,6 +21,7 @@ from .knots import SHORTEST_NS, Row, refine
 from .limits import gate, silence
 from .modes import ModeShapes
 from .moment import Key, Moment, MomentSolver, Place, interpolated_um, moved, points, settles_ns
+from .neighbours import Neighbours
 from .scene import Scene
 from .sensor_clock import SensorClock
 from .tracking import Tracker
@@ -41,8 +42,9 @@ class Predictor(Protocol):
 class PipelineSettings:
     """What the pipeline is told once.
 
-    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway, and
-    `phase_rotation` whether two slipping fingers change their signs by turning their phase (see `moment`).
+    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `fade`;
+    0 also takes the bound off the reference's slope), and `phase_rotation` whether two slipping fingers change their
+    signs by turning their phase (see `moment`). `contact_radius_mm` above 0 makes still fingers discs.
     `cover_ns` is how long one frame must carry the plate: one and a half report periods, so that one lost report
     leaves it on known ground. `loop_delay_ns` is by how much the plate follows its reference late.
     """
@@ -53,6 +55,7 @@ class PipelineSettings:
     effort: float = 0.0
     fade: float = 0.0
     phase_rotation: bool = True
+    contact_radius_mm: float = 0.0
     tolerance_um: float = 0.02
     max_knots: int = 16
     sensor_latency_ns: int = 10_000_000
@@ -80,7 +83,9 @@ class PipelineCounters:
 class Pipeline:
     """The touch path for one plate. Holds the fingers, their predictors and the reference that stands."""
 
-    def __init__(self, modes: ModeShapes, scene: Scene, settings: PipelineSettings) -> None:
+    def __init__(
+        self, modes: ModeShapes, scene: Scene, settings: PipelineSettings, *, neighbours: Neighbours | None = None
+    ) -> None:
         self.counters = PipelineCounters()
         self.fingers: tuple[Finger, ...] = ()
         self._modes = modes
@@ -93,6 +98,8 @@ class Pipeline:
             effort=settings.effort,
             fade=settings.fade,
             phase_rotation=settings.phase_rotation,
+            neighbours=neighbours,
+            contact_radius_mm=settings.contact_radius_mm,
         )
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(settings.sensor_latency_ns)

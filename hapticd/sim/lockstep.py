@@ -51,6 +51,7 @@ class Settings:
     report_period_ms: float = 11.25
     sensor_latency_ms: float = 10.0
     link_ms: float = 5.0
+    neighbours_known: bool = True  # the laboratory measured the modes beside the driven ones as well
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)
 
@@ -160,6 +161,7 @@ class Simulation:
             board_start_us=BOARD_START_US,
         )
         self.modes = plate.cartography(seed)
+        self.neighbours = plate.neighbours(seed) if settings.neighbours_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(
             SensorSettings(
@@ -221,7 +223,7 @@ class Simulation:
             self.machine.want(message, t_ns)
 
     def _new_machine(self) -> Machine:
-        return Machine(self._config, self.modes, write_board=self._to_board)
+        return Machine(self._config, self.modes, write_board=self._to_board, neighbours=self.neighbours)
 
     def _to_board(self, data: bytes) -> bool:
         self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)

@@ -25,12 +25,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.modes import BicubicSurfaces, ModeShapes
+from hapticd.core.neighbours import Neighbours
 from hapticd.design import ModeShape, fit_cartography, free_plate_modes, sample_cartography
 
 FloatArray = npt.NDArray[np.float64]
 
 DRIVEN_MODES = ("11x0", "0x11")  # X and Y: the shapes vary along x and along y
 NEIGHBOUR_MODES = ("9x6", "6x9")
+_NEIGHBOUR_NOISE = 3.0  # of their scan, against that of the driven modes
+_FINGER_DECAY_FOUND = 0.87  # a finger's damping as the laboratory measured it, as a share of what fingers do
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
 _POSITIVE |= {"cartography_step_mm", "sized_for_damping"}
@@ -118,12 +121,24 @@ class PlateTruth:
         points = np.asarray(points_mm, np.float64)
         return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
 
+    def neighbours(self, seed: int) -> Neighbours:
+        """What a laboratory learns of the neighbouring pair: a scan at its own resonance, with three times the noise,
+        for the actuators hardly reach it; a sweep; and how one finger damps, to within an eighth."""
+        settings = self.settings
+        noise_frac = _NEIGHBOUR_NOISE * settings.cartography_noise_frac
+        return Neighbours(
+            _cartography(settings.cartography_step_mm, noise_frac, seed, NEIGHBOUR_MODES),
+            self.decay_1_s[len(DRIVEN_MODES) :].tolist(),
+            self.detuning_rad_s[len(DRIVEN_MODES) :].tolist(),
+            _FINGER_DECAY_FOUND * settings.finger_decay_1_s,
+        )
+
     def cartography(self, seed: int) -> ModeShapes:
         """The map of X and Y that the daemon gets: a scan with the noise of `seed`, then `design.fit_cartography`.
 
         The scan's own scale is kept: the sensors tell W while the vibrometer reads, so their ratio is the shape.
         """
-        return _cartography(self.settings.cartography_step_mm, self.settings.cartography_noise_frac, seed)
+        return _cartography(self.settings.cartography_step_mm, self.settings.cartography_noise_frac, seed, DRIVEN_MODES)
 
 
 def _gain_um_per_v_s(settings: PlateSettings, pair_hz: FloatArray) -> FloatArray:
@@ -157,11 +172,11 @@ def _true_surfaces() -> BicubicSurfaces:
     return BicubicSurfaces(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]))
 
 
-@lru_cache(maxsize=8)
-def _cartography(step_mm: float, noise_frac: float, seed: int) -> ModeShapes:
-    driven = [_theory()[name][1] for name in DRIVEN_MODES]
-    x_mm, y_mm, shapes = sample_cartography(driven, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
-    return fit_cartography(x_mm, y_mm, shapes, size_mm=driven[0].size_mm, normalise=False).modes
+@lru_cache(maxsize=16)
+def _cartography(step_mm: float, noise_frac: float, seed: int, names: tuple[str, ...]) -> ModeShapes:
+    scanned = [_theory()[name][1] for name in names]
+    x_mm, y_mm, shapes = sample_cartography(scanned, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
+    return fit_cartography(x_mm, y_mm, shapes, size_mm=scanned[0].size_mm, normalise=False).modes
 
 
 def _read_only(array: FloatArray) -> FloatArray:

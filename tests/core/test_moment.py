@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hapticd.core.knots import Row
 from hapticd.core.limits import silence
 from hapticd.core.modes import ModeShapes
+from hapticd.core.modes_contact import disc_gram
 from hapticd.core.moment import Moment, MomentSolver, Place, interpolated_um
 from hapticd.values import Knot, LimitReason, SafeDrive
 
@@ -31,7 +32,7 @@ def sine_plate() -> ModeShapes:
 PLATE = sine_plate()
 
 
-def solver(*, phase_rotation: bool = True, policy: str = "keep_zero", fade: float = 0.4) -> MomentSolver:
+def solver(*, phase_rotation: bool = True, policy: str = "keep_zero", fade: float = 5.0) -> MomentSolver:
     return MomentSolver(PLATE, W_LIMIT_UM, policy=policy, effort=0.0, fade=fade, phase_rotation=phase_rotation)
 
 
@@ -116,3 +117,23 @@ def test_a_polyline_is_continued_in_floats_where_no_phase_turns_and_in_phasors_w
     assert interpolated_um(turning, 3000) == (0.5 + 0.5j, 0j)
     assert interpolated_um(turning, 0) == (1j, 0j)  # not yet begun
     assert interpolated_um(turning, 9000) == (1.0, 0.0)  # long over
+
+
+def test_a_disc_moves_less_on_the_whole_than_when_its_centre_alone_is_still() -> None:
+    places: list[Place] = [(-9.0, -4.0, 1.0), (12.0, 21.0, 0.0)]
+    gram = disc_gram(PLATE, [places[1][:2]], 5.0)[0]
+    rms_um = []
+    for radius_mm in (0.0, 5.0):
+        chosen = MomentSolver(
+            PLATE,
+            W_LIMIT_UM,
+            policy="keep_zero",
+            effort=0.0,
+            fade=0.0,
+            phase_rotation=True,
+            contact_radius_mm=radius_mm,
+        )
+        modal_um = np.array(chosen.solve(places, (0.0, 0.0), STEP_NS).modal_um)
+        got_um = abs(np.array(PLATE.at(*places[0][:2])) @ modal_um)
+        rms_um.append(math.sqrt(modal_um @ gram @ modal_um) / got_um)
+    assert rms_um[1] < rms_um[0]

@@ -43,7 +43,7 @@ def rms(values: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_still_finger_gets_an_eighth_of_what_the_papers_scheme_gives_it(
+def test_the_still_finger_gets_a_ninth_of_what_the_papers_scheme_gives_it(
     seed: int, strokes: dict[int, Run], papers: dict[int, Run]
 ) -> None:
     ours, paper = strokes[seed], papers[seed]
@@ -52,8 +52,13 @@ def test_the_still_finger_gets_an_eighth_of_what_the_papers_scheme_gives_it(
     assert ours.settings.speed_mm_s == 100.0
     np.testing.assert_array_equal(ours.finger_true_mm, paper.finger_true_mm)
     np.testing.assert_array_equal(ours.target_um, paper.target_um)
-    assert ours.score.leak_um <= 0.07
-    assert ours.score.leak_um <= paper.score.leak_um / 8.0
+    assert ours.score.leak_um <= 0.045
+    assert ours.score.leak_um <= paper.score.leak_um / 9.0
+
+
+def test_over_all_seeds_the_still_finger_gets_an_eleventh(strokes: dict[int, Run], papers: dict[int, Run]) -> None:
+    ours_um2, papers_um2 = (sum(run.score.leak_um**2 for run in runs.values()) for runs in (strokes, papers))
+    assert ours_um2 <= papers_um2 / 11.0**2
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -184,7 +189,7 @@ def test_the_world_stops_where_it_is_told_and_its_recording_has_no_seams() -> No
     assert len(recording.t_s) == int(1.2345 * 2000)
     assert {len(getattr(recording, name)) for name in recording.__slots__} == {len(recording.t_s)}
     steps = np.abs(np.diff(recording.plate_um[1200:, :2], axis=0))
-    assert steps.max() < 0.6  # from one chunk of ticks to the next as within
+    assert steps.max() < 0.8  # what the amplifiers move in a tick, from one chunk of ticks to the next as within
     assert not (recording.flags & FLAG_LIMITED).any()
     assert all(later > earlier for earlier, later in pairwise(recording.t_s))
 
