@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 
 from .prediction_bank import ModelBank
 from .prediction_clock import SampleClock
@@ -130,12 +131,15 @@ class Recipe:
         own_defaults = {name: setting.default for name, setting in own.items() if name not in _INTAKE_DEFAULTS}
         return cls(model, frozenset(own), _INTAKE_DEFAULTS | own_defaults)
 
-    def __call__(self, **settings: float) -> Predictor:
+    def __call__(self, **settings: object) -> Predictor:
         """A predictor for one touch; ValueError names the valid settings, or the bounds of a value."""
-        for name in settings:
-            if name not in self.defaults:
-                raise ValueError(f"Unknown predictor setting {name!r}: choose from {', '.join(sorted(self.defaults))}.")
-        chosen = self.defaults | settings
+        chosen = self.defaults.copy()
+        for name, value in settings.items():
+            if name not in chosen:
+                raise ValueError(f"Unknown predictor setting {name!r}: choose from {', '.join(sorted(chosen))}.")
+            if not isinstance(value, Real):
+                raise ValueError(f"Predictor setting {name} is {value!r}: give a number from its range.")
+            chosen[name] = float(value)
         period_ms = checked("period_ms", chosen["period_ms"], 0.5, 50.0)
         period_error_ms = checked("period_error_ms", chosen["period_error_ms"], 0.0, 10.0)
         stamp_error_ms = checked("stamp_error_ms", chosen["stamp_error_ms"], 0.0, 10.0)

@@ -69,10 +69,6 @@ def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 def checked(name: str, value: float, low: float, high: float) -> float:
     """`value` as a float if it lies in [low, high]; ValueError with one sentence otherwise (NaN included)."""
-    try:
-        inside = low <= value <= high
-    except TypeError:
-        inside = False
-    if not inside:
+    if not low <= value <= high:
         raise ValueError(f"Predictor setting {name} is {value!r}: give a number from {low:g} to {high:g}.")
-    return float(value)
+    return value

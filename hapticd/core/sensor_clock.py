@@ -29,7 +29,8 @@ class SensorClock:
     _MOST_LATE_NS = 250_000_000  # a stalled host makes reports late, but not this late
     _LATE_IN_A_ROW = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
     _LONGEST_TRAIN_NS = 60_000_000  # after a longer gap the pad's samples are a new train
-    _PERIOD_S, _PERIOD_ERROR_S = 0.01125, 0.001  # of a Magic Trackpad 2; other pads are found within some reports
+    _PERIOD_S = 0.01125  # of a Magic Trackpad 2; other pads are found within some reports
+    _PERIOD_ERROR_S = 0.001
     _STAMP_ERROR_S = 0.0006  # +-1 ms, uniform
 
     def __init__(self, latency_ns: int) -> None:

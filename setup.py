@@ -1,0 +1,32 @@
+"""What pyproject.toml cannot say: the touch path's modules become machine code, from the same typed source.
+
+`mypyc` compiles the modules listed there under [tool.hapticd.compiled]. HAPTICD_PURE=1 leaves them as they are; so does
+a build without mypy. See hapticd/core/README.md.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+
+from setuptools import Extension, setup
+
+
+def compiled_modules() -> list[Extension]:
+    """The extensions that stand in for Python modules; none where the build is to stay pure."""
+    if os.environ.get("HAPTICD_PURE", "0") != "0":
+        return []
+    try:
+        from mypyc.build import mypycify
+    except ImportError:
+        return []
+    settings = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]["hapticd"]["compiled"]
+    sources = [f"{module.replace('.', '/')}.py" for module in settings["modules"]]
+    extensions = mypycify(sources, opt_level="2", group_name="hapticd.core.compiled")
+    for extension in extensions:
+        extension.extra_compile_args.append("-ffp-contract=off")  # to the last bit what the interpreter computes
+    return extensions
+
+
+setup(ext_modules=compiled_modules())
