@@ -9,7 +9,7 @@ until the plate has been silent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ..values import SafeDrive, TouchPoint
 from .knots import SHORTEST_NS, Row
@@ -20,7 +20,9 @@ from .solver_phase import solve_phased_fast
 Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 
-TURN_RAD_NS = 50e-9  # how fast the phase between fingers turns; faster helps no finger, and costs the plate steps
+TURN_RAD_NS: Final = (
+    50e-9  # how fast the phase between fingers turns; faster helps no finger, and costs the plate steps
+)
 
 
 class Moment(NamedTuple):
@@ -129,9 +131,9 @@ def _faded(rows: Sequence[tuple[float, ...]], targets_um: Sequence[float], modal
     if 0.0 not in targets_um:
         return modal_um
     share = 1.0
-    for row, target_um in zip(rows, targets_um, strict=True):
+    for finger, target_um in enumerate(targets_um):
         if target_um > 0.0:
-            share = min(share, _amplitude_um(row, modal_um) / target_um)
+            share = min(share, _amplitude_um(rows[finger], modal_um) / target_um)
     scale = share**fade
     return tuple([w_um * scale for w_um in modal_um])
 
@@ -139,6 +141,6 @@ def _faded(rows: Sequence[tuple[float, ...]], targets_um: Sequence[float], modal
 def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:
     """What a finger gets of the modes: |w_i|."""
     w_um: complex = 0.0
-    for phi, mode_um in zip(row, modal_um, strict=True):
-        w_um += phi * mode_um
+    for mode, phi in enumerate(row):
+        w_um += phi * modal_um[mode]
     return abs(w_um)

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from numbers import Real
+from typing import Final
 
 from .prediction_bank import ModelBank
 from .prediction_clock import SampleClock
@@ -37,11 +38,11 @@ from .prediction_models import (
 )
 from .prediction_motion import MotionModel, Sample, checked
 
-LONGEST_HORIZON_S = 0.050  # beyond, a prediction is a guess: the position stays where it would be then
+LONGEST_HORIZON_S: Final = 0.050  # beyond, a prediction is a guess: the position stays where it would be then
 
-_FARTHEST_MM = 1e6  # a coordinate beyond is no position on any plate
-_GAP_PERIODS = 5.5  # after five lost samples the motion before them says nothing: the touch starts anew
-_STALE_STEP_MM = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
+_FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position on any plate
+_GAP_PERIODS: Final = 5.5  # after five lost samples the motion before them says nothing: the touch starts anew
+_STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
 
 # The nominal period is that of a Magic Trackpad 2; the clock finds that of another pad within some samples.
 _INTAKE_DEFAULTS: dict[str, float] = {"period_ms": 11.25, "period_error_ms": 1.0, "stamp_error_ms": 0.6}

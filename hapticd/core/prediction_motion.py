@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 # No finger on a plate is faster or changes speed faster than this; a model that says so has seen a bad sample.
-MAX_SPEED_MM_S = 4e3
-MAX_ACCELERATION_MM_S2 = 2e5
+MAX_SPEED_MM_S: Final = 4e3
+MAX_ACCELERATION_MM_S2: Final = 2e5
 
 
 class Sample(NamedTuple):

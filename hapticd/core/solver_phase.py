@@ -29,19 +29,21 @@ Cost: two on two in plain floats, two to three times the real solution; else two
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from typing import Final
 
 from .solver_arithmetic import Pair, Row
 from .solver_box import box_least_squares, square_solution
 from .solver_choice import misses
+from .solver_ease import eased
 from .solver_policies import Rows, solve_fast
-from .solver_turn import Phasors, given, in_phase, magnitude, nearer_hand, turn_patterns
+from .solver_turn import Phasors, in_phase, magnitude, nearer_hand, turn_patterns
 
-TURN_RAD = math.pi / 8  # the chord between knots this far apart sags by 2 % of |w| at most
-_SAFE = 1e100  # squares of larger ratios would leave the range of floats
-_UNFELT = 0.02  # of a target: less than this no finger feels
-_HALVINGS = 32  # to 1e-9 of the cosine, the error being flat there
-_EASING_HALVINGS = 10
+Swing = tuple[float, float, float]  # middle and span of a |w|^2, and the |w| that is wanted
+
+TURN_RAD: Final = math.pi / 8  # the chord between knots this far apart sags by 2 % of |w| at most
+_SAFE: Final = 1e100  # squares of larger ratios would leave the range of floats
+_UNFELT: Final = 0.02  # of a target: less than this no finger feels
+_HALVINGS: Final = 32  # to 1e-9 of the cosine, the error being flat there
 
 
 def solve_phased_fast(
@@ -97,55 +99,24 @@ def _pair(
 def _eased(
     rows: Rows, targets: Row, limits: Pair, wanted: Phasors, previous: Phasors | None, turn_rad: float
 ) -> Phasors:
-    """As much of the way to the wanted phasors as no finger feels: X goes in a straight line, and so do all squares.
+    """As much of the way to the wanted phasors as no finger feels (`solver_ease`).
 
     The best X jumps where fingers at the limits pass a singular position: what neither of them sees changes its sign.
     """
-    wanted = nearer_hand(wanted, limits, previous)
     if previous is None:
-        return wanted
-    was, slack = given(rows, previous), [_UNFELT * target for target in targets]
-    keep = math.cos(min(turn_rad, math.pi) / 2)
-    if not _sags(was, given(rows, wanted), keep, slack):
-        return wanted
-    begin, end = _squares(previous), _squares(wanted)
-    low, high, eased = 0.0, 1.0, wanted
-    for _ in range(_EASING_HALVINGS):
-        share = (low + high) / 2
-        phasors = _phasors([p + share * (q - p) for p, q in zip(begin, end, strict=True)])
-        phasors = nearer_hand(phasors, limits, previous)
-        if _sags(was, given(rows, phasors), keep, slack):
-            high = share
-        else:
-            low, eased = share, phasors
-    return eased
-
-
-def _sags(was: Sequence[complex], now: Sequence[complex], keep: float, slack: Sequence[float]) -> bool:
-    """Midway on the chord some finger gets clearly less than at either end."""
-    return any(
-        magnitude(u + v) / 2 < keep * min(magnitude(u), magnitude(v)) - unfelt
-        for u, v, unfelt in zip(was, now, slack, strict=True)
+        return nearer_hand(wanted, limits, None)
+    (one_x, one_y), (other_x, other_y) = rows
+    one, other = wanted
+    was, other_was = previous
+    a, b, c, d = eased(
+        (one_x, one_y, other_x, other_y),
+        limits,
+        (one.real, one.imag, other.real, other.imag),
+        (was.real, was.imag, other_was.real, other_was.imag),
+        math.cos(min(turn_rad, math.pi) / 2),
+        (_UNFELT * targets[0], _UNFELT * targets[1]),
     )
-
-
-def _squares(modal: Phasors) -> tuple[float, float, float]:
-    """X of phasors: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)."""
-    one, other = modal
-    return _square(one), _square(other), one.real * other.real + one.imag * other.imag
-
-
-def _phasors(squares: Sequence[float]) -> Phasors:
-    """Phasors of an X, the first of them real."""
-    one, other, product = math.sqrt(squares[0]), math.sqrt(squares[1]), squares[2]
-    if one * other == 0.0:
-        return complex(one), complex(other)
-    cos = min(max(product / (one * other), -1.0), 1.0)
-    return complex(one), other * complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
-
-
-def _square(w: complex) -> float:
-    return w.real * w.real + w.imag * w.imag
+    return complex(a, b), complex(c, d)
 
 
 def _cosines(first: Pair, second: Pair, limits: Pair) -> Pair | None:
@@ -197,35 +168,37 @@ def _best_turn(rows: Rows, targets: Row, limits: Pair) -> complex | None:
 
     None where that is real: a corner of the box, and `solver_box` knows it.
     """
-    squares = []
-    for (x, y), target in zip(rows, targets, strict=True):
-        u, v = x * limits[0], y * limits[1]
-        squares.append((u * u + v * v, 2.0 * u * v, target))
-
-    def slope(cos: float) -> float:
-        total = 0.0
-        for middle, swing, target in squares:
-            if swing != 0.0:
-                reached = math.sqrt(max(middle + swing * cos, 0.0))
-                total += swing * (1.0 - target / reached) if reached > 0.0 else -math.copysign(math.inf, swing)
-        return total
-
-    cos = _zero_of_rising(slope)
-    return None if cos is None else complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
-
-
-def _zero_of_rising(slope: Callable[[float], float]) -> float | None:
-    """Where within (-1, 1) a rising function is 0; None where it is nowhere."""
+    one, other = _swing(rows[0], limits, targets[0]), _swing(rows[1], limits, targets[1])
     low, high = -1.0, 1.0
-    if not slope(low) < 0.0 < slope(high):
+    if not _slope(one, other, low) < 0.0 < _slope(one, other, high):
         return None
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        if slope(middle) < 0.0:
+        if _slope(one, other, middle) < 0.0:
             low = middle
         else:
             high = middle
-    return (low + high) / 2
+    cos = (low + high) / 2
+    return complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
+
+
+def _swing(row: Row, limits: Pair, target: float) -> Swing:
+    """Of a finger's |w|^2 with both modes at their limits: its middle, and how far it swings; and the target."""
+    u, v = row[0] * limits[0], row[1] * limits[1]
+    return u * u + v * v, 2.0 * u * v, target
+
+
+def _slope(one: Swing, other: Swing, cos: float) -> float:
+    """By how much the two fingers' error rises with cos theta: a rising function, for the error is convex."""
+    return _pull(one, cos) + _pull(other, cos)
+
+
+def _pull(swing: Swing, cos: float) -> float:
+    middle, span, target = swing
+    if span == 0.0:
+        return 0.0
+    reached = math.sqrt(max(middle + span * cos, 0.0))
+    return span * (1.0 - target / reached) if reached > 0.0 else -math.copysign(math.inf, span)
 
 
 def _amplitudes(rows: Rows, modal: Phasors) -> Row:

@@ -16,11 +16,15 @@ _CODES: Final = [bytes((length + 1,)) for length in range(_BLOCK_MAX + 1)]
 
 def encode_frame(message: bytes) -> bytes:
     """Message, CRC and delimiter as they go over the line."""
-    crc = crc_hqx(message, _CRC_START)
-    runs = (message + crc.to_bytes(2, "little")).split(b"\0")
-    if max(map(len, runs)) < _BLOCK_MAX:  # nearly every message: each run is a block
-        return b"".join([_CODES[len(run)] + run for run in runs]) + b"\0"
-    return b"".join(_blocks(runs)) + b"\0"
+    body = message + crc_hqx(message, _CRC_START).to_bytes(2, "little")
+    if len(body) >= _BLOCK_MAX:
+        return b"".join(_blocks(body.split(b"\0"))) + b"\0"
+    frame = bytearray(b"\0%b\0" % body)  # nearly every message: each zero gives way to the distance to the next
+    at = 0
+    while (zero := frame.find(0, at + 1)) >= 0:
+        frame[at] = zero - at
+        at = zero
+    return bytes(frame)
 
 
 def _blocks(runs: list[bytes]) -> list[bytes]:
