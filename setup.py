@@ -25,7 +25,8 @@ def compiled_modules() -> list[Extension]:
     sources = [f"{module.replace('.', '/')}.py" for module in settings["modules"]]
     extensions = mypycify(sources, opt_level="2", group_name="hapticd.core.compiled")
     for extension in extensions:
-        extension.extra_compile_args.append("-ffp-contract=off")  # to the last bit what the interpreter computes
+        # To the last bit what the interpreter computes.
+        extension.extra_compile_args = [*extension.extra_compile_args, "-ffp-contract=off"]
     return extensions
 
 
