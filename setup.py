@@ -23,7 +23,7 @@ def compiled_modules() -> list[Extension]:
         return []
     settings = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]["hapticd"]["compiled"]
     sources = [f"{module.replace('.', '/')}.py" for module in settings["modules"]]
-    extensions = mypycify(sources, opt_level="2", group_name="hapticd.core.compiled")
+    extensions = mypycify(sources, opt_level="2", debug_level="0", group_name="hapticd.core.compiled")
     for extension in extensions:
         # To the last bit what the interpreter computes.
         extension.extra_compile_args = [*extension.extra_compile_args, "-ffp-contract=off"]
