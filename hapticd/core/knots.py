@@ -11,7 +11,7 @@ is looked at in turn, down to the board's own pace.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 from ..values import Knot
 
@@ -20,15 +20,7 @@ Solve = Callable[[int, Knot], Row]  # an instant after the first knot, and the k
 
 SHORTEST_NS: Final = 500_000  # the board's control tick: a finer polyline is never seen
 GRAIN_NS: Final = 4_000  # the wire's unit of time
-
-
-class _Miss(NamedTuple):
-    """A chord that misses its middle, by how much, and the knots around it."""
-
-    error_um: float
-    left: Knot
-    middle: Knot
-    right: Knot
+_Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
 
 
 def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, *, smooth: bool) -> list[Knot]:
@@ -69,8 +61,9 @@ def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss
         miss_um = abs(middle_um[mode] - before - share * (after_um[mode] - before))
         if miss_um > error_um:
             error_um = miss_um
-    return _Miss(error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
+    return (error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
 
 
 def _severity(miss: _Miss) -> tuple[float, int]:
-    return -miss.error_um, miss.left.dt_ns
+    error_um, left, _, _ = miss
+    return -error_um, left.dt_ns

@@ -12,6 +12,7 @@ from typing import Final
 _CRC_START: Final = 0xFFFF
 _BLOCK_MAX: Final = 254  # bytes that a block can hold; after such a block no zero is implied
 _CODES: Final = [bytes((length + 1,)) for length in range(_BLOCK_MAX + 1)]
+_EMPTY: Final = _CODES[0]
 
 
 def encode_frame(message: bytes) -> bytes:
@@ -19,12 +20,8 @@ def encode_frame(message: bytes) -> bytes:
     body = message + crc_hqx(message, _CRC_START).to_bytes(2, "little")
     if len(body) >= _BLOCK_MAX:
         return b"".join(_blocks(body.split(b"\0"))) + b"\0"
-    frame = bytearray(b"\0%b\0" % body)  # nearly every message: each zero gives way to the distance to the next
-    at = 0
-    while (zero := frame.find(0, at + 1)) >= 0:
-        frame[at] = zero - at
-        at = zero
-    return bytes(frame)
+    # Nearly every message: each run between zeros is a block, and most are empty.
+    return b"".join([_CODES[len(run)] + run if run else _EMPTY for run in body.split(b"\0")]) + b"\0"
 
 
 def _blocks(runs: list[bytes]) -> list[bytes]:
