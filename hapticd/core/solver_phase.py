@@ -43,7 +43,6 @@ Swing = tuple[float, float, float]  # middle and span of a |w|^2, and the |w| th
 TURN_RAD: Final = math.pi / 8  # the chord between knots this far apart sags by 2 % of |w| at most
 _SAFE: Final = 1e100  # squares of larger ratios would leave the range of floats
 _UNFELT: Final = 0.02  # of a target: less than this no finger feels
-_SILENCE: Final = (0.0, 0.0, 0.0, 0.0)
 _HALVINGS: Final = 32  # to 1e-9 of the cosine, the error being flat there
 
 
@@ -103,7 +102,7 @@ def _eased(
     The best X jumps where fingers at the limits pass a singular position: what neither of them sees changes its sign.
     """
     if previous is None:
-        a, b, c, d = nearer_hand(wanted, limits, _SILENCE)
+        a, b, c, d = nearer_hand(wanted, limits, (0.0, 0.0, 0.0, 0.0))
     else:
         keep = math.cos(min(turn_rad, math.pi) / 2)
         unfelt_um = _UNFELT * targets[0], _UNFELT * targets[1]
