@@ -37,12 +37,15 @@ bench: $(INSTALLED)
 firmware:
 	$(MAKE) -C firmware
 
-$(INSTALLED): pyproject.toml clients/python/pyproject.toml $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch])
+# What is compiled at installation: the firmware for the simulated board, and the touch path.
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/build_ext.py)
+
+$(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[plot,test,lint]" --editable clients/python
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info hapticd/sim/*.so
+	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/sim/*.so
 	$(MAKE) -C firmware clean

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from ..core.prediction import PREDICTORS, Predictor, Recipe
-from ..core.prediction_motion import QuadraticMotion, Sample
+from ..core.prediction_motion import Sample
 from ..sim.fingers import Reach
 from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, FloatArray, Motion, Touch, touch
 from .tables import Table, finite_rows
@@ -118,20 +118,20 @@ def overshoot_mm(make: Make, touches: Sequence[Touch]) -> float:
     return float(np.mean(farthest_mm))
 
 
-class NumpyParabola(QuadraticMotion):
+class NumpyParabola:
     """The parabola through the last samples by numpy's own least squares, weighted as "least_squares" does."""
 
-    __slots__ = ("_samples",)
+    __slots__ = ("_along_x", "_along_y", "_samples")
     _WINDOW_S = 0.017
 
     def __init__(self) -> None:
-        super().__init__()
         self._samples: deque[tuple[float, float, float]] = deque(maxlen=8)
+        self._along_x = self._along_y = np.poly1d([math.nan])
 
     def start(self, x_mm: float, y_mm: float) -> None:
         self._samples.clear()
         self._samples.append((0.0, x_mm, y_mm))
-        self._move(x_mm, y_mm, 0.0, 0.0)
+        self._along_x, self._along_y = np.poly1d([x_mm]), np.poly1d([y_mm])
 
     def step(self, sample: Sample) -> None:
         self._samples.append((self._samples[-1][0] + sample.interval_s, sample.x_mm, sample.y_mm))
@@ -140,8 +140,13 @@ class NumpyParabola(QuadraticMotion):
         degree = min(2, len(t_s) - 1)
         weights = np.exp(ages_s / (2.0 * self._WINDOW_S))  # numpy squares its weights
         fitted = np.polyfit(ages_s, np.stack((x_mm, y_mm), axis=-1), degree, w=weights)
-        (ax, ay), (vx, vy), (x, y) = np.vstack((np.zeros((2 - degree, 2)), fitted)).tolist()
-        self._move(x, y, vx, vy, 2.0 * ax, 2.0 * ay)
+        self._along_x, self._along_y = np.poly1d(fitted[:, 0]), np.poly1d(fitted[:, 1])
+
+    def position(self, ahead_s: float) -> tuple[float, float]:
+        return float(self._along_x(ahead_s)), float(self._along_y(ahead_s))
+
+    def velocity(self, ahead_s: float) -> tuple[float, float]:
+        return float(self._along_x.deriv()(ahead_s)), float(self._along_y.deriv()(ahead_s))
 
 
 def _wiener_mm(motion: Motion, touches: Sequence[Touch]) -> float:

@@ -6,10 +6,16 @@ daemon runs, when caches and branch predictors have forgotten the path.
 
 from __future__ import annotations
 
+import json
+import os
 import statistics
-from collections.abc import Mapping, Sequence
+import subprocess
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+from ..compiled import why_interpreted
 from ..config import Config
 from ..machine import Machine
 from ..sim.lockstep import Settings
@@ -32,23 +38,59 @@ _STAGE_NOTE = "track: with the sensor's clock; session: number and clocks; every
 def run(
     *, seconds: float = 2.0, repeats: int = REPEATS, passes: int = 300, wait_until: WaitUntil = sleep_until
 ) -> tuple[Table, Table]:
-    """Time passes: `passes` of them hot, and those of `seconds` paced."""
+    """Time passes: `passes` of them hot, and those of `seconds` paced. Where they run as machine code they are timed
+    as Python too, in a process of its own: only there can the stages be told apart."""
+    here = _measured(seconds, repeats, passes, wait_until)
+    if why_interpreted() != "":
+        return _stage_table(here), _situation_table(here.situations)
+    as_python = _measured_as_python(seconds, repeats, passes)
+    situations = {
+        name: {"hot_us": figures["hot_us"], "interpreted_us": as_python.situations[name]["hot_us"], **figures}
+        for name, figures in here.situations.items()
+    }
+    return _stage_table(as_python), _situation_table(situations)
+
+
+class _Measured(NamedTuple):
+    """Figures by situation, and by stage of the default one: none where the passes run as machine code."""
+
+    situations: dict[str, dict[str, float]]
+    stages: dict[str, dict[str, float]]
+
+
+def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil = sleep_until) -> _Measured:
     situations = _situations(LAND_S + _SETTLE_S + max(seconds, passes * PERIOD_S))
     hot_us: dict[str, list[list[float]]] = {name: [] for name in situations}
     watched: list[dict[str, list[float]]] = []
+    can_be_watched = why_interpreted() != ""
     with no_garbage_collection():
         stopwatch = Stopwatch()
         for _ in range(repeats):
             for name, situation in situations.items():
                 hot_us[name].append(play(situation.recording, situation.machine(), limit=passes))
-            watched.append(_watched(situations[DEFAULT], stopwatch, passes))
-    hot_stages = {stage: least_by_pass([one[stage] for one in watched]).figures("hot") for stage in STAGES}
-    rows = []
+            if can_be_watched:
+                watched.append(_watched(situations[DEFAULT], stopwatch, passes))
+    figures = {}
     for name, situation in situations.items():
-        figures = least_by_pass(hot_us[name]).figures("hot")
-        rows.append((name, {**figures, **_paced(situation, seconds, wait_until), **_skipped(situation)}))
-    paced_stages = _paced_stages(situations[DEFAULT], seconds, wait_until)
-    return _stage_table(dict(rows)[DEFAULT], hot_stages, paced_stages), _situation_table(rows)
+        hot = least_by_pass(hot_us[name]).figures("hot")
+        figures[name] = {**hot, **_paced(situation, seconds, wait_until), **_skipped(situation)}
+    if not can_be_watched:
+        return _Measured(figures, {})
+    paced = _paced_stages(situations[DEFAULT], seconds, wait_until)
+    return _Measured(
+        figures,
+        {stage: {**least_by_pass([one[stage] for one in watched]).figures("hot"), **paced[stage]} for stage in STAGES},
+    )
+
+
+def _measured_as_python(seconds: float, repeats: int, passes: int) -> _Measured:
+    done = subprocess.run(
+        [sys.executable, "-m", __name__, str(seconds), str(repeats), str(passes)],
+        env={**os.environ, "HAPTICD_PURE": "1"},
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return _Measured(*json.loads(done.stdout))
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,19 +196,17 @@ def _paced_stages(situation: _Situation, seconds: float, wait_until: WaitUntil) 
     return {stage: {"paced_us": statistics.median(taken_us[stage])} for stage in STAGES}
 
 
-def _stage_table(
-    whole: Mapping[str, float], hot: Mapping[str, Mapping[str, float]], paced: Mapping[str, Mapping[str, float]]
-) -> Table:
-    stages = {stage: {**hot[stage], **paced[stage]} for stage in STAGES}
-    rest = {
+def _stage_table(measured: _Measured) -> Table:
+    whole, stages = measured.situations[DEFAULT], measured.stages
+    rest: Mapping[str, float] = {
         name: max(whole[name] - sum(figures[name] for figures in stages.values()), 0.0)
         for name in ("hot_us", "paced_us")
         if name in whole
     }
-    total = {name: value for name, value in whole.items() if name != "skipped_frac"}
+    total: Mapping[str, float] = {name: value for name, value in whole.items() if name != "skipped_frac"}
     return Table(
         name="stages",
-        title="tick: one pass of two moving fingers, from the report's bytes to the frame's",
+        title="tick: one pass of two moving fingers as Python, from the report's bytes to the frame's",
         default=WHOLE,
         rows=finite_rows([(WHOLE, total), *stages.items(), (REST, rest)]),
         compared=("hot_us", "paced_us"),
@@ -177,12 +217,18 @@ def _stage_table(
     )
 
 
-def _situation_table(rows: Sequence[tuple[str, Mapping[str, float]]]) -> Table:
+def _situation_table(situations: Mapping[str, Mapping[str, float]]) -> Table:
+    reason = why_interpreted()
+    way = f"as Python, for {reason}" if reason else "as machine code (interpreted: the same passes as Python)"
     return Table(
         name="situations",
-        title="tick: a pass where a scene needs more or less",
+        title=f"tick: a pass where a scene needs more or less, {way}",
         default=DEFAULT,
-        rows=finite_rows(rows),
+        rows=finite_rows(list(situations.items())),
         compared=("hot_us", "paced_us"),
         notes=("skipped: share of passes with nothing to solve; no finger: the timer's pass, 100 times a second",),
     )
+
+
+if __name__ == "__main__":  # what a process that runs machine code cannot do itself
+    print(json.dumps(_measured(float(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))))

@@ -11,24 +11,16 @@ is looked at in turn, down to the board's own pace.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Final
 
 from ..values import Knot
 
 Row = tuple[complex, ...]  # modal amplitudes (M,) in um: plain floats while no phase turns
 Solve = Callable[[int, Knot], Row]  # an instant after the first knot, and the knot before it: the amplitudes there
 
-SHORTEST_NS = 500_000  # the board's control tick: a finer polyline is never seen
-GRAIN_NS = 4_000  # the wire's unit of time
-
-
-class _Miss(NamedTuple):
-    """A chord that misses its middle, by how much, and the knots around it."""
-
-    error_um: float
-    left: Knot
-    middle: Knot
-    right: Knot
+SHORTEST_NS: Final = 500_000  # the board's control tick: a finer polyline is never seen
+GRAIN_NS: Final = 4_000  # the wire's unit of time
+_Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
 
 
 def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, *, smooth: bool) -> list[Knot]:
@@ -65,12 +57,13 @@ def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss
     middle_um = solve(left_ns + half_ns, left)
     share = half_ns / span_ns
     error_um = 0.0
-    for before, here, after in zip(before_um, middle_um, after_um, strict=True):
-        miss_um = abs(here - before - share * (after - before))
+    for mode, before in enumerate(before_um):
+        miss_um = abs(middle_um[mode] - before - share * (after_um[mode] - before))
         if miss_um > error_um:
             error_um = miss_um
-    return _Miss(error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
+    return (error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
 
 
 def _severity(miss: _Miss) -> tuple[float, int]:
-    return -miss.error_um, miss.left.dt_ns
+    error_um, left, _, _ = miss
+    return -error_um, left.dt_ns

@@ -9,7 +9,7 @@ until the plate has been silent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,9 @@ from .solver_phase import solve_phased_fast
 Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 
-TURN_RAD_NS = 50e-9  # how fast the phase between fingers turns; faster helps no finger, and costs the plate steps
+TURN_RAD_NS: Final = (
+    50e-9  # how fast the phase between fingers turns; faster helps no finger, and costs the plate steps
+)
 
 
 class Moment(NamedTuple):
@@ -174,6 +176,6 @@ def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
 def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:
     """What a finger gets of the modes: |w_i|."""
     w_um: complex = 0.0
-    for phi, mode_um in zip(row, modal_um, strict=True):
-        w_um += phi * mode_um
+    for mode, phi in enumerate(row):
+        w_um += phi * modal_um[mode]
     return abs(w_um)

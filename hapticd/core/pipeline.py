@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
 from .knots import SHORTEST_NS, Row, refine
@@ -26,8 +26,8 @@ from .scene import Scene
 from .sensor_clock import SensorClock
 from .tracking import Tracker
 
-OLD_IN_A_ROW = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
-MAX_HORIZON_NS = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
+OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
+MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
 
 
 class Predictor(Protocol):

@@ -16,6 +16,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
+from typing import Final
 
 from .prediction_bank import ModelBank
 from .prediction_clock import SampleClock
@@ -36,11 +38,11 @@ from .prediction_models import (
 )
 from .prediction_motion import MotionModel, Sample, checked
 
-LONGEST_HORIZON_S = 0.050  # beyond, a prediction is a guess: the position stays where it would be then
+LONGEST_HORIZON_S: Final = 0.050  # beyond, a prediction is a guess: the position stays where it would be then
 
-_FARTHEST_MM = 1e6  # a coordinate beyond is no position on any plate
-_GAP_PERIODS = 5.5  # after five lost samples the motion before them says nothing: the touch starts anew
-_STALE_STEP_MM = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
+_FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position on any plate
+_GAP_PERIODS: Final = 5.5  # after five lost samples the motion before them says nothing: the touch starts anew
+_STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
 
 # The nominal period is that of a Magic Trackpad 2; the clock finds that of another pad within some samples.
 _INTAKE_DEFAULTS: dict[str, float] = {"period_ms": 11.25, "period_error_ms": 1.0, "stamp_error_ms": 0.6}
@@ -130,12 +132,15 @@ class Recipe:
         own_defaults = {name: setting.default for name, setting in own.items() if name not in _INTAKE_DEFAULTS}
         return cls(model, frozenset(own), _INTAKE_DEFAULTS | own_defaults)
 
-    def __call__(self, **settings: float) -> Predictor:
+    def __call__(self, **settings: object) -> Predictor:
         """A predictor for one touch; ValueError names the valid settings, or the bounds of a value."""
-        for name in settings:
-            if name not in self.defaults:
-                raise ValueError(f"Unknown predictor setting {name!r}: choose from {', '.join(sorted(self.defaults))}.")
-        chosen = self.defaults | settings
+        chosen = self.defaults.copy()
+        for name, value in settings.items():
+            if name not in chosen:
+                raise ValueError(f"Unknown predictor setting {name!r}: choose from {', '.join(sorted(chosen))}.")
+            if not isinstance(value, Real):
+                raise ValueError(f"Predictor setting {name} is {value!r}: give a number from its range.")
+            chosen[name] = float(value)
         period_ms = checked("period_ms", chosen["period_ms"], 0.5, 50.0)
         period_error_ms = checked("period_error_ms", chosen["period_error_ms"], 0.0, 10.0)
         stamp_error_ms = checked("stamp_error_ms", chosen["stamp_error_ms"], 0.0, 10.0)

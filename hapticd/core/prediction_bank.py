@@ -16,31 +16,34 @@ The arithmetic is written out on floats: at this size numpy would spend its time
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from .prediction_gains import MODELS, Gain, bank_gains
 from .prediction_motion import QuadraticMotion, Sample, checked
 from .prediction_noise import NoiseMeter
 
-_STAY = 0.994  # probability that the model that fits this sample fits the next
-_SWITCH = (1.0 - _STAY) / (len(MODELS) - 1)  # to each of the others
-_STAMP_VAR_S2 = 0.2e-3**2  # jitter left in the filtered stamps: at speed it excuses part of an innovation
-_ACCELERATION_DAMPING = 0.58  # fingers do not accelerate for long: the best constant share to extrapolate
+_STAY: Final = 0.994  # probability that the model that fits this sample fits the next
+_SWITCH: Final = (1.0 - _STAY) / (len(MODELS) - 1)  # to each of the others
+_STAMP_VAR_S2: Final = 0.2e-3**2  # jitter left in the filtered stamps: at speed it excuses part of an innovation
+_ACCELERATION_DAMPING: Final = 0.58  # fingers do not accelerate for long: the best constant share to extrapolate
 
 # On an arc and in a sine the jerk opposes the velocity: j = -omega^2 v. A jerk along the velocity begins a motion or
 # ends it and is soon over; believed, it would carry the prediction 0.15 mm beyond the end of a reach, not 0.10.
-_JERK_KEPT_ALONG = 0.3  # from sample to sample
+_JERK_KEPT_ALONG: Final = 0.3  # from sample to sample
 
 # Gains belong to an interval, not to a pad: with those of 11 ms, samples 22 ms apart (every other report lost) would
 # make the fastest filter unstable. They are kept for intervals a quarter octave apart, from half a period to the
 # longest gap; gains an eighth off their interval cost less than 1 % of accuracy.
-_INTERVALS_PER_OCTAVE = 4
-_SHORTEST_INDEX, _LONGEST_INDEX = -4, 10
+_INTERVALS_PER_OCTAVE: Final = 4
+_SHORTEST_INDEX: Final = -4
+_LONGEST_INDEX: Final = 10
 
 # And to a noise: kept for half octaves about the one expected. Trusting a noise a quarter octave off costs 2 %.
-_LEVELS_PER_OCTAVE = 2
-_QUIETEST_LEVEL, _LOUDEST_LEVEL = -4, 2
-_SAMPLES_PER_CHOICE = 8
-_LEAST_CHANGE = 1.0  # levels: more than a measurement strays by chance, and gains do not change to and fro
+_LEVELS_PER_OCTAVE: Final = 2
+_QUIETEST_LEVEL: Final = -4
+_LOUDEST_LEVEL: Final = 2
+_SAMPLES_PER_CHOICE: Final = 8
+_LEAST_CHANGE: Final = 1.0  # levels: more than a measurement strays by chance, and gains do not change to and fro
 
 _State = tuple[float, float, float, float, float, float, float, float]  # x, y in mm, then velocity, acceleration, jerk
 
@@ -53,7 +56,7 @@ class ModelBank(QuadraticMotion):
     gain tables, some 0.2 s; later ones share them.
     """
 
-    __slots__ = ("_level", "_mean", "_meter", "_noise_mm", "_period_s", "_samples", "_states", "_tables", "_weights")
+    __slots__ = ("_filters", "_level", "_mean", "_meter", "_noise_mm", "_period_s", "_samples", "_tables")
 
     def __init__(self, *, period_ms: float, noise_mm: float = 0.053, noise_samples: float = 128.0) -> None:
         super().__init__()
@@ -74,33 +77,26 @@ class ModelBank(QuadraticMotion):
     def start(self, x_mm: float, y_mm: float) -> None:
         still = (x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._samples = 1
-        self._states: list[_State] = [still] * len(MODELS)
-        self._weights = [1.0 / len(MODELS)] * len(MODELS)
+        self._filters = [_FILTERS[order](still) for order, _ in MODELS]
         if self._meter is not None:
             self._meter.restart()
             self._meter.update(x_mm, y_mm, 1.0)
         self._settle(still)
 
     def step(self, sample: Sample) -> None:
-        gains = self._gains_after(sample.interval_s)
+        interval_s, period_s, x_mm, y_mm = sample
+        gains = self._gains_after(interval_s)
         self._samples += 1
         mean = self._mean
-        states: list[_State] = []
-        fits: list[float] = []
-        misfits: list[float] = []
-        for follow, state, weight, gain in zip(_FOLLOW, self._states, self._weights, gains, strict=True):
-            prior = _SWITCH + (_STAY - _SWITCH) * weight
-            own_share = (_STAY - _SWITCH) * weight / prior
-            state, misfit, spread = follow(state, mean, own_share, gain, sample)
-            states.append(state)
-            fits.append(prior / spread)
-            misfits.append(misfit)
-
-        self._states = states
-        self._weights = _weigh(fits, misfits)
-        self._settle(_weighted_mean(states, self._weights))
+        for index, model in enumerate(self._filters):
+            prior = _SWITCH + (_STAY - _SWITCH) * model.weight
+            own_share = (_STAY - _SWITCH) * model.weight / prior
+            model.follow(mean, own_share, gains[index], interval_s, x_mm, y_mm)
+            model.weight = prior / model.spread
+        _weigh(self._filters)
+        self._settle(_weighted_mean(self._filters))
         if self._meter is not None:
-            self._meter.update(sample.x_mm, sample.y_mm, sample.interval_s / sample.period_s)
+            self._meter.update(x_mm, y_mm, interval_s / period_s)
             if self._samples % _SAMPLES_PER_CHOICE == 0:
                 self._choose_level(self._meter.noise_mm(self._noise_mm))
 
@@ -120,99 +116,133 @@ class ModelBank(QuadraticMotion):
         self._move(x, y, vx, vy, _ACCELERATION_DAMPING * ax, _ACCELERATION_DAMPING * ay)
 
 
-def _rest(state: _State, mean: _State, own_share: float, gain: Gain, sample: Sample) -> tuple[_State, float, float]:
-    """One sample for the filter that holds still: its new state, the sample's misfit (chi^2 / 2) and spread (mm^2)."""
-    _, _, x_mm, y_mm = sample
-    x = mean[0] + own_share * (state[0] - mean[0])
-    y = mean[1] + own_share * (state[1] - mean[1])
-    ex = x_mm - x
-    ey = y_mm - y
-    k, _, _, _, spread = gain
-    return (x + k * ex, y + k * ey, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (ex * ex + ey * ey) / (2.0 * spread), spread
+class _Filter:
+    """A model of the bank: its state, its weight in the bank, and how well it foresaw the last sample.
+
+    `misfit` is chi^2 / 2, `spread` the variance (mm^2) that was expected of the innovation on one axis.
+    """
+
+    __slots__ = ("misfit", "spread", "state", "weight")
+
+    def __init__(self, state: _State) -> None:
+        self.state = state
+        self.weight = 1.0 / len(MODELS)
+        self.misfit, self.spread = 0.0, 1.0
+
+    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
+        """Take a sample `d` seconds after the last: mix in the bank's mean, predict, correct."""
+        raise NotImplementedError
 
 
-def _slide(state: _State, mean: _State, own_share: float, gain: Gain, sample: Sample) -> tuple[_State, float, float]:
-    """The same for a filter of constant acceleration: mix in the bank's mean, predict, correct."""
-    d, _, x_mm, y_mm = sample
-    half_d = 0.5 * d
-    x, y, vx, vy, ax, ay, _, _ = state
-    mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, _, _ = mean
-    k_x, k_v, k_a, _, spread = gain
+class _Rest(_Filter):
+    """No motion: how much time has passed does not matter."""
 
-    ax = mean_ax + own_share * (ax - mean_ax)
-    ay = mean_ay + own_share * (ay - mean_ay)
-    vx = mean_vx + own_share * (vx - mean_vx)
-    vy = mean_vy + own_share * (vy - mean_vy)
-    x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * ax)
-    y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * ay)
-    vx += d * ax
-    vy += d * ay
+    __slots__ = ()
 
-    ex = x_mm - x
-    ey = y_mm - y
-    spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
-    corrected = (x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey, ax + k_a * ex, ay + k_a * ey, 0.0, 0.0)
-    return corrected, (ex * ex + ey * ey) / (2.0 * spread), spread
+    def follow(self, mean: _State, own_share: float, gain: Gain, _d: float, x_mm: float, y_mm: float) -> None:
+        x, y, _, _, _, _, _, _ = self.state
+        mean_x, mean_y, _, _, _, _, _, _ = mean
+        k, _, _, _, spread = gain
+        x = mean_x + own_share * (x - mean_x)
+        y = mean_y + own_share * (y - mean_y)
+        ex = x_mm - x
+        ey = y_mm - y
+        self.state = (x + k * ex, y + k * ey, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
 
 
-def _bend(state: _State, mean: _State, own_share: float, gain: Gain, sample: Sample) -> tuple[_State, float, float]:
-    """The same for a filter of constant jerk."""
-    d, _, x_mm, y_mm = sample
-    half_d, third_d = 0.5 * d, d / 3.0
-    x, y, vx, vy, ax, ay, jx, jy = state
-    mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, mean_jx, mean_jy = mean
-    k_x, k_v, k_a, k_j, spread = gain
+class _Slide(_Filter):
+    """Constant acceleration."""
 
-    jx = mean_jx + own_share * (jx - mean_jx)
-    jy = mean_jy + own_share * (jy - mean_jy)
-    ax = mean_ax + own_share * (ax - mean_ax)
-    ay = mean_ay + own_share * (ay - mean_ay)
-    vx = mean_vx + own_share * (vx - mean_vx)
-    vy = mean_vy + own_share * (vy - mean_vy)
-    if jx * vx + jy * vy > 0.0:
-        jx *= _JERK_KEPT_ALONG
-        jy *= _JERK_KEPT_ALONG
-    x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * (ax + third_d * jx))
-    y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * (ay + third_d * jy))
-    vx += d * (ax + half_d * jx)
-    vy += d * (ay + half_d * jy)
-    ax += d * jx
-    ay += d * jy
+    __slots__ = ()
 
-    ex = x_mm - x
-    ey = y_mm - y
-    spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
-    corrected = (
-        *(x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey),
-        *(ax + k_a * ex, ay + k_a * ey, jx + k_j * ex, jy + k_j * ey),
-    )
-    return corrected, (ex * ex + ey * ey) / (2.0 * spread), spread
+    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
+        half_d = 0.5 * d
+        x, y, vx, vy, ax, ay, _, _ = self.state
+        mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, _, _ = mean
+        k_x, k_v, k_a, _, spread = gain
+
+        ax = mean_ax + own_share * (ax - mean_ax)
+        ay = mean_ay + own_share * (ay - mean_ay)
+        vx = mean_vx + own_share * (vx - mean_vx)
+        vy = mean_vy + own_share * (vy - mean_vy)
+        x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * ax)
+        y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * ay)
+        vx += d * ax
+        vy += d * ay
+
+        ex = x_mm - x
+        ey = y_mm - y
+        spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
+        self.state = (x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey, ax + k_a * ex, ay + k_a * ey, 0.0, 0.0)
+        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
 
 
-_FOLLOW = tuple({1: _rest, 3: _slide, 4: _bend}[order] for order, _ in MODELS)
+class _Bend(_Filter):
+    """Constant jerk."""
+
+    __slots__ = ()
+
+    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
+        half_d, third_d = 0.5 * d, d / 3.0
+        x, y, vx, vy, ax, ay, jx, jy = self.state
+        mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, mean_jx, mean_jy = mean
+        k_x, k_v, k_a, k_j, spread = gain
+
+        jx = mean_jx + own_share * (jx - mean_jx)
+        jy = mean_jy + own_share * (jy - mean_jy)
+        ax = mean_ax + own_share * (ax - mean_ax)
+        ay = mean_ay + own_share * (ay - mean_ay)
+        vx = mean_vx + own_share * (vx - mean_vx)
+        vy = mean_vy + own_share * (vy - mean_vy)
+        if jx * vx + jy * vy > 0.0:
+            jx *= _JERK_KEPT_ALONG
+            jy *= _JERK_KEPT_ALONG
+        x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * (ax + third_d * jx))
+        y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * (ay + third_d * jy))
+        vx += d * (ax + half_d * jx)
+        vy += d * (ay + half_d * jy)
+        ax += d * jx
+        ay += d * jy
+
+        ex = x_mm - x
+        ey = y_mm - y
+        spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
+        self.state = (
+            x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey,
+            ax + k_a * ex, ay + k_a * ey, jx + k_j * ex, jy + k_j * ey,
+        )  # fmt: skip
+        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
 
 
-def _weigh(fits: list[float], misfits: list[float]) -> list[float]:
+_FILTERS: dict[int, type[_Filter]] = {1: _Rest, 3: _Slide, 4: _Bend}  # by a model's order
+
+
+def _weigh(filters: list[_Filter]) -> None:
     """Posterior weights: fit * exp(-misfit), normalised; the best misfit is taken out, so they cannot all underflow.
 
     One may: `_SWITCH` gives even a model of no weight its chance at the next sample.
     """
-    best = min(misfits)
-    weights = [fit * math.exp(best - misfit) for fit, misfit in zip(fits, misfits, strict=True)]
-    total = sum(weights)
-    return [weight / total for weight in weights]
+    best = min([model.misfit for model in filters])
+    total = 0.0
+    for model in filters:
+        model.weight *= math.exp(best - model.misfit)
+        total += model.weight
+    for model in filters:
+        model.weight /= total
 
 
-def _weighted_mean(states: list[_State], weights: list[float]) -> _State:
+def _weighted_mean(filters: list[_Filter]) -> _State:
     x = y = vx = vy = ax = ay = jx = jy = 0.0
-    for state, weight in zip(states, weights, strict=True):
-        state_x, state_y, state_vx, state_vy, state_ax, state_ay, state_jx, state_jy = state
-        x += weight * state_x
-        y += weight * state_y
-        vx += weight * state_vx
-        vy += weight * state_vy
-        ax += weight * state_ax
-        ay += weight * state_ay
-        jx += weight * state_jx
-        jy += weight * state_jy
+    for model in filters:
+        weight = model.weight
+        model_x, model_y, model_vx, model_vy, model_ax, model_ay, model_jx, model_jy = model.state
+        x += weight * model_x
+        y += weight * model_y
+        vx += weight * model_vx
+        vy += weight * model_vy
+        ax += weight * model_ax
+        ay += weight * model_ay
+        jx += weight * model_jx
+        jy += weight * model_jy
     return x, y, vx, vy, ax, ay, jx, jy

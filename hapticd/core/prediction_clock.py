@@ -12,17 +12,18 @@ Only differences enter and leave, so nothing here depends on where time starts.
 from __future__ import annotations
 
 import math
+from typing import Final
 
-_PHASE_WALK_VAR_S2 = 20e-6**2  # how far the true sampling instant strays in one period
-_PERIOD_WALK_VAR_S2 = 0.1e-6**2  # how far the period itself strays in one period
+_PHASE_WALK_VAR_S2: Final = 20e-6**2  # how far the true sampling instant strays in one period
+_PERIOD_WALK_VAR_S2: Final = 0.1e-6**2  # how far the period itself strays in one period
 
 # A gap of m periods is read as floor(gap/period + 0.35), not rounded: real stamps have lone outliers of +4 ms, and
 # rounding takes such a late stamp for a lost frame, then loses the lock on the next one.
-_EARLY_FRAC = 0.35
+_EARLY_FRAC: Final = 0.35
 
-_RELOCK_FRAC = 0.6  # of a period: a stamp this far off belongs to a new train of samples
-_SHORTEST_FRAC = 0.4  # of a period: the least interval reported, so that no speed is made of a burst of reports
-_RELOCKS_TO_RETUNE = 3  # in a row: then the nominal period is wrong, and the last interval is a better one
+_RELOCK_FRAC: Final = 0.6  # of a period: a stamp this far off belongs to a new train of samples
+_SHORTEST_FRAC: Final = 0.4  # of a period: the least interval reported, so that no speed is made of a burst of reports
+_RELOCKS_TO_RETUNE: Final = 3  # in a row: then the nominal period is wrong, and the last interval is a better one
 
 
 class SampleClock:

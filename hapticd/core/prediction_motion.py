@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 # No finger on a plate is faster or changes speed faster than this; a model that says so has seen a bad sample.
-MAX_SPEED_MM_S = 4e3
-MAX_ACCELERATION_MM_S2 = 2e5
+MAX_SPEED_MM_S: Final = 4e3
+MAX_ACCELERATION_MM_S2: Final = 2e5
 
 
 class Sample(NamedTuple):
@@ -69,10 +69,6 @@ def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 def checked(name: str, value: float, low: float, high: float) -> float:
     """`value` as a float if it lies in [low, high]; ValueError with one sentence otherwise (NaN included)."""
-    try:
-        inside = low <= value <= high
-    except TypeError:
-        inside = False
-    if not inside:
+    if not low <= value <= high:
         raise ValueError(f"Predictor setting {name} is {value!r}: give a number from {low:g} to {high:g}.")
-    return float(value)
+    return value

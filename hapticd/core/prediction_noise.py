@@ -9,15 +9,16 @@ Mathematical Statistics 12 (1941), carried to the third order and made robust.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from .rolling_quantile import RollingQuantile
 
-_LEAST_SAMPLES = 64  # fewer tell less than what is known of pads beforehand
-_LONGEST_PERIODS = 1.5  # after a lost sample differences begin anew
+_LEAST_SAMPLES: Final = 64  # fewer tell less than what is known of pads beforehand
+_LONGEST_PERIODS: Final = 1.5  # after a lost sample differences begin anew
 # Of a third difference (1, -3, 3, -1) of unit noise: variance 1 + 9 + 9 + 1 on each axis; its length over both axes is
 # Rayleigh's, of median sqrt(2 ln 2).
-_MEDIAN_OF_UNIT_NOISE = math.sqrt(20.0 * 2.0 * math.log(2.0))
-_UNITS_PER_MM = 1e9
+_MEDIAN_OF_UNIT_NOISE: Final = math.sqrt(20.0 * 2.0 * math.log(2.0))
+_UNITS_PER_MM: Final = 1e9
 
 
 class NoiseMeter:

@@ -8,9 +8,21 @@ nothing depends on the origin; floats only hold differences.
 from __future__ import annotations
 
 from collections import deque
+from typing import Final
 
 from .prediction_clock import SampleClock
 from .rolling_quantile import RollingQuantile
+
+_WINDOW: Final = 128
+_LOW: Final = 1 / 16
+_MAX_AGE_NS: Final = 10_000_000_000  # over a pause a drifting clock becomes a stranger
+_MOST_EARLY_NS: Final = 5_000_000  # no jitter makes a report this early: the clock stepped
+_MOST_LATE_NS: Final = 250_000_000  # a stalled host makes reports late, but not this late
+_LATE_IN_A_ROW: Final = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
+_LONGEST_TRAIN_NS: Final = 60_000_000  # after a longer gap the pad's samples are a new train
+_PERIOD_S: Final = 0.01125  # of a Magic Trackpad 2; other pads are found within some reports
+_PERIOD_ERROR_S: Final = 0.001
+_STAMP_ERROR_S: Final = 0.0006  # +-1 ms, uniform
 
 
 class SensorClock:
@@ -22,24 +34,14 @@ class SensorClock:
     what the filter leaves. A window of 128 reports (1.4 s) follows a drift of 200 ppm 0.15 ms behind.
     """
 
-    _WINDOW = 128
-    _LOW = 1 / 16
-    _MAX_AGE_NS = 10_000_000_000  # over a pause a drifting clock becomes a stranger
-    _MOST_EARLY_NS = 5_000_000  # no jitter makes a report this early: the clock stepped
-    _MOST_LATE_NS = 250_000_000  # a stalled host makes reports late, but not this late
-    _LATE_IN_A_ROW = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
-    _LONGEST_TRAIN_NS = 60_000_000  # after a longer gap the pad's samples are a new train
-    _PERIOD_S, _PERIOD_ERROR_S = 0.01125, 0.001  # of a Magic Trackpad 2; other pads are found within some reports
-    _STAMP_ERROR_S = 0.0006  # +-1 ms, uniform
-
     def __init__(self, latency_ns: int) -> None:
         self.relocks = 0
         self._latency_ns = latency_ns
-        self._differences = RollingQuantile(self._WINDOW, self._LOW)
+        self._differences = RollingQuantile(_WINDOW, _LOW)
         self._t_arrivals_ns: deque[int] = deque()
         self._t_device_ns = 0
         self._late_in_a_row = 0
-        self._samples = SampleClock(self._PERIOD_S, self._PERIOD_ERROR_S, self._STAMP_ERROR_S)
+        self._samples = SampleClock(_PERIOD_S, _PERIOD_ERROR_S, _STAMP_ERROR_S)
 
     def update(self, t_device_ns: int, t_host_ns: int) -> int:
         """When the report stamped `t_device_ns`, read at `t_host_ns`, was sampled; never later than it was read.
@@ -53,7 +55,7 @@ class SensorClock:
             self.reset()
             self.relocks += 1
         t_filtered_ns = self._filtered_ns(t_device_ns)
-        if len(self._differences) == self._WINDOW:
+        if len(self._differences) == _WINDOW:
             self._t_arrivals_ns.popleft()
         self._t_arrivals_ns.append(t_host_ns)
         self._differences.push(t_host_ns - t_filtered_ns)
@@ -73,7 +75,7 @@ class SensorClock:
     def _filtered_ns(self, t_device_ns: int) -> int:
         """The stamp as a regular sampler would have given it."""
         elapsed_ns = t_device_ns - self._t_device_ns
-        if len(self._differences) == 0 or not 0 <= elapsed_ns <= self._LONGEST_TRAIN_NS:
+        if len(self._differences) == 0 or not 0 <= elapsed_ns <= _LONGEST_TRAIN_NS:
             self._samples.restart()
         elif elapsed_ns > 0:
             self._samples.advance(elapsed_ns * 1e-9)
@@ -81,16 +83,16 @@ class SensorClock:
         return t_device_ns - round(self._samples.lag_s * 1e9)
 
     def _forget_old(self, t_host_ns: int) -> None:
-        while self._t_arrivals_ns and not 0 <= t_host_ns - self._t_arrivals_ns[0] <= self._MAX_AGE_NS:
+        while self._t_arrivals_ns and not 0 <= t_host_ns - self._t_arrivals_ns[0] <= _MAX_AGE_NS:
             self._t_arrivals_ns.popleft()
             self._differences.drop_oldest()
 
     def _has_stepped(self, t_device_ns: int, difference_ns: int) -> bool:
         late_ns = difference_ns - self._differences.value
-        is_late = late_ns > self._MOST_EARLY_NS
+        is_late = late_ns > _MOST_EARLY_NS
         self._late_in_a_row = self._late_in_a_row + 1 if is_late else 0
         return (
-            t_device_ns < self._t_device_ns - self._MOST_EARLY_NS
-            or not -self._MOST_EARLY_NS <= late_ns <= self._MOST_LATE_NS
-            or self._late_in_a_row >= self._LATE_IN_A_ROW
+            t_device_ns < self._t_device_ns - _MOST_EARLY_NS
+            or not -_MOST_EARLY_NS <= late_ns <= _MOST_LATE_NS
+            or self._late_in_a_row >= _LATE_IN_A_ROW
         )

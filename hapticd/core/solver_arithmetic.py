@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 Row = tuple[float, ...]
 Pair = tuple[float, float]
 
-NOISE = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
-_REACH_CAP = 1e30  # a target so many times out of reach acts like any farther one
-_EFFORT_CAP = 1e18  # beside an effort so many times theirs the rows' own squares are below rounding
+NOISE: Final = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
+LAST_BIT: Final = 1.0 - 2.0**-52  # one library's hypot is not another's: a last bit is left below a limit
+_REACH_CAP: Final = 1e30  # a target so many times out of reach acts like any farther one
+_EFFORT_CAP: Final = 1e18  # beside an effort so many times theirs the rows' own squares are below rounding
 
 
 def normalised(

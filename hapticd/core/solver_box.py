@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from .solver_arithmetic import NOISE, Pair, Row, clamped, cross_terms, dot, normalised, within
 from .solver_choice import Candidate, candidate, choose, leans_away, misses
 
-_RANK_NOISE = 1e-13  # a column's part across the other, after subtracting a projection that is good to some ulps
-_HUGE = 1e100  # beyond this, and below its inverse, squares would leave the range of floats
-_CLEARLY_LESS = 1.0 - 1e-6  # of |W|^2: no tie to look into
+_RANK_NOISE: Final = 1e-13  # a column's part across the other, after subtracting a projection that is good to some ulps
+_HUGE: Final = 1e100  # beyond this, and below its inverse, squares would leave the range of floats
+_CLEARLY_LESS: Final = 1.0 - 1e-6  # of |W|^2: no tie to look into
 
 
 def fill_box(

@@ -10,14 +10,14 @@ import math
 from collections.abc import Iterable
 from itertools import chain
 from math import isfinite
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from .solver_arithmetic import Pair, Row
 
-_FLOAT64 = np.dtype(np.float64)
+_FLOAT64: Final = np.dtype(np.float64)
 
 FloatArray = npt.NDArray[np.float64]
 Rows = tuple[Row, ...]

@@ -9,12 +9,12 @@ finger through zero, and the finger feels it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from .solver_arithmetic import Row
 
-EQUAL_ERROR = 1e-13  # of the targets' scale, squared: candidates that differ by rounding alone
-EQUAL_NORM = 1e-9  # least norms of exact solutions carry the conditioning of phi
+EQUAL_ERROR: Final = 1e-13  # of the targets' scale, squared: candidates that differ by rounding alone
+EQUAL_NORM: Final = 1e-9  # least norms of exact solutions carry the conditioning of phi
 
 
 class Candidate(NamedTuple):

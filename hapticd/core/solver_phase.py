@@ -29,19 +29,21 @@ Cost: two on two in plain floats, two to three times the real solution; else two
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from typing import Final
 
 from .solver_arithmetic import Pair, Row
 from .solver_box import box_least_squares, square_solution
 from .solver_choice import misses
-from .solver_policies import Rows, solve_fast
-from .solver_turn import Phasors, given, in_phase, magnitude, nearer_hand, turn_patterns
+from .solver_ease import Phasors2, Shapes2, eased, given, nearer_hand
+from .solver_policies import Rows, all_finite, solve_fast
+from .solver_turn import Phasors, in_phase, magnitude, turn_patterns
 
-TURN_RAD = math.pi / 8  # the chord between knots this far apart sags by 2 % of |w| at most
-_SAFE = 1e100  # squares of larger ratios would leave the range of floats
-_UNFELT = 0.02  # of a target: less than this no finger feels
-_HALVINGS = 32  # to 1e-9 of the cosine, the error being flat there
-_EASING_HALVINGS = 10
+Swing = tuple[float, float, float]  # middle and span of a |w|^2, and the |w| that is wanted
+
+TURN_RAD: Final = math.pi / 8  # the chord between knots this far apart sags by 2 % of |w| at most
+_SAFE: Final = 1e100  # squares of larger ratios would leave the range of floats
+_UNFELT: Final = 0.02  # of a target: less than this no finger feels
+_HALVINGS: Final = 32  # to 1e-9 of the cosine, the error being flat there
 
 
 def solve_phased_fast(
@@ -50,9 +52,7 @@ def solve_phased_fast(
     """`solver.solve_phased` for callers that have checked their input: modal phasors in um, and `limited`."""
     if previous is not None and not all(magnitude(w) < _SAFE for w in previous):
         previous = None
-    if sum([target > 0.0 for target in targets]) >= 2 and all(
-        map(math.isfinite, (value for row in rows for value in row))
-    ):
+    if sum([target > 0.0 for target in targets]) >= 2 and all_finite(rows):
         if len(rows) == 2 == len(limits):
             pair = _pair(rows, targets, (limits[0], limits[1]), previous, turn_rad)
             if pair is not None:
@@ -85,67 +85,39 @@ def _pair(
     low, high = cosines
     falls = first[0] * second[0] + first[1] * second[1] > 0.0  # |W|^2 with cos tau falling
     tau_rad = math.acos(low if falls else high)
-    now_rad = None if previous is None else _phase_between(rows, previous)
+    now_rad = None if previous is None else _phase_between(_shapes(rows), _parts(previous))
     if now_rad is not None:
         tau_rad = min(max(tau_rad, now_rad - turn_rad), now_rad + turn_rad)
     cos = min(max(math.cos(tau_rad), low), high)
-    turn = complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
-    modal = first[0] + turn * second[0], first[1] + turn * second[1]
+    sin = math.sqrt((1.0 - cos) * (1.0 + cos))
+    modal = first[0] + cos * second[0], sin * second[0], first[1] + cos * second[1], sin * second[1]
     return _eased(rows, targets, limits, modal, previous, turn_rad), False
 
 
 def _eased(
-    rows: Rows, targets: Row, limits: Pair, wanted: Phasors, previous: Phasors | None, turn_rad: float
+    rows: Rows, targets: Row, limits: Pair, wanted: Phasors2, previous: Phasors | None, turn_rad: float
 ) -> Phasors:
-    """As much of the way to the wanted phasors as no finger feels: X goes in a straight line, and so do all squares.
+    """As much of the way to the wanted phasors as no finger feels (`solver_ease`).
 
     The best X jumps where fingers at the limits pass a singular position: what neither of them sees changes its sign.
     """
-    wanted = nearer_hand(wanted, limits, previous)
     if previous is None:
-        return wanted
-    was, slack = given(rows, previous), [_UNFELT * target for target in targets]
-    keep = math.cos(min(turn_rad, math.pi) / 2)
-    if not _sags(was, given(rows, wanted), keep, slack):
-        return wanted
-    begin, end = _squares(previous), _squares(wanted)
-    low, high, eased = 0.0, 1.0, wanted
-    for _ in range(_EASING_HALVINGS):
-        share = (low + high) / 2
-        phasors = _phasors([p + share * (q - p) for p, q in zip(begin, end, strict=True)])
-        phasors = nearer_hand(phasors, limits, previous)
-        if _sags(was, given(rows, phasors), keep, slack):
-            high = share
-        else:
-            low, eased = share, phasors
-    return eased
+        a, b, c, d = nearer_hand(wanted, limits, (0.0, 0.0, 0.0, 0.0))
+    else:
+        keep = math.cos(min(turn_rad, math.pi) / 2)
+        unfelt_um = _UNFELT * targets[0], _UNFELT * targets[1]
+        a, b, c, d = eased(_shapes(rows), limits, wanted, _parts(previous), keep, unfelt_um)
+    return complex(a, b), complex(c, d)
 
 
-def _sags(was: Sequence[complex], now: Sequence[complex], keep: float, slack: Sequence[float]) -> bool:
-    """Midway on the chord some finger gets clearly less than at either end."""
-    return any(
-        magnitude(u + v) / 2 < keep * min(magnitude(u), magnitude(v)) - unfelt
-        for u, v, unfelt in zip(was, now, slack, strict=True)
-    )
+def _shapes(rows: Rows) -> Shapes2:
+    (a, b), (c, d) = rows
+    return a, b, c, d
 
 
-def _squares(modal: Phasors) -> tuple[float, float, float]:
-    """X of phasors: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)."""
-    one, other = modal
-    return _square(one), _square(other), one.real * other.real + one.imag * other.imag
-
-
-def _phasors(squares: Sequence[float]) -> Phasors:
-    """Phasors of an X, the first of them real."""
-    one, other, product = math.sqrt(squares[0]), math.sqrt(squares[1]), squares[2]
-    if one * other == 0.0:
-        return complex(one), complex(other)
-    cos = min(max(product / (one * other), -1.0), 1.0)
-    return complex(one), other * complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
-
-
-def _square(w: complex) -> float:
-    return w.real * w.real + w.imag * w.imag
+def _parts(phasors: Phasors) -> Phasors2:
+    one, other = phasors
+    return one.real, one.imag, other.real, other.imag
 
 
 def _cosines(first: Pair, second: Pair, limits: Pair) -> Pair | None:
@@ -165,11 +137,11 @@ def _cosines(first: Pair, second: Pair, limits: Pair) -> Pair | None:
     return (low, high) if low <= high else None
 
 
-def _phase_between(rows: Rows, modal: Phasors) -> float | None:
+def _phase_between(shapes: Shapes2, modal: Phasors2) -> float | None:
     """The angle between the phasors of two fingers, 0 to pi; None where one of them is still."""
-    (a, b), (c, d) = rows
-    between = (c * modal[0] + d * modal[1]) * (a * modal[0] + b * modal[1]).conjugate()
-    return abs(math.atan2(between.imag, between.real)) if 0.0 < magnitude(between) < math.inf else None
+    a, b, c, d = given(shapes, modal)
+    along, across = c * a + d * b, d * a - c * b
+    return abs(math.atan2(across, along)) if 0.0 < math.hypot(along, across) < math.inf else None
 
 
 def _pair_at_limits(
@@ -180,58 +152,65 @@ def _pair_at_limits(
     if not (1.0 / _SAFE < size < _SAFE and min(limits) > 1.0 / _SAFE and max(*limits, *targets) < _SAFE):
         return _real(rows, targets, limits, previous)
     turn = _best_turn(rows, targets, limits)
-    candidates: list[Phasors] = [] if turn is None else [(complex(limits[0]), limits[1] * turn)]
+    candidates: list[Phasors2] = []
+    if turn is not None:
+        candidates.append((limits[0], 0.0, limits[1] * turn[0], limits[1] * turn[1]))
     for sign in (1.0, -1.0):
         real, _ = box_least_squares(rows, (targets[0], sign * targets[1]), limits, 0.0)
-        candidates.append((complex(real[0]), complex(real[1])))
-    best, amplitudes = candidates[0], _amplitudes(rows, candidates[0])
+        candidates.append((real[0], 0.0, real[1], 0.0))
+    shapes = _shapes(rows)
+    best, amplitudes = candidates[0], _amplitudes(shapes, candidates[0])
     for modal in candidates[1:]:
-        others = _amplitudes(rows, modal)
+        others = _amplitudes(shapes, modal)
         if _excess(others, amplitudes, targets) < 0.0:
             best, amplitudes = modal, others
     return _eased(rows, targets, limits, best, previous, turn_rad), misses(amplitudes, targets)
 
 
-def _best_turn(rows: Rows, targets: Row, limits: Pair) -> complex | None:
-    """exp(j theta) of the second mode against the first, both at their limits: where the convex error is least.
+def _best_turn(rows: Rows, targets: Row, limits: Pair) -> Pair | None:
+    """cos theta, sin theta of the second mode against the first, both at their limits: where the error is least.
 
-    None where that is real: a corner of the box, and `solver_box` knows it.
+    It is convex. None where that is real: a corner of the box, and `solver_box` knows it.
     """
-    squares = []
-    for (x, y), target in zip(rows, targets, strict=True):
-        u, v = x * limits[0], y * limits[1]
-        squares.append((u * u + v * v, 2.0 * u * v, target))
-
-    def slope(cos: float) -> float:
-        total = 0.0
-        for middle, swing, target in squares:
-            if swing != 0.0:
-                reached = math.sqrt(max(middle + swing * cos, 0.0))
-                total += swing * (1.0 - target / reached) if reached > 0.0 else -math.copysign(math.inf, swing)
-        return total
-
-    cos = _zero_of_rising(slope)
-    return None if cos is None else complex(cos, math.sqrt((1.0 - cos) * (1.0 + cos)))
-
-
-def _zero_of_rising(slope: Callable[[float], float]) -> float | None:
-    """Where within (-1, 1) a rising function is 0; None where it is nowhere."""
+    one, other = _swing(rows[0], limits, targets[0]), _swing(rows[1], limits, targets[1])
     low, high = -1.0, 1.0
-    if not slope(low) < 0.0 < slope(high):
+    if not _slope(one, other, low) < 0.0 < _slope(one, other, high):
         return None
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        if slope(middle) < 0.0:
+        if _slope(one, other, middle) < 0.0:
             low = middle
         else:
             high = middle
-    return (low + high) / 2
+    cos = (low + high) / 2
+    return cos, math.sqrt((1.0 - cos) * (1.0 + cos))
 
 
-def _amplitudes(rows: Rows, modal: Phasors) -> Row:
-    return tuple([magnitude(x * modal[0] + y * modal[1]) for x, y in rows])
+def _swing(row: Row, limits: Pair, target: float) -> Swing:
+    """Of a finger's |w|^2 with both modes at their limits: its middle, and how far it swings; and the target."""
+    u, v = row[0] * limits[0], row[1] * limits[1]
+    return u * u + v * v, 2.0 * u * v, target
 
 
-def _excess(one: Row, other: Row, targets: Row) -> float:
+def _slope(one: Swing, other: Swing, cos: float) -> float:
+    """By how much the two fingers' error rises with cos theta: a rising function, for the error is convex."""
+    return _pull(one, cos) + _pull(other, cos)
+
+
+def _pull(swing: Swing, cos: float) -> float:
+    middle, span, target = swing
+    if span == 0.0:
+        return 0.0
+    reached = math.sqrt(max(middle + span * cos, 0.0))
+    return span * (1.0 - target / reached) if reached > 0.0 else -math.copysign(math.inf, span)
+
+
+def _amplitudes(shapes: Shapes2, modal: Phasors2) -> Pair:
+    a, b, c, d = given(shapes, modal)
+    return math.hypot(a, b), math.hypot(c, d)
+
+
+def _excess(one: Pair, other: Pair, targets: Row) -> float:
     """Squared error of `one` above that of `other`, without the targets' squares."""
-    return sum([(v - u) * (v + u - 2.0 * a) for v, u, a in zip(one, other, targets, strict=True)])
+    (v, w), (u, t) = one, other
+    return (v - u) * (v + u - 2.0 * targets[0]) + (w - t) * (w + t - 2.0 * targets[1])

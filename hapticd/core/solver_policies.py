@@ -32,7 +32,7 @@ def solve_fast(
         if targets[0] == 0.0 < targets[1]:
             return _hold_one_still(rows[1], targets[1], rows[0], limits, previous, effort)
     apply = named(policy)
-    if not _all_finite(rows):
+    if not all_finite(rows):
         return (0.0,) * len(limits), False
     return apply(rows, targets, limits, previous, effort, hysteresis)
 
@@ -54,7 +54,7 @@ def _hold_one_still(
         ux, uy = -y / x, 1.0
         slope = abs(ux)
         top = limit_x / slope if slope * limit_y > limit_x else limit_y
-    elif x == y == 0.0 and _all_finite((slipping,)):
+    elif x == y == 0.0 and all_finite((slipping,)):
         return _keep_zero((slipping,), (target,), limits, previous, effort, 0.0)
     else:
         return (0.0, 0.0), False
@@ -74,7 +74,8 @@ def _hold_one_still(
     return within((w_x, w_y), (limit_x, limit_y)), not wanted <= top
 
 
-def _all_finite(rows: Rows) -> bool:
+def all_finite(rows: Rows) -> bool:
+    """No shape is NaN or infinite."""
     return all(-math.inf < value < math.inf for row in rows for value in row)
 
 

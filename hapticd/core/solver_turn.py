@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .solver_arithmetic import Row
+from .solver_arithmetic import LAST_BIT, Row
 from .solver_choice import misses, square
 from .solver_general import solve_pattern
 from .solver_policies import Rows, solve_fast
@@ -20,7 +20,6 @@ Phasors = tuple[complex, ...]
 
 _REAL_RAD = 1e-6  # fingers this near to one phase, or opposite, vibrate in one real pattern
 _HEARD = 1e-9  # of the strongest finger's amplitude: below, a phase is noise
-_LAST_BIT = 1.0 - 2.0**-52
 _EQUAL = 1e-9  # of the targets' squares: patterns that serve alike, by least squares' own rounding
 
 
@@ -145,12 +144,9 @@ def _lean(modal: Sequence[complex], previous: Phasors) -> complex:
 
 
 def _within(modal: Phasors, limits: Row) -> Phasors:
-    """All modes scaled by what rounding left beyond a limit: a still finger stays still.
-
-    A last bit more is given up, for one library's hypot is not another's.
-    """
+    """All modes scaled by what rounding left beyond a limit: a still finger stays still."""
     shave = 2.0**-53
-    while any(magnitude(w) > limit * _LAST_BIT for w, limit in zip(modal, limits, strict=True)):
+    while any(magnitude(w) > limit * LAST_BIT for w, limit in zip(modal, limits, strict=True)):
         modal = tuple([w * (1.0 - shave) for w in modal])
         shave *= 2.0
     return modal

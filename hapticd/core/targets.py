@@ -159,7 +159,7 @@ def _square_grating(grating: GratingTarget) -> Texture:
 def _image(image: MapTarget, plate_size_mm: tuple[float, float]) -> Texture:
     """Bilinear between pixel centres; the outermost lie on the plate's edges and reach beyond them."""
     width, height, levels = image.width, image.height, image.levels
-    last_column, last_row = width - 1, height - 1
+    last_column, last_row = float(width - 1), float(height - 1)
     left_mm, top_mm = -0.5 * plate_size_mm[0], 0.5 * plate_size_mm[1]
     columns_per_mm, rows_per_mm = last_column / plate_size_mm[0], last_row / plate_size_mm[1]
     low_um, high_um = image.low_um, image.high_um

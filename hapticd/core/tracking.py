@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from ..values import Contact, Finger, FingerFrame, TouchFrame
 from .assignment import least_cost_assignment
 
-_SHORTEST_S = 4e-3  # two stamps closer than this are jitter: no speed is made of them
-_RENUMBERED_MM = 1.0  # added to a distance when the contact's number speaks against it: settles near ties only
-_FARTHEST_MM = 1e6  # a coordinate beyond is no position
+_SHORTEST_S: Final = 4e-3  # two stamps closer than this are jitter: no speed is made of them
+_RENUMBERED_MM: Final = 1.0  # added to a distance when the contact's number speaks against it: settles near ties only
+_FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position
 
 
 @dataclass(frozen=True, slots=True)

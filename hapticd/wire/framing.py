@@ -12,15 +12,16 @@ from typing import Final
 _CRC_START: Final = 0xFFFF
 _BLOCK_MAX: Final = 254  # bytes that a block can hold; after such a block no zero is implied
 _CODES: Final = [bytes((length + 1,)) for length in range(_BLOCK_MAX + 1)]
+_EMPTY: Final = _CODES[0]
 
 
 def encode_frame(message: bytes) -> bytes:
     """Message, CRC and delimiter as they go over the line."""
-    crc = crc_hqx(message, _CRC_START)
-    runs = (message + crc.to_bytes(2, "little")).split(b"\0")
-    if max(map(len, runs)) < _BLOCK_MAX:  # nearly every message: each run is a block
-        return b"".join([_CODES[len(run)] + run for run in runs]) + b"\0"
-    return b"".join(_blocks(runs)) + b"\0"
+    body = message + crc_hqx(message, _CRC_START).to_bytes(2, "little")
+    if len(body) >= _BLOCK_MAX:
+        return b"".join(_blocks(body.split(b"\0"))) + b"\0"
+    # Nearly every message: each run between zeros is a block, and most are empty.
+    return b"".join([_CODES[len(run)] + run if run else _EMPTY for run in body.split(b"\0")]) + b"\0"
 
 
 def _blocks(runs: list[bytes]) -> list[bytes]:

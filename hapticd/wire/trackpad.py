@@ -14,6 +14,7 @@ import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 
 from ..values import AffineMap, Contact, TouchFrame
 
@@ -31,6 +32,7 @@ _STEP_NS = 2_000_000_000  # beyond the 0.7 s that 63 reports in the kernel's rin
 _BACKWARDS_MS = 100
 _DRIFT = 1000  # one part in a thousand: no quartz is that wrong
 _CENTRED = AffineMap()
+_contact_id = attrgetter("contact_id")
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +162,7 @@ class _Mt2Layout:
 
     def _contact(self, record: tuple[int, ...]) -> Contact:
         word, major, minor, _size, pressure, last = record
-        raw_x, raw_y = _raw_position(word)
-        x_mm, y_mm = self._map.position(raw_x, raw_y)
+        x_mm, y_mm, raw_x, raw_y = self._map.position(word)
         angle_rad, major_mm, minor_mm = self._map.axes[last >> 5]
         state = word >> 29
         return Contact(
@@ -205,8 +206,7 @@ class _Mt1Layout:
 
     def _contact(self, record: tuple[int, ...]) -> Contact:
         word, major, minor, size_and_id, id_and_angle, last = record
-        raw_x, raw_y = _raw_position(word)
-        x_mm, y_mm = self._map.position(raw_x, raw_y)
+        x_mm, y_mm, raw_x, raw_y = self._map.position(word)
         angle_rad, major_mm, minor_mm = self._map.axes[id_and_angle >> 2]
         state = last >> 4
         return Contact(
@@ -232,14 +232,9 @@ def _records(report: bytes, report_id: int, header_bytes: int) -> Iterator[tuple
     return RECORD.iter_unpack(report[header_bytes:])
 
 
-def _raw_position(word: int) -> tuple[int, int]:
-    """Two 13-bit two's complement numbers."""
-    return ((word & 0x1FFF) ^ 0x1000) - 0x1000, ((word >> 13 & 0x1FFF) ^ 0x1000) - 0x1000
-
-
 def _require_distinct_ids(contacts: tuple[Contact, ...]) -> None:
     """A pad never gives one id twice in a frame: such a report is torn."""
-    if len({contact.contact_id for contact in contacts}) != len(contacts):
+    if len(set(map(_contact_id, contacts))) != len(contacts):
         raise _RefusedError("duplicate_id")
 
 
@@ -260,10 +255,14 @@ class _PlateMap:
         angles_rad = (code * math.pi / orientations for code in range(orientations))
         self.axes = tuple(_mapped_axis(affine, angle_rad, mm_per_count) for angle_rad in angles_rad)
 
-    def position(self, raw_x: int, raw_y: int) -> tuple[float, float]:
+    def position(self, word: int) -> tuple[float, float, int, int]:
+        """x and y on the plate, and as the record's first word has them: two 13-bit two's complement numbers."""
+        raw_x, raw_y = ((word & 0x1FFF) ^ 0x1000) - 0x1000, ((word >> 13 & 0x1FFF) ^ 0x1000) - 0x1000
         return (
             self._x_x * raw_x + self._x_y * raw_y + self._x_0,
             self._y_x * raw_x + self._y_y * raw_y + self._y_0,
+            raw_x,
+            raw_y,
         )
 
 

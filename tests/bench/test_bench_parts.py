@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
@@ -14,6 +17,7 @@ from hapticd.bench import firmware, knots, leak, modes, prediction, solver, solv
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.stopwatch import STAGES, Stopwatch
 from hapticd.bench.tables import UNITS, Table, plain, render
+from hapticd.compiled import why_interpreted
 from hapticd.config import Config
 from hapticd.core.prediction import PREDICTORS
 from hapticd.machine import Machine
@@ -242,6 +246,7 @@ def test_the_default_law_is_the_best_over_all_corners_and_the_paper_s_the_last()
 def test_what_a_scene_does_not_need_is_skipped() -> None:
     stages, situations = part("tick")
     assert [row.name for row in stages.rows] == [tick.WHOLE, *STAGES, tick.REST]
+    assert all(row.figures["hot_us"] > 0.0 for row in stages.rows[:-1])
     skipped = {row.name: row.figures["skipped_frac"] for row in situations.rows}
     assert skipped["no finger"] == skipped["no target"] == skipped["standing"] == 1.0
     assert skipped[tick.DEFAULT] == skipped["a single knot"] == 0.0
@@ -270,6 +275,7 @@ def test_paced_passes_wait_for_their_time() -> None:
     assert all(11_000_000 < later - sooner < 11_500_000 for sooner, later in pairwise(due_ns))
 
 
+@pytest.mark.skipif(why_interpreted() == "", reason="machine code is not watched: the next test does it as Python")
 def test_the_stopwatch_sees_every_stage_and_leaves_no_trace() -> None:
     originals = {stage: [vars(owner)[name] for owner, name in places] for stage, places in STAGES.items()}
     recording = record(SCENARIOS["strokes"].build(1, 100.0), seconds=1.0)
@@ -278,3 +284,10 @@ def test_the_stopwatch_sees_every_stage_and_leaves_no_trace() -> None:
         play(recording, new_machine(recording), before=stopwatch.reset, limit=5)
     assert all(taken_us > 0.0 for taken_us in stopwatch.taken_us().values())
     assert originals == {stage: [vars(owner)[name] for owner, name in places] for stage, places in STAGES.items()}
+
+
+def test_the_stopwatch_does_so_in_a_process_that_runs_python() -> None:
+    this = f"{__file__}::{test_the_stopwatch_sees_every_stage_and_leaves_no_trace.__name__}"
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", this]
+    done = subprocess.run(command, env={**os.environ, "HAPTICD_PURE": "1"}, capture_output=True, text=True, check=False)
+    assert "1 passed" in done.stdout, done.stdout + done.stderr

@@ -1,0 +1,129 @@
+"""The touch path as machine code and as Python: the same bytes to the board, and never code of an older source."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from importlib import import_module
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+import pytest
+
+from hapticd import compiled
+from hapticd.bench.recording import play, record
+from hapticd.compiled import SourceFinder, why_interpreted
+from hapticd.config import Config
+from hapticd.machine import Machine
+from hapticd.sim.scenarios import SCENARIOS
+
+ROOT = Path(__file__).parents[1]
+MODULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hapticd"]["compiled"]["modules"]
+PLAYED = ("strokes", "both-slip", "virtual-finger")
+TIGHT = replace(Config(), solver=replace(Config().solver, tolerance_um=1e-4, max_knots=20))
+
+
+def said() -> dict[str, str]:
+    """By scenario a digest of all that is written to the board and told to subscribers, and how much it is."""
+    digests = {}
+    for name in PLAYED:
+        recording = record(SCENARIOS[name].build(3, 130.0), seed=3, seconds=1.6)
+        for config in (Config(), TIGHT):
+            digest = hashlib.sha256()
+            written: list[int] = []
+
+            def write(data: bytes, digest: hashlib._Hash = digest, written: list[int] = written) -> bool:
+                digest.update(data)
+                written.append(len(data))
+                return True
+
+            machine = Machine(config, recording.modes, write_board=write, publish=digest.update)
+            play(recording, machine)
+            digests[f"{name}, {config.solver.max_knots} knots"] = f"{digest.hexdigest()}, {sum(written)} bytes"
+    return digests
+
+
+def run_as(pure: str) -> dict[str, object]:
+    environment = {**os.environ, "HAPTICD_PURE": pure}
+    done = subprocess.run([sys.executable, __file__], env=environment, stdout=subprocess.PIPE, check=True)
+    told: dict[str, object] = json.loads(done.stdout)
+    return told
+
+
+def test_machine_code_says_to_the_board_what_python_says_byte_for_byte() -> None:
+    pure, fast = run_as("1"), run_as("0")
+    assert pure["pipeline"] == "pipeline.py"
+    assert fast["pipeline"] == ("pipeline.py" if why_interpreted() else f"pipeline{EXTENSION_SUFFIXES[0]}")
+    assert pure["said"] == fast["said"]
+    assert len(set(dict(pure["said"]).values())) > len(PLAYED)  # type: ignore[call-overload]
+
+
+@pytest.mark.skipif(why_interpreted() != "", reason=f"Python runs: {why_interpreted()}")
+@pytest.mark.parametrize("name", MODULES)
+def test_what_is_listed_is_compiled(name: str) -> None:
+    assert str(import_module(name).__file__).endswith(EXTENSION_SUFFIXES[0])
+
+
+def test_the_gate_the_supervisor_and_the_decoders_stay_python() -> None:
+    assert not {name for name in MODULES if not name.startswith("hapticd.core.")}
+    assert not {"hapticd.core.limits", "hapticd.core.supervisor", "hapticd.core.modes_file"} & set(MODULES)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder `core` with one compiled module, beside a `pyproject.toml` as in a checkout."""
+    monkeypatch.setattr(compiled, "CORE", tmp_path)
+    monkeypatch.setattr(compiled, "PROJECT", tmp_path / "pyproject.toml")
+    monkeypatch.delenv("HAPTICD_PURE", raising=False)
+    for name in ("pyproject.toml", "knots.py", f"knots{EXTENSION_SUFFIXES[0]}", "clientele.py"):
+        path = tmp_path / name
+        path.touch()
+        os.utime(path, ns=(1000, 1000))
+    return tmp_path
+
+
+def test_machine_code_runs_where_it_is_as_new_as_its_source(checkout: Path) -> None:
+    os.utime(checkout / "clientele.py", ns=(2000, 2000))  # it is not compiled
+    assert why_interpreted() == ""
+
+
+def test_a_source_edited_after_the_build_runs_as_python(checkout: Path) -> None:
+    os.utime(checkout / "knots.py", ns=(1001, 1001))
+    assert "edited after the build" in why_interpreted()
+
+
+def test_an_installation_is_never_taken_for_stale(checkout: Path) -> None:
+    os.utime(checkout / "knots.py", ns=(1001, 1001))
+    (checkout / "pyproject.toml").unlink()
+    assert why_interpreted() == ""
+
+
+def test_without_machine_code_python_runs(checkout: Path) -> None:
+    (checkout / f"knots{EXTENSION_SUFFIXES[0]}").unlink()
+    assert "without mypyc" in why_interpreted()
+
+
+def test_python_runs_where_it_is_asked_for(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert checkout.exists()
+    monkeypatch.setenv("HAPTICD_PURE", "1")
+    assert "HAPTICD_PURE" in why_interpreted()
+    monkeypatch.setenv("HAPTICD_PURE", "0")
+    assert why_interpreted() == ""
+
+
+def test_the_source_finder_leaves_other_modules_alone(checkout: Path) -> None:
+    found = SourceFinder().find_spec("hapticd.core.knots", None)
+    assert found is not None
+    assert found.origin == str(checkout / "knots.py")
+    for other in ("hapticd.core.pipeline", "hapticd.wire.knots", "knots", "numpy.core.knots"):
+        assert SourceFinder().find_spec(other, None) is None
+
+
+if __name__ == "__main__":
+    pipeline = import_module("hapticd.core.pipeline")
+    print(json.dumps({"pipeline": Path(str(pipeline.__file__)).name, "said": said()}))
