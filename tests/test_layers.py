@@ -25,6 +25,10 @@ ALLOWED = {
     "sim": {"values", "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
     "study": {"errors", "study"},  # a client: it knows the daemon by the client library only
     "streams": {"errors", "streams"},  # clients too
+    "doctor": {
+        *("__version__", "errors", "config", "calibration", "installation", "service", "values", "io", "bringup"),
+        *("wire.trackpad", "recording.attach", "doctor"),
+    },
     "recording": {"__version__", "values", "errors", "config", "toml_file", "core", "wire", "machine", "recording"},
 }
 ALLOWED_FOR_FILE = {
