@@ -21,7 +21,7 @@ from virtual_board import BoardLink, VirtualLoop
 from hapticd import __version__, calibration, config, doctor, installation, status
 from hapticd.__main__ import main
 from hapticd.config import Config
-from hapticd.doctor import FAIL, PASS, WARN, devices, files, host, service
+from hapticd.doctor import FAIL, PASS, WARN, devices, files, host, report, service
 from hapticd.doctor.finding import Finding, Patient
 from hapticd.doctor.report import CHECKS
 from hapticd.errors import DeviceError, HapticdError
@@ -71,18 +71,18 @@ REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plat
 
 
 def test_the_simulated_plate_is_in_good_health(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, report = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
+    code, said = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
     assert code == 0
-    assert "FAIL" not in report
-    assert f"warn  daemon: none serves {tmp_path}" in report
-    assert report.count("\npass") + report.count("\nwarn") == len(CHECKS)
+    assert "FAIL" not in said
+    assert f"warn  daemon: none serves {tmp_path}" in said
+    assert said.count("\npass") + said.count("\nwarn") == len(CHECKS)
 
 
 def test_a_bad_configuration_is_all_it_looks_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, report = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
+    code, said = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
     assert code == 1
-    assert "did you mean w_limit_um?" in report
-    assert "board:" not in report
+    assert "did you mean w_limit_um?" in said
+    assert "board:" not in said
 
 
 def test_the_report_is_also_to_be_had_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,24 +97,32 @@ def test_the_report_is_also_to_be_had_as_json(tmp_path: Path, capsys: pytest.Cap
     assert finding["remedy"]
 
 
+def test_the_service_s_own_configuration_is_pointed_at(tmp_path: Path) -> None:
+    assert report.configured(None, tmp_path).verdict == PASS
+    put(tmp_path / "etc/hapticd/hapticd.toml", "")
+    found = report.configured(None, tmp_path)
+    assert (found.verdict, found.remedy) == (WARN, f"hapticd doctor --config {tmp_path}/etc/hapticd/hapticd.toml")
+    assert report.configured(tmp_path / "mine.toml", tmp_path).verdict == PASS
+
+
 # --- files ---
 
 
 def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     PlateTruth().cartography(1).save(tmp_path / "modes.npz")
     text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
-    code, report = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
+    code, said = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
     assert code == 1
-    assert f"FAIL  board: there is no {tmp_path}/none\n      -> plug the board in" in report
-    assert "warn  calibration: none" in report
-    assert "warn  firmware: not asked" in report
+    assert f"FAIL  board: there is no {tmp_path}/none\n      -> plug the board in" in said
+    assert "warn  calibration: none" in said
+    assert "warn  firmware: not asked" in said
 
 
 def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "modes.csv").write_text("nothing", encoding="utf-8")
-    code, report = examined('[plate]\nmodes_file = "modes.csv"\n', tmp_path, capsys)
+    code, said = examined('[plate]\nmodes_file = "modes.csv"\n', tmp_path, capsys)
     assert code == 1
-    assert "FAIL  mode shapes:" in report
+    assert "FAIL  mode shapes:" in said
 
 
 def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
@@ -198,6 +206,16 @@ def test_a_daemon_that_answers_is_asked_how_it_is(tmp_path: Path, answering: Cal
     assert service.daemon(met) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
     assert service.health(met).said == "ACTIVE: touched"
     assert devices.firmware(met).said == "version 9.9, as the daemon was told"
+
+
+def test_a_directory_that_this_user_may_not_look_into_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    monkeypatch.setattr(service, "directories", lambda _: (tmp_path, closed))
+    monkeypatch.setattr(service.os, "access", lambda path, _: path != closed)
+    found = service.daemon(service.met(Config(), {}))
+    assert (found.verdict, found.said) == (FAIL, f"{closed} is not yours to connect to")
+    assert "usermod -aG hapticd" in found.remedy
 
 
 def test_a_daemon_of_another_version_is_said(tmp_path: Path, told: Any) -> None:

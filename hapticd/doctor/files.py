@@ -75,13 +75,17 @@ def recordings(patient: Patient) -> Finding:
     if not record.file:
         return Finding(PASS, "recordings", "not asked for")
     folder = Path(record.file).absolute().parent
-    if not folder.is_dir():
+    try:
+        free_mb = shutil.disk_usage(folder).free / 1e6
+    except FileNotFoundError:
         return Finding(FAIL, "recordings", f"there is no folder {folder}", f"mkdir -p {folder}")
+    except OSError as error:
+        return Finding(WARN, "recordings", f"{folder} cannot be looked into ({error.strerror})", f"ls -ld {folder}")
     if patient.status is None and not os.access(folder, os.W_OK | os.X_OK):
         return Finding(
             WARN, "recordings", f"{folder} is not this user's to write to", f"chown hapticd: {folder}, for the service"
         )
-    free_mb, wanted_mb = shutil.disk_usage(folder).free / 1e6, record.max_mb * record.max_files
+    wanted_mb = record.max_mb * record.max_files
     said = f"{free_mb / 1e3:.1f} GB free in {folder}, of one start at most {wanted_mb / 1e3:.1f} GB are kept"
     if free_mb < wanted_mb:
         return Finding(WARN, "recordings", said, "make room, or lower record.max_mb and record.max_files")

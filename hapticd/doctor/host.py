@@ -39,9 +39,9 @@ def rules(patient: Patient) -> Finding:
 
 def groups(patient: Patient) -> Finding:
     """Whether this user is in the groups that sockets and devices belong to."""
-    user = pwd.getpwuid(os.geteuid()).pw_name
     if os.geteuid() == 0:
         return Finding(PASS, "groups", "root needs none")
+    user = _user_name()
     wanted = [CLIENT_GROUP] if patient.root.joinpath("run/hapticd").is_dir() else []
     wanted += [DEVICE_GROUP] if patient.has_pad or patient.has_board else []
     for name in wanted:
@@ -56,6 +56,13 @@ def groups(patient: Patient) -> Finding:
         said = f"{user} is not in {name}; whoever sits at the screen gets devices without it"
         return Finding(WARN, "groups", said, f"sudo usermod -aG {name} {user}, then log in again")
     return Finding(PASS, "groups", f"{user} is in {', '.join(wanted)}" if wanted else "none is needed")
+
+
+def _user_name() -> str:
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:  # as in containers
+        return str(os.geteuid())
 
 
 def real_time(patient: Patient) -> Finding:
@@ -84,7 +91,9 @@ def real_time(patient: Patient) -> Finding:
             f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not all of it",
             "run it as the service, whose unit grants 512 MiB: sudo systemctl start hapticd",
         )
-    return Finding(PASS, "real time", f"priority {wanted.fifo_priority} and locked memory may be asked for")
+    asked = [f"priority {wanted.fifo_priority}"] if wanted.fifo_priority > 0 else []
+    asked += ["locked memory"] if wanted.lock_memory else []
+    return Finding(PASS, "real time", f"{' and '.join(asked)} may be asked for")
 
 
 def _limit(which: int) -> float:
@@ -116,7 +125,8 @@ def clock(patient: Patient) -> Finding:
 def governor(patient: Patient) -> Finding:
     """How processors are clocked: one that dozes between touches is late for each."""
     folder = patient.root / "sys/devices/system/cpu"
-    found = {path.read_text(encoding="utf-8").strip() for path in folder.glob("cpu*/cpufreq/scaling_governor")}
+    told = {patient.text(str(path)) for path in folder.glob("cpu*/cpufreq/scaling_governor")}
+    found = {name for name in told if name is not None}
     if not found:
         return Finding(PASS, "processor", "its clock is not governed by this system")
     if found == {"performance"}:

@@ -13,7 +13,7 @@ from .. import config as configuration
 from ..config import Config
 from ..errors import HapticdError
 from . import devices, files, host, service
-from .finding import FAIL, PASS, Finding, Patient
+from .finding import FAIL, PASS, WARN, Finding, Patient
 
 CHECKS: tuple[Callable[[Patient], Finding], ...] = (
     files.modes,
@@ -35,6 +35,7 @@ CHECKS: tuple[Callable[[Patient], Finding], ...] = (
     host.clock,
     host.governor,
 )
+SERVICE_CONFIG = Path("etc/hapticd/hapticd.toml")
 SHOW_KEYS = "hapticd run --print-config shows every key; mend the file"
 
 
@@ -71,6 +72,17 @@ def has_failed(found: Sequence[Finding]) -> bool:
     return any(one.verdict == FAIL for one in found)
 
 
+def configured(config_path: Path | None, root: Path) -> Finding:
+    """Of a valid configuration: which one it is, and whether the service has another."""
+    if config_path is not None:
+        return Finding(PASS, "configuration", f"{config_path} is valid")
+    of_service = root / SERVICE_CONFIG
+    if of_service.exists():
+        said = f"the built-in one, while the service has {of_service}"
+        return Finding(WARN, "configuration", said, f"hapticd doctor --config {of_service}")
+    return Finding(PASS, "configuration", "the built-in one is valid")
+
+
 def _findings(config_path: Path | None) -> Iterator[tuple[Finding, Patient | None]]:
     try:
         config = configuration.load(config_path) if config_path is not None else Config()
@@ -78,6 +90,6 @@ def _findings(config_path: Path | None) -> Iterator[tuple[Finding, Patient | Non
         yield Finding(FAIL, "configuration", str(error), SHOW_KEYS), None
         return
     patient = service.met(config, os.environ)
-    yield Finding(PASS, "configuration", f"{config_path or 'the built-in one'} is valid"), patient
+    yield configured(config_path, patient.root), patient
     for check in CHECKS:
         yield check(patient), patient

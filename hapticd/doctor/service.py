@@ -39,7 +39,8 @@ def met(config: Config, environ: Mapping[str, str]) -> Patient:
         status, version = _asked(place)
         if status is not None:
             return Patient(config, place, status, version)
-    return Patient(config, next((place for place in places if is_locked(place)), places[0]))
+    telling = (place for place in places if is_locked(place) or is_closed(place))
+    return Patient(config, next(telling, places[0]))
 
 
 def again(patient: Patient) -> Patient:
@@ -74,10 +75,9 @@ def daemon(patient: Patient) -> Finding:
             said = f"version {patient.version} in {directory}, this program is {__version__}"
             return Finding(WARN, "daemon", said, RESTART)
         return Finding(PASS, "daemon", f"version {patient.version} answers in {directory}")
-    if _is_socket(control) and not is_ours(control):
-        return Finding(
-            FAIL, "daemon", f"{control} is not yours to connect to", "sudo usermod -aG hapticd $USER, then log in again"
-        )
+    if is_closed(directory) or (_is_socket(control) and not is_ours(control)):
+        said = f"{directory} is not yours to connect to"
+        return Finding(FAIL, "daemon", said, "sudo usermod -aG hapticd $USER, then log in again")
     if is_locked(directory):
         said = f"one holds {directory / 'lock'}, but does not answer"
         return Finding(FAIL, "daemon", said, f"fuser -v {directory / 'lock'} names it; {RESTART}")
@@ -118,6 +118,11 @@ def is_locked(directory: Path) -> bool:
     except OSError:  # missing, or another user's: whether that one lives shows in whether it answers
         return False
     return False
+
+
+def is_closed(directory: Path) -> bool:
+    """It is there, and this user may not look into it."""
+    return directory.is_dir() and not os.access(directory, os.X_OK)
 
 
 def _is_socket(path: Path) -> bool:
