@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 import zmq
 from machine_bench import SLIPPERY, STICKY, Bench
@@ -21,13 +22,13 @@ from virtual_board import BoardLink, VirtualLoop
 from hapticd import __version__, calibration, config, doctor, installation, status
 from hapticd.__main__ import main
 from hapticd.config import Config
+from hapticd.core.modes import ModeShapes
 from hapticd.doctor import FAIL, PASS, WARN, devices, files, host, report, service
 from hapticd.doctor.finding import Finding, Patient
 from hapticd.doctor.report import CHECKS
 from hapticd.errors import DeviceError, HapticdError
 from hapticd.io.realtime import Granted
 from hapticd.sim.fingers import Rest
-from hapticd.sim.plate import PlateTruth
 from hapticd.sim.sensor import SensorModel
 from hapticd.values import ModeCalibration, RawReport
 
@@ -109,7 +110,8 @@ def test_the_service_s_own_configuration_is_pointed_at(tmp_path: Path) -> None:
 
 
 def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    PlateTruth().cartography(1).save(tmp_path / "modes.npz")
+    axis_mm = np.linspace(-60.0, 60.0, 9)
+    ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 9, 9))).save(tmp_path / "modes.npz")
     text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
     code, said = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
     assert code == 1
@@ -202,7 +204,7 @@ def answering(tmp_path: Path, told: Any) -> Iterator[Callable[[], list[str]]]:
 
 def test_a_daemon_that_answers_is_asked_how_it_is(tmp_path: Path, answering: Callable[[], list[str]]) -> None:
     met = service.met(config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None), {})
-    assert {"hello", "status"} <= set(answering())
+    assert set(answering()) == {"hello", "status"}
     assert service.daemon(met) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
     assert service.health(met).said == "ACTIVE: touched"
     assert devices.firmware(met).said == "version 9.9, as the daemon was told"
@@ -259,6 +261,15 @@ def test_an_answer_of_another_version_breaks_no_check(
 def test_a_pad_that_is_not_there_fails(tmp_path: Path) -> None:
     found = devices.trackpad(patient(tmp_path, **REAL))
     assert (found.verdict, found.said) == (FAIL, "none is connected")
+
+
+def test_a_port_of_another_group_is_said_with_that_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = tmp_path / "ttyACM7"
+    port.touch()
+    monkeypatch.setattr(devices, "is_ours", lambda _: False)
+    found = devices.board(patient(tmp_path, **{**REAL, "device": {"port": str(port)}}))
+    assert (found.verdict, found.said) == (FAIL, f"{port} is not yours to open")
+    assert f"usermod -aG {port.group()} " in found.remedy
 
 
 def test_the_rate_of_reports_is_that_of_the_pad_s_own_clock() -> None:

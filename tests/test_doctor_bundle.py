@@ -70,7 +70,8 @@ def test_no_secret_key_is_in_it_even_where_one_was_pasted_into_the_configuration
     secret = keys.load(folder).secret
     given = tmp_path / "hapticd.toml"
     given.write_text(
-        f'# secret-key = "{secret.decode()}"\n[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "{folder}"\n',
+        f'# secret-key = "{secret.decode()}"\n# secret: {secret.decode()}\n'
+        f'[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "{folder}"\n',
         encoding="utf-8",
     )
     path = tmp_path / "report.tar.gz"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import grp
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from ..io.trackpad import HidTrackpad, TrackpadSource, find_pads, load_hid
 from ..values import RawReport
 from ..wire.trackpad import Decoder
 from .finding import FAIL, PASS, WARN, Finding, Patient, is_ours
+from .host import INSTALL
 from .service import again
 
 LISTEN_S = 2.0
@@ -25,7 +27,6 @@ SLOW_FRAC = 0.9  # of the rate that the configuration expects
 TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports while it is touched"
 FASTER = "a cable instead of Bluetooth; else prediction.period_ms in the configuration"
 IDLER = "leave the processor to the simulated pad: `top` shows who has it"
-RULE = "sudo hapticd install-service && sudo udevadm control --reload && sudo udevadm trigger, then replug"
 
 
 def trackpad(patient: Patient) -> Finding:
@@ -42,7 +43,7 @@ def trackpad(patient: Patient) -> Finding:
     pad, path = pads[0]
     node = os.fsdecode(path)
     if node.startswith("/dev/") and not is_ours(Path(node)) and patient.status is None:
-        return Finding(FAIL, "trackpad", f"{node} is not yours to open", RULE)
+        return Finding(FAIL, "trackpad", f"{node} is not yours to open", f"{INSTALL}, then replug it")
     return Finding(PASS, "trackpad", f"{pad.model} at {node}")
 
 
@@ -131,10 +132,18 @@ def board(patient: Patient) -> Finding:
     if not Path(port).exists():
         return Finding(FAIL, "board", f"there is no {port}", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
     if not is_ours(Path(port)) and patient.status is None:
-        return Finding(
-            FAIL, "board", f"{port} is not yours to open", f"ls -l {port}, then sudo usermod -aG GROUP $USER"
-        )
+        remedy = f"sudo usermod -aG {_group(Path(port))} $USER, then log in again"
+        return Finding(FAIL, "board", f"{port} is not yours to open", remedy)
     return Finding(PASS, "board", f"{port} can be opened" if patient.status is None else f"{port} is there")
+
+
+def _group(path: Path) -> str:
+    """The group that a device belongs to, by its name where it has one."""
+    number = path.stat().st_gid
+    try:
+        return grp.getgrgid(number).gr_name
+    except KeyError:
+        return str(number)
 
 
 def firmware(patient: Patient) -> Finding:

@@ -7,6 +7,8 @@ import importlib.util
 import os
 import pwd
 import resource
+import sys
+from pathlib import Path
 
 from .. import installation
 from ..errors import HapticdError
@@ -18,7 +20,8 @@ DEVICE_GROUP, CLIENT_GROUP = "hapticd-dev", "hapticd"
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
 MEMLOCK_BYTES = 512 << 20  # what the service's unit grants
 QUICK_CLOCKS = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page", "xen")
-INSTALL = "sudo hapticd install-service && sudo udevadm control --reload && sudo udevadm trigger"
+HAPTICD = Path(sys.executable).with_name("hapticd")  # sudo has a path of its own
+INSTALL = f"sudo {HAPTICD} install-service && sudo udevadm control --reload && sudo udevadm trigger"
 
 
 def rules(patient: Patient) -> Finding:

@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import zmq
+
 from .. import __version__
 from ..config import Config
 from ..errors import HapticdError
@@ -50,17 +52,27 @@ def again(patient: Patient) -> Patient:
 
 
 def _asked(directory: Path) -> tuple[Mapping[str, Any] | None, str]:
+    """Status and version of the daemon there. A client would also let go of fingers as it leaves; this only asks."""
     if not _is_socket(directory / "control"):
         return None, ""
     try:
-        import hapticd_client
+        from hapticd_client import HapticdError as ClientError
+        from hapticd_client.control import Control
+        from hapticd_client.endpoint import Endpoint
     except ImportError:
         return None, ""
+    context = zmq.Context()
     try:
-        with hapticd_client.Client(directory, f"doctor-{os.getpid()}", timeout_s=ANSWER_S) as client:
-            return client.status(), str(client.hello.get("version", ""))
-    except hapticd_client.HapticdError:
+        control = Control(context, Endpoint(directory))
+        try:
+            hello = control.request("hello", timeout_s=ANSWER_S)
+            return control.request("status", timeout_s=ANSWER_S), str(hello.get("version", ""))
+        finally:
+            control.close()
+    except (ClientError, zmq.ZMQError):  # nobody answers, or the path is too long for a socket
         return None, ""
+    finally:
+        context.term()
 
 
 def daemon(patient: Patient) -> Finding:
