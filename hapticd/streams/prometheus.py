@@ -90,5 +90,5 @@ def _server(host: str, port: int, registry: CollectorRegistry) -> tuple[Any, thr
         return start_http_server(port, host, registry)
     except (OSError, OverflowError) as error:
         raise UsageError(
-            f"--host {host} --port {port}: cannot be had ({getattr(error, 'strerror', error)}): choose another port."
+            f"--host {host} --port {port}: cannot be had ({getattr(error, 'strerror', error)}): choose another."
         ) from None

@@ -133,5 +133,5 @@ def test_a_port_that_is_taken_is_one_sentence(fake_daemon: FakeDaemon) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        with pytest.raises(UsageError, match=r"cannot be had .*: choose another port"):
+        with pytest.raises(UsageError, match=r"cannot be had .*: choose another"):
             prometheus.run(str(fake_daemon.directory), "127.0.0.1", taken.getsockname()[1], lambda: None)
