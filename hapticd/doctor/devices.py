@@ -57,7 +57,7 @@ def rate(patient: Patient, wait: Callable[[float], None] = time.sleep) -> Findin
         except HapticdError as error:
             return Finding(WARN, "report rate", str(error), "see trackpad above")
     else:
-        return Finding(PASS, "report rate", "no daemon runs, and no pad is asked for")
+        return Finding(PASS, "report rate", "no daemon answers, and no pad is asked for")
     if measured_hz is None:
         return Finding(WARN, "report rate", f"nothing was touched for {LISTEN_S:g} s", TOUCH)
     expected_hz = 1e3 / patient.config.prediction.period_ms

@@ -100,7 +100,7 @@ def daemon(patient: Patient) -> Finding:
 def health(patient: Patient) -> Finding:
     """What the daemon says of itself."""
     if patient.status is None:
-        return Finding(PASS, "state", "no daemon, so none")
+        return Finding(PASS, "state", "no daemon answers, so none is told")
     state = str(patient.told("state"))
     changes = patient.told("state_changes") or ()
     why = f": {changes[0].get('why')}" if changes and isinstance(changes[0], dict) else ""
