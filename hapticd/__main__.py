@@ -59,6 +59,11 @@ COMMANDS = {
         "session.hrec session.png --from 2 --to 6",
         "add_plot_arguments",
     ),
+    "stream": Command(
+        "streams.arguments",
+        "give states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
+        "plotjuggler",
+    ),
     "firmware": Command(
         "bringup.arguments",
         "talk to the board: who it is, sweeps, telemetry, gains",

@@ -24,6 +24,11 @@ ALLOWED = {
     "viewer": {"errors", "config", "daemonprocess", "core.modes", "wire.fields", "sim", "viewer"},
     "sim": {"values", "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
     "study": {"errors", "study"},  # a client: it knows the daemon by the client library only
+    "streams": {"errors", "streams"},  # clients too
+    "doctor": {
+        *("__version__", "errors", "config", "calibration", "installation", "service", "values", "io", "bringup"),
+        *("wire.trackpad", "recording.attach", "doctor"),
+    },
     "recording": {"__version__", "values", "errors", "config", "toml_file", "core", "wire", "machine", "recording"},
 }
 ALLOWED_FOR_FILE = {
@@ -118,6 +123,12 @@ def test_only_the_viewer_and_the_study_know_of_a_web_server() -> None:
     for path in PACKAGE.rglob("*.py"):
         if path.relative_to(PACKAGE).parts[0] not in ("viewer", "study"):
             assert "aiohttp" not in {name.split(".")[0] for name in imported_names(path)}, path
+
+
+def test_libraries_of_streams_are_imported_by_streams_alone() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        roots = {name.split(".")[0] for name in imported_names(path)}
+        assert path.parent.name == "streams" or not roots & {"prometheus_client", "pylsl"}, path
 
 
 def test_the_touch_path_never_imports_scipy() -> None:

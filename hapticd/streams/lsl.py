@@ -1,0 +1,118 @@
+"""`hapticd stream lsl`: fingers, modes and markers as outlets of the Lab Streaming Layer.
+
+Three streams, each sample with the daemon's own time: the LSL clock is the host's monotonic clock, as the daemon's is.
+Units and meanings stand in each stream's description, as LSL's recorders expect them. pylsl is handed in, so that all
+of this can be tried without liblsl.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from hapticd_client import PlateState
+
+from .samples import FINGER_FIELDS, MODE_FIELDS, Sampler, finger_values, mode_values
+from .states import serve
+
+# How the units are spelt in the metadata of XDF, the format that LSL's recordings are in.
+UNITS = {"mm": "millimeters", "um": "micrometers"}
+MAKER = "hapticd"
+
+
+class Channel(NamedTuple):
+    """One channel's description."""
+
+    label: str
+    unit: str
+    kind: str
+
+
+def finger_channels(fingers: int) -> tuple[Channel, ...]:
+    """Of the slots 1 .. `fingers`: the id of the finger in it, then FINGER_FIELDS."""
+    channels = []
+    for place in range(1, fingers + 1):
+        channels.append(Channel(f"finger_{place}_id", "none", "Id"))
+        channels += [Channel(f"finger_{place}_{name}", _unit(name), _kind(name)) for name in FINGER_FIELDS]
+    return tuple(channels)
+
+
+def mode_channels(modes: int) -> tuple[Channel, ...]:
+    """Of each mode: MODE_FIELDS."""
+    return tuple(Channel(f"mode_{m}_{name}", _unit(name), "Amplitude") for m in range(modes) for name in MODE_FIELDS)
+
+
+def finger_sample(state: PlateState, sampler: Sampler) -> list[float]:
+    """The values of `finger_channels`; NaN where no finger is, or nothing was computed for it."""
+    sample: list[float | None] = []
+    for finger in sampler.fingers(state):
+        sample += [None if finger is None else float(finger.id), *finger_values(finger)]
+    return [math.nan if value is None else value for value in sample]
+
+
+def mode_sample(state: PlateState, modes: int) -> list[float]:
+    """The values of `mode_channels`; NaN for what the board has not measured."""
+    values = [value for mode in range(modes) for value in mode_values(state, mode)]
+    return [math.nan if value is None else value for value in values]
+
+
+class Outlets:
+    """The three outlets of one plate. `lsl` is pylsl or what behaves like it; `clock_offset_s` is what LSL's clock
+    shows beyond the daemon's."""
+
+    def __init__(self, lsl: Any, source: str, fingers: int, modes: int, clock_offset_s: float) -> None:
+        self.modes = modes
+        self._sampler = Sampler(fingers)
+        self._offset_s = clock_offset_s
+        self._fingers = _outlet(lsl, "fingers", "MoCap", finger_channels(fingers), source)
+        self._modes = _outlet(lsl, "modes", "Haptics", mode_channels(modes), source)
+        self._markers = _outlet(lsl, "markers", "Markers", (Channel("marker", "none", "Marker"),), source)
+
+    def push(self, state: PlateState) -> None:
+        """One sample of fingers and modes, and one for each marker: "CLIENT: TEXT"."""
+        t_s = state.t_ns / 1e9 + self._offset_s
+        self._fingers.push_sample(finger_sample(state, self._sampler), t_s)
+        self._modes.push_sample(mode_sample(state, self.modes), t_s)
+        for marker in state.markers:
+            self._markers.push_sample([f"{marker.client}: {marker.text}"], marker.t_ns / 1e9 + self._offset_s)
+
+
+def run(lsl: Any, endpoint: str | None, fingers: int, ended: Callable[[], bool] = lambda: False) -> None:
+    """Stream until `ended` or Ctrl-C; the outlets are there from the first state on, and anew for other modes."""
+    offset_s = lsl.local_clock() - time.monotonic()
+    source = f"{socket.gethostname()}:{endpoint or 'default'}"
+    outlets: list[Outlets] = []
+
+    def take(state: PlateState) -> None:
+        if not outlets or outlets[-1].modes != len(state.modal_um):
+            outlets[:] = [Outlets(lsl, source, fingers, len(state.modal_um), offset_s)]
+            print("LSL streams: hapticd-fingers, hapticd-modes, hapticd-markers\n(Ctrl-C ends)", flush=True)
+        outlets[-1].push(state)
+
+    serve(take, endpoint, ended)
+
+
+def _outlet(lsl: Any, what: str, kind: str, channels: Sequence[Channel], source: str) -> Any:
+    """An outlet of irregular rate; `source` lets a recorder find it again after a restart."""
+    form = lsl.cf_string if kind == "Markers" else lsl.cf_double64
+    info = lsl.StreamInfo(f"{MAKER}-{what}", kind, len(channels), lsl.IRREGULAR_RATE, form, f"{MAKER}:{what}:{source}")
+    description = info.desc()
+    description.append_child_value("manufacturer", MAKER)
+    listed = description.append_child("channels")
+    for channel in channels:
+        one = listed.append_child("channel")
+        for key, value in (("label", channel.label), ("unit", channel.unit), ("type", channel.kind)):
+            one.append_child_value(key, value)
+    return lsl.StreamOutlet(info)
+
+
+def _unit(name: str) -> str:
+    return UNITS[name.rpartition("_")[2]]
+
+
+def _kind(name: str) -> str:
+    axis = {"x_mm": "PositionX", "y_mm": "PositionY"}
+    return next((kind for end, kind in axis.items() if name.endswith(end)), "Amplitude")

@@ -1,0 +1,47 @@
+"""`hapticd stream`: what is refused, in one sentence and with exit code 2, and what is said of missing libraries."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from hapticd.__main__ import main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("plotjuggler", "--fingers", "0"), "--fingers: 0 is out of bounds"),
+        (("lsl", "--fingers", "17"), "--fingers: 17 is out of bounds"),
+        (("prometheus", "--port", "70000"), "--port: 70000 is out of bounds"),
+        (("plotjuggler", "--bind", "nowhere"), "--bind nowhere: cannot be had"),
+        (("plotjuggler", "--bind", "tcp://127.0.0.1:*", "--endpoint", "tcp://plate:7410"), "needs two keys"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(
+    arguments: tuple[str, ...], word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["stream", *arguments]) == 2
+    complaint = capsys.readouterr().err
+    assert word in complaint
+    assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("action", "module", "extra"), [("prometheus", "prometheus_client", "streams"), ("lsl", "pylsl", "lsl")]
+)
+def test_a_missing_library_is_named_with_what_installs_it(
+    action: str, module: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main(["stream", action]) == 1
+    assert f'pip install "hapticd[{extra}]"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("action", ["plotjuggler", "prometheus", "lsl"])
+def test_help_of_every_action_has_an_example(action: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["stream", action, "--help"])
+    assert left.value.code == 0
+    assert f"example: hapticd stream {action}" in capsys.readouterr().out
