@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import signal
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd import __version__, config
+from hapticd import __version__, config, installation
 from hapticd.__main__ import COMMANDS, main
 
 
@@ -175,12 +176,14 @@ def test_a_full_disk_behind_standard_output_is_one_sentence() -> None:
     assert ended.stderr == "hapticd: standard output: No space left on device\n"
 
 
-def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").touch()
-    code, _, complaint = outcome(capsys, "install-service", "--root", str(tmp_path / "file"))
-    assert code == 1
-    assert complaint.startswith(f"hapticd: {tmp_path}/file")
-    assert complaint.count("\n") == 1
+def test_a_file_that_cannot_be_written_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(*_: object) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied", "/etc/hapticd")
+
+    monkeypatch.setattr(installation, "install", refused)
+    assert outcome(capsys, "install-service") == (1, "", "hapticd: /etc/hapticd: Permission denied\n")
 
 
 def test_a_reader_who_has_seen_enough_is_no_error() -> None:

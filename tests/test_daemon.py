@@ -23,6 +23,7 @@ from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
 from hapticd.service import load_modes
+from hapticd.values import Tick
 from hapticd.wire import device
 from hapticd_client import Client
 
@@ -166,16 +167,16 @@ def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(hardwa
         await until(lambda: manager.heard.count("watchdog") >= 3)
         assert manager.heard[:3] == ["ready", "status", "watchdog"]
 
-        def fail(*_: object) -> list[int | str]:
+        def fail(*_: object) -> Tick:
             raise RuntimeError("a bug")
 
         machine = service.machine
-        machine.pipeline.wanted = fail  # type: ignore[method-assign]
+        machine._decide = fail  # type: ignore[method-assign]
         await until(lambda: machine.is_failing)
         fed, ticked = len(manager.heard), machine.loop.tick_late.count
         await until(lambda: machine.loop.tick_late.count >= ticked + 4)
         assert len(manager.heard) == fed
-        del machine.pipeline.wanted
+        del machine._decide
         await until(lambda: len(manager.heard) > fed)
         await service.stop()
 

@@ -15,7 +15,7 @@ START = """
 import sys
 from hapticd import __main__ as command, machine, service
 from hapticd.config import Config
-command._parser(["run"])
+command.parser("run")
 machine.warm_up(Config())
 print(*sorted(sys.modules))
 """

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
+from hapticd.core.pipeline import Pipeline
 from hapticd.core.supervisor import State
 from hapticd.sim.fingers import Line
-from hapticd.values import ModeCalibration
+from hapticd.values import ModeCalibration, Tick
 from hapticd.wire import protocol
 
 
@@ -117,11 +118,20 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
 ) -> None:
     bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
 
-    def broken(*_: object) -> None:
-        raise ArithmeticError("a bug")
+    class Broken:
+        """The pipeline with a bug in it; a compiled one cannot be patched itself."""
+
+        def __init__(self, pipeline: Pipeline) -> None:
+            self._pipeline = pipeline
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self._pipeline, name)
+
+        def drive(self, *_: object) -> Tick:
+            raise ArithmeticError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(bench.machine.pipeline, "drive", broken)
+        patch.setattr(bench.machine, "pipeline", Broken(bench.machine.pipeline))
         bench.run(200)
         assert bench.board.peak_um == 0.0
     assert [record.message for record in caplog.records if record.levelname == "ERROR"] == [

@@ -134,7 +134,7 @@ def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
     bad = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
     with Workshop() as workshop:
         prepared = asyncio.run(service._prepared(workshop, bad, configuration, Notifier({})))
-    assert prepared.config is configuration
+    assert prepared.config.limits == configuration.limits
     assert (
         "has 1 limits for a plate of 2 modes: give one for each mode. The configuration in force stays." in caplog.text
     )

@@ -56,7 +56,7 @@ def test_figure_10_the_references_stay_within_the_limits_and_both_fingers_are_se
     assert run.score.limited_frac == 0.0
     assert run.score.leak_um < 0.03
     assert run.score.slip_error_um < 0.03
-    assert np.abs(run.modal_um.imag).max() < 0.05  # W_kq = 0
+    assert np.abs(run.modal_um.imag).max() < 0.1  # W_kq = 0, but for what the neighbouring modes are paid back
     settled = run.t_s > LAND_S + 0.05
     assert rms(np.abs(run.modal_um - run.reference_um)[settled]) < 0.05  # measurement and reference are one line
     assert np.ptp(run.reference_um[settled].real, axis=0).min() > 4.0
