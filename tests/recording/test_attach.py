@@ -12,6 +12,7 @@ from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench
 from hapticd.__main__ import main
 from hapticd.config import RecordConfig
 from hapticd.errors import RecordingError
+from hapticd.machine import Machine
 from hapticd.recording.attach import record
 from hapticd.recording.header import Header, header_of
 from hapticd.recording.reader import open_recording
@@ -22,8 +23,8 @@ STEP_S = 0.001
 
 
 def recorders(bench: Bench, directory: Path, config: RecordConfig) -> Recorders:
-    def header(is_whole: bool) -> Header:
-        return header_of(bench.machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+    def header(machine: Machine, is_whole: bool) -> Header:
+        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
 
     return Recorders(bench.machine, config, directory, header)
 
@@ -50,7 +51,7 @@ def test_a_recorder_gets_everything_from_when_it_came_and_nothing_is_made_withou
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path, RecordConfig())
     said: list[str] = []
-    thread = threading.Thread(target=lambda: said.append(record(tmp_path / "a.hrec", tmp_path, 0.5)))
+    thread = threading.Thread(target=lambda: said.append(record(tmp_path / "a.hrec", tmp_path, 0.5, is_now=True)))
     tapped = asyncio.run(served(bench, ours, thread))
 
     recording = open_recording(tmp_path / "a.hrec")
@@ -70,8 +71,8 @@ def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Pa
     ours: list[Recorders] = []
 
     def tap(machine: object) -> object:
-        def header(is_whole: bool) -> Header:
-            return header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=is_whole)  # type: ignore[arg-type]
+        def header(machine: Machine, is_whole: bool) -> Header:
+            return header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=is_whole)
 
         ours.append(Recorders(machine, config, tmp_path, header))  # type: ignore[arg-type]
         return machine.tap  # type: ignore[attr-defined]
@@ -91,7 +92,7 @@ def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Pa
 def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path, RecordConfig())
-    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0))
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0, is_now=True))
 
     async def stops() -> None:
         ours.start(asyncio.get_running_loop())
