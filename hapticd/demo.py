@@ -106,6 +106,10 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     paper = Film.of(played, "the paper's scheme").between(t_asked_s, t_end_s)
     draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
     print(summary(ours.score, paper.score, status))
+    if board == "library":
+        print(
+            "Known were noisy maps: of the driven modes to both, of the two beside them, which only fingers drive, to hapticd."
+        )
     if board != "library":
         print("Both plates here feel no fingers and have no neighbouring modes: these figures flatter both schemes.")
     if status["board"].get("deadman_trips", 0) > 0:

@@ -97,7 +97,7 @@ def replay(recording: Recording) -> Outcome:
     if not recording.is_whole:
         raise RecordingError(
             f"{recording.paths[0]}: begins when the daemon ran already, and only what begins with it replays exactly: "
-            "record from the start ([record] file in the configuration), or compare settings with --set."
+            "record without --now, while nothing else records, or compare settings with --set."
         )
     outcome = Outcome()
     board = _Board(outcome)
