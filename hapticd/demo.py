@@ -108,9 +108,9 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     print(summary(ours.score, paper.score, status))
     if board == "library":
         print(
-            "Known were noisy maps: of the driven modes to both, of the two beside them, which only fingers drive, to hapticd."
+            "Both know a noisy map of the driven modes; hapticd also one of the two beside them, which fingers drive."
         )
-    if board != "library":
+    else:
         print("Both plates here feel no fingers and have no neighbouring modes: these figures flatter both schemes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board fell silent for want of frames in time: this computer is too busy to emulate it; try again.")
