@@ -27,6 +27,7 @@ from .records import KINDS
 from .truth import TruthEar
 
 HEADER_WITHIN_S = 3.0
+SOON_S = 0.5  # a daemon that nobody uses begins within 0.1 s: nobody need be asked for anything
 POLL_MS = 100
 SYNC_EVERY_S = 1.0
 WAITING = "Hands off the plate, please: the recording begins when nobody touches and no target stands (--now: at once)."
@@ -128,22 +129,23 @@ def _is_last(raw: RawRecord, opening: RawRecord) -> bool:
 
 def _opening(socket: zmq.Socket[bytes], directory: Path, say: Say) -> _Framed:
     """The first message that begins a recording: to this recorder, or to another that came at the same time."""
-    has_waited = False
-    for data in _messages(socket, time.monotonic() + HEADER_WITHIN_S):
-        if data == WAITS:
-            has_waited = True
-            break
+    deadline_s, t_waits_s, is_told = time.monotonic() + HEADER_WITHIN_S, math.inf, False
+    for data in _messages(socket, math.inf):
+        t_now_s = time.monotonic()
         framed = _framed(data)
         if framed is not None and framed.raw.kind == HEADER_KIND:
+            say(BEGUN)
             return framed
-    if has_waited:
-        say(WAITING)
-        for framed in _records(socket, math.inf):
-            if framed is not None and framed.raw.kind == HEADER_KIND:
-                say(BEGUN)
-                return framed
-        raise RecordingError("Nothing is recorded: it ended before hands were off the plate.")
-    raise RecordingError(f"No hapticd answers in {directory}: start one, or name its directory with --runtime-dir.")
+        if data == WAITS:
+            deadline_s, t_waits_s = math.inf, min(t_waits_s, t_now_s)
+        if t_now_s > deadline_s:
+            raise RecordingError(
+                f"No hapticd answers in {directory}: start one, or name its directory with --runtime-dir."
+            )
+        if t_now_s - t_waits_s > SOON_S and not is_told:
+            is_told = True
+            say(WAITING)
+    raise RecordingError("Nothing is recorded: it ended before the recording began.")
 
 
 def _records(socket: zmq.Socket[bytes], deadline_s: float) -> Iterator[_Framed | None]:
