@@ -15,12 +15,12 @@ import signal
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from .config import Config
 from .core.modes import ModeShapes
+from .core.neighbours import Neighbours
 from .errors import HapticdError
 from .io.device import SerialLink
 from .io.realtime import PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
@@ -45,6 +45,13 @@ SAY_MISSED_EVERY_NS = 10_000_000_000
 Again = TypeVar("Again")
 
 
+class Link(NamedTuple):
+    """What was last heard of a device."""
+
+    is_up: bool
+    reason: str
+
+
 class Daemon:
     """Everything that `hapticd run` opens, from `start` to `stop`."""
 
@@ -56,12 +63,14 @@ class Daemon:
         board_port: str,
         trackpad: TrackpadSource,
         calibration: Sequence[ModeCalibration] = (),
+        neighbours: Neighbours | None = None,
         notifier: Notifier | None = None,
         remote: Remote | None = None,
     ) -> None:
         self._config = config
         self._notifier = Notifier({}) if notifier is None else notifier
         self._calibration = calibration
+        self._neighbours = neighbours
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
@@ -70,6 +79,8 @@ class Daemon:
         self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
         self._said_missed = 0
         self._machine: Machine | None = None
+        self._pad_link: Link | None = None
+        self._board_link: Link | None = None
         self._recorders: Recorders | None = None
 
     @property
@@ -81,33 +92,61 @@ class Daemon:
     def start(self, loop: asyncio.AbstractEventLoop, modes: ModeShapes) -> None:
         """Serve clients first (it takes the lock that a second daemon stumbles over), then open the devices."""
         self._loop = loop
-        machine = Machine(
-            self._config,
-            modes,
-            write_board=self._link.write,
-            instance=secrets.randbits(31),
-            calibration=self._calibration,
-        )
-        self._machine = machine
-        machine.lost_messages = lambda: self._server.counters
+        self._modes = modes
+        self._machine = self._new_machine()
         self._server.start(
             loop,
-            on_message=lambda payload, user: machine.targets(payload, now_ns(), user),
-            on_request=lambda payload, user: machine.request(payload, now_ns(), user),
+            on_message=lambda payload, user: self.machine.targets(payload, now_ns(), user),
+            on_request=lambda payload, user: self.machine.request(payload, now_ns(), user),
         )
-        self._recorders = Recorders(machine, self._config.record, self.runtime_dir, partial(_header, machine, modes))
+        self._recorders = Recorders(self._machine, self._config.record, self.runtime_dir, _header)
         self._recorders.start(loop)
         self._link.start(
             loop,
-            on_bytes=lambda data: machine.board_bytes(data, now_ns()),
-            on_link=lambda up, reason: machine.board_link(up, reason, now_ns()),
+            on_bytes=lambda data: self.machine.board_bytes(data, now_ns()),
+            on_link=lambda up, reason: self._on_board_link(Link(up, reason)),
         )
         self._trackpad.start(
             loop,
             on_reports=self._reports,
-            on_link=lambda up, reason: machine.trackpad_link(up, reason, now_ns(), model=self._trackpad.model),
+            on_link=lambda up, reason: self._on_pad_link(Link(up, reason)),
         )
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
+
+    def _new_machine(self) -> Machine:
+        machine = Machine(
+            self._config,
+            self._modes,
+            write_board=self._link.write,
+            instance=secrets.randbits(31),
+            calibration=self._calibration,
+            neighbours=self._neighbours,
+        )
+        machine.lost_messages = lambda: self._server.counters
+        return machine
+
+    def _begin_anew(self, t_now_ns: int) -> None:
+        """Nobody uses the machine: another takes over, for a recorder to hear it from its first moment on. Devices and
+        sockets stay open; the board is greeted anew, and clients see another instance."""
+        assert self._recorders is not None
+        log.info("a recorder came: the core begins anew, nobody touches")
+        machine, before = self._new_machine(), self.machine
+        machine.real_time = before.real_time
+        self._machine = machine
+        self._said_missed = 0
+        self._recorders.begin(machine, t_now_ns)
+        if self._pad_link is not None:
+            self._on_pad_link(self._pad_link)
+        if self._board_link is not None:
+            self._on_board_link(self._board_link)
+
+    def _on_pad_link(self, link: Link) -> None:
+        self._pad_link = link
+        self.machine.trackpad_link(link.is_up, link.reason, now_ns(), model=self._trackpad.model)
+
+    def _on_board_link(self, link: Link) -> None:
+        self._board_link = link
+        self.machine.board_link(link.is_up, link.reason, now_ns())
 
     @property
     def tick_period_ns(self) -> int:
@@ -180,6 +219,8 @@ class Daemon:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
             self._recorders.sweep()
+            if self._recorders.is_due(t_now_ns) and self.machine.is_unused:
+                self._begin_anew(t_now_ns)
         if is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()
@@ -201,7 +242,7 @@ class Daemon:
 
     def _let_publish(self) -> None:
         """No subscriber: no telemetry is built."""
-        self.machine.publish = self._server.publish if self._server.has_subscribers else None
+        self.machine.watch(self._server.publish if self._server.has_subscribers else None, now_ns())
 
 
 async def serve(
@@ -253,9 +294,9 @@ def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) 
         asked.set_result(again)
 
 
-def _header(machine: Machine, modes: ModeShapes, is_whole: bool) -> Header:
+def _header(machine: Machine, is_whole: bool) -> Header:
     utc = datetime.now(UTC).isoformat(timespec="milliseconds")
-    return header_of(machine, modes, t_ns=now_ns(), utc=utc, is_whole=is_whole)
+    return header_of(machine, machine.modes, t_ns=now_ns(), utc=utc, is_whole=is_whole)
 
 
 def now_ns() -> int:

@@ -106,7 +106,11 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     paper = Film.of(played, "the paper's scheme").between(t_asked_s, t_end_s)
     draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
     print(summary(ours.score, paper.score, status))
-    if board != "library":
+    if board == "library":
+        print(
+            "Both know a noisy map of the driven modes; hapticd also one of the two beside them, which fingers drive."
+        )
+    else:
         print("Both plates here feel no fingers and have no neighbouring modes: these figures flatter both schemes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board fell silent for want of frames in time: this computer is too busy to emulate it; try again.")

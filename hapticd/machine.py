@@ -7,7 +7,6 @@ It wires decoders, core and encoders for both the service (`daemon.py`) and the 
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,7 +22,7 @@ from .core.prediction import PREDICTORS, make_predictor
 from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve, Scene
 from .core.session import BoardSession
 from .core.supervisor import Event, State, Supervisor
-from .errors import ConfigError, DeviceError, RequestError
+from .errors import DeviceError, RequestError
 from .tool_values import BoardVerdict, ToolMessage, Verdict
 from .values import (
     AffineMap,
@@ -79,8 +78,7 @@ class Machine:
         neighbours: Neighbours | None = None,
     ) -> None:
         """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next;
-        `calibration` is what the board shall know of its modes, `neighbours` the modes that only fingers drive: those
-        that the configuration names, if left out."""
+        `calibration` is what the board shall know of its modes, `neighbours` the modes that only fingers drive."""
         self.config = config
         self.instance = instance
         self.modes = modes
@@ -91,9 +89,8 @@ class Machine:
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
         )
         self.clientele = Clientele()
-        self.pipeline = Pipeline(
-            modes, self.scene, _pipeline_settings(config), neighbours=neighbours or _neighbours(config)
-        )
+        self.neighbours = neighbours
+        self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config), neighbours=neighbours)
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
@@ -108,6 +105,7 @@ class Machine:
         self.messages_refused = 0
         self.messages_overtaken = 0
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # what never came here, as the sockets counted it
+        self.recording: Callable[[], Mapping[str, object]] = dict  # who writes down what the tap is told
         self.last_refusal = ""
         self.publish = publish
         self.tap: Tap | None = None
@@ -128,6 +126,13 @@ class Machine:
         """No finger is down and nobody wants anything: `timer` may come half as often."""
         return not self.pipeline.fingers and (self.last_tick is None or not self.last_tick.points)
 
+    @property
+    def is_unused(self) -> bool:
+        """Idle, no wish stands and nobody tries the board at the bench: another core may take over unnoticed."""
+        board = self.session.status
+        is_tool = board is not None and board.state is BoardState.TOOL
+        return self.is_idle and self.scene.next_expiry_ns is None and not is_tool
+
     def _rests(self, t_now_ns: int) -> bool:
         """Nothing goes on, nobody looks on, and the board keeps to the zero that it was told."""
         return (
@@ -138,6 +143,12 @@ class Machine:
             and self.scene.next_expiry_ns is None
             and self.session.follows(t_now_ns)
         )
+
+    def watch(self, publish: Callable[[bytes], None] | None, t_now_ns: int) -> None:
+        """Telemetry goes to `publish` from now on; with None nobody looks on, and none is built."""
+        if self.tap is not None and (publish is None) != (self.publish is None):
+            self.tap("watched", t_now_ns, publish is not None)
+        self.publish = publish
 
     # --- the touch ---
 
@@ -447,18 +458,6 @@ def _pipeline_settings(config: Config) -> PipelineSettings:
         cover_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )
-
-
-def _neighbours(config: Config) -> Neighbours | None:
-    plate = config.plate
-    if not plate.neighbours_file:
-        return None
-    detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.neighbours_detuning_hz]
-    modes = ModeShapes.load(plate.neighbours_file)
-    try:
-        return Neighbours(modes, plate.neighbours_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
-    except ValueError as error:
-        raise ConfigError(f"plate.neighbours_file: {error}") from error
 
 
 def _friction_curve(config: Config) -> FrictionCurve:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import signal
 import sys
@@ -18,8 +19,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from . import calibration
-from .config import SIMULATED, Config
+from .config import SIMULATED, Config, load
 from .core.modes import ModeShapes
+from .core.neighbours import Neighbours
 from .daemon import Daemon, serve
 from .errors import ConfigError, HapticdError
 from .io import keys
@@ -30,7 +32,7 @@ from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import HidTrackpad, TrackpadSource
 from .machine import warm_up
-from .sim.rigprocess import MODES_FILE, RigProcess
+from .sim.rigprocess import MODES_FILE, PLATE_FILE, RigProcess
 from .values import ModeCalibration
 
 log = logging.getLogger("hapticd")
@@ -45,6 +47,7 @@ class Prepared:
 
     config: Config
     modes: ModeShapes
+    neighbours: Neighbours | None
     calibration: tuple[ModeCalibration, ...]
     trackpad: TrackpadSource
     board_port: str
@@ -59,6 +62,7 @@ class Prepared:
             board_port=self.board_port,
             trackpad=self.trackpad,
             calibration=self.calibration,
+            neighbours=self.neighbours,
             notifier=notifier,
             remote=self.remote,
         )
@@ -81,11 +85,14 @@ class Workshop:
         """Read what the configuration names. Raises HapticdError in one sentence."""
         measured = config.device.calibration_file
         rig_dir = self._rig_directory(config)
+        if rig_dir != Path():
+            config = _on_rig(config, rig_dir)
         modes = load_modes(config, rig_dir)
         warm_up(config)
         return Prepared(
-            config if rig_dir == Path() else replace(config, sim=replace(config.sim, rig_dir=str(rig_dir))),
+            config,
             modes,
+            load_neighbours(config),
             tuple(calibration.load(Path(measured), modes.M)) if measured else (),
             _trackpad(config, rig_dir),
             str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
@@ -184,6 +191,38 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
             "give one for each mode."
         )
     return modes
+
+
+def load_neighbours(config: Config) -> Neighbours | None:
+    """The modes that only fingers drive, where the configuration names them. Raises ModesError, ConfigError."""
+    plate = config.plate
+    if not plate.neighbours_file:
+        return None
+    detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.neighbours_detuning_hz]
+    modes = ModeShapes.load(plate.neighbours_file)
+    try:
+        return Neighbours(modes, plate.neighbours_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
+    except ValueError as error:
+        raise ConfigError(f"plate.neighbours_file: {error}") from None
+
+
+def _on_rig(config: Config, rig_dir: Path) -> Config:
+    """The same with what was measured of the rig's plate, unless it names a plate's neighbouring modes itself."""
+    config = replace(config, sim=replace(config.sim, rig_dir=str(rig_dir)))
+    file = rig_dir / PLATE_FILE
+    if config.plate.neighbours_file or config.device.port != SIMULATED or not file.is_file():
+        return config
+    found = load(file).plate
+    return replace(
+        config,
+        plate=replace(
+            config.plate,
+            neighbours_file=found.neighbours_file,
+            neighbours_detuning_hz=found.neighbours_detuning_hz,
+            neighbours_decay_1_s=found.neighbours_decay_1_s,
+            finger_decay_1_s=found.finger_decay_1_s,
+        ),
+    )
 
 
 def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:

@@ -120,6 +120,7 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
             **machine.lost_messages(),
         },
         "board": _board(machine),
+        "recording": dict(machine.recording()),
         "real_time": dict(machine.real_time),
         "timing": _timing(machine),
         "latency_ms": _latency([line for line in session.ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),

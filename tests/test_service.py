@@ -21,10 +21,13 @@ from hapticd.core.modes import ModeShapes
 from hapticd.errors import ConfigError, ModesError
 from hapticd.io.systemd import Notifier
 from hapticd.service import Workshop, load_modes
+from hapticd.sim.plate import PlateTruth
+from hapticd.sim.rigfiles import write_measured
 from hapticd.sim.rigprocess import MODES_FILE
 from hapticd_client import Client
 
 PATIENCE_S = 10.0
+ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 9}\n" for y in range(4) for x in range(4))).encode()
 
 
 def sine_plate() -> ModeShapes:
@@ -71,6 +74,57 @@ def test_a_rig_that_wrote_no_map_has_the_one_of_its_seed(configuration: Config, 
     (tmp_path / MODES_FILE).unlink()
     modes = load_modes(configuration, tmp_path)
     assert np.array_equal(modes.shapes, load_modes(Config()).shapes)
+
+
+def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_bit(
+    configuration: Config, tmp_path: Path
+) -> None:
+    plate = PlateTruth()
+    files = write_measured(plate, 3, tmp_path, with_neighbours=True)
+    with Workshop() as workshop:
+        prepared = workshop.prepare(configuration)
+    known, told = plate.neighbours(3), prepared.neighbours
+    assert told is not None
+    assert np.array_equal(told.modes.shapes, known.modes.shapes)
+    assert (told.decay_1_s, told.finger_decay_1_s) == (known.decay_1_s, known.finger_decay_1_s)
+    assert told.detuning_rad_s == pytest.approx(known.detuning_rad_s, rel=1e-15)
+    assert {path.name for path in files} == {path.name for path in tmp_path.iterdir()}
+
+    real = replace(configuration, device=replace(configuration.device, port="/dev/ttyACM0"))
+    assert service._on_rig(real, tmp_path).plate == real.plate  # another plate
+
+
+def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(configuration: Config, tmp_path: Path) -> None:
+    write_measured(PlateTruth(), 3, tmp_path, with_neighbours=False)
+    with Workshop() as workshop:
+        assert workshop.prepare(configuration).neighbours is None
+
+
+@pytest.mark.parametrize(
+    ("content", "detuning_hz", "says"),
+    [
+        (b"junk", "[80.0, 90.0]", "plate.npz"),
+        (None, "[80.0, 90.0]", "there is no file"),
+        (ONE_MODE_CSV, "[80.0, 90.0]", "plate.neighbours_file: 1 neighbouring"),
+        (b"", "[80.0]", "plate.neighbours_file: needs neighbours_detuning_hz"),
+    ],
+)
+def test_a_bad_map_of_neighbouring_modes_is_one_sentence(
+    content: bytes | None, detuning_hz: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "plate.csv" if content is not None and content.startswith(b"x_mm") else "plate.npz"
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    file = tmp_path / "hapticd.toml"
+    file.write_text(
+        f'[plate]\nneighbours_file = "{name}"\nneighbours_detuning_hz = {detuning_hz}\n'
+        f'neighbours_decay_1_s = [150.0, 160.0]\n[sim]\nrig_dir = "{tmp_path}"\n',
+        encoding="utf-8",
+    )
+    assert main(["run", "--check", "--config", str(file)]) > 0
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
 
 
 def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config, tmp_path: Path) -> None:
@@ -134,7 +188,7 @@ def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
     bad = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
     with Workshop() as workshop:
         prepared = asyncio.run(service._prepared(workshop, bad, configuration, Notifier({})))
-    assert prepared.config.limits == configuration.limits
+    assert prepared.config == configuration
     assert (
         "has 1 limits for a plate of 2 modes: give one for each mode. The configuration in force stays." in caplog.text
     )

@@ -40,7 +40,7 @@ class ModeShapes:
 
     __slots__ = (
         *("M", "shapes", "x_mm", "y_mm"),
-        *("_cell_bytes", "_columns", "_patches", "_surfaces", "_x_knots", "_y_knots", "_zeros"),
+        *("_cell_bytes", "_columns", "_patches", "_steepest_1_mm", "_surfaces", "_x_knots", "_y_knots", "_zeros"),
     )
 
     def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
@@ -55,6 +55,7 @@ class ModeShapes:
         self._x_knots: tuple[float, ...] = tuple(self.x_mm.tolist())
         self._y_knots: tuple[float, ...] = tuple(self.y_mm.tolist())
         self._zeros = (0.0,) * self.M
+        self._steepest_1_mm: float | None = None
 
     @classmethod
     def from_grid(cls, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> ModeShapes:
@@ -154,7 +155,13 @@ class ModeShapes:
         return self._surfaces.gradient(points)
 
     def steepest_1_mm(self) -> float:
-        """The greatest slope of any mode, in 1/mm, seen at the map's points and halfway between them."""
+        """The greatest slope of any mode, in 1/mm, seen at the map's points and halfway between them; looked for once,
+        for that takes 50 ms."""
+        if self._steepest_1_mm is None:
+            self._steepest_1_mm = self._found_steepest_1_mm()
+        return self._steepest_1_mm
+
+    def _found_steepest_1_mm(self) -> float:
         x, y = (np.sort(np.concatenate((knots, (knots[1:] + knots[:-1]) / 2.0))) for knots in (self.x_mm, self.y_mm))
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return float(np.hypot(*np.moveaxis(self._surfaces.gradient(points), -1, 0)).max())

@@ -17,6 +17,7 @@ which they settle.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,7 +36,7 @@ class Neighbours:
     """The modes beside the driven ones, as measured: shapes, decay (1/s) and detuning from the drive (rad/s) of each.
 
     `finger_decay_1_s` is what one finger adds to the decay of a mode with |phi| = 1 under it. Raises ValueError for
-    numbers that are not one for each mode.
+    numbers that are not one for each mode, or not finite.
     """
 
     def __init__(
@@ -45,6 +46,12 @@ class Neighbours:
             raise ValueError(f"{modes.M} neighbouring modes need as many decays and detunings.")
         if not all(decay > 0.0 for decay in decay_1_s):
             raise ValueError("The neighbouring modes' decays must be above 0.")
+        if not all(map(math.isfinite, (*decay_1_s, *detuning_rad_s, finger_decay_1_s))):
+            raise ValueError("The neighbouring modes' decays and detunings must be finite.")
+        self.modes = modes
+        self.decay_1_s = tuple(decay_1_s)
+        self.detuning_rad_s = tuple(detuning_rad_s)
+        self.finger_decay_1_s = finger_decay_1_s
         self._at = modes.at
         self._um_per_um: list[complex] = [
             -finger_decay_1_s / complex(decay, -detuning)

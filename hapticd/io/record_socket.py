@@ -1,7 +1,9 @@
 """The `record` socket: what recorders of a running daemon connect to, on this machine only.
 
 XPUB, ipc://<directory>/record. While nobody subscribes nothing is framed. A recorder that does not keep up loses
-records, and sees by their numbers which.
+records, and sees by their numbers which. A subscription to everything (b"") asks for records from now on; one to
+`WHOLE`, with which each record begins, for a recording from a core's first moment on, which may have to be waited for:
+then the subscribers of `WAITS` hear it.
 """
 
 from __future__ import annotations
@@ -17,6 +19,9 @@ from .runtime_dir import endpoint_path, masked
 from .sockets import MAX_SUBSCRIPTION_BYTES, SOCKET_UMASK
 
 NAME = "record"
+NOW = b""
+WHOLE = b"\xa5rec"
+WAITS = b"waits"
 SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
@@ -30,8 +35,9 @@ class RecordSocket:
         self._directory = directory
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
 
-    def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bool], None]) -> None:
-        """Bind, and call `on_recorder` on `loop` with True for each recorder that comes, False when the last one went.
+    def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bytes, bool], None]) -> None:
+        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True for each recorder that comes to it,
+        False when its last one went.
 
         Raises HapticdError.
         """
@@ -63,8 +69,8 @@ class RecordSocket:
                 said = self._socket.recv(zmq.NOBLOCK)
             except zmq.Again:
                 return
-            if said in (b"\x00", b"\x01"):
-                self._on_recorder(said == b"\x01")
+            if said[:1] in (b"\x00", b"\x01") and said[1:] in (NOW, WHOLE):
+                self._on_recorder(said[1:], said[:1] == b"\x01")
 
     def close(self) -> None:
         """Stop serving and remove the socket. Safe to call twice, and before `start`."""

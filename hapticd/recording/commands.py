@@ -11,6 +11,9 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """What is written, how long, and whose daemon it is."""
     parser.add_argument("out", type=Path, metavar="OUT", help="file to write, such as session.hrec; it must not exist")
     parser.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
+    parser.add_argument(
+        "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"
+    )
     parser.add_argument("--runtime-dir", type=Path, metavar="DIR", help="the daemon's (default: as clients find it)")
     parser.set_defaults(command=_record)
 
@@ -18,7 +21,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 def _record(options: argparse.Namespace) -> None:
     from .attach import record
 
-    print(record(options.out, options.runtime_dir, options.seconds))
+    print(record(options.out, options.runtime_dir, options.seconds, is_now=options.now))
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:

@@ -40,6 +40,11 @@ class RecordingFile:
         """The file that is written now."""
         return self._paths[-1]
 
+    @property
+    def written_bytes(self) -> int:
+        """So many it holds."""
+        return self._bytes
+
     def is_full_with(self, data: bytes | bytearray) -> bool:
         """These bytes would make the file too large, and it holds more than its opening."""
         return self._bytes + len(data) > self._max_bytes and self._bytes > self._opening_bytes

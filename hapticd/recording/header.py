@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from .. import __version__, config
 from ..core.modes import ModeShapes
+from ..core.neighbours import Neighbours
 from ..errors import ConfigError, HapticdError, RecordingError
 from ..machine import Machine
 from ..toml_file import MAX_BYTES, parse
@@ -43,6 +44,7 @@ class Header:
     config: config.Config
     modes: ModeShapes
     calibration: tuple[ModeCalibration, ...]
+    neighbours: Neighbours | None = None
 
 
 def header_of(machine: Machine, modes: ModeShapes, *, t_ns: int, utc: str, is_whole: bool) -> Header:
@@ -57,12 +59,12 @@ def header_of(machine: Machine, modes: ModeShapes, *, t_ns: int, utc: str, is_wh
         config=machine.config,
         modes=modes,
         calibration=machine.calibration,
+        neighbours=machine.neighbours,
     )
 
 
 def encode_header(header: Header) -> bytes:
     """The body of the first record."""
-    modes = header.modes
     return bytes(
         msgpack.packb(
             {
@@ -74,12 +76,9 @@ def encode_header(header: Header) -> bytes:
                 "instance": header.instance,
                 "trackpad_model": header.trackpad_model,
                 "config_toml": config.render(header.config),
-                "modes_float64_le": {
-                    "x_mm": _packed(modes.x_mm),
-                    "y_mm": _packed(modes.y_mm),
-                    "shapes_mode_y_x": _packed(modes.shapes),
-                },
+                "modes_float64_le": _packed_modes(header.modes),
                 "calibration": [dataclasses.asdict(measured) for measured in header.calibration],
+                "neighbours": None if header.neighbours is None else _packed_neighbours(header.neighbours),
                 "records": described(),
                 "units": UNITS,
             }
@@ -112,6 +111,7 @@ def decode_header(body: bytes) -> Header:
             config=settings,
             modes=modes,
             calibration=tuple(_calibration(entry, modes.M) for entry in table["calibration"]),
+            neighbours=_neighbours(table.get("neighbours")),  # which older recordings do not know
         )
     except RecordingError:
         raise
@@ -132,11 +132,33 @@ def _packed(array: npt.NDArray[np.float64]) -> bytes:
     return np.ascontiguousarray(array, dtype="<f8").tobytes()
 
 
+def _packed_modes(modes: ModeShapes) -> dict[str, bytes]:
+    return {"x_mm": _packed(modes.x_mm), "y_mm": _packed(modes.y_mm), "shapes_mode_y_x": _packed(modes.shapes)}
+
+
+def _packed_neighbours(neighbours: Neighbours) -> dict[str, object]:
+    return {
+        "modes_float64_le": _packed_modes(neighbours.modes),
+        "decay_1_s": neighbours.decay_1_s,
+        "detuning_rad_s": neighbours.detuning_rad_s,
+        "finger_decay_1_s": neighbours.finger_decay_1_s,
+    }
+
+
 def _modes(table: Any) -> ModeShapes:
     names = ("x_mm", "y_mm", "shapes_mode_y_x")
     x_mm, y_mm, shapes = (np.frombuffer(_typed(table, name, bytes), dtype="<f8").astype(np.float64) for name in names)
     shapes = shapes.reshape(-1, y_mm.size, x_mm.size)
     return ModeShapes.from_grid(x_mm, y_mm, shapes)
+
+
+def _neighbours(table: Any) -> Neighbours | None:
+    if table is None:
+        return None
+    decay_1_s, detuning_rad_s = ([float(value) for value in table[name]] for name in ("decay_1_s", "detuning_rad_s"))
+    return Neighbours(
+        _modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s, float(_typed(table, "finger_decay_1_s", float))
+    )
 
 
 def _calibration(entry: Any, modes: int) -> ModeCalibration:

@@ -3,7 +3,8 @@
 A record's body is a MessagePack list, whose fields are named here with their units; the header repeats these names, so
 that a file can be read without this one. Amplitudes are pairs (d, q): W = d + j q.
 
-    heard     reports timer board_bytes board_link trackpad_link targets request stop take_leave: what `replay` feeds
+    heard     reports timer board_bytes board_link trackpad_link targets request watched stop take_leave: what `replay`
+              feeds
     done      written                                                                    what `replay` compares
     found     pass status ledger marker                                                  what people look at
     beside    truth end                                                                  the plate's own; the reason
@@ -174,6 +175,7 @@ KINDS: dict[str, Kind] = {
     "request": _kind(7, _as_they_are, {"payload": _bytes, "user": _text}),
     "stop": _kind(8, _as_they_are, {}),
     "take_leave": _kind(9, _as_they_are, {}),
+    "watched": _kind(10, _as_they_are, {"is_watched": _truth}),
     "written": _kind(16, _as_they_are, {"line": _bytes, "is_accepted": _truth}),
     "pass": _kind(
         32,
@@ -224,7 +226,18 @@ KINDS: dict[str, Kind] = {
     ),
     "end": _kind(63, _as_they_are, {"reason": _text}),
 }
-HEARD = ("reports", "timer", "board_bytes", "board_link", "trackpad_link", "targets", "request", "stop", "take_leave")
+HEARD = (
+    "reports",
+    "timer",
+    "board_bytes",
+    "board_link",
+    "trackpad_link",
+    "targets",
+    "request",
+    "watched",
+    "stop",
+    "take_leave",
+)
 _NAMES = {kind.number: name for name, kind in KINDS.items()}
 
 

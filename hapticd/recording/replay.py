@@ -97,7 +97,7 @@ def replay(recording: Recording) -> Outcome:
     if not recording.is_whole:
         raise RecordingError(
             f"{recording.paths[0]}: begins when the daemon ran already, and only what begins with it replays exactly: "
-            "record from the start ([record] file in the configuration), or compare settings with --set."
+            "record without --now, while nothing else records, or compare settings with --set."
         )
     outcome = Outcome()
     board = _Board(outcome)
@@ -119,7 +119,12 @@ def machine_of(recording: Recording, config: Config, write_board: Callable[[byte
     """A machine that has heard nothing yet, made as the recorded one was, but with these settings."""
     header = recording.header
     return Machine(
-        config, header.modes, write_board=write_board, instance=header.instance, calibration=header.calibration
+        config,
+        header.modes,
+        write_board=write_board,
+        instance=header.instance,
+        calibration=header.calibration,
+        neighbours=header.neighbours,
     )
 
 
@@ -149,6 +154,8 @@ def hear(machine: Machine, record: Record) -> None:
         elif record.kind == "trackpad_link":
             is_up, reason, model = values
             machine.trackpad_link(is_up, reason, t_ns, model=model)
+        elif record.kind == "watched":
+            machine.watch(_unread if values[0] else None, t_ns)
         elif record.kind in ("targets", "request"):
             payload, user = values
             getattr(machine, record.kind)(payload, t_ns, user)
@@ -156,6 +163,10 @@ def hear(machine: Machine, record: Record) -> None:
             getattr(machine, record.kind)(*values, t_ns)
     except Exception as error:  # made-up instants and figures fail in any way that arithmetic can
         raise RecordingError(f"Record {record.seq} ({record.kind}) cannot be replayed: {error!r}.") from error
+
+
+def _unread(_: bytes) -> None:
+    """Takes telemetry: a core that is looked at makes its passes at rest, too."""
 
 
 def message_of(line: bytes) -> int | None:

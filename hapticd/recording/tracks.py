@@ -72,9 +72,11 @@ def _from_truth(truth: Sequence[Record]) -> Tracks:
         rows = [[_wide(v, nothing) for v in record.fields[index][:fingers]] for record in truth]
         return np.array(rows, dtype=np.float64).reshape(len(truth), fingers, width)[order]
 
+    position_mm = _between(t_ns, at_ns, column(1, 2))
     got_um = _between(t_ns, at_ns, column(4, 2))
     target_um = column(2, 1)[np.searchsorted(at_ns, t_ns, side="right") - 1, :, 0]
-    return Tracks(t_ns, _between(t_ns, at_ns, column(1, 2)), target_um, got_um[..., 0] + 1j * got_um[..., 1], True)
+    target_um[~np.isfinite(position_mm[..., 0])] = np.nan  # between the last truth of a finger and the next without it
+    return Tracks(t_ns, position_mm, target_um, got_um[..., 0] + 1j * got_um[..., 1], True)
 
 
 def _wide(value: Any, nothing: list[float]) -> list[float]:

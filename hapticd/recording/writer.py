@@ -62,6 +62,15 @@ class Writer:
         if self._weight - self._written > MAX_WAITING:
             self._end(f"the disk is too slow: {len(self._queue)} records wait for it")
 
+    def told(self) -> dict[str, object]:
+        """For `status`."""
+        return {
+            "path": str(self._file.path),
+            "bytes": self._file.written_bytes,
+            "queued": len(self._queue),
+            "dropped": self._stream.too_long,
+        }
+
     def close(self, t_ns: int, reason: str) -> None:
         """The last record, and what waits before it; gives a slow disk CLOSE_WITHIN_S, not longer."""
         self.put("end", t_ns, reason)

@@ -69,7 +69,7 @@ class Outboard:
     def now(self) -> Instant:
         """The fingers now, and what the bench saw last."""
         finger_mm = np.array([path.position_mm(np.array([self.t_s]))[0] for path in self._paths]).reshape(-1, 2)
-        return Instant(finger_mm[np.isfinite(finger_mm[:, 0])], self._plate_um)
+        return Instant(finger_mm, self._plate_um)
 
     def recording(self) -> Recording:
         """Everything so far, at the instants of the bench's reports; of a person's fingers only the newest places."""

@@ -5,8 +5,9 @@
 `DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate: its core in
 this process, or with `--board` the whole program in QEMU or in a process of its own (`sim/emulator.py`).
 `DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
-`DIRECTORY/modes.npz` is the cartography that was made of this plate. `DIRECTORY/truth` tells the plate's true motion
-and `DIRECTORY/fingers` takes the fingers of a person in place of the scenario's (`rigsockets.py`).
+`DIRECTORY/modes.npz` is the cartography that was made of this plate, `plate.toml` with `neighbours.npz` what was
+measured of the modes beside the driven ones. `DIRECTORY/truth` tells the plate's true motion and `DIRECTORY/fingers`
+takes the fingers of a person in place of the scenario's (`rigsockets.py`).
 The daemon cannot tell it from the real thing but by its file names. Bytes to and from the board take the link's 5 ms,
 reports the sensor's 10 ms. It prints `ready T` when both can be opened; T is its time zero on the
 host's monotonic clock. SIGTERM ends it and writes the recording, if asked; SIGUSR1 pulls the board's plug or puts it
@@ -41,7 +42,7 @@ from .fingers import Path as FingerPath
 from .hands import Hands, Yielding
 from .outboard import Outboard
 from .plate import PlateSettings, PlateTruth
-from .rigprocess import MODES_FILE
+from .rigfiles import write_measured
 from .rigsockets import RigSockets
 from .scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from .sensor import Report, SensorModel, SensorSettings
@@ -70,8 +71,7 @@ class Rig:
         self.actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
         self.hands = Hands()
         self.plate = PlateTruth(PlateSettings())
-        self._map = directory / MODES_FILE
-        self.plate.cartography(seed).save(self._map)
+        self._files = write_measured(self.plate, seed, directory, with_neighbours=program is None)
         boot_id = os.getpid() & 0x7FFFFFFF
         paths: list[FingerPath] = [*(Yielding(path, self.hands) for path in paths_of(self.actors)), *self.hands.fingers]
         self.world: World | Outboard
@@ -137,7 +137,8 @@ class Rig:
             self._replug_trackpad()
         self._selector.close()
         self._sockets.close()
-        self._map.unlink(missing_ok=True)
+        for file in self._files:
+            file.unlink(missing_ok=True)
         if isinstance(self.world, Outboard):
             self.world.close()
 
@@ -215,9 +216,9 @@ class Rig:
 
     def _tell_truth(self) -> None:
         now = self.world.now()
-        truth_um = self.plate.shapes(now.finger_mm)[:, : len(now.plate_um)] @ now.plate_um
+        shapes = self.plate.shapes(now.finger_mm)[:, : len(now.plate_um)]
         t_s = self.world.t_s
-        self._sockets.tell(t_s, round((self.t_start_s + t_s) * 1e9), now, truth_um)
+        self._sockets.tell(t_s, round((self.t_start_s + t_s) * 1e9), now, shapes @ now.plate_um)
 
     def _scan(self, now_s: float) -> None:
         """Sense up to now: reports wait in `_reports` for as long as the pad takes to send them."""

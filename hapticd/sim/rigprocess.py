@@ -10,7 +10,11 @@ from pathlib import Path
 from ..errors import DeviceError
 
 END_WITHIN_S = 10.0
-MODES_FILE = "modes.npz"  # in the rig's directory: the cartography that was made of its plate
+# In the rig's directory: the cartography that was made of its plate, that of the modes beside the driven ones, and the
+# section [plate] of a configuration which tells of those what else was measured.
+MODES_FILE = "modes.npz"
+NEIGHBOURS_FILE = "neighbours.npz"
+PLATE_FILE = "plate.toml"
 
 
 class RigProcess:

@@ -5,12 +5,14 @@
 
 Each message is one MessagePack map:
 
-    truth     {"t_ns": .., "fingers": [[x_mm, y_mm], ..], "modal_um": [[d, q], ..], "truth_um": [[d, q], ..]}
+    truth     {"t_ns": .., "paths": .., "path": [.., ..], "fingers": [[x_mm, y_mm], ..], "modal_um": [[d, q], ..],
+               "truth_um": [[d, q], ..]}
     fingers   {"fingers": {"1": [x_mm, y_mm], ..}}
 
-`t_ns` is the host's monotonic clock; `modal_um` are all modes of the plate, the driven ones first; `truth_um` is the
-complex displacement under each true finger, peak to peak. A sender of fingers repeats them: one that is silent for
-`hands.SILENT_S` has let go of all.
+`t_ns` is the host's monotonic clock; `fingers` are those that touch, `path` which of the rig's `paths` fingers each is:
+the scenario's first, then a person's; `modal_um` are all modes of the plate, the driven ones first; `truth_um` is the
+complex displacement under each finger that touches, peak to peak. A sender of fingers repeats them: one that is silent
+for `hands.SILENT_S` has let go of all.
 """
 
 from __future__ import annotations
@@ -63,11 +65,14 @@ class RigSockets:
     def tell(self, t_s: float, t_ns: int, now: Instant, truth_um: npt.NDArray[np.complex128]) -> None:
         """Publish what the plate does at `t_s` of the rig, `t_ns` of the host, and what is under each finger (F,)."""
         self._t_told_s = t_s
+        touching = np.flatnonzero(np.isfinite(now.finger_mm[:, 0]))
         message = {
             "t_ns": t_ns,
-            "fingers": now.finger_mm.tolist(),
+            "paths": len(now.finger_mm),
+            "path": touching.tolist(),
+            "fingers": now.finger_mm[touching].tolist(),
             "modal_um": [[w_um.real, w_um.imag] for w_um in now.plate_um.tolist()],
-            "truth_um": [[w_um.real, w_um.imag] for w_um in truth_um.tolist()],
+            "truth_um": [[w_um.real, w_um.imag] for w_um in truth_um[touching].tolist()],
         }
         self._truth.send(msgpack.packb(message), zmq.NOBLOCK)
 

@@ -34,7 +34,8 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """The plate at one instant: the fingers that touch it (F, 2), and P of its modes (P,) in the rotating frame."""
+    """The plate at one instant: all fingers (F, 2), NaN where one is in the air, and P of its modes (P,) in the
+    rotating frame."""
 
     finger_mm: npt.NDArray[np.float64]
     plate_um: npt.NDArray[np.complex128]
@@ -104,7 +105,7 @@ class World:
     def now(self) -> Instant:
         """The last tick; before the first a plate at rest."""
         finger_mm, plate_um = self._before if self._done == 0 else self._row(self._done - 1)
-        return Instant(finger_mm[np.isfinite(finger_mm[:, 0])], plate_um)
+        return Instant(finger_mm, plate_um)
 
     def advance(self, t_s: float) -> bytes:
         """Run up to `t_s`, or to the tick at which the board says something: its bytes, b"" at `t_s`."""

@@ -121,3 +121,8 @@ def test_numbers_that_do_not_belong_to_the_modes_are_refused() -> None:
         Neighbours(OTHERS, (180.0,), DETUNING_RAD_S, 100.0)
     with pytest.raises(ValueError, match="above 0"):
         Neighbours(OTHERS, (180.0, 0.0), DETUNING_RAD_S, 100.0)
+    for infinite in (float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="finite"):
+            Neighbours(OTHERS, DECAY_1_S, (DETUNING_RAD_S[0], infinite), 100.0)
+        with pytest.raises(ValueError, match="finite"):
+            Neighbours(OTHERS, DECAY_1_S, DETUNING_RAD_S, infinite)

@@ -46,6 +46,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     grating = {"period_mm": 6.0, "angle_rad": 0.4, "low_um": 0.1, "high_um": 1.5, "duty_frac": 0.5}
     image = {"width": 2, "height": 2, "levels": b"\0\x40\x80\xff", "high_um": 2.0}
     walker = {"name": "walker", "path_mm": [[-30.0, 12.0], [30.0, 15.0]], "speed_mm_s": 70.0}
+    bench.machine.watch(lambda _: None, bench.t_ns)
     for finger, wish in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
         targets = [{"finger": finger, **wish}, {"finger": "walker", "amplitude_um": 0.5}]
         message = {"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets, "virtuals": [walker]}
@@ -56,6 +57,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
     assert bench.ask("release", client="test", finger=2)["ok"]
     bench.run(60)
+    bench.machine.watch(None, bench.t_ns)
     bench.board.plugged = False
     bench.machine.board_link(False, "unplugged", bench.t_ns)
     bench.run(50)
@@ -67,5 +69,6 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench.machine.trackpad_link(False, "unplugged", bench.t_ns)
     bench.machine.trackpad_link(True, "another pad", bench.t_ns + MS, model="mt1")
     bench.machine.stop(bench.t_ns + 2 * MS)
+    bench.machine.take_leave(bench.t_ns + 2 * MS)
     recording.close(bench.t_ns + 2 * MS, "the test ended")
     return path

@@ -12,18 +12,23 @@ from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench
 from hapticd.__main__ import main
 from hapticd.config import RecordConfig
 from hapticd.errors import RecordingError
+from hapticd.io.record_socket import NOW, WAITS, WHOLE, RecordSocket
+from hapticd.machine import Machine
 from hapticd.recording.attach import record
-from hapticd.recording.header import Header, header_of
+from hapticd.recording.framing import SYNC, Scanner
+from hapticd.recording.header import Header, decode_header, header_of
 from hapticd.recording.reader import open_recording
 from hapticd.recording.replay import replay
-from hapticd.recording.service import Recorders
+from hapticd.recording.service import ANEW_EVERY_NS, Recorders
+from hapticd.values import BoardState
 
 STEP_S = 0.001
+TOOL = BoardState.TOOL.value
 
 
 def recorders(bench: Bench, directory: Path, config: RecordConfig) -> Recorders:
-    def header(is_whole: bool) -> Header:
-        return header_of(bench.machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+    def header(machine: Machine, is_whole: bool) -> Header:
+        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
 
     return Recorders(bench.machine, config, directory, header)
 
@@ -50,7 +55,7 @@ def test_a_recorder_gets_everything_from_when_it_came_and_nothing_is_made_withou
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path, RecordConfig())
     said: list[str] = []
-    thread = threading.Thread(target=lambda: said.append(record(tmp_path / "a.hrec", tmp_path, 0.5)))
+    thread = threading.Thread(target=lambda: said.append(record(tmp_path / "a.hrec", tmp_path, 0.5, is_now=True)))
     tapped = asyncio.run(served(bench, ours, thread))
 
     recording = open_recording(tmp_path / "a.hrec")
@@ -70,8 +75,8 @@ def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Pa
     ours: list[Recorders] = []
 
     def tap(machine: object) -> object:
-        def header(is_whole: bool) -> Header:
-            return header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=is_whole)  # type: ignore[arg-type]
+        def header(machine: Machine, is_whole: bool) -> Header:
+            return header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=is_whole)
 
         ours.append(Recorders(machine, config, tmp_path, header))  # type: ignore[arg-type]
         return machine.tap  # type: ignore[attr-defined]
@@ -91,7 +96,7 @@ def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Pa
 def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path, RecordConfig())
-    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0))
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0, is_now=True))
 
     async def stops() -> None:
         ours.start(asyncio.get_running_loop())
@@ -109,6 +114,86 @@ def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
     kinds = [one.kind for one in open_recording(tmp_path / "a.hrec").records()]
     assert "stop" in kinds
     assert kinds[-1] == "end"
+
+
+class Wire:
+    """A record socket without one: what is sent, in order, and who comes and goes when the test says so."""
+
+    def __init__(self, ours: Recorders, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.sent: list[bytes] = []
+        monkeypatch.setattr(RecordSocket, "send", lambda _, record: self.sent.append(record))
+        self.comes = ours._on_recorder
+
+
+def test_another_core_begins_for_who_waits_and_not_again_within_some_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    wire = Wire(ours, monkeypatch)
+    assert not ours.is_due(bench.t_ns)
+
+    wire.comes(WHOLE, True)
+    assert wire.sent == [WAITS]
+    assert ours.is_due(bench.t_ns)
+    assert ours.told() == {"waits": True}
+    assert bench.machine.tap is None
+    second = Bench().machine
+    ours.begin(second, bench.t_ns)
+    assert second.tap is not None
+    assert not ours.waits
+    assert ours.told() == {"attached": {"is_whole": True, "bytes": len(wire.sent[1]), "dropped": 0}}
+    wire.comes(WHOLE, True)  # another: it joins
+    assert len(wire.sent) == 3
+    wire.comes(WHOLE, False)
+    assert second.tap is None
+
+    wire.comes(WHOLE, True)
+    assert not ours.is_due(bench.t_ns + ANEW_EVERY_NS - 1)
+    assert ours.is_due(bench.t_ns + ANEW_EVERY_NS)
+    wire.comes(WHOLE, False)
+    assert not ours.is_due(bench.t_ns + ANEW_EVERY_NS)
+
+
+def test_nobody_who_records_is_ended_by_who_comes_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    own = recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "own.hrec")))
+    wire = Wire(own, monkeypatch)
+    wire.comes(WHOLE, True)
+    assert not own.waits
+    assert not decode_header(next(Scanner().feed(wire.sent[0])).body).is_whole
+    assert {*own.told()} == {"file", "attached"}
+    wire.comes(WHOLE, False)
+    own.close(bench.t_ns)
+
+    ours = recorders(bench, tmp_path, RecordConfig())
+    ours._on_recorder(NOW, True)
+    ours._on_recorder(WHOLE, True)
+    assert not ours.waits
+    ours._on_recorder(NOW, False)
+    assert ours.is_live  # the other one is still there
+
+
+def test_a_machine_is_used_by_fingers_by_wishes_and_by_a_person_at_the_bench() -> None:
+    bench = Bench()
+    bench.run(200)
+    assert bench.machine.is_unused
+    bench.want({7: 1.0}, ttl_s=0.5)  # of a finger that is not there yet
+    assert not bench.machine.is_unused
+    bench.run(600)
+    assert bench.machine.is_unused
+    bench.board.state = TOOL
+    bench.board.status()
+    bench.run(10)
+    assert not bench.machine.is_unused
+
+    touched = Bench(SLIPPERY, STICKY).driven()
+    assert not touched.machine.is_unused
+
+
+def test_records_begin_with_what_recorders_subscribe_to() -> None:
+    assert WHOLE == SYNC
+    assert not WAITS.startswith(SYNC)
 
 
 def test_without_a_place_for_its_file_the_daemon_goes_on(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import msgpack
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,6 +18,7 @@ from hapticd.recording.header import decode_header, encode_header
 from hapticd.recording.reader import open_recording
 from hapticd.recording.records import KINDS, body_of, described, record_of
 from hapticd.recording.wanted import payload_of
+from hapticd.sim.plate import PlateTruth
 from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
 from hapticd.wire.client import decode_targets
 
@@ -122,17 +124,35 @@ def test_the_header_names_every_kind_and_every_field(strokes: Path) -> None:
     assert set(table["units"]) == {"_ns", "_us", "_mm", "_um", "_v"}
 
 
+def test_the_neighbouring_modes_are_in_the_header_to_the_last_bit_and_older_ones_have_none(strokes: Path) -> None:
+    known = PlateTruth().neighbours(3)  # the seed that it was recorded with
+    header = open_recording(strokes).header
+    read = header.neighbours
+    assert read is not None
+    assert np.array_equal(read.modes.shapes, known.modes.shapes)
+    for name in ("decay_1_s", "detuning_rad_s", "finger_decay_1_s"):
+        assert getattr(read, name) == getattr(known, name)
+    table = msgpack.unpackb(encode_header(header))
+    bad = table["neighbours"] | {"detuning_rad_s": [math.nan, 1.0]}
+    with pytest.raises(RecordingError, match="header is not readable"):
+        decode_header(msgpack.packb(table | {"neighbours": bad}))
+    del table["neighbours"]
+    assert decode_header(msgpack.packb(table)).neighbours is None
+
+
 @pytest.mark.parametrize(
     "change",
     [
         {"format": 2},
         {"format": None},
-        {"config_toml": "[solver]\nfade = 99\n"},
+        {"config_toml": "[solver]\nfade = -1\n"},
         {"config_toml": "x" * 70_000},
         {"config_toml": "[limits]\nw_limit_um = [4.0]\n"},
         {"modes_float64_le": {}},
         {"modes_float64_le": {"x_mm": b"1234567", "y_mm": bytes(8), "shapes_mode_y_x": b""}},
         {"calibration": [{"mode": 9}]},
+        {"neighbours": {"modes_float64_le": {}}},
+        {"neighbours": 7},
         {"instance": 2**63},
         {"is_whole": 1},
         {"hapticd": None},

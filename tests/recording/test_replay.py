@@ -80,7 +80,7 @@ def test_a_changed_byte_is_the_first_difference(tmp_path: Path, strokes: Path) -
 
 
 def test_another_core_differs(strokes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine_module, "COMPUTE_NS", machine_module.COMPUTE_NS + 1_000_000)
+    monkeypatch.setattr(machine_module, "START_COMPUTE_NS", machine_module.START_COMPUTE_NS + 1_000_000)
 
     outcome = replay(open_recording(strokes))
 

@@ -232,7 +232,8 @@ def test_a_rig_that_was_stopped_drops_the_time_it_missed(tmp_path: Path) -> None
 def test_a_rig_process_leaves_nothing_behind(tmp_path: Path) -> None:
     with RigProcess("rest", 1, record=tmp_path / "plate.npz") as running:
         directory = running.directory
-        assert {path.name for path in directory.iterdir()} == {"board", "trackpad", "modes.npz", "truth", "fingers"}
+        files = {"board", "trackpad", "modes.npz", "neighbours.npz", "plate.toml", "truth", "fingers"}
+        assert {path.name for path in directory.iterdir()} == files
         assert running.t_start_s > 0
     assert running.process.returncode == 0
     assert not directory.exists()

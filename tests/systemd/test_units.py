@@ -58,6 +58,13 @@ def test_the_service_is_left_with_next_to_nothing(installed_unit: Path) -> None:
     assert judged.returncode == 0, judged.stdout[-300:]
 
 
+def test_the_only_folder_on_a_disk_that_it_may_write_is_the_one_that_the_configuration_names_for_recordings() -> None:
+    (name,) = directives("StateDirectory")
+    assert f'# file = "/var/lib/{name}/session.hrec"' in CONFIGURATION.read_text(encoding="utf-8")
+    assert directives("ProtectSystem") == ["strict"]
+    assert directives("ReadWritePaths") == []
+
+
 @needs_systemd
 def test_the_drop_in_for_tcp_is_accepted_and_opens_next_to_nothing(installed_unit: Path, tmp_path: Path) -> None:
     merged = tmp_path / "merged" / UNIT.name  # a drop-in's lines are read after the unit's own
