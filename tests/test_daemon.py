@@ -18,11 +18,13 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
-from hapticd.daemon import IDLE_TIMER_NS, Daemon, serve
+from hapticd.daemon import Daemon, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
+from hapticd.machine import TIMER_NS
 from hapticd.service import load_modes
+from hapticd.values import Tick
 from hapticd.wire import device
 from hapticd_client import Client
 
@@ -166,16 +168,16 @@ def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(hardwa
         await until(lambda: manager.heard.count("watchdog") >= 3)
         assert manager.heard[:3] == ["ready", "status", "watchdog"]
 
-        def fail(*_: object) -> list[int | str]:
+        def fail(*_: object) -> Tick:
             raise RuntimeError("a bug")
 
         machine = service.machine
-        machine.pipeline.wanted = fail  # type: ignore[method-assign]
+        machine._decide = fail  # type: ignore[method-assign]
         await until(lambda: machine.is_failing)
         fed, ticked = len(manager.heard), machine.loop.tick_late.count
         await until(lambda: machine.loop.tick_late.count >= ticked + 4)
         assert len(manager.heard) == fed
-        del machine.pipeline.wanted
+        del machine._decide
         await until(lambda: len(manager.heard) > fed)
         await service.stop()
 
@@ -189,7 +191,7 @@ def test_nobody_touching_halves_the_ticks_and_each_is_accounted_for(hardware: Ha
         loop = service.machine.loop
         await until(lambda: loop.tick_late.count >= 1)
         assert service.machine.is_idle
-        assert service.tick_period_ns == IDLE_TIMER_NS
+        assert service.tick_period_ns == 2 * TIMER_NS
         assert loop.tick_late.shortest_ns >= 0
         await service.stop()
 
