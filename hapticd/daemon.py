@@ -93,6 +93,7 @@ class Daemon:
             loop,
             on_message=self._message,
             on_request=self._request,
+            on_listener=self._listener,
         )
         self._recorders = Recorders(machine, self._config.record, self.runtime_dir, partial(_header, machine, modes))
         self._recorders.start(loop)
@@ -167,6 +168,12 @@ class Daemon:
         answer = self.machine.request(payload, now_ns(), user)
         self._set_period()
         return answer
+
+    def _listener(self) -> None:
+        """Who begins to listen need not wait for a tick."""
+        self._let_publish()
+        self.machine.timer(now_ns())
+        self._set_period()
 
     def _on_timer(self, late_ns: int, missed: int) -> None:
         self._let_publish()

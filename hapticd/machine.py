@@ -50,6 +50,7 @@ log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # how often `timer` wants to be called
 LOOK_EVERY_NS = 100_000_000  # while nothing is going on; what begins something comes as a report or a message
+REST_EVERY_NS = 200_000_000  # the same where the board rests as well: its clock is asked every half second
 REST_AFTER_NS = 2_000_000_000  # of that: then the board is left quiet, and kept alive no more
 EARLY_NS = 5_000_000  # by which a timer may come before its time and count all the same
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
@@ -135,7 +136,7 @@ class Machine:
     def timer_period_ns(self) -> int:
         """How often `timer` need come, as things are."""
         if self.session.is_resting:
-            return LOOK_EVERY_NS
+            return REST_EVERY_NS
         return 2 * TIMER_NS if self.is_idle else TIMER_NS  # idle, each tick is a keep-alive, and no more is needed
 
     def _is_unwanted(self) -> bool:
@@ -223,6 +224,8 @@ class Machine:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:
             self._supervise(Event.LINK_DOWN, "the board does not answer", t_now_ns)
+        if self.session.is_resting and not self.markers:
+            return
         if self.t_reports_ns is None or t_now_ns - self.t_reports_ns >= REPORTS_ENDED_NS:
             self._pass(t_now_ns)
 

@@ -11,7 +11,7 @@ import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
 from hapticd.core.supervisor import State
-from hapticd.machine import LOOK_EVERY_NS, TIMER_NS
+from hapticd.machine import REST_EVERY_NS, TIMER_NS
 from hapticd.sim.fingers import Line
 from hapticd.values import ModeCalibration
 from hapticd.wire import protocol
@@ -155,7 +155,7 @@ def rested(bench: Bench) -> Bench:
 
 def test_a_board_that_nobody_wants_is_left_quiet_and_hears_no_keep_alives() -> None:
     bench = rested(Bench())
-    assert bench.machine.timer_period_ns == LOOK_EVERY_NS
+    assert bench.machine.timer_period_ns == REST_EVERY_NS
     heard = bench.run(5000)
     assert {each.name for each in heard} == {"time"}
     assert bench.state is State.ARMED

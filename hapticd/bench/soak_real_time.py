@@ -25,6 +25,7 @@ from typing import Any
 
 from ..config import Config
 from ..core.ledger import Ledger, LoopTiming
+from ..core.modes import ModeShapes
 from ..daemon import Daemon, now_ns, serve
 from ..errors import HapticdError
 from ..io.realtime import go_real_time
@@ -46,6 +47,7 @@ PATIENCE_S = 60.0
 PAUSE_NS = 1_000_000  # a garbage collection that takes longer is counted
 
 Counts = dict[str, float]
+Played = tuple[list[tuple[str, Counts]], tuple[str, ...]]  # rows by the spell's name, and notes
 
 
 @dataclass
@@ -107,7 +109,7 @@ def run(seconds: float) -> tuple[Table, ...]:
     return (_table(rows, notes, seconds),)
 
 
-async def _played(daemon: Daemon, modes: Any, seconds: float) -> tuple[list[tuple[str, Counts]], tuple[str, ...]]:
+async def _played(daemon: Daemon, modes: ModeShapes, seconds: float) -> Played:
     serving = asyncio.create_task(serve(daemon, modes))
     watching = asyncio.create_task(_watched(daemon, seconds))
     await asyncio.wait((serving, watching), return_when=asyncio.FIRST_COMPLETED)
@@ -122,7 +124,7 @@ async def _played(daemon: Daemon, modes: Any, seconds: float) -> tuple[list[tupl
     return watching.result()
 
 
-async def _watched(daemon: Daemon, seconds: float) -> tuple[list[tuple[str, Counts]], tuple[str, ...]]:
+async def _watched(daemon: Daemon, seconds: float) -> Played:
     await asyncio.sleep(0)  # let it start
     machine = daemon.machine
     watch = Watch(machine)
@@ -213,8 +215,9 @@ def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Po
         yield running
     finally:
         for process in running:
-            process.kill()
-            process.communicate()
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
 
 
 @contextlib.contextmanager
