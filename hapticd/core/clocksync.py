@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from ..values import BoardTime
 from .rolling_quantile import RollingQuantile
 
-_WRAP_US: Final = 2**32  # the board's counter: 71.6 min
+_WRAP_US = 2**32  # the board's counter: 71.6 min
 
 
 class Exchange(NamedTuple):
@@ -35,14 +35,14 @@ class BoardClock:
     rebooted: the clock is locked anew on it.
     """
 
-    _WINDOW: Final = 64
-    _BEST_SHARE: Final = 4  # one in four
-    _ENOUGH: Final = 4  # exchanges before the clock is trusted
-    _MAX_RTT_NS: Final = 1_000_000_000
-    _MAX_RATE: Final = 200e-6  # crystals and their temperature: 100 ppm, doubled
-    _MIN_SPAN_NS: Final = 2_000_000_000  # a rate from less is noise
-    _CONTRADICTION_NS: Final = 1_000_000  # beyond half the round trip and the drift
-    _MOST_PENDING: Final = 16
+    _WINDOW = 64
+    _BEST_SHARE = 4  # one in four
+    _ENOUGH = 4  # exchanges before the clock is trusted
+    _MAX_RTT_NS = 1_000_000_000
+    _MAX_RATE = 200e-6  # crystals and their temperature: 100 ppm, doubled
+    _MIN_SPAN_NS = 2_000_000_000  # a rate from less is noise
+    _CONTRADICTION_NS = 1_000_000  # beyond half the round trip and the drift
+    _MOST_PENDING = 16
 
     def __init__(self) -> None:
         self.ignored = 0
@@ -182,10 +182,10 @@ class LinkLatency:
     `start_ns` holds until eight frames were measured.
     """
 
-    _WINDOW: Final = 64
-    _HIGH: Final = 0.9
-    _ENOUGH: Final = 8
-    _MAX_NS: Final = 1_000_000_000  # beyond, the stamps belong to another frame
+    _WINDOW = 64
+    _HIGH = 0.9
+    _ENOUGH = 8
+    _MAX_NS = 1_000_000_000  # beyond, the stamps belong to another frame
 
     def __init__(self, start_ns: int = 5_000_000) -> None:
         self.ignored = 0
