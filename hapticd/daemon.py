@@ -37,7 +37,6 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
-IDLE_TIMER_NS = 2 * TIMER_NS  # nobody touches: a keep-alive with each tick is what the board needs, and no more
 SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
 COLLECT_EVERY_NS = 1_000_000_000
 SAY_MISSED_EVERY_NS = 10_000_000_000
@@ -96,8 +95,9 @@ class Daemon:
         self._machine = self._new_machine()
         self._server.start(
             loop,
-            on_message=lambda payload, user: self.machine.targets(payload, now_ns(), user),
-            on_request=lambda payload, user: self.machine.request(payload, now_ns(), user),
+            on_message=self._message,
+            on_request=self._request,
+            on_listener=self._listener,
         )
         self._recorders = Recorders(self._machine, self._config.record, self.runtime_dir, _header)
         self._recorders.start(loop)
@@ -195,8 +195,24 @@ class Daemon:
         tick = machine.last_tick
         age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
         machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
+        self._set_period()
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
+
+    def _message(self, payload: bytes, user: str) -> None:
+        self.machine.targets(payload, now_ns(), user)
+        self._set_period()
+
+    def _request(self, payload: bytes, user: str) -> bytes:
+        answer = self.machine.request(payload, now_ns(), user)
+        self._set_period()
+        return answer
+
+    def _listener(self) -> None:
+        """Who begins to listen need not wait for a tick."""
+        self._let_publish()
+        self.machine.timer(now_ns())
+        self._set_period()
 
     def _on_timer(self, late_ns: int, missed: int) -> None:
         self._let_publish()
@@ -212,9 +228,7 @@ class Daemon:
         assert self._timer is not None
         assert self._recorders is not None
         is_idle = self.machine.is_idle
-        period_ns = IDLE_TIMER_NS if is_idle else TIMER_NS
-        if self._timer.period_ns != period_ns:
-            self._timer.set_period(period_ns)
+        self._set_period()
         if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
@@ -227,6 +241,12 @@ class Daemon:
         if t_now_ns - self._t_said_ns >= SAY_MISSED_EVERY_NS:
             self._t_said_ns = t_now_ns
             self._say_missed()
+
+    def _set_period(self) -> None:
+        """Tick as often as the machine needs it now."""
+        period_ns = self.machine.timer_period_ns
+        if self._timer is not None and self._timer.period_ns != period_ns:
+            self._timer.set_period(period_ns)
 
     def _say_missed(self) -> None:
         loop, ledger = self.machine.loop, self.machine.session.ledger

@@ -49,6 +49,9 @@ log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # how often `timer` wants to be called
 LOOK_EVERY_NS = 100_000_000  # while nothing is going on; what begins something comes as a report or a message
+REST_EVERY_NS = 200_000_000  # the same where the board rests as well: its clock is asked every half second
+REST_AFTER_NS = 2_000_000_000  # of that: then the board is left quiet, and kept alive no more
+EARLY_NS = 5_000_000  # by which a timer may come before its time and count all the same
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
@@ -120,6 +123,7 @@ class Machine:
         self.t_reports_ns: int | None = None
         self._t_clear_until_ns: int | None = None
         self._t_looked_ns = -LOOK_EVERY_NS
+        self._t_wanted_ns = 0
 
     @property
     def is_idle(self) -> bool:
@@ -133,15 +137,23 @@ class Machine:
         is_tool = board is not None and board.state is BoardState.TOOL
         return self.is_idle and self.scene.next_expiry_ns is None and not is_tool
 
+    @property
+    def timer_period_ns(self) -> int:
+        """How often `timer` need come, as things are."""
+        if self.session.is_resting:
+            return REST_EVERY_NS
+        return 2 * TIMER_NS if self.is_idle else TIMER_NS  # idle, each tick is a keep-alive, and no more is needed
+
+    def _is_unwanted(self) -> bool:
+        """Nothing goes on, and nobody looks on."""
+        return self.publish is None and self.is_idle and not self.is_failing and self.scene.next_expiry_ns is None
+
     def _rests(self, t_now_ns: int) -> bool:
-        """Nothing goes on, nobody looks on, and the board keeps to the zero that it was told."""
+        """Nothing need be looked at now: the board keeps to the zero that it was told, or was left quiet."""
         return (
-            t_now_ns - self._t_looked_ns < LOOK_EVERY_NS
-            and self.publish is None
-            and self.is_idle
-            and not self.is_failing
-            and self.scene.next_expiry_ns is None
-            and self.session.follows(t_now_ns)
+            t_now_ns - self._t_looked_ns < LOOK_EVERY_NS - EARLY_NS
+            and self._is_unwanted()
+            and (self.session.is_resting or self.session.follows(t_now_ns))
         )
 
     def watch(self, publish: Callable[[bytes], None] | None, t_now_ns: int) -> None:
@@ -161,6 +173,8 @@ class Machine:
 
     def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> None:
         """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
+        if self.session.is_resting and len(batch) > 0:
+            self._wake(t_now_ns)
         ahead_ns = self.session.latency.link_ns  # from the pass's beginning, so computing is in it
         try:
             tick = self._decide(batch, t_now_ns, ahead_ns)
@@ -191,7 +205,7 @@ class Machine:
         self._supervise(Event.TOUCHED if keys else Event.RELEASED, "", t_now_ns)
         if not self.supervisor.may_drive:
             return self.pipeline.rest(t_now_ns, ahead_ns)
-        if not self.session.follows(t_now_ns):
+        if not (self.session.follows(t_now_ns) or self.session.is_resting):
             self.pipeline.forget_standing()  # what the board did not take is said again, until it does
         return self.pipeline.drive(t_now_ns, ahead_ns, keys)
 
@@ -202,9 +216,11 @@ class Machine:
         if self.tap is not None:
             self.tap("timer", t_now_ns)
         if self._rests(t_now_ns):
-            self._say(self.session.keep_alive(t_now_ns), t_now_ns)
+            if not self.session.is_resting:
+                self._say(self.session.keep_alive(t_now_ns), t_now_ns)
             return
         self._t_looked_ns = t_now_ns
+        self._rest_or_wake(t_now_ns)
         released = self.scene.expire(t_now_ns)
         if released:
             self.pipeline.release(released)
@@ -219,8 +235,24 @@ class Machine:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:
             self._supervise(Event.LINK_DOWN, "the board does not answer", t_now_ns)
+        if self.session.is_resting and not self.markers:
+            return
         if self.t_reports_ns is None or t_now_ns - self.t_reports_ns >= REPORTS_ENDED_NS:
             self._pass(t_now_ns)
+
+    def _rest_or_wake(self, t_now_ns: int) -> None:
+        """A board that nobody wanted for REST_AFTER_NS is left quiet, and armed again as soon as somebody does."""
+        if not self._is_unwanted():
+            self._wake(t_now_ns)
+        elif not self.session.follows(t_now_ns):
+            self._t_wanted_ns = t_now_ns  # it rests, or has to be armed first
+        elif t_now_ns - self._t_wanted_ns >= REST_AFTER_NS:
+            self._t_wanted_ns = t_now_ns  # should the line lose it, it is said again after as long
+            self._say(self.session.rest(t_now_ns), t_now_ns)
+
+    def _wake(self, t_now_ns: int) -> None:
+        self._t_wanted_ns = t_now_ns
+        self._say(self.session.wake(t_now_ns), t_now_ns)
 
     def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, model: str | None = None) -> None:
         """The trackpad came or went; `model` says which one it is, where that was not configured."""
@@ -287,7 +319,8 @@ class Machine:
                 self.refused_board = str(error)
             return
         self.refused_board = ""
-        log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
+        if hello != self.session.hello:  # else it was only sent to rest
+            log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
         self._say(self.session.receive_hello(hello, t_now_ns), t_now_ns)
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
@@ -355,7 +388,7 @@ class Machine:
             self.tap("targets", t_now_ns, payload, user)
         try:
             message = client_wire.decode_targets(payload)
-            refusals = self.scene.apply(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
+            refusals = self._apply(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
         except RequestError as error:
             refusals = (str(error),)
         if refusals:
@@ -366,7 +399,14 @@ class Machine:
         """Put the targets of a client that speaks in values in force; sentences for what it may not have."""
         if self.tap is not None:
             self.tap("targets", t_now_ns, message, "")
-        return self.scene.apply(message, t_now_ns)
+        return self._apply(message, t_now_ns)
+
+    def _apply(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
+        """What a client wants is in force; a board that rests is armed for it now."""
+        refusals = self.scene.apply(message, t_now_ns)
+        if self.session.is_resting:
+            self._rest_or_wake(t_now_ns)
+        return refusals
 
     def request(self, payload: bytes, t_now_ns: int, user: str = "") -> bytes:
         """Answer a message of the control socket, sent by `user`."""
@@ -387,7 +427,7 @@ class Machine:
         if request.body is not None and not self._is_newest(request.body, user, t_now_ns):
             raise RequestError("A newer message of this client came before this one: nothing was changed.")
         if isinstance(request.body, ClientTargets):
-            refusals = self.scene.apply(request.body, t_now_ns)
+            refusals = self._apply(request.body, t_now_ns)
             if refusals:
                 raise RequestError(" ".join(refusals))
             return {}

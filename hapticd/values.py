@@ -190,8 +190,7 @@ class ClientTargets:
 # --- what the plate should do -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(NamedTuple):
     """Modal amplitudes for one instant: `modal_um` (M,), and what they give: `achieved_um` (N,) = |phi @ modal_um|.
 
     `limited` says that a mode's limit was met and some finger's target is missed for it. `condition` is the

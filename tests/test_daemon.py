@@ -18,10 +18,11 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.config import Config
 from hapticd.core.modes import ModeShapes
-from hapticd.daemon import IDLE_TIMER_NS, Daemon, serve
+from hapticd.daemon import Daemon, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
+from hapticd.machine import TIMER_NS
 from hapticd.service import load_modes
 from hapticd.values import Tick
 from hapticd.wire import device
@@ -190,7 +191,7 @@ def test_nobody_touching_halves_the_ticks_and_each_is_accounted_for(hardware: Ha
         loop = service.machine.loop
         await until(lambda: loop.tick_late.count >= 1)
         assert service.machine.is_idle
-        assert service.tick_period_ns == IDLE_TIMER_NS
+        assert service.tick_period_ns == 2 * TIMER_NS
         assert loop.tick_late.shortest_ns >= 0
         await service.stop()
 

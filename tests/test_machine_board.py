@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
-from hapticd.core.pipeline import Pipeline
 from hapticd.core.supervisor import State
+from hapticd.machine import REST_EVERY_NS, TIMER_NS
 from hapticd.sim.fingers import Line
-from hapticd.values import ModeCalibration, Tick
+from hapticd.values import ModeCalibration
 from hapticd.wire import protocol
 
 
@@ -117,21 +117,17 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
+    pipeline = bench.machine.pipeline
 
     class Broken:
-        """The pipeline with a bug in it; a compiled one cannot be patched itself."""
-
-        def __init__(self, pipeline: Pipeline) -> None:
-            self._pipeline = pipeline
-
         def __getattr__(self, name: str) -> object:
-            return getattr(self._pipeline, name)
+            return getattr(pipeline, name)
 
-        def drive(self, *_: object) -> Tick:
+        def drive(self, *_: object) -> None:
             raise ArithmeticError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(bench.machine, "pipeline", Broken(bench.machine.pipeline))
+        patch.setattr(bench.machine, "pipeline", Broken())
         bench.run(200)
         assert bench.board.peak_um == 0.0
     assert [record.message for record in caplog.records if record.levelname == "ERROR"] == [
@@ -147,6 +143,93 @@ def test_while_a_reference_stands_the_board_hears_a_keep_alive_every_twenty_mill
     heard = [each for each in bench.run(1000) if each.name in ("reference", "keep-alive")]
     assert not references(heard)
     assert {after.t_ns - before.t_ns for before, after in pairwise(heard)} == {20 * MS}
+
+
+def rested(bench: Bench) -> Bench:
+    """Nobody touches for long enough, and the board was left quiet."""
+    bench.run(3000)
+    assert bench.machine.session.is_resting
+    assert bench.board.state == QUIET
+    return bench
+
+
+def test_a_board_that_nobody_wants_is_left_quiet_and_hears_no_keep_alives() -> None:
+    bench = rested(Bench())
+    assert bench.machine.timer_period_ns == REST_EVERY_NS
+    heard = bench.run(5000)
+    assert {each.name for each in heard} == {"time"}
+    assert bench.state is State.ARMED
+    assert bench.ask("status")["body"]["board"]["state"] == "QUIET"
+
+
+def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anything() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.pad_speaks = False
+    rested(bench)
+    bench.pad_speaks = True
+    names: list[str] = []
+    while "reference" not in names:
+        names = [each.name for each in bench.run(1)]
+    assert names.count("reference") == 3  # at once: zero frames, which the board wants before it trusts a host
+    assert bench.board.state == LIVE
+    assert bench.machine.timer_period_ns == TIMER_NS
+    bench.want({1: 1.0, 2: 0.0})
+    bench.run(12)
+    assert bench.board.peak_um > 0.5
+
+
+def test_a_board_at_rest_is_armed_by_the_message_that_wants_something() -> None:
+    bench = rested(Bench())
+    bench.want({7: 1.0})
+    assert not bench.machine.session.is_resting
+    assert bench.board.state == LIVE
+    bench.run(300)
+    assert bench.board.state == LIVE
+
+
+def test_while_somebody_looks_on_the_board_does_not_rest() -> None:
+    bench = Bench()
+    bench.machine.publish = lambda _: None
+    bench.run(4000)
+    assert bench.board.state == LIVE
+    bench.machine.publish = None
+    rested(bench)
+    bench.machine.publish = lambda _: None
+    bench.run(100)
+    assert bench.board.state == LIVE
+
+
+def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later() -> None:
+    bench = Bench()
+    bench.run(1900)
+    bench.board.mute = True
+    while "hello" not in [each.name for each in bench.run(1)]:
+        pass
+    bench.board.state = LIVE  # it never heard it
+    bench.board.mute = False
+    assert "keep-alive" in [each.name for each in bench.run(40)]
+    assert not bench.machine.session.is_resting
+    rested(bench)
+
+
+def test_a_board_that_is_reset_at_rest_is_greeted_told_all_and_armed_anew(caplog: pytest.LogCaptureFixture) -> None:
+    bench = rested(Bench())
+    lines(caplog)
+    bench.board.mute = True
+    bench.run(1200)
+    bench.board.boot_id, bench.board.mute = 8, False
+    heard = [each.name for each in bench.run(500)]
+    assert "controller" in heard
+    assert bench.board.state == LIVE
+    assert [line for line in lines(caplog) if "boot 00000008" in line]
+
+
+def test_resting_is_not_worth_a_line_in_the_journal(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench()
+    bench.run(500)
+    lines(caplog)
+    rested(bench)
+    assert lines(caplog) == []
 
 
 def test_moving_fingers_need_no_keep_alives() -> None:

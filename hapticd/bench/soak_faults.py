@@ -67,7 +67,7 @@ class Watch:
         for message in self._splitter.feed(data):
             if message[0] == protocol.MSG_REFERENCE:
                 self.frames += 1
-                self.peak_um = max(self.peak_um, _peak_um(message))
+                self.peak_um = max(self.peak_um, reference_peak_um(message))
         return self._way("board")(t_ns, data)
 
 
@@ -91,7 +91,7 @@ def _instant_ns(t_s: float) -> int:
     return T_START_NS + round(t_s * 1e9)
 
 
-def _peak_um(reference: bytes) -> float:
+def reference_peak_um(reference: bytes) -> float:
     """The largest modal amplitude of a REFERENCE: seq u16, t_apply u32, knots u8, modes u8, then the knots."""
     knots, modes = reference[7], reference[8]
     knot = struct.Struct(f"<H{2 * modes}f")

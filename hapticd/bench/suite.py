@@ -28,6 +28,7 @@ from . import (
     remains,
     singular,
     soak,
+    soak_real_time,
     solver,
     solver_tracks,
     stability,
@@ -39,11 +40,13 @@ __all__ = ["PARTS", "run"]
 
 
 class Extent(NamedTuple):
-    """How long the parts take that can be told: seconds of paced passes, steps of the long walk, a soak's hours."""
+    """How long the parts take that can be told: seconds of paced passes, steps of the long walk, a soak's virtual hours
+    or real seconds."""
 
     seconds: float
     steps: int
     hours: float = 1.0
+    real_time_s: float | None = None
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
@@ -59,7 +62,9 @@ PARTS: dict[str, Part] = {
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak_contact.run(), remains.run()),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
-    "soak": lambda extent: soak.run(extent.hours),
+    "soak": lambda extent: (
+        soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
+    ),
 }
 APART = ("soak",)  # it compares nothing and takes minutes: not one of `all`
 
@@ -72,6 +77,7 @@ def run(
     plot: Path | None,
     steps: int = stability.STEPS,
     hours: float = 1.0,
+    real_time_s: float | None = None,
 ) -> None:
     """Run a part, or `all`: tables as they are found, then JSON and the picture where they are asked for.
 
@@ -87,7 +93,7 @@ def run(
     out = sys.stderr if json_file == "-" else sys.stdout
     told: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
-    for name, tables in _results(part, Extent(seconds, steps, hours)):
+    for name, tables in _results(part, Extent(seconds, steps, hours, real_time_s)):
         told[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)

@@ -14,6 +14,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
     parser.add_argument("--steps", type=int, default=10_000_000, help="of stability's long walk (default 10000000)")
     parser.add_argument("--hours", type=float, default=1.0, help="of soak's virtual time (default 1); not in all")
+    parser.add_argument(
+        "--real-time",
+        type=float,
+        metavar="SECONDS",
+        help="soak the service itself, beside hogs and floods, so long each",
+    )
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw error against run time")
     parser.set_defaults(command=_bench)
@@ -27,6 +33,7 @@ def _bench(options: argparse.Namespace) -> None:
         seconds=options.seconds,
         steps=options.steps,
         hours=options.hours,
+        real_time_s=options.real_time,
         json_file=options.json,
         plot=options.plot,
     )

@@ -16,13 +16,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Final
 
 from .knots import Row
 
 Slope = tuple[float, float, float]  # of one mode at one point: phi, dphi/dx, dphi/dy
 
-STEEPEST_UM_MM = 4.0  # of the reference along a still finger's way: a step of 1 um and a half from knot to knot
-LEAST_SHARE = 0.3  # a share falls to 0 and comes back within a knot or two: to follow it all the way makes steps
+STEEPEST_UM_MM: Final = 4.0  # of the reference along a still finger's way: a step of 1 um and a half from knot to knot
+LEAST_SHARE: Final = 0.3  # a share falls to 0 and comes back within a knot or two: to follow it all the way makes steps
 
 
 def faded(

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -27,9 +28,9 @@ from .modes import ModeShapes
 
 # Within a third of a millimetre of a common node the driven modes can hardly reach the still finger: less is taken
 # back there than it feels, for the amplitudes to stay small. It is the square of a shape.
-NODE_SHAPE_SQUARED = 1e-3
+NODE_SHAPE_SQUARED: Final = 1e-3
 
-WIRE_FRAC = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
+WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
 
 
 class Neighbours:

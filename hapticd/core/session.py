@@ -3,6 +3,9 @@
 Pure: messages and instants in, commands out. The board is greeted when its link comes up and again when it stays
 silent or reboots; references are only sent once its hello was accepted, its clock is known, and it has answered what it
 must know of its controller and its modes, one by one.
+
+While nothing is to be driven the session may `rest`: the board is left with a greeting, falls quiet, and needs no
+keep-alives. It keeps its clock, its controller and its models, so `wake` takes one write and no answer.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from ..values import (
     BoardCommand,
@@ -31,16 +35,19 @@ from .clocksync import BoardClock, LinkLatency
 from .ledger import Ledger, LedgerLine
 from .limits import silence
 
-GREET_EVERY_NS = 250_000_000
-INSTRUCT_EVERY_NS = 100_000_000
-SETTLE_TIME_EVERY_NS = 20_000_000  # until the clock is known
-TIME_EVERY_NS = 500_000_000
-LEAP_US = 2_000_000  # between two statuses: the board's clock is another, it was reset
-CLOCK_WRAP_US = 1 << 32
-KEEP_ALIVE_AFTER_NS = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20, and the board waits 50
-ARM_EVERY_NS = 20_000_000  # slower than references come: zero frames must not come between them
-ANSWER_WITHIN_NS = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
-SILENT_AFTER_NS = 1_000_000_000  # the board sends a status ten times a second
+GREET_EVERY_NS: Final = 250_000_000
+INSTRUCT_EVERY_NS: Final = 100_000_000
+SETTLE_TIME_EVERY_NS: Final = 20_000_000  # until the clock is known
+TIME_EVERY_NS: Final = 500_000_000
+LEAP_US: Final = 2_000_000  # between two statuses: the board's clock is another, it was reset
+CLOCK_WRAP_US: Final = 1 << 32
+KEEP_ALIVE_AFTER_NS: Final = (
+    12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20, and the board waits 50
+)
+ARM_EVERY_NS: Final = 20_000_000  # slower than references come: zero frames must not come between them
+ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
+SILENT_AFTER_NS: Final = 1_000_000_000  # the board sends a status ten times a second
+REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 
 
 @dataclass(slots=True)
@@ -78,6 +85,8 @@ class BoardSession:
         self.latency = LinkLatency(link_start_ns)
         self.ledger = Ledger()
         self.reboots = 0
+        self.is_resting = False
+        self._is_leaving = False
         self._controller = controller
         self._calibration = tuple(calibration)
         self._untold: deque[BoardCommand] = deque()
@@ -115,7 +124,7 @@ class BoardSession:
 
     def link_down(self) -> None:
         """The port is gone, and with it all that was known of the board."""
-        self._linked = False
+        self._linked = self.is_resting = self._is_leaving = False
         self.hello = self.status = self._boot_id = None
         self.clock.reset()
         self.latency.reset()
@@ -126,11 +135,15 @@ class BoardSession:
         if self._boot_id not in (None, hello.boot_id):
             self.reboots += 1
             self.clock.reset()
+        self.is_resting = self._is_leaving and self._boot_id == hello.boot_id
+        self._is_leaving = False
         self.hello, self._boot_id = hello, hello.boot_id
         self.status = None  # what was said before the greeting holds no more
         self._t_heard_ns = t_now_ns
-        self._asking_time.restart(t_now_ns)
         self._in_flight.clear()
+        if self.is_resting:
+            return []
+        self._asking_time.restart(t_now_ns)
         models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
         self._untold = deque([SelectController(self._controller), *models])
         return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
@@ -196,7 +209,7 @@ class BoardSession:
         self._asking_time.every_ns = TIME_EVERY_NS if self.clock.ready else SETTLE_TIME_EVERY_NS
         if self._asking_time.due(t_now_ns):
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
-        if not self.clock.ready or self.status is None or self._untold:
+        if self.is_resting or not self.clock.ready or self.status is None or self._untold:
             return commands
         if self.status.state is BoardState.TOOL:
             return commands  # a person's sweep or voltage: it must end with its own host, so nothing here feeds it
@@ -209,11 +222,29 @@ class BoardSession:
 
     def keep_alive(self, t_now_ns: int) -> list[BoardCommand]:
         """What a board that `follows` must hear, if nothing else is said to it."""
-        return [KeepAlive(self._seq)] if self._keeping_alive.due(t_now_ns) else []
+        if not self._keeping_alive.due(t_now_ns):
+            return []
+        self._is_leaving = False  # no answer came in time: the line lost the greeting, and the session goes on
+        return [KeepAlive(self._seq)]
+
+    def rest(self, t_now_ns: int) -> list[BoardCommand]:
+        """Leave a board that `follows` a zero frame: it answers, is quiet without a dead-man trip, and `is_resting`."""
+        self._is_leaving = True
+        self._keeping_alive.restart(t_now_ns)
+        return [HelloRequest()]
+
+    def wake(self, t_now_ns: int) -> list[BoardCommand]:
+        """Arm a board that rests, at once: it follows what comes next, and ramps in over 10 ms from now on."""
+        if not self.is_resting or self.hello is None:
+            return []
+        self.is_resting = False
+        zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
+        return [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
 
     def _start_over(self) -> None:
         """The next timer greets: a board that was reset knows neither its controller nor its models any more."""
         self.hello = self.status = None
+        self.is_resting = self._is_leaving = False
 
     def _instruction(self, t_now_ns: int) -> list[BoardCommand]:
         """One at a time, for an answer names no more than the kind of command."""

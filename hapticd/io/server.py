@@ -51,6 +51,7 @@ class _Service:
     sockets: Sockets
     on_message: Callable[[bytes, str], None]
     on_request: Callable[[bytes, str], bytes]
+    on_listener: Callable[[], None]
 
 
 class ClientServer:
@@ -76,11 +77,13 @@ class ClientServer:
         loop: asyncio.AbstractEventLoop,
         on_message: Callable[[bytes, str], None],
         on_request: Callable[[bytes, str], bytes],
+        on_listener: Callable[[], None] = lambda: None,
     ) -> None:
         """Lock the directory, bind, and serve on `loop`. Raises AlreadyRunningError, or HapticdError for the directory.
 
         `on_message` gets each payload of `targets` and who answers for it, `on_request` answers each payload of
-        `control`; both are called on the loop and must not raise. With `remote`, call it on the running loop.
+        `control`; `on_listener` hears when somebody begins to read telemetry, where nobody did. All are called on the
+        loop and must not raise. With `remote`, call it on the running loop.
         """
         own_directory(self._directory)
         paths = [endpoint_path(self._directory, name) for name in ENDPOINTS]
@@ -91,7 +94,7 @@ class ClientServer:
             self.close()
             where = self._directory if self._remote is None else f"{self._directory}, TCP port {self._remote.port}"
             raise HapticdError(f"{where}: clients cannot be served here ({error.strerror}).") from None
-        self._service = _Service(loop, sockets, on_message, on_request)
+        self._service = _Service(loop, sockets, on_message, on_request, on_listener)
         for socket in sockets.all:
             loop.add_reader(socket.FD, self._on_edge)
         self.sweep()  # an edge before add_reader would never be seen
@@ -124,7 +127,10 @@ class ClientServer:
             return
         more = self._read_targets(service)
         more |= self._read_requests(service)
+        had_listener = self._is_subscribed
         more |= self._read_subscriptions(service)
+        if self._is_subscribed and not had_listener:
+            service.on_listener()
         if more and self._breath is None:  # no edge will come for what is still there
             self._breath = service.loop.call_later(BREATH_S, self._resume)
         self._say_losses(service.loop.time())

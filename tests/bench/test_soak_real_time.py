@@ -1,0 +1,72 @@
+"""The soak in real time, in short: what is counted is there. How long things take is for a person to read."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+from machine_bench import PLATE
+
+from hapticd.bench import soak_real_time
+from hapticd.bench.soak_real_time import Watch
+from hapticd.config import Config
+from hapticd.core.limits import gate
+from hapticd.errors import HapticdError
+from hapticd.machine import Machine
+from hapticd.values import Drive, Knot
+from hapticd.wire import device
+
+
+def test_hogs_and_floods_break_no_limit_and_frames_go_on() -> None:
+    policy = os.sched_getscheduler(0)
+    (table,) = soak_real_time.run(0.6)
+    assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == policy & ~os.SCHED_RESET_ON_FORK
+    assert [row.name for row in table.rows] == ["alone", "hogs on every processor", "4 clients flood"]
+    for row in table.rows:
+        assert row.figures["frames_count"] > 0
+        assert 0.0 < row.figures["peak_um"] <= 4.0
+        assert {"dead_man_trips_count", "gc_pauses_count", "missed_ticks_count", "late_frames_count"} <= {*row.figures}
+    flooded = table.row("4 clients flood").figures
+    assert flooded["offered_hz"] >= flooded["sent_hz"] > 0.0
+
+
+def test_every_line_is_read_as_the_board_reads_it_and_a_spell_begins_at_zero() -> None:
+    watch = Watch(Machine(Config(), PLATE, write_board=lambda _: True))
+    drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
+    frame = device.encode_reference(1, drive, 1000)
+    watch.tap("written", 0, frame[:9], True)
+    watch.tap("status", 0, frame)
+    watch.tap("written", 0, frame[9:], True)
+    assert (watch.frames, watch.peak_um) == (1, pytest.approx(3.5, rel=1e-6))
+    before = watch.machine.loop
+    watch.begin()
+    assert (watch.frames, watch.peak_um) == (0, 0.0)
+    assert watch.machine.loop is not before
+
+
+def test_a_collection_of_more_than_a_millisecond_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = Watch(Machine(Config(), PLATE, write_board=lambda _: True))
+    instants = iter((0, 1_000_000, 5_000_000, 6_000_001))
+    monkeypatch.setattr(soak_real_time, "now_ns", lambda: next(instants))
+    for _ in range(2):
+        watch.collected("start", {})
+        watch.collected("stop", {})
+    assert watch.pauses == 1
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), 1e9])
+def test_a_time_out_of_bounds_is_one_sentence(seconds: float) -> None:
+    with pytest.raises(HapticdError, match=r"--real-time: .* is out of bounds, it must be above 0 and at most 3600"):
+        soak_real_time.run(seconds)
+
+
+def test_a_flooder_ends_with_its_input_and_says_how_much_it_offered() -> None:
+    command = [sys.executable, "-m", "hapticd.bench.flood", "inproc://nobody", "test"]
+    done = subprocess.run(command, input="", capture_output=True, text=True, timeout=60.0, check=False)
+    assert done.returncode == 0
+    ready, counts = done.stdout.splitlines()
+    assert ready == "ready"
+    offered, sent = map(int, counts.split())
+    assert (offered, sent) == (0, 0)
