@@ -21,7 +21,16 @@ ALLOWED = {
     "wire": {"values", "tool_values", "errors", "wire"},
     "io": {"values", "errors", "io"},
     "design": {"values", "errors", "core.modes", "design"},
-    "viewer": {"errors", "config", "daemonprocess", "core.modes", "wire.fields", "sim", "viewer"},
+    "viewer": {
+        "errors",
+        "config",
+        "daemonprocess",
+        "core.modes",
+        "design.achievability",
+        "wire.fields",
+        "sim",
+        "viewer",
+    },
     "sim": {"values", "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
     "study": {"errors", "study"},  # a client: it knows the daemon by the client library only
     "recording": {"__version__", "values", "errors", "config", "toml_file", "core", "wire", "machine", "recording"},
