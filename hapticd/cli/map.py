@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 LIMIT_UM = 4.0  # of each mode, where no configuration says another
 MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # as a client may ask for, and as the configuration allows
 MOST_FINGERS, MOST_MODES = 15, 8
-CELLS, MOST_CELLS = 121, 401
+CELLS, MOST_CELLS = 201, 401
 SHARES = (0.5, 0.9, 1.0)
 WIDE = 52  # of the table's first column
 POSITION_ERROR_MM = 0.12  # RMS on each axis: what the prediction is off by on strokes

@@ -26,8 +26,6 @@ from hapticd.core.solver import solve_batch
 
 from .legendre import FloatArray
 
-CELLS = 121  # per side: a seventh of a node line's distance from the next on the reference plate
-
 _RANK_FRAC = 1e-12  # of the largest singular value: below it a still finger only repeats the others
 _FULL_FRAC = 1.0 - 1e-9  # the solver's rounding takes nothing from a finger that gets what it asked for
 
@@ -83,7 +81,7 @@ def achievability_map(
     limit_um: Sequence[float],
     *,
     size_mm: tuple[float, float],
-    cells: int = CELLS,
+    cells: int,
 ) -> AchievabilityMap:
     """The map over a plate of `size_mm`, in cells x cells; limit_um (M,). Raises ValueError as `core.solver.solve`."""
     x_mm, y_mm = (edge_mm * ((np.arange(cells) + 0.5) / cells - 0.5) for edge_mm in size_mm)
