@@ -62,11 +62,22 @@ def test_where_nobody_would_slip_only_the_other_wish_is_answered(capsys: pytest.
     assert "(1) the other finger slips by 1 um" in capsys.readouterr().out
 
 
+def test_without_a_finger_it_tells_which_places_are_good(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture, out = tmp_path / "pairs.png", tmp_path / "pairs.npz"
+    assert main(["map", "--cells", "9", "--plot", str(picture), "--out", str(out)]) == 0
+    with np.load(out) as told:
+        mean, least = told["still"].mean(), told["slipping"].min()
+    lines = capsys.readouterr().out.splitlines()
+    assert f"both have it on {100 * mean:.1f} % of all pairs of places" in lines[1]
+    assert f"if one slips here, the other can be on this part of the plate: least {100 * least:.0f} % at" in lines[2]
+    with Image.open(picture) as drawn:
+        assert drawn.width > 900
+
+
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        ([], "--finger: give 1 to 15 fingers"),
-        (["--finger", "1,2"] * 16, "--finger: give 1 to 15 fingers"),
+        (["--finger", "1,2"] * 16, "--finger: 16 fingers are too many: give at most 15"),
         (["--finger", "1"], "'1' is no finger: write X,Y in mm"),
         (["--finger", "a,2"], "'a' is no number"),
         (["--finger", "nan,2"], "nan is out of bounds"),
@@ -77,6 +88,7 @@ def test_where_nobody_would_slip_only_the_other_wish_is_answered(capsys: pytest.
         (["--finger", "1,2", "--limit", "4,4,4"], "--limit: has 3 limits for 2 modes"),
         (["--finger", "1,2", "--limit", "inf"], "--limit: inf is out of bounds"),
         (["--finger", "1,2", "--cells", "402"], "--cells: 402 is out of bounds"),
+        (["--cells", "102"], "--cells: 102 is out of bounds, it must be 2 .. 101"),
         (["--finger", "1,2", "--modes", "there-is-none.npz"], "there-is-none.npz: cannot be read"),
     ],
 )

@@ -1,4 +1,5 @@
-"""`hapticd map`: for fingers that are here, where another one can be still, or slip."""
+"""`hapticd map`: for fingers that are here, where another one can be still, or slip; and without any, which places are
+good."""
 
 from __future__ import annotations
 
@@ -17,12 +18,15 @@ from ..errors import HapticdError, ModesError
 if TYPE_CHECKING:
     from ..core.modes import ModeShapes
     from ..design.achievability import AchievabilityMap, Finger
+    from ..design.achievability_pairs import PairMap
     from ..design.achievability_picture import Panel
+    from ..design.legendre import FloatArray
 
 LIMIT_UM = 4.0  # of each mode, where no configuration says another
 MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # as a client may ask for, and as the configuration allows
 MOST_FINGERS, MOST_MODES = 15, 8
 CELLS, MOST_CELLS = 201, 401
+PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work is the fourth power of them
 SHARES = (0.5, 0.9, 1.0)
 WIDE = 52  # of the table's first column
 POSITION_ERROR_MM = 0.12  # RMS on each axis: what the prediction is off by on strokes
@@ -38,7 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The plate, the fingers on it, what the other one shall do, and what is written."""
     # A place may begin with a minus; argparse takes only whole numbers with one for what they are.
     parser._negative_number_matcher = re.compile(r"-[\d.]")
-    parser.description = f"{parser.description} Without --still or --slip: both."
+    parser.description = (
+        f"{parser.description} Without --still or --slip: both. Without --finger: for every place, on what part of the "
+        "plate another finger has its wish too."
+    )
     plate = parser.add_mutually_exclusive_group()
     plate.add_argument("--modes", type=Path, metavar="F.npz", help="mode shapes, NPZ or CSV, of 1 to 8 modes")
     plate.add_argument("--config", type=Path, help="the service's configuration (default: the simulated plate)")
@@ -55,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     other.add_argument("--slip", action="store_true", help="the other finger shall slip by --target")
     parser.add_argument("--target", type=float, default=1.0, metavar="UM", help="of who slips (default 1)")
     parser.add_argument("--limit", metavar="UM[,UM..]", help="of each mode (default: the configuration's, or 4)")
-    parser.add_argument("--cells", type=int, default=CELLS, metavar="N", help=f"per side (default {CELLS})")
+    parser.add_argument(
+        "--cells", type=int, metavar="N", help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})"
+    )
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it")
     parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays")
     parser.set_defaults(command=_map)
@@ -67,17 +76,19 @@ def _map(options: argparse.Namespace) -> None:
 
     modes, size_mm, limit_um = _plate(options)
     target_um = _number(options.target, "--target", 1e-3, MOST_UM)
-    if not 1 <= len(options.finger) <= MOST_FINGERS:
-        raise UsageError(f"--finger: give 1 to {MOST_FINGERS} fingers, such as --finger -30,20.")
-    if not 2 <= options.cells <= MOST_CELLS:
-        raise UsageError(f"--cells: {options.cells} is out of bounds, it must be 2 .. {MOST_CELLS}.")
+    if not options.finger:
+        _map_pairs(options, modes, size_mm, limit_um, target_um)
+        return
+    if len(options.finger) > MOST_FINGERS:
+        raise UsageError(f"--finger: {len(options.finger)} fingers are too many: give at most {MOST_FINGERS}.")
+    cells = _cells(options.cells, CELLS, MOST_CELLS)
     panels = []
     for other_um in _other_um(options, target_um):
         usual_um = target_um if other_um == 0.0 else 0.0
         fingers = [_finger(text, usual_um, size_mm) for text in options.finger]
         if other_um == 0.0 and not any(finger.target_um > 0.0 for finger in fingers):
             continue
-        made = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=options.cells)
+        made = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
         panels.append(Panel(_wish(other_um), tuple(fingers), made))
     if not panels:
         raise UsageError("--still: nobody would slip: give a --finger an amplitude above 0.")
@@ -86,6 +97,40 @@ def _map(options: argparse.Namespace) -> None:
         draw(panels, modes, size_mm, options.plot)
     if options.out is not None:
         _write(panels, limit_um, options.out)
+
+
+def _map_pairs(
+    options: argparse.Namespace,
+    modes: ModeShapes,
+    size_mm: tuple[float, float],
+    limit_um: tuple[float, ...],
+    target_um: float,
+) -> None:
+    from ..design.achievability_pairs import pair_map
+    from ..design.achievability_picture import draw_pairs
+
+    cells = _cells(options.cells, PAIR_CELLS, MOST_PAIR_CELLS)
+    pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells)
+    print(_plate_told(modes, size_mm, limit_um))
+    had = f"{100 * pairs.still.mean():.1f} % of all pairs of places"
+    print(f"one finger slips by {target_um:g} um and one is still: both have it on {had}")
+    for name, part in (("slips", pairs.slipping), ("is still", pairs.still)):
+        ends = ", ".join(f"{word} {_place_told(pairs, part, at)}" for word, at in _ends(part))
+        print(f"if one {name} here, the other can be on this part of the plate: {ends}")
+    if options.plot is not None:
+        draw_pairs(pairs, modes, size_mm, options.plot)
+    if options.out is not None:
+        arrays = {"x_mm": pairs.x_mm, "y_mm": pairs.y_mm, "slipping": pairs.slipping, "still": pairs.still}
+        _save(arrays, limit_um, options.out)
+
+
+def _ends(part: FloatArray) -> tuple[tuple[str, int], tuple[str, int]]:
+    return ("least", int(part.argmin())), ("most", int(part.argmax()))
+
+
+def _place_told(pairs: PairMap, part: FloatArray, at: int) -> str:
+    row, column = divmod(at, part.shape[1])
+    return f"{100 * part[row, column]:.0f} % at {pairs.x_mm[column]:.1f}, {pairs.y_mm[row]:.1f} mm"
 
 
 # --- what is asked ----------------------------------------------------------------------------------------------
@@ -136,6 +181,12 @@ def _finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
     return Finger(x_mm, y_mm, _number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
 
 
+def _cells(given: int | None, usual: int, most: int) -> int:
+    if given is not None and not 2 <= given <= most:
+        raise UsageError(f"--cells: {given} is out of bounds, it must be 2 .. {most}.")
+    return usual if given is None else given
+
+
 def _other_um(options: argparse.Namespace, target_um: float) -> tuple[float, ...]:
     if options.still or options.slip:
         return (0.0,) if options.still else (target_um,)
@@ -161,9 +212,7 @@ def _wish(other_um: float) -> str:
 
 
 def _table(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:
-    limits = ", ".join(f"{limit:g}" for limit in limit_um)
-    named = "1 mode" if modes.M == 1 else f"{modes.M} modes"
-    lines = [f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm, {named} of at most {limits} um"]
+    lines = [_plate_told(modes, size_mm, limit_um)]
     for column, panel in enumerate(panels, 1):
         lines.append(f"({column}) {panel.wish}, while {' and '.join(map(_told, panel.fingers))}")
     lines += ["", " " * WIDE + "".join(f"{f'({column})':>8}" for column in range(1, len(panels) + 1))]
@@ -175,6 +224,12 @@ def _table(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, flo
 
 def _cell(value: float) -> str:
     return f"{value:8.2f}" if math.isfinite(value) else "       -"
+
+
+def _plate_told(modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:
+    limits = ", ".join(f"{limit:g}" for limit in limit_um)
+    named = "1 mode" if modes.M == 1 else f"{modes.M} modes"
+    return f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm, {named} of at most {limits} um"
 
 
 def _told(finger: Finger) -> str:
@@ -198,12 +253,16 @@ def _figures(made: AchievabilityMap) -> dict[tuple[str, str], float]:
 
 def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> None:
     """The arrays of `AchievabilityMap`, under the names still_... and slip_... by what the other finger does."""
-    arrays = {"x_mm": panels[0].made.x_mm, "y_mm": panels[0].made.y_mm, "limit_um": np.array(limit_um)}
+    arrays = {"x_mm": panels[0].made.x_mm, "y_mm": panels[0].made.y_mm}
     for panel in panels:
         made, way = panel.made, "still" if panel.made.target_um[-1] == 0.0 else "slip"
         arrays[f"{way}_fingers_mm"] = np.array([finger[:2] for finger in panel.fingers])
         for name in ("target_um", "share", "achieved_um", "reach_um", "slope_um_mm", "determinant"):
             arrays[f"{way}_{name}"] = getattr(made, name)
+    _save(arrays, limit_um, path)
+
+
+def _save(arrays: dict[str, FloatArray], limit_um: Sequence[float], path: Path) -> None:
     with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, limit_um=np.array(limit_um), **arrays)  # type: ignore[arg-type]
     print(f"written: {path}", file=sys.stderr)

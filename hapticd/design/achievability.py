@@ -26,8 +26,8 @@ from hapticd.core.solver import solve_batch
 
 from .legendre import FloatArray
 
+FULL_FRAC = 1.0 - 1e-9  # the solver's rounding takes nothing from a finger that gets what it asked for
 _RANK_FRAC = 1e-12  # of the largest singular value: below it a still finger only repeats the others
-_FULL_FRAC = 1.0 - 1e-9  # the solver's rounding takes nothing from a finger that gets what it asked for
 
 
 class Finger(NamedTuple):
@@ -60,7 +60,7 @@ class AchievabilityMap:
 
     def served_frac(self, share: float) -> float:
         """The part of the plate where every slipping finger gets at least this share of its target."""
-        return float(np.mean(self.share >= share * _FULL_FRAC))
+        return float(np.mean(self.share >= share * FULL_FRAC))
 
     def contrast(self, position_error_mm: float) -> FloatArray:
         """What the least served slipping finger gets, over what a still one gets that is off by `position_error_mm`.
@@ -84,8 +84,7 @@ def achievability_map(
     cells: int,
 ) -> AchievabilityMap:
     """The map over a plate of `size_mm`, in cells x cells; limit_um (M,). Raises ValueError as `core.solver.solve`."""
-    x_mm, y_mm = (edge_mm * ((np.arange(cells) + 0.5) / cells - 0.5) for edge_mm in size_mm)
-    points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
     phi, target_um = _mode_matrices(modes, fingers, points_mm), _targets(fingers, other_um)
     modal_um = solve_batch(phi, target_um, limit_um)
     achieved_um = np.abs(np.einsum("knm,km->kn", phi, modal_um))
@@ -100,6 +99,12 @@ def achievability_map(
         slope_um_mm=_slope_um_mm(modes, fingers, points_mm, target_um, modal_um).reshape(grid),
         determinant=_determinant(phi).reshape(grid),
     )
+
+
+def cell_centres(size_mm: tuple[float, float], cells: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x_mm (cells,), y_mm (cells,) and all places (cells^2, 2), by rows, of cells that tile the plate."""
+    x_mm, y_mm = (edge_mm * ((np.arange(cells) + 0.5) / cells - 0.5) for edge_mm in size_mm)
+    return x_mm, y_mm, np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
 
 
 def achievable_share(
@@ -125,12 +130,12 @@ def reach_um(slipping: FloatArray, still: FloatArray, limit_um: npt.ArrayLike) -
     """
     limits = np.broadcast_to(np.asarray(limit_um, np.float64), slipping.shape[1:])
     reach = np.full(len(slipping), np.inf)
-    for cells, basis in _row_spaces(still):
-        reach[cells] = _least_deviation(slipping[cells], basis, limits)
+    for cells, basis in row_spaces(still):
+        reach[cells] = least_deviation(slipping[cells], basis, limits)
     return reach
 
 
-def _row_spaces(still: FloatArray) -> Iterator[tuple[npt.NDArray[np.intp], FloatArray]]:
+def row_spaces(still: FloatArray) -> Iterator[tuple[npt.NDArray[np.intp], FloatArray]]:
     """By rank: which instants have it, and orthonormal rows (cells, rank, M) that span what their still fingers do."""
     if still.shape[1] == 0:
         yield np.arange(len(still)), still
@@ -142,7 +147,7 @@ def _row_spaces(still: FloatArray) -> Iterator[tuple[npt.NDArray[np.intp], Float
         yield cells, rows[cells, :rank]
 
 
-def _least_deviation(slipping: FloatArray, basis: FloatArray, limits: FloatArray) -> FloatArray:
+def least_deviation(slipping: FloatArray, basis: FloatArray, limits: FloatArray) -> FloatArray:
     """The least of sum_k L_k |p_k - (B'v)_k| over v, p = slipping (K, M), B = basis (K, rank, M)."""
     rank, modes = basis.shape[1:]
     least = np.full(len(slipping), np.inf)

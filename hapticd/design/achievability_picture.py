@@ -12,6 +12,8 @@ from hapticd.core.modes import ModeShapes
 from hapticd.errors import HapticdError
 
 from .achievability import AchievabilityMap, Finger
+from .achievability_pairs import PairMap
+from .legendre import FloatArray
 
 DPI = 100
 NODES_PER_SIDE = 201
@@ -28,19 +30,42 @@ class Panel(NamedTuple):
 
 def draw(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
     """Write a PNG, a panel beside the other. Raises HapticdError without matplotlib, or where it cannot be written."""
+    figure, axes = _canvas(len(panels))
+    for axis, panel in zip(axes, panels, strict=True):
+        image = _draw_panel(axis, panel, modes, size_mm)
+    scale = figure.colorbar(image, ax=axes, pad=0.02)
+    scale.set_label("what the worst served slipping finger gets of its target")
+    _save(figure, axes, path)
+
+
+def draw_pairs(pairs: PairMap, modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
+    """Write a PNG of both maps on one scale. Raises HapticdError as `draw`."""
+    figure, axes = _canvas(2)
+    lowest = float(min(pairs.slipping.min(), pairs.still.min()))
+    wishes = ("slips here, the other still", "is still here, the other slips")
+    for axis, part, wish in zip(axes, (pairs.slipping, pairs.still), wishes, strict=True):
+        image = _draw_field(axis, part, modes, size_mm, lowest)
+        axis.set_title(f"a finger {wish}", fontsize=10)
+        axis.set_xlabel("x, mm")
+    scale = figure.colorbar(image, ax=axes, pad=0.02)
+    scale.set_label("part of the plate where the other finger can be")
+    _save(figure, axes, path)
+
+
+def _canvas(columns: int) -> tuple[Any, Any]:
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
         raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
-    figure = Figure(figsize=(4.9 * len(panels) + 1.2, 5.6), layout="compressed")
+    figure = Figure(figsize=(4.9 * columns + 1.2, 5.6), layout="compressed")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axis, panel in zip(axes, panels, strict=True):
-        image = _draw_panel(axis, panel, modes, size_mm)
+    axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
     axes[0].set_ylabel("y, mm")
-    scale = figure.colorbar(image, ax=axes, pad=0.02)
-    scale.set_label("what the worst served slipping finger gets of its target")
+    return figure, axes
+
+
+def _save(figure: Any, axes: Any, path: Path) -> None:
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     try:
         figure.savefig(path, dpi=DPI, format="png")
@@ -50,17 +75,7 @@ def draw(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float
 
 def _draw_panel(axis: Any, panel: Panel, modes: ModeShapes, size_mm: tuple[float, float]) -> Any:
     made = panel.made
-    half_x_mm, half_y_mm = size_mm[0] / 2, size_mm[1] / 2
-    image = axis.imshow(
-        made.share,
-        origin="lower",
-        extent=(-half_x_mm, half_x_mm, -half_y_mm, half_y_mm),
-        cmap="viridis",
-        vmin=0.0,
-        vmax=1.0,
-        interpolation="bilinear",
-    )
-    _draw_nodes(axis, modes, size_mm)
+    image = _draw_field(axis, made.share, modes, size_mm, 0.0)
     if not np.isnan(made.determinant).any() and _changes_sign(made.determinant):
         axis.contour(made.x_mm, made.y_mm, made.determinant, levels=[0.0], colors=_SINGULAR, linewidths=1.1)
     axis.plot([], [], color=_SINGULAR, lw=1.1, label="singular: nothing is left")
@@ -71,6 +86,22 @@ def _draw_panel(axis: Any, panel: Panel, modes: ModeShapes, size_mm: tuple[float
     axis.plot([], [], "o", ms=8, mfc=_STICKY, mec="black", label="still")
     axis.set_title(f"{panel.wish.replace(' um', ' µm')}: {_served(made)}", fontsize=10)
     axis.set_xlabel("x, mm: where the other finger is")
+    return image
+
+
+def _draw_field(axis: Any, values: FloatArray, modes: ModeShapes, size_mm: tuple[float, float], lowest: float) -> Any:
+    """Values of `lowest` to 1 in colours, edge to edge, and the node lines over them."""
+    half_x_mm, half_y_mm = size_mm[0] / 2, size_mm[1] / 2
+    image = axis.imshow(
+        values,
+        origin="lower",
+        extent=(-half_x_mm, half_x_mm, -half_y_mm, half_y_mm),
+        cmap="viridis",
+        vmin=lowest,
+        vmax=1.0,
+        interpolation="bilinear",
+    )
+    _draw_nodes(axis, modes, size_mm)
     axis.set_xlim(-half_x_mm, half_x_mm)
     axis.set_ylim(-half_y_mm, half_y_mm)
     return image

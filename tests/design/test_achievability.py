@@ -8,6 +8,7 @@ import pytest
 from hapticd.core.modes import ModeShapes
 from hapticd.core.solver import solve
 from hapticd.design.achievability import Finger, achievability_map, achievable_share, reach_um
+from hapticd.design.achievability_pairs import pair_map
 from hapticd.sim.plate import PlateSettings, PlateTruth
 
 PAIR = PlateTruth(PlateSettings()).cartography(1)
@@ -111,6 +112,18 @@ def test_the_contrast_is_what_a_still_finger_off_by_a_little_finds() -> None:
     around = place + error_mm * np.stack([np.cos(turn := np.linspace(0.0, 6.3, 400)), np.sin(turn)], axis=-1)
     leak_um = np.abs(PAIR.evaluate(around) @ modal_um).max()
     assert made.contrast(error_mm)[row, column] == pytest.approx(1.0 / leak_um, rel=1e-3)
+
+
+@pytest.mark.parametrize("modes", [1, 2, 3])
+def test_a_places_worth_is_the_part_of_the_plate_that_its_map_leaves_to_the_other(modes: int) -> None:
+    shapes, limits = shapes_of(modes), (4.0, 3.0, 2.0)[:modes]
+    pairs = pair_map(shapes, 0.8, limits, size_mm=SIZE_MM, cells=9)
+    for row, column in ((0, 0), (4, 4), (2, 7)):
+        place = (float(pairs.x_mm[column]), float(pairs.y_mm[row]))
+        for part, here_um, other_um in ((pairs.slipping, 0.8, 0.0), (pairs.still, 0.0, 0.8)):
+            made = achievability_map(shapes, [Finger(*place, here_um)], other_um, limits, size_mm=SIZE_MM, cells=9)
+            assert part[row, column] == pytest.approx(made.served_frac(1.0))
+    assert pairs.slipping.mean() == pytest.approx(pairs.still.mean())
 
 
 def test_where_nobody_slips_or_nobody_is_still_nothing_is_said_of_it() -> None:
