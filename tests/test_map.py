@@ -88,6 +88,7 @@ def test_without_a_finger_it_tells_which_places_are_good(tmp_path: Path, capsys:
         (["--finger", "1,2", "--limit", "4,4,4"], "--limit: has 3 limits for 2 modes"),
         (["--finger", "1,2", "--limit", "inf"], "--limit: inf is out of bounds"),
         (["--finger", "1,2", "--cells", "402"], "--cells: 402 is out of bounds"),
+        (["--still"], "give a --finger, such as -30,20"),
         (["--cells", "102"], "--cells: 102 is out of bounds, it must be 2 .. 101"),
         (["--finger", "1,2", "--modes", "there-is-none.npz"], "there-is-none.npz: cannot be read"),
     ],

@@ -77,6 +77,8 @@ def _map(options: argparse.Namespace) -> None:
     modes, size_mm, limit_um = _plate(options)
     target_um = _number(options.target, "--target", 1e-3, MOST_UM)
     if not options.finger:
+        if options.still or options.slip:
+            raise UsageError("--still and --slip are about a finger beside others: give a --finger, such as -30,20.")
         _map_pairs(options, modes, size_mm, limit_um, target_um)
         return
     if len(options.finger) > MOST_FINGERS:

@@ -78,7 +78,7 @@ def _draw_panel(axis: Any, panel: Panel, modes: ModeShapes, size_mm: tuple[float
     image = _draw_field(axis, made.share, modes, size_mm, 0.0)
     if not np.isnan(made.determinant).any() and _changes_sign(made.determinant):
         axis.contour(made.x_mm, made.y_mm, made.determinant, levels=[0.0], colors=_SINGULAR, linewidths=1.1)
-    axis.plot([], [], color=_SINGULAR, lw=1.1, label="singular: nothing is left")
+        axis.plot([], [], color=_SINGULAR, lw=1.1, label="singular: nothing is left")
     for finger in panel.fingers:
         colour, letter = (_STICKY, "o") if finger.target_um == 0.0 else (_SLIPPERY, "D")
         axis.plot(finger.x_mm, finger.y_mm, letter, ms=10, mfc=colour, mec="black", mew=1.2, clip_on=False)
