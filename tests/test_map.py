@@ -51,7 +51,7 @@ def test_the_arrays_are_what_the_solver_gives_on_any_modes(tmp_path: Path) -> No
     with np.load(out) as told:
         assert told["still_target_um"].tolist() == [1.5, 0.0, 0.0]
         assert "slip_share" not in told
-        places = [*told["still_fingers_mm"], (told["x_mm"][5], told["y_mm"][2])]
+        places = [*told["still_fingers_mm"], (told["still_x_mm"][5], told["still_y_mm"][2])]
         solved = solve(modes.evaluate(places), [1.5, 0.0, 0.0], told["limit_um"])
         assert told["still_achieved_um"][:, 2, 5] == pytest.approx(solved.achieved_um)
         assert told["still_share"][2, 5] == pytest.approx(min(solved.achieved_um[0] / 1.5, 1.0))

@@ -26,6 +26,7 @@ LIMIT_UM = 4.0  # of each mode, where no configuration says another
 MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # as a client may ask for, and as the configuration allows
 MOST_FINGERS, MOST_MODES = 15, 8
 CELLS, MOST_CELLS = 201, 401
+SEARCHED_CELLS = 61  # with several slipping fingers on three modes and more the solver takes a millisecond for each
 PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work is the fourth power of them
 SHARES = (0.5, 0.9, 1.0)
 WIDE = 52  # of the table's first column
@@ -83,13 +84,15 @@ def _map(options: argparse.Namespace) -> None:
         return
     if len(options.finger) > MOST_FINGERS:
         raise UsageError(f"--finger: {len(options.finger)} fingers are too many: give at most {MOST_FINGERS}.")
-    cells = _cells(options.cells, CELLS, MOST_CELLS)
     panels = []
     for other_um in _other_um(options, target_um):
         usual_um = target_um if other_um == 0.0 else 0.0
         fingers = [_finger(text, usual_um, size_mm) for text in options.finger]
         if other_um == 0.0 and not any(finger.target_um > 0.0 for finger in fingers):
             continue
+        slipping = sum(um > 0.0 for um in (other_um, *(finger.target_um for finger in fingers)))
+        usual_cells = CELLS if slipping == 1 or modes.M <= 2 else SEARCHED_CELLS
+        cells = _cells(options.cells, usual_cells, MOST_CELLS)
         made = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
         panels.append(Panel(_wish(other_um), tuple(fingers), made))
     if not panels:
@@ -255,11 +258,11 @@ def _figures(made: AchievabilityMap) -> dict[tuple[str, str], float]:
 
 def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> None:
     """The arrays of `AchievabilityMap`, under the names still_... and slip_... by what the other finger does."""
-    arrays = {"x_mm": panels[0].made.x_mm, "y_mm": panels[0].made.y_mm}
+    arrays: dict[str, FloatArray] = {}
     for panel in panels:
         made, way = panel.made, "still" if panel.made.target_um[-1] == 0.0 else "slip"
         arrays[f"{way}_fingers_mm"] = np.array([finger[:2] for finger in panel.fingers])
-        for name in ("target_um", "share", "achieved_um", "reach_um", "slope_um_mm", "determinant"):
+        for name in ("x_mm", "y_mm", "target_um", "share", "achieved_um", "reach_um", "slope_um_mm", "determinant"):
             arrays[f"{way}_{name}"] = getattr(made, name)
     _save(arrays, limit_um, path)
 

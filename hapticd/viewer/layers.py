@@ -22,7 +22,9 @@ from ..errors import RequestError
 
 Array = npt.NDArray[np.float64]
 
+STICKY, SLIPPERY = "could be sticky", "could be slippery"
 POINTS = 81  # per side: finer than a fingertip, and than the valleys between places that can and cannot
+FEW_POINTS, FEWEST_POINTS = 41, 27  # where more than one slips, and the solver has to search: on two modes, and on more
 SLIPPERY_UM = 1.0  # what one finger more would ask for
 
 
@@ -52,7 +54,7 @@ def _could(
 
 
 # name -> layer(modes, fingers but the mover, mover, w_limit_um (M,), points_mm (N, 2)) -> (N,)
-LAYERS: dict[str, Layer] = {"could be sticky": partial(_could, True), "could be slippery": partial(_could, False)}
+LAYERS: dict[str, Layer] = {STICKY: partial(_could, True), SLIPPERY: partial(_could, False)}
 
 
 def picture(
@@ -70,10 +72,12 @@ def picture(
     """
     if name not in LAYERS:
         raise RequestError(f"There is no layer {name[:32]!r}.")
-    x_mm = np.linspace(-size_mm[0] / 2, size_mm[0] / 2, POINTS)
-    y_mm = np.linspace(size_mm[1] / 2, -size_mm[1] / 2, POINTS)
-    points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
     others = [finger for finger in fingers if finger.key != mover]
+    slipping = sum(finger.target_um > 0.0 for finger in others) + (name == SLIPPERY)
+    side = POINTS if slipping < 2 else FEW_POINTS if modes.M == 2 else FEWEST_POINTS
+    x_mm = np.linspace(-size_mm[0] / 2, size_mm[0] / 2, side)
+    y_mm = np.linspace(size_mm[1] / 2, -size_mm[1] / 2, side)
+    points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
     moving = next((finger for finger in fingers if finger.key == mover), None)
     values = LAYERS[name](modes, others, moving, w_limit_um, points_mm)
     levels = np.clip(np.nan_to_num(values), 0.0, 1.0) * 254.0

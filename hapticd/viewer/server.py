@@ -73,6 +73,7 @@ class Viewer:
         self._context = zmq.Context()
         self._hand: PadHand | None = None
         self._closing: set[asyncio.Task[None]] = set()
+        self._layering = asyncio.Lock()  # pages wait for each other's layers, not the pictures for all of them
 
     def app(self) -> web.Application:
         """The web application; `port` must be set before it is served."""
@@ -121,9 +122,10 @@ class Viewer:
         name, fingers = request.query.get("name", ""), plate.fingers
         try:
             mover = messages.mover(request.query.get("finger", ""))
-            levels = await asyncio.to_thread(
-                layers.picture, name, plate.modes, fingers, plate.w_limit_um, plate.size_mm, mover
-            )
+            async with self._layering:
+                levels = await asyncio.to_thread(
+                    layers.picture, name, plate.modes, fingers, plate.w_limit_um, plate.size_mm, mover
+                )
         except RequestError as error:
             raise web.HTTPNotFound(text=f"{error}\n") from None
         return web.Response(body=levels, content_type="application/octet-stream")

@@ -89,3 +89,9 @@ def test_a_finger_that_can_be_none_is_refused(text: str) -> None:
 
 def test_a_finger_is_read_by_its_id_or_name() -> None:
     assert [messages.mover(text) for text in ("", "3", '"post"')] == [None, 3, "post"]
+
+
+def test_where_the_solver_has_to_search_fewer_places_are_asked() -> None:
+    both = [SLIPPERY, SLIPPERY._replace(key=2)]
+    assert len(layers.picture("could be slippery", MODES, both, [4.0, 4.0], SIZE_MM, 2)) == layers.FEW_POINTS**2
+    assert len(layers.picture("could be sticky", MODES, both, [4.0, 4.0], SIZE_MM, 2)) == POINTS**2
