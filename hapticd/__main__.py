@@ -80,6 +80,11 @@ COMMANDS = {
         "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
         "add_plate_arguments",
     ),
+    "map": Command(
+        "cli.map",
+        "for a finger here, where another one can be still, or slip: a table and a picture",
+        "--finger -30,20 --plot map.png",
+    ),
     "study": Command("study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
     "latency": Command(
         "cli.latency",

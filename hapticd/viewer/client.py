@@ -109,7 +109,7 @@ class PlateClient:
                 t_frame_s = t_now_s
                 truth = None if ear is None else ear.newest(state.t_ns)
                 plate.fingers = tuple(
-                    LayerFinger(finger.x_mm, finger.y_mm, finger.target_um)
+                    LayerFinger(finger.id, finger.x_mm, finger.y_mm, finger.target_um)
                     for finger in state.fingers
                     if finger.target_um is not None
                 )

@@ -74,6 +74,16 @@ def read(text: str) -> Hold | Want | ClearFault:
     return message
 
 
+def mover(text: str) -> int | str | None:
+    """The finger that a layer is asked for, as JSON; empty is none. Raises RequestError."""
+    if not text:
+        return None
+    try:
+        return _key(json.loads(text))
+    except (ValueError, RecursionError):
+        raise RequestError("finger: is not JSON.") from None
+
+
 def _key(value: object) -> int | str:
     return label(value, "finger") if isinstance(value, str) else whole(value, 1, MAX_ID, "finger")
 

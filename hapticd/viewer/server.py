@@ -1,7 +1,7 @@
 """Serves the page on this computer, and each open page a websocket. One asyncio loop; the client has its own thread.
 
 /            the page, for who brings the key     /shapes           the plate's mode shapes, float32
-/<file>      its styles and scripts               /layer?name=..    what is laid over the picture (layers.py)
+/<file>      its styles and scripts               /layer?name=..    laid over the picture for &finger=.. (layers.py)
 /socket      frames out, wishes in (messages.py)
 """
 
@@ -73,6 +73,7 @@ class Viewer:
         self._context = zmq.Context()
         self._hand: PadHand | None = None
         self._closing: set[asyncio.Task[None]] = set()
+        self._layering = asyncio.Lock()  # pages wait for each other's layers, not the pictures for all of them
 
     def app(self) -> web.Application:
         """The web application; `port` must be set before it is served."""
@@ -118,9 +119,13 @@ class Viewer:
         plate = self._plate
         if plate is None:
             raise web.HTTPNotFound(text="No plate is known yet.\n")
-        wanted = request.query.get("name", ""), plate.modes, plate.fingers, plate.w_limit_um, plate.size_mm
+        name, fingers = request.query.get("name", ""), plate.fingers
         try:
-            levels = await asyncio.to_thread(layers.picture, *wanted)
+            mover = messages.mover(request.query.get("finger", ""))
+            async with self._layering:
+                levels = await asyncio.to_thread(
+                    layers.picture, name, plate.modes, fingers, plate.w_limit_um, plate.size_mm, mover
+                )
         except RequestError as error:
             raise web.HTTPNotFound(text=f"{error}\n") from None
         return web.Response(body=levels, content_type="application/octet-stream")

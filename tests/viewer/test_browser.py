@@ -110,6 +110,12 @@ def drag(page: Page, steps: int) -> None:
     moves.perform()
 
 
+def lay_down(page: Page, right: int, down: int) -> None:
+    """A finger that stays there, so many pixels from the plate's centre."""
+    hold = ActionChains(page.browser).key_down(Keys.SHIFT).move_to_element_with_offset(page["plate"], right, down)
+    hold.click().key_up(Keys.SHIFT).perform()
+
+
 def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(page: Page) -> None:
     assert page.browser.title == "hapticd: the plate"
     page.until(lambda: "29.205 kHz" in page["modes-text"].text)
@@ -125,8 +131,7 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
 
 
 def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page: Page) -> None:
-    hold = ActionChains(page.browser).key_down(Keys.SHIFT).move_to_element_with_offset(page["plate"], 150, 80)
-    hold.click().key_up(Keys.SHIFT).perform()
+    lay_down(page, 150, 80)
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))  # the first is slippery
     page.until(lambda: page.brightness() > 20)
     before = page.picture()
@@ -155,6 +160,31 @@ def test_the_keyboard_alone_lands_moves_chooses_and_lifts_a_finger(page: Page) -
     page.press_until("r", "held by nobody")
     page.keys(Keys.ENTER)
     page.until(lambda: page["nobody"].is_displayed())
+
+
+def test_a_layer_tells_where_another_finger_could_get_its_wish(page: Page) -> None:
+    page["layer"].send_keys("could be sticky")
+    page.until(lambda: "No finger is slippery" in page["layer-text"].text)
+    lay_down(page, 150, 80)
+    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    page.until(lambda: "Light: where one more finger could be sticky" in page["layer-text"].text)
+    before = page.brightness()
+    page["layer"].send_keys("none")
+    page.until(lambda: not page["layer-text"].is_displayed())
+    page.until(lambda: page.brightness() < before - 30)
+    page["layer"].send_keys("could be sticky")
+    lay_down(page, -120, -30)
+    page.until(lambda: "2 fingers" in page["state"].text)
+    page.press_until("0", "of 0.00")
+    page.until(lambda: "where finger" in page["layer-text"].text)
+    share = int(page["layer-text"].text.split()[-5])
+    assert 5 < share < 98
+    page["layer"].send_keys("could be slippery")
+    page.until(lambda: "could be slippery" in page["layer-text"].text)
+    page["layer"].send_keys("none")
+    page["plate"].send_keys(Keys.ESCAPE)
+    page.until(lambda: page["nobody"].is_displayed())
+    assert page.complaints() == []
 
 
 def test_time_can_be_stopped_and_looked_back_at(page: Page) -> None:

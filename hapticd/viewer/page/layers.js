@@ -1,17 +1,22 @@
 // What can be laid over the field: the server computes it while it is chosen. Light is full, dark is empty.
 
-const AGAIN_MS = 500;
+import { write } from "./fingers.js";
+
+const AGAIN_MS = 250;
 const NOTHING = 255; // the level that says nothing
 const FULL = 254;
-const DENSEST = 190; // of 255: the field stays to be seen
+const DENSEST = 225; // of 255: the field shines through
 
 export class LayerMenu {
-  /** `fetch` gives the levels of a layer by its name. */
-  constructor(box, menu, fetch) {
+  /** `fetch` gives the levels of a layer by its name and the finger that `mover` names, null for one more. */
+  constructor(box, menu, text, fetch, mover) {
     this.box = box;
     this.menu = menu;
+    this.text = text;
     this.fetch = fetch;
+    this.mover = mover;
     this.canvas = null;
+    this.isAsking = false;
     setInterval(() => this.refresh(), AGAIN_MS);
     menu.addEventListener("change", () => this.refresh());
   }
@@ -24,17 +29,33 @@ export class LayerMenu {
 
   async refresh() {
     const name = this.menu.value;
+    this.text.hidden = name === "";
     if (name === "") {
       this.canvas = null;
       return;
     }
+    if (this.isAsking) return;
+    this.isAsking = true;
+    const mover = this.mover();
     try {
-      const levels = await this.fetch(name);
-      if (this.menu.value === name) this.canvas = picture(levels);
+      const levels = await this.fetch(name, mover);
+      if (this.menu.value !== name) return;
+      this.canvas = picture(levels);
+      write(this.text, told(name, mover, levels));
     } catch {
       this.canvas = null; // the daemon is away: the page says so elsewhere
+    } finally {
+      this.isAsking = false;
     }
   }
+}
+
+/** What is light, and how much of the plate it is. */
+function told(name, mover, levels) {
+  if (levels.every((level) => level === NOTHING)) return "No finger is slippery: nothing stands in the way.";
+  const full = levels.reduce((sum, level) => sum + (level === FULL), 0);
+  const who = mover === null ? "one more finger" : `finger ${mover}`;
+  return `Light: where ${who} ${name} and all get what they ask for, ${Math.round((full / levels.length) * 100)} % of the plate.`;
 }
 
 function picture(levels) {

@@ -31,9 +31,10 @@ export class Link {
     return new Float32Array(await this.bytes("/shapes?"));
   }
 
-  /** A layer's levels, one byte a point. */
-  async layer(name) {
-    return new Uint8Array(await this.bytes(`/layer?name=${encodeURIComponent(name)}&`));
+  /** A layer's levels, one byte a point; `mover` is the id of the finger it is about, null is one more. */
+  async layer(name, mover) {
+    const finger = mover === null ? "" : `finger=${encodeURIComponent(JSON.stringify(mover))}&`;
+    return new Uint8Array(await this.bytes(`/layer?name=${encodeURIComponent(name)}&${finger}`));
   }
 
   async bytes(path) {

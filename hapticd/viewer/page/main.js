@@ -68,7 +68,7 @@ const link = new Link({
 });
 const ask = (wish) => link.say(wish);
 const hands = new Hands($("plate"), ask, pointedAt);
-const layers = new LayerMenu($("layer-box"), $("layer"), (name) => link.layer(name));
+const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
 const list = new FingerList($("fingers"), $("nobody"), ask, choose);
 
 function stopped(state, sentence) {
@@ -100,6 +100,12 @@ function pointedAt([right, up]) {
   const there = frame.fingers.find(({ seen_mm: [x_mm, y_mm] }) =>
     x_mm !== null && Math.hypot(x_mm - right * plate.size_mm[0], y_mm - up * plate.size_mm[1]) < NEAR_MM);
   if (there) choose(there.id);
+}
+
+/** Whom a layer is about: the finger that the keys speak to, where others want something; else, as null, one more. */
+function mover() {
+  const wanted = history.newest?.fingers.filter((finger) => finger.target_um !== null) ?? [];
+  return wanted.length > 1 && wanted.some(({ id }) => id === chosen) ? chosen : null;
 }
 
 /** Ask for the finger that the keys speak to, if it is there and nobody else's. */
@@ -166,7 +172,7 @@ function draw(t_ms) {
   requestAnimationFrame(draw);
   hands.flush();
   const frame = history.current;
-  picture.draw(frame, { chosen, isLive, layer: layers.canvas, invitation: plate?.simulated && isLive ? INVITATION : "" });
+  picture.draw(frame, { chosen, isLive, layer: history.paused ? null : layers.canvas, invitation: plate?.simulated && isLive ? INVITATION : "" });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);

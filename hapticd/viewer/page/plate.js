@@ -23,7 +23,7 @@ export class PlatePicture {
     this.field.draw(context, width, height);
     if (layer) context.drawImage(layer, 0.5, 0.5, layer.width - 1, layer.height - 1, 0, 0, width, height);
     if (largest_um > LEAST_UM) {
-      context.strokeStyle = "rgb(255 255 255 / .5)";
+      context.strokeStyle = layer ? "rgb(12 16 20 / .45)" : "rgb(255 255 255 / .5)";
       context.lineWidth = 1;
       context.stroke(this.field.nodes(width, height, modal_um));
     }

@@ -1,0 +1,154 @@
+"""Where one finger more can get its wish, held against the solver itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapticd.core.modes import ModeShapes
+from hapticd.core.solver import solve
+from hapticd.design.achievability import Finger, achievability_map, achievable_share, reach_um
+from hapticd.design.achievability_pairs import pair_map
+from hapticd.sim.plate import PlateSettings, PlateTruth
+
+PAIR = PlateTruth(PlateSettings()).cartography(1)
+SIZE_MM = (137.5, 137.5)
+OUT_OF_REACH_UM = 1e6
+EXACT_UM = 1e-7
+
+
+def shapes_of(modes: int) -> ModeShapes:
+    """The pair, and of it turned by a quarter and products of sines as many more: any map that varies would do."""
+    if modes <= 2:
+        return ModeShapes.from_grid(PAIR.x_mm, PAIR.y_mm, PAIR.shapes[:modes])
+    x, y = np.meshgrid(PAIR.x_mm / 137.5, PAIR.y_mm / 137.5)
+    more = [np.sin((9 + k) * x + 0.3) * np.cos((8 - k) * y - 0.2 * k) for k in range(modes - 2)]
+    return ModeShapes.from_grid(PAIR.x_mm, PAIR.y_mm, np.stack([*PAIR.shapes, *more]))
+
+
+def random_points_mm(seed: int, many: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-65.0, 65.0, (many, 2))
+
+
+@pytest.mark.parametrize("modes", [1, 2, 3, 4])
+@pytest.mark.parametrize("still", [0, 1, 2, 3])
+def test_the_reach_is_what_the_solver_gives_one_who_asks_for_more(modes: int, still: int) -> None:
+    points_mm = random_points_mm(modes + 10 * still, 60 * (still + 1))
+    phi = shapes_of(modes).evaluate(points_mm).reshape(60, still + 1, modes)
+    limits = np.linspace(4.0, 3.0, modes)
+    targets = [OUT_OF_REACH_UM] + [0.0] * still
+    solved = [solve(one, targets, limits).achieved_um[0] for one in phi]
+    assert reach_um(phi[:, 0], phi[:, 1:], limits) == pytest.approx(solved, abs=EXACT_UM)
+
+
+@pytest.mark.parametrize("modes", [2, 3, 4])
+def test_fingers_that_stand_in_one_place_bind_the_plate_once(modes: int) -> None:
+    points = random_points_mm(5, 40)
+    phi = shapes_of(modes).evaluate(points)
+    slipping, still = phi[:20], phi[20:, None, :]
+    once = reach_um(slipping, still, 4.0)
+    assert reach_um(slipping, np.repeat(still, 3, axis=1), 4.0) == pytest.approx(once, abs=EXACT_UM)
+    assert reach_um(slipping, slipping[:, None], 4.0) == pytest.approx(0.0, abs=EXACT_UM)
+
+
+def test_a_still_finger_on_a_node_of_all_modes_binds_nothing() -> None:
+    slipping = np.array([[0.5, -0.25], [0.0, 1.0]])
+    assert reach_um(slipping, np.zeros((2, 1, 2)), [4.0, 2.0]) == pytest.approx([2.5, 2.0])
+
+
+@pytest.mark.parametrize("modes", [1, 2, 3])
+@pytest.mark.parametrize(
+    "targets", [(1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (1.0, 0.7, 0.0)], ids=str
+)
+def test_each_cell_agrees_with_the_solver(modes: int, targets: tuple[float, ...]) -> None:
+    shapes, limits = shapes_of(modes), (4.0,) * modes
+    fingers = [Finger(x, y, um) for (x, y), um in zip([(-30.0, 21.0), (12.0, -33.0)], targets[:-1], strict=False)]
+    made = achievability_map(shapes, fingers, targets[-1], limits, size_mm=SIZE_MM, cells=9)
+    slips = np.array(targets) > 0.0
+    for row, y_mm in enumerate(made.y_mm):
+        for column, x_mm in enumerate(made.x_mm):
+            phi = shapes.evaluate([*(finger[:2] for finger in fingers), (x_mm, y_mm)])
+            solved = solve(phi, targets, limits).achieved_um
+            assert made.achieved_um[:, row, column] == pytest.approx(solved, abs=EXACT_UM)
+            wanted = np.minimum(solved[slips] / np.array(targets)[slips], 1.0).min()
+            assert made.share[row, column] == pytest.approx(wanted, abs=EXACT_UM)
+    points = np.stack(np.meshgrid(made.x_mm, made.y_mm), axis=-1).reshape(-1, 2)
+    alone = achievable_share(shapes, fingers, targets[-1], limits, points)
+    assert alone == pytest.approx(made.share.ravel(), abs=EXACT_UM)
+
+
+def test_a_pair_is_served_alike_whoever_of_the_two_is_asked() -> None:
+    here, there = random_points_mm(3, 2)
+    stays_slippery = achievable_share(PAIR, [Finger(*here, 1.0)], 0.0, (4.0, 4.0), [there])
+    stays_sticky = achievable_share(PAIR, [Finger(*there, 0.0)], 1.0, (4.0, 4.0), [here])
+    assert stays_slippery == pytest.approx(stays_sticky, abs=EXACT_UM)
+
+
+def test_a_third_mode_opens_most_of_the_places_that_two_leave_closed() -> None:
+    finger = [Finger(-30.0, 21.0, 1.0)]
+    two, three = (
+        achievability_map(shapes_of(modes), finger, 0.0, (4.0,) * modes, size_mm=SIZE_MM, cells=41) for modes in (2, 3)
+    )
+    assert (three.reach_um >= two.reach_um - EXACT_UM).all()
+    assert 1.0 - three.served_frac(1.0) < 0.5 * (1.0 - two.served_frac(1.0))
+
+
+def test_nothing_is_reached_on_a_singular_curve() -> None:
+    made = achievability_map(PAIR, [Finger(-30.0, 21.0, 1.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=61)
+    signs = np.sign(made.determinant)
+    crossed = signs[:, 1:] != signs[:, :-1]
+    beside = np.minimum(made.reach_um[:, 1:], made.reach_um[:, :-1])
+    assert crossed.any()
+    assert np.median(beside[crossed]) < 0.4 * np.median(beside[~crossed])
+    assert (np.abs(made.determinant) * 4.0 <= made.reach_um + EXACT_UM).all()
+
+
+def test_the_contrast_is_what_a_still_finger_off_by_a_little_finds() -> None:
+    fingers, error_mm = [Finger(-30.0, 21.0, 1.0)], 1e-4
+    made = achievability_map(PAIR, fingers, 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=8)
+    row, column = np.unravel_index(np.argmax(made.share), made.share.shape)
+    place = np.array([made.x_mm[column], made.y_mm[row]])
+    modal_um = solve(PAIR.evaluate([fingers[0][:2], place]), [1.0, 0.0], 4.0).modal_um
+    around = place + error_mm * np.stack([np.cos(turn := np.linspace(0.0, 6.3, 400)), np.sin(turn)], axis=-1)
+    leak_um = np.abs(PAIR.evaluate(around) @ modal_um).max()
+    assert made.contrast(error_mm)[row, column] == pytest.approx(1.0 / leak_um, rel=1e-3)
+
+
+@pytest.mark.parametrize("modes", [1, 2, 3])
+def test_a_places_worth_is_the_part_of_the_plate_that_its_map_leaves_to_the_other(modes: int) -> None:
+    shapes, limits = shapes_of(modes), (4.0, 3.0, 2.0)[:modes]
+    pairs = pair_map(shapes, 0.8, limits, size_mm=SIZE_MM, cells=9)
+    for row, column in ((0, 0), (4, 4), (2, 7)):
+        place = (float(pairs.x_mm[column]), float(pairs.y_mm[row]))
+        for part, here_um, other_um in ((pairs.slipping, 0.8, 0.0), (pairs.still, 0.0, 0.8)):
+            made = achievability_map(shapes, [Finger(*place, here_um)], other_um, limits, size_mm=SIZE_MM, cells=9)
+            assert part[row, column] == pytest.approx(made.served_frac(1.0))
+    assert pairs.slipping.mean() == pytest.approx(pairs.still.mean())
+
+
+def test_where_nobody_slips_or_nobody_is_still_nothing_is_said_of_it() -> None:
+    nobody = achievability_map(PAIR, [Finger(0.0, 0.0, 0.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
+    assert np.isnan(nobody.share).all()
+    assert nobody.served_frac(0.5) == 0.0
+    assert np.isnan(nobody.reach_um).all()
+    assert np.isnan(nobody.contrast(0.1)).all()
+    alone = achievability_map(PAIR, [], 1.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
+    assert np.isnan(alone.contrast(0.1)).all()
+    assert np.isnan(alone.determinant).all()
+    assert alone.reach_um == pytest.approx(4.0 * np.abs(PAIR.evaluate(grid_of(alone))).sum(axis=1).reshape(4, 4))
+
+
+def grid_of(made: object) -> np.ndarray:
+    return np.stack(np.meshgrid(made.x_mm, made.y_mm), axis=-1).reshape(-1, 2)  # type: ignore[attr-defined]
+
+
+def test_the_cells_tile_the_plate() -> None:
+    made = achievability_map(PAIR, [], 1.0, (4.0, 4.0), size_mm=(100.0, 50.0), cells=10)
+    assert made.x_mm[[0, -1]] == pytest.approx([-45.0, 45.0])
+    assert made.y_mm[[0, -1]] == pytest.approx([-22.5, 22.5])
+
+
+@pytest.mark.parametrize("target_um", [-1.0, np.nan, np.inf])
+def test_a_target_that_cannot_be_is_refused(target_um: float) -> None:
+    with pytest.raises(ValueError, match="target"):
+        achievability_map(PAIR, [Finger(0.0, 0.0, 1.0)], target_um, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
