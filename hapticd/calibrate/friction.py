@@ -99,8 +99,8 @@ def _row(path: Path, place: int, cells: Sequence[str]) -> tuple[float, float]:
 def fit_friction(amplitude_um: npt.ArrayLike, friction: npt.ArrayLike) -> FrictionFit:
     """The falling curve through readings (N,), (N,) in any order.
 
-    Raises CalibrationError for readings that are not finite, absurdly large, too few or of the wrong sign, and for those
-    without bare glass or without a fall.
+    Raises CalibrationError for readings that are not finite, absurdly large, too few or of the wrong sign, and for
+    those without bare glass or without a fall.
     """
     amplitude, value = np.asarray(amplitude_um, np.float64), np.asarray(friction, np.float64)
     if amplitude.shape != value.shape or amplitude.ndim != 1:
