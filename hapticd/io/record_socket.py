@@ -20,6 +20,7 @@ NAME = "record"
 SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
+REST_S = 0.1  # between two looks at who comes and goes: somebody who does so all the time must not hold up a pass
 
 
 class RecordSocket:
@@ -31,7 +32,7 @@ class RecordSocket:
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bool], None]) -> None:
-        """Bind, and call `on_recorder` on `loop` with True for each recorder that comes, False when the last one went.
+        """Bind, and call `on_recorder` on `loop` with True where recorders came, False when the last one went.
 
         Raises HapticdError.
         """
@@ -48,7 +49,8 @@ class RecordSocket:
         except zmq.ZMQError as error:
             self.close()
             raise HapticdError(f"{self._path}: recorders cannot be served here ({error.strerror}).") from None
-        loop.add_reader(self._socket.FD, self.sweep)
+        self._is_there = False
+        loop.add_reader(self._socket.FD, self._hear)
 
     def send(self, record: bytes) -> None:
         """To all recorders, without waiting."""
@@ -58,13 +60,30 @@ class RecordSocket:
         """Read who came and went; also to be called now and then, for a send may eat a socket's wake-up."""
         if self._context is None:
             return
+        came, was_there = False, self._is_there
         for _ in range(MAX_READS):
             try:
                 said = self._socket.recv(zmq.NOBLOCK)
             except zmq.Again:
-                return
+                break
             if said in (b"\x00", b"\x01"):
-                self._on_recorder(said == b"\x01")
+                self._is_there = said == b"\x01"
+                came = came or self._is_there
+        if self._is_there and came:
+            self._on_recorder(True)
+        elif was_there and not self._is_there:
+            self._on_recorder(False)
+
+    def _hear(self) -> None:
+        """Look at once, and not again for a while."""
+        self.sweep()
+        self._loop.remove_reader(self._socket.FD)
+        self._loop.call_later(REST_S, self._listen)
+
+    def _listen(self) -> None:
+        if self._context is not None:
+            self.sweep()
+            self._loop.add_reader(self._socket.FD, self._hear)
 
     def close(self) -> None:
         """Stop serving and remove the socket. Safe to call twice, and before `start`."""
