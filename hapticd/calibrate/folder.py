@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import CalibrationError
+from .. import config
+from ..errors import CalibrationError, ConfigError
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE = "hapticd.toml"
@@ -61,6 +63,21 @@ def save(directory: Path, verdict: Verdict) -> Path:
     except OSError as error:
         raise CalibrationError(f"{directory}: cannot be written ({error.strerror}): choose another --out.") from None
     return path
+
+
+def accepted(verdict: Verdict) -> Verdict:
+    """The same, or a failed one where the service would not take its settings: they would spoil all others'."""
+    if verdict.outcome is Outcome.FAIL:
+        return verdict
+    table = {section: dict(keys) for section, keys in verdict.settings.items()}
+    for section, key, of_another_step in (("plate", "modes_file", "modes.npz"), ("trackpad", "source", "hid")):
+        table.setdefault(section, {}).setdefault(key, of_another_step)  # a real board is not taken without
+    try:
+        config.from_table(table, where=verdict.step, folder=None)
+    except ConfigError as error:
+        sentence = str(error).removeprefix(f"{verdict.step}: ")
+        return replace(verdict, outcome=Outcome.FAIL, sentence=f"{sentence} Are the units right?")
+    return verdict
 
 
 def merged(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Any]]:

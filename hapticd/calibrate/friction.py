@@ -34,6 +34,7 @@ OUTLIER_SIGMA = 5.0
 SIGMA_PER_MEDIAN = 1.4826  # of normal noise: standard deviation over median size
 LEAST_FALL = 0.2  # of bare glass's friction: less is hardly felt
 FLAT_SIGMA = 2.0  # of a block's mean: nearer to the floor is on it
+LARGEST = 1e9  # of a reading, in whatever unit: its square is summed
 ROUNDING = 1e-9  # of the friction: readings without noise have a floor too
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +74,9 @@ def read(path: Path) -> tuple[Array, Array]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
             if [cell.strip() for cell in next(rows, [])] != [*COLUMNS]:
-                raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")
+                raise CalibrationError(
+                    f"{path}: does not begin with the header {','.join(COLUMNS)}, commas between: add it."
+                )
             table = [_row(path, place, row) for place, row in enumerate(rows, 1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read ({error}): save the readings as CSV.") from None
@@ -96,18 +99,21 @@ def _row(path: Path, place: int, cells: Sequence[str]) -> tuple[float, float]:
 def fit_friction(amplitude_um: npt.ArrayLike, friction: npt.ArrayLike) -> FrictionFit:
     """The falling curve through readings (N,), (N,) in any order.
 
-    Raises CalibrationError for readings that are not finite, too few, without bare glass or without a fall.
+    Raises CalibrationError for readings that are not finite, absurdly large, too few or of the wrong sign, and for
+    those without bare glass or without a fall.
     """
     amplitude, value = np.asarray(amplitude_um, np.float64), np.asarray(friction, np.float64)
     if amplitude.shape != value.shape or amplitude.ndim != 1:
         raise CalibrationError("There must be one friction for each amplitude.")
-    if not (np.isfinite(amplitude).all() and np.isfinite(value).all() and (amplitude >= 0.0).all()):
-        raise CalibrationError("An amplitude or a friction is negative or no finite number: correct or delete it.")
+    if not ((amplitude >= 0.0) & (amplitude <= LARGEST) & (np.abs(value) <= LARGEST)).all():  # NaN fails this, too
+        raise CalibrationError("An amplitude is negative, or a reading no number to measure: correct or delete it.")
     if len(np.unique(amplitude)) < MIN_LEVELS or not amplitude.min() <= BARE_UM:
         raise CalibrationError(f"Measure bare glass (0 um) and at least {MIN_LEVELS - 1} amplitudes above it.")
     left_out = _left_out(amplitude, value)
     kept, heights = amplitude[~left_out], value[~left_out]
     levels, falling, weights = _falling(kept, heights)
+    if not falling[0] > 0.0:
+        raise CalibrationError("Bare glass has no friction above 0: is the readings' sign right?")
     noise = float(np.sqrt(np.mean((heights - falling[np.searchsorted(levels, kept)]) ** 2)))
     curve_um = _inverted(*_blocks(levels, falling, weights, noise))
     return FrictionFit(curve_um, float(falling[0]), float(falling[-1]), noise, left_out)

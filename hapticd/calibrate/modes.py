@@ -10,10 +10,12 @@ import argparse
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..config import LimitsConfig
 from ..core.modes import ModeShapes
 from ..design import CartographyFit, fit_scan, nearest_free_modes
 from ..errors import CalibrationError, ModesError
@@ -24,6 +26,7 @@ from .verdict import Figure, Finding, Outcome, Verdict, judge
 
 MODES_FILE, PICTURE_FILE = "modes.npz", "modes.png"
 
+USUAL_LIMIT_UM = LimitsConfig().w_limit_um
 GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # under the sticky finger, for 1 um under the other
 USABLE_NOISE_FRAC = 0.5  # of the map, both RMS
 ONE_PHASE = 3.0  # times the noise: what may lie across a mode's phase
@@ -123,7 +126,9 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], *, is_s
     outcome, sentence = judge(
         _findings(found, points), f"The map, by {taken}, will leak {found.leak.rms_um:.4f} um for 1 um."
     )
-    settings = {"plate": {"size_mm": [*size_mm], "modes_file": MODES_FILE}}
+    settings: dict[str, dict[str, Any]] = {"plate": {"size_mm": [*size_mm], "modes_file": MODES_FILE}}
+    if len(USUAL_LIMIT_UM) != fit.modes.M:
+        settings["limits"] = {"w_limit_um": _limits_um(fit.modes.M)}
     return Verdict("modes", outcome, sentence, tuple(figures), settings, is_simulated)
 
 
@@ -135,6 +140,9 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
         findings.append(
             (bad, f"The map would leak {leak_um:.2f} um for 1 um: measure closer points, or longer at each.")
         )
+    if len(USUAL_LIMIT_UM) != fit.modes.M:
+        count = f"{fit.modes.M} mode{'' if fit.modes.M == 1 else 's'} where a plate usually has {len(USUAL_LIMIT_UM)}"
+        findings.append((Outcome.LOOK, f"The scan has {count}: are limits.w_limit_um right, and the board's modes?"))
     if found.beyond > RUNAWAY:
         beyond = f"The map goes {found.beyond:.1f} times beyond the largest readings"
         findings.append((Outcome.FAIL, f"{beyond}: measure closer points, up to the edges."))
@@ -166,6 +174,11 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
             (Outcome.LOOK, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: was that so?")
         )
     return findings
+
+
+def _limits_um(modes: int) -> list[float]:
+    """One for each mode, for the service takes no other number of them: the usual plate's, none larger."""
+    return [min(USUAL_LIMIT_UM)] * modes
 
 
 def _beyond(fit: CartographyFit, scan: Scan) -> float:

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _step(step: str, options: argparse.Namespace) -> Outcome:
-    verdict = RUN[step](options)
+    verdict = folder.accepted(RUN[step](options))
     path = folder.save(options.out, verdict)
     print(as_text(verdict))
     if verdict.outcome is Outcome.FAIL:

@@ -118,7 +118,7 @@ def _form(header: Sequence[str]) -> tuple[tuple[str, ...], int]:
         wanted = ["x_mm", "y_mm", *(f"{part}_{k}" for k in range(1, modes + 1) for part in form)]
         if 1 <= modes <= MAX_MODES and list(header) == wanted:
             return form, modes
-    raise ValueError(f"does not begin with a header of {BESIDE}: add it as the first line.")
+    raise ValueError(f"does not begin with a header of {BESIDE}, with commas between: add it as the first line.")
 
 
 def _numbers(number: int, cells: Sequence[str], columns: int) -> list[float]:

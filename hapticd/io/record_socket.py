@@ -25,6 +25,7 @@ WAITS = b"waits"
 SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
+REST_S = 0.1  # between two looks at who comes and goes: somebody who does so all the time must not hold up a pass
 
 
 class RecordSocket:
@@ -36,8 +37,8 @@ class RecordSocket:
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bytes, bool], None]) -> None:
-        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True for each recorder that comes to it,
-        False when its last one went.
+        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True where recorders came to it, False when its
+        last one went.
 
         Raises HapticdError.
         """
@@ -54,7 +55,7 @@ class RecordSocket:
         except zmq.ZMQError as error:
             self.close()
             raise HapticdError(f"{self._path}: recorders cannot be served here ({error.strerror}).") from None
-        loop.add_reader(self._socket.FD, self.sweep)
+        loop.add_reader(self._socket.FD, self._hear)
 
     def send(self, record: bytes) -> None:
         """To all recorders, without waiting."""
@@ -64,13 +65,37 @@ class RecordSocket:
         """Read who came and went; also to be called now and then, for a send may eat a socket's wake-up."""
         if self._context is None:
             return
+        came, was_there = False, self._is_there
+        there, came = set(self._there), set[bytes]()
         for _ in range(MAX_READS):
             try:
                 said = self._socket.recv(zmq.NOBLOCK)
             except zmq.Again:
-                return
-            if said[:1] in (b"\x00", b"\x01") and said[1:] in (NOW, WHOLE):
-                self._on_recorder(said[1:], said[:1] == b"\x01")
+                break
+            if said[1:] not in (NOW, WHOLE):
+                continue
+            if said[:1] == b"\x01":
+                there.add(said[1:])
+                came.add(said[1:])
+            elif said[:1] == b"\x00":
+                there.discard(said[1:])
+        before, self._there = self._there, frozenset(there)
+        for wanted in (NOW, WHOLE):
+            if wanted in came and wanted in there:
+                self._on_recorder(wanted, True)
+            elif wanted in before and wanted not in there:
+                self._on_recorder(wanted, False)
+
+    def _hear(self) -> None:
+        """Look at once, and not again for a while."""
+        self.sweep()
+        self._loop.remove_reader(self._socket.FD)
+        self._loop.call_later(REST_S, self._listen)
+
+    def _listen(self) -> None:
+        if self._context is not None:
+            self.sweep()
+            self._loop.add_reader(self._socket.FD, self._hear)
 
     def close(self) -> None:
         """Stop serving and remove the socket. Safe to call twice, and before `start`."""

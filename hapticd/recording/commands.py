@@ -9,7 +9,9 @@ from pathlib import Path
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """What is written, how long, and whose daemon it is."""
-    parser.add_argument("out", type=Path, metavar="OUT", help="file to write, such as session.hrec; it must not exist")
+    parser.add_argument(
+        "out", type=Path, metavar="OUT", help="file to write, such as session.hrec; where it exists, session-2.hrec"
+    )
     parser.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
     parser.add_argument(
         "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"

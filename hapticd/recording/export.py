@@ -17,6 +17,7 @@ from .reader import Recording
 from .tables import Column
 
 Tables = Mapping[str, Mapping[str, Column]]
+MOST_FIXED_BYTES = 1 << 24  # of a column of texts, with all as long as the longest
 
 
 def described(recording: Recording) -> dict[str, str]:
@@ -75,7 +76,7 @@ def to_hdf5(tables: Tables, beside: Mapping[str, str], path: Path) -> list[Path]
         for name, value in beside.items():
             file.attrs[name] = value
         for name, table in tables.items():
-            columns = {column: _fixed(values) for column, values in table.items()}
+            columns = {column: _storable(values, h5py.string_dtype()) for column, values in table.items()}
             rows = np.empty(len(next(iter(columns.values()))), [(name, each.dtype) for name, each in columns.items()])
             for column, values in columns.items():
                 rows[column] = values
@@ -83,9 +84,13 @@ def to_hdf5(tables: Tables, beside: Mapping[str, str], path: Path) -> list[Path]
     return [path]
 
 
-def _fixed(values: Column) -> Column:
-    """Texts as UTF-8 of one length, which every reader of HDF5 knows."""
-    return np.char.encode(values, "utf-8") if values.dtype.kind == "U" else values
+def _storable(values: Column, text: np.dtype[Any]) -> Column:
+    """Texts as UTF-8 of one length, which every reader of HDF5 knows; where that takes too much, as `text`."""
+    if values.dtype != object:
+        return values
+    encoded = [value.encode() for value in values]
+    is_short = max(map(len, encoded)) * len(encoded) <= MOST_FIXED_BYTES
+    return np.array(encoded) if is_short else values.astype(text)
 
 
 class _Writing:

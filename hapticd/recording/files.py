@@ -29,6 +29,8 @@ class RecordingFile:
         self._max_files = max_files
         self._paths: deque[Path] = deque()
         try:
+            if not path.name or path.is_dir():
+                raise RecordingError(f"{path}: is a folder: name a file in it, such as session{SUFFIX}.")
             self._open(opening)
         except OSError as error:
             raise RecordingError(

@@ -32,7 +32,7 @@ def draw(
         raise RecordingError(f"From {start_s:g} s to {end_s:g} s there is nothing: it ends at {last_s:.1f} s.")
     part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
     figure, axes = _canvas()
-    axes[0].set_title(title, loc="left")
+    axes[0].set_title(_plain(title), loc="left")
     _draw_positions(axes[0:2], part)
     _draw_modes(axes[2], part)
     _draw_fingers(axes[3], part)
@@ -108,7 +108,8 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
             continue
         axis.plot(table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
         if "truth" not in tables:
-            axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=f"$|W|$, finger {key}: solved")
+            label = f"$|W|$, finger {_plain(key)}: solved"
+            axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=label)
     truth = tables.get("truth")
     for finger in sorted(set(truth["finger"].tolist())) if truth else []:
         felt = _of(truth, "finger", finger)
@@ -127,9 +128,8 @@ def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
     for t_s, text in zip(markers["t_s"], markers["text"], strict=True):
         for axis in axes:
             axis.axvline(t_s, color="grey", lw=0.8, ls=":")
-        axes[0].annotate(
-            str(text)[:24], (t_s, 1.0), xycoords=("data", "axes fraction"), rotation=45, fontsize="x-small", va="bottom"
-        )
+        said, place = _plain(text[:24]), ("data", "axes fraction")
+        axes[0].annotate(said, (t_s, 1.0), xycoords=place, rotation=45, fontsize="x-small", va="bottom")
 
 
 def _coloured(tables: Mapping[str, Table]) -> list[tuple[str, str]]:
@@ -147,6 +147,11 @@ def _of(table: Table | None, column: str, value: object) -> Table:
         return {}
     part = table[column] == value
     return {name: values[part] for name, values in table.items()} if part.any() else {}
+
+
+def _plain(text: str) -> str:
+    """A text of somebody else's, not to be set as a formula."""
+    return text.replace("$", r"\$")
 
 
 def _begin_s(tables: Mapping[str, Table]) -> float:

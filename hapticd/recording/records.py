@@ -26,6 +26,7 @@ from .wanted import payload_of
 Fields = Sequence[object]
 Check = Callable[[object], bool]
 
+MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
 LEDGER = ("seq", "t_sample_ns", "t_sent_ns", "t_applied_ns", "age_ns", "horizon_ns", "link_ns", "late_ns")
 
 
@@ -56,7 +57,7 @@ class Kind:
 
 
 def _whole(value: object) -> bool:
-    return type(value) is int and -(1 << 63) <= value < 1 << 63
+    return type(value) is int and -MAX_WHOLE <= value <= MAX_WHOLE
 
 
 def _number(value: object) -> bool:

@@ -20,7 +20,8 @@ Row = tuple[Any, ...]
 Column = npt.NDArray[Any]
 TIME = ("t_s", "t_ns")
 _STATUS = [name for name in KINDS["status"].names[1:] if name not in ("measured_um", "voltage_v")]
-_NUMBERS, _WHOLES, _TRUTHS, _TEXTS = np.float64, np.int64, np.bool_, np.str_
+_NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
+_TEXTS = np.object_  # each as long as it is: one long message must not make all others as long
 
 # Column names and their types, after those of TIME.
 TABLES: dict[str, dict[str, type]] = {

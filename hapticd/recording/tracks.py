@@ -6,8 +6,9 @@ between by straight lines: then what the sensor errs by is judged as if it were 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,16 @@ from ..errors import RecordingError
 from .records import Record
 
 FloatArray = npt.NDArray[np.float64]
+Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
 GRID_NS = 1_000_000
 LONGEST_NS = 3600 * 1_000_000_000  # of what is judged at once: an hour takes 200 MB
+MOST_CELLS = 8 * LONGEST_NS // GRID_NS  # instants times fingers at once
 
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """T instants `t_ns` (T,), N fingers, NaN where one is absent: position_mm (T,N,2), target_um (T,N).
+    """T instants `t_ns` (T,), N fingers, NaN where one is absent: position_mm (T,N,2), target_um (T,N). A finger that
+    comes after another one went may take its column.
 
     `got_um` (T,N) is what the plate gave them, where that is known; `is_true`: these are the true positions.
     """
@@ -54,9 +58,15 @@ def tracks(records: Sequence[Record]) -> Tracks:
     return _from_passes([record for record in records if record.kind == "pass"])
 
 
-def _grid_ns(start_ns: int, end_ns: int) -> npt.NDArray[np.int64]:
-    if not 2 * GRID_NS <= end_ns - start_ns <= LONGEST_NS:
-        raise RecordingError("The recording has no fingers to judge by, or more than an hour of them: take a part.")
+def _grid_ns(start_ns: int, end_ns: int, fingers: int) -> npt.NDArray[np.int64]:
+    """The instants that are judged, for so many fingers at once. Raises RecordingError where they are none, or too
+    many to hold."""
+    if not (fingers and end_ns - start_ns >= 2 * GRID_NS):
+        raise RecordingError("The recording has no fingers to judge by.")
+    if not (end_ns - start_ns <= LONGEST_NS and (end_ns - start_ns) // GRID_NS * fingers <= MOST_CELLS):
+        raise RecordingError(
+            "The recording has more fingers than can be judged at once: make one of less than an hour."
+        )
     return np.arange(start_ns, end_ns, GRID_NS)
 
 
@@ -64,8 +74,8 @@ def _from_truth(truth: Sequence[Record]) -> Tracks:
     at_ns = np.array([record.t_ns for record in truth])
     order = np.argsort(at_ns, kind="stable")
     at_ns = at_ns[order]
-    t_ns = _grid_ns(int(at_ns[0]), int(at_ns[-1]))
     fingers = min(len(record.fields[column]) for record in truth for column in (1, 2, 4))
+    t_ns = _grid_ns(int(at_ns[0]), int(at_ns[-1]), fingers)
 
     def column(index: int, width: int) -> FloatArray:
         nothing = [np.nan] * width
@@ -94,7 +104,7 @@ def _between(t_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], values: 
 
 def _from_passes(passes: Iterable[Record]) -> Tracks:
     """Fingers at their samples' instants, virtual ones where a pass put them; targets hold from pass to pass."""
-    places: dict[int | str, list[tuple[int, float, float]]] = {}
+    places: dict[int | str, list[Sample]] = {}
     targets: dict[int | str, list[tuple[int, float]]] = {}
     for record in passes:
         t_ns, age_ns, horizon_ns, _, _, fingers, points, *_ = record.fields
@@ -107,23 +117,38 @@ def _from_passes(passes: Iterable[Record]) -> Tracks:
             if isinstance(key, str):
                 _add_sample(places.setdefault(key, []), t_ns - age_ns + horizon_ns, point[1], point[2])
                 targets.setdefault(key, []).append((t_ns, point[3]))
-    touched = [samples for samples in places.values() if len(samples) > 1]
-    if not touched:
-        raise RecordingError("The recording has no fingers to judge by.")
-    t_ns = _grid_ns(min(samples[0][0] for samples in touched), max(samples[-1][0] for samples in touched))
-    keys = [key for key, samples in places.items() if len(samples) > 1]
-    position_mm = np.stack([_position_mm(t_ns, places[key]) for key in keys], axis=1)
-    target_um = np.stack([_held(t_ns, targets[key]) for key in keys], axis=1)
+    touched = {key: samples for key, samples in places.items() if len(samples) > 1}
+    columns, fingers = _columns(touched)
+    start_ns = min((samples[0][0] for samples in touched.values()), default=0)
+    t_ns = _grid_ns(start_ns, max((samples[-1][0] for samples in touched.values()), default=0), fingers)
+    position_mm = np.full((len(t_ns), fingers, 2), np.nan)
+    target_um = np.full((len(t_ns), fingers), np.nan)
+    for key, samples in touched.items():
+        part = slice(*np.searchsorted(t_ns, (samples[0][0], samples[-1][0] + 1)).tolist())
+        position_mm[part, columns[key]] = _position_mm(t_ns[part], samples)
+        target_um[part, columns[key]] = _held(t_ns[part], targets[key])
     target_um[~np.isfinite(position_mm[..., 0])] = np.nan
     return Tracks(t_ns, position_mm, target_um, None, False)
 
 
-def _add_sample(samples: list[tuple[int, float, float]], t_ns: int, x_mm: float, y_mm: float) -> None:
+def _columns(touched: Mapping[int | str, Sequence[Sample]]) -> tuple[dict[int | str, int], int]:
+    """A column for each finger, and how many there are: a session has thousands of touches, but few at once."""
+    columns: dict[int | str, int] = {}
+    taken: list[tuple[int, int]] = []  # until when, and which: the first to be free in front
+    for key, samples in sorted(touched.items(), key=lambda item: item[1][0][0]):
+        # Two steps between them, so that the one that comes is seen to land.
+        is_free = bool(taken) and taken[0][0] + 2 * GRID_NS < samples[0][0]
+        columns[key] = heappop(taken)[1] if is_free else len(taken)
+        heappush(taken, (samples[-1][0], columns[key]))
+    return columns, len(taken)
+
+
+def _add_sample(samples: list[Sample], t_ns: int, x_mm: float, y_mm: float) -> None:
     if not samples or t_ns > samples[-1][0]:
         samples.append((t_ns, x_mm, y_mm))
 
 
-def _position_mm(t_ns: npt.NDArray[np.int64], samples: Sequence[tuple[int, float, float]]) -> FloatArray:
+def _position_mm(t_ns: npt.NDArray[np.int64], samples: Sequence[Sample]) -> FloatArray:
     at_ns, x_mm, y_mm = zip(*samples, strict=True)
     lines = [np.interp(t_ns, at_ns, along, left=np.nan, right=np.nan) for along in (x_mm, y_mm)]
     return np.stack(lines, axis=1)

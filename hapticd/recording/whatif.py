@@ -178,7 +178,7 @@ def _judge(recording: Recording, fingers: Tracks, made: Sequence[Polyline]) -> S
 def in_force_um(t_ns: npt.NDArray[np.int64], made: Sequence[Polyline], modes: int) -> npt.NDArray[np.complex128]:
     """What the references say at each instant (T,M): the one that began last, 0 before the first."""
     modal_um = np.zeros((len(t_ns), modes), dtype=np.complex128)
-    ordered = sorted(made, key=lambda polyline: polyline[0])
+    ordered = sorted((polyline for polyline in made if polyline[1]), key=lambda polyline: polyline[0])
     bounds = [*np.searchsorted(t_ns, [t_apply_ns for t_apply_ns, _ in ordered]).tolist(), len(t_ns)]
     for index, (t_apply_ns, knots) in enumerate(ordered):
         part = slice(bounds[index], bounds[index + 1])

@@ -152,7 +152,7 @@ class Browser:
         try:
             body = await request.json()
             number, key = body["number"], Key(body["key"])
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, LookupError, TypeError, RecursionError):
             raise self._web.HTTPBadRequest(text="A press is a screen's number and a key.") from None
         self._presses.put((number, key))
         response: web.StreamResponse = self._web.json_response({})

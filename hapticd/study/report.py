@@ -45,7 +45,15 @@ def sessions_in(folder: Path) -> list[Session]:
     """All sessions of a folder, by the participants' names (P2 before P10). Raises StudyError."""
     if not folder.is_dir():
         raise StudyError(f"{folder}: is no folder: give the --out of the sessions.")
-    sessions = [read(path) for path in folder.glob(f"*{SUFFIX}")]
+    whose: dict[str, Path] = {}
+    sessions = []
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        sessions.append(read(path))
+        first = whose.setdefault(sessions[-1].participant, path)
+        if first != path:
+            raise StudyError(
+                f"{path}: is {sessions[-1].participant}'s, as {first} is: keep one of them, or it counts twice."
+            )
     return sorted(sessions, key=lambda session: (len(session.participant), session.participant))
 
 

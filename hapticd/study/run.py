@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import secrets
 import signal
 import sys
@@ -147,9 +148,10 @@ def _ask(wishes: Wishes, file: SessionFile) -> None:
 def _client(wishes: Wishes, rehearsal: Rehearsal | None) -> Client:
     from hapticd_client import Client
 
+    name = f"study-{os.getpid()}"  # a second study on one plate is refused, and does not change this one's trials
     if rehearsal is None:
-        return Client(wishes.endpoint, name="study", timeout_s=DAEMON_WITHIN_S)
-    return Client(rehearsal.runtime_dir, name="study", timeout_s=REHEARSAL_WITHIN_S)
+        return Client(wishes.endpoint, name=name, timeout_s=DAEMON_WITHIN_S)
+    return Client(rehearsal.runtime_dir, name=name, timeout_s=REHEARSAL_WITHIN_S)
 
 
 def _scheme(wishes: Wishes) -> str:

@@ -24,6 +24,7 @@ from .protocol import Design, Friction, StudyError, participant_name, presented
 
 VERSION = 1
 SUFFIX = ".jsonl"
+BEGIN = b'{"kind": "session", '  # of every file: what begins otherwise is somebody's own
 MAX_SEED = 2**63 - 1
 
 
@@ -119,13 +120,14 @@ class SessionFile:
         self._file.seek(0)
         data = self._file.read()
         whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            self._file.truncate(whole)
         if whole > 0:
             begun = decode(data[:whole], str(path))
             if begun.answers:
+                self._file.truncate(whole)
                 return begun
-            self._file.truncate(0)
+        elif not data.startswith(BEGIN[: len(data)]):
+            raise StudyError(f"{path}: is no session of hapticd study: choose another --out.")
+        self._file.truncate(0)
         header = {"kind": "session", "version": VERSION, "participant": given.participant, "seed": given.seed}
         self._write({**header, "design": asdict(given.design), **given.about})
         return given

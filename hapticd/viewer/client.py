@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ STATE_S = 1.0  # a daemon that is silent for longer is gone
 RETRY_S = 0.5
 STATUS_EVERY_S = 1.0
 FRAME_EVERY_S = 1 / 62  # as often as a screen is drawn, and a little more
+MAX_WISHES = 32  # that wait, of different fingers: two for each that a client may hold
 
 Tell = Callable[[str, str, "Plate | None"], None]
 Wish = tuple[Want | ClearFault, Callable[[str], None]]
@@ -58,7 +58,8 @@ class PlateClient:
         self.name = f"view-{os.getpid()}"
         self._endpoint = endpoint
         self._tell = tell
-        self._wishes: queue.SimpleQueue[Wish] = queue.SimpleQueue()
+        self._wishes: dict[int | str | None, Wish] = {}  # by finger, None for the fault: the newest counts
+        self._lock = threading.Lock()  # of the wishes
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapticd-view", daemon=True)
 
@@ -72,8 +73,14 @@ class PlateClient:
         self._thread.join()
 
     def ask(self, wish: Want | ClearFault, refuse: Callable[[str], None]) -> None:
-        """Have it carried out soon; `refuse` hears why not, on the client's thread."""
-        self._wishes.put((wish, refuse))
+        """Have it carried out soon, if no newer one for the same finger comes; `refuse` hears why not."""
+        finger = wish.finger if isinstance(wish, Want) else None
+        with self._lock:
+            is_taken = finger in self._wishes or len(self._wishes) < MAX_WISHES
+            if is_taken:
+                self._wishes[finger] = wish, refuse
+        if not is_taken:
+            refuse(messages.refused(f"{MAX_WISHES} wishes wait for the daemon already: ask again."))
 
     def _run(self) -> None:
         while not self._ending.is_set():
@@ -119,20 +126,24 @@ class PlateClient:
                 self._tell("status", messages.status(client.status()), None)
 
     def _refuse_all(self, sentence: str) -> None:
-        with contextlib.suppress(queue.Empty):
-            while True:
-                self._wishes.get_nowait()[1](sentence)
+        for _, refuse in self._waiting():
+            refuse(sentence)
 
     def _carry_out(self, client: hapticd_client.Client) -> None:
-        while True:
-            try:
-                wish, refuse = self._wishes.get_nowait()
-            except queue.Empty:
-                return
+        for wish, refuse in self._waiting():
             try:
                 _ask(client, wish)
             except hapticd_client.RefusedError as error:
                 refuse(messages.refused(str(error)))
+
+    def _waiting(self) -> Iterator[Wish]:
+        """What is wished now, each taken away; as many as may wait, for pages may wish faster than they are served."""
+        for _ in range(MAX_WISHES):
+            with self._lock:
+                if not self._wishes:
+                    return
+                wish = self._wishes.pop(next(iter(self._wishes)))
+            yield wish
 
 
 def _ask(client: hapticd_client.Client, wish: Want | ClearFault) -> None:

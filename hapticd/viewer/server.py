@@ -14,7 +14,7 @@ from functools import partial
 from importlib import resources
 
 import zmq
-from aiohttp import WSMsgType, web
+from aiohttp import WSCloseCode, WSMsgType, web
 
 from ..errors import RequestError
 from ..sim.hands import MAX_HANDS, Point
@@ -26,6 +26,7 @@ from .rig import PadHand
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 KEYED = ("/", "/shapes", "/layer", "/socket")  # what is more than the page's own files
 MAX_PAGES = 8
+MAX_WANTED = 16  # fingers that a client may hold
 HOLD_EVERY_S = 0.15  # the rig lets go of who is silent for three times as long
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -38,7 +39,7 @@ class Page:
         self.socket = socket
         self.number = number
         self.held: dict[str, Point] = {}
-        self.wanted: set[int | str] = set()
+        self.wanted: dict[int | str, None] = {}  # the newest MAX_WANTED, in their order
         self._waiting: dict[str, str] = {}  # by kind: only the newest of each counts
         self._news = asyncio.Event()
 
@@ -47,6 +48,14 @@ class Page:
         self._waiting.pop(kind, None)
         self._waiting[kind] = text
         self._news.set()
+
+    def remember(self, wish: Want) -> None:
+        """What is given up for this page when it closes."""
+        self.wanted.pop(wish.finger, None)
+        if wish.amplitude_um is not None:
+            self.wanted[wish.finger] = None
+        if len(self.wanted) > MAX_WANTED:
+            del self.wanted[next(iter(self.wanted))]
 
     async def write(self) -> None:
         """Send what there is, until cancelled or the page is gone."""
@@ -131,10 +140,12 @@ class Viewer:
         return web.Response(body=levels, content_type="application/octet-stream")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        if len(self._pages) >= MAX_PAGES:
-            raise web.HTTPServiceUnavailable(text=f"{MAX_PAGES} pages are open already: close one.\n")
         socket = web.WebSocketResponse(max_msg_size=messages.MAX_MESSAGE_BYTES, heartbeat=10.0)
         await socket.prepare(request)
+        if len(self._pages) >= MAX_PAGES:  # said within the socket: of a refused one a browser hides why
+            why = f"{MAX_PAGES} pages are open already: close one."
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=why.encode())
+            return socket
         self._opened += 1
         page = Page(socket, self._opened)
         self._enter(page)
@@ -168,7 +179,7 @@ class Viewer:
         self._pages.remove(page)
         if self._pages:
             wanted_elsewhere = set().union(*(other.wanted for other in self._pages))
-            for finger in page.wanted - wanted_elsewhere:
+            for finger in page.wanted.keys() - wanted_elsewhere:
                 self._ask(page, Want(finger, None))
             if page.held:
                 self._hold()
@@ -197,7 +208,7 @@ class Viewer:
 
     def _ask(self, page: Page, wish: Want | ClearFault) -> None:
         if isinstance(wish, Want):
-            (page.wanted.discard if wish.amplitude_um is None else page.wanted.add)(wish.finger)
+            page.remember(wish)
         if self._client is None:
             return
         loop = asyncio.get_running_loop()

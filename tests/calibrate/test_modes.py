@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd.calibrate import modes, simulated
+from hapticd.calibrate import folder, modes, simulated
 from hapticd.calibrate.leak import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, solved_um
 from hapticd.calibrate.modes import fit_map
 from hapticd.calibrate.scan_file import Scan, read
@@ -62,6 +62,19 @@ def test_the_simulated_plate_s_verdict_is_a_pass_that_names_the_map(found: modes
 def same_twice(fit: CartographyFit) -> CartographyFit:
     shape = fit.modes.shapes[0]
     return replace(fit, modes=ModeShapes.from_grid(fit.modes.x_mm, fit.modes.y_mm, np.stack((shape, -0.5 * shape))))
+
+
+def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found: modes.FittedMap) -> None:
+    fit = found.fit
+    one = ModeShapes.from_grid(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes[:1])
+    alone = replace(found, fit=replace(fit, modes=one, noise_rms=fit.noise_rms[:1], across_rms=fit.across_rms[:1]))
+    alone = replace(alone, like=found.like[:1])
+    verdict = modes.verdict(alone, 900, SIZE_MM, is_simulated=False)
+
+    assert verdict.outcome is Outcome.LOOK
+    assert "1 mode where a plate usually has 2" in verdict.sentence
+    assert verdict.settings["limits"] == {"w_limit_um": [4.0]}
+    assert folder.accepted(verdict) == verdict
 
 
 @pytest.mark.parametrize(

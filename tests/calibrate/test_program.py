@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -171,6 +172,27 @@ def test_a_step_that_failed_does_not_reach_the_configuration(tmp_path: Path) -> 
     assert config.load(tmp_path / "hapticd.toml") == config.Config()
     folder.save(tmp_path, a_verdict())
     assert config.load(tmp_path / "hapticd.toml").plate.friction_curve == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("curve_um", "sentence"), [([0.0, 181.25, 2900.0], "out of bounds"), ([0.0, 0.0, 0.0], "rising numbers")]
+)
+def test_settings_that_the_service_would_not_take_fail_and_spoil_no_others(
+    curve_um: list[float], sentence: str, tmp_path: Path
+) -> None:
+    wrong = replace(a_verdict(), settings={"plate": {"friction_curve": curve_um}})
+    judged = folder.accepted(wrong)
+    assert judged.outcome is Outcome.FAIL
+    assert sentence in judged.sentence
+    folder.save(tmp_path, judged)
+    assert config.load(tmp_path / "hapticd.toml") == config.Config()
+
+
+def test_the_settings_of_one_step_on_a_real_plate_are_taken_before_the_others_are_there() -> None:
+    real = replace(a_verdict("resonance"), settings={"device": {"port": "/dev/ttyACM0", "baud": 921600}})
+    assert folder.accepted(real) == real
+    failed = replace(real, outcome=Outcome.FAIL)
+    assert folder.accepted(failed) == failed
 
 
 def test_results_of_a_real_and_of_the_simulated_plate_do_not_mix(tmp_path: Path) -> None:

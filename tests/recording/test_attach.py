@@ -7,6 +7,7 @@ import threading
 from pathlib import Path
 
 import pytest
+import zmq
 from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench
 
 from hapticd.__main__ import main
@@ -218,3 +219,32 @@ def test_no_daemon_is_one_sentence(
 def test_a_senseless_time_is_one_sentence(seconds: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["record", str(tmp_path / "a.hrec"), f"--seconds={seconds}"]) == 2
     assert "--seconds" in capsys.readouterr().err
+
+
+def test_who_comes_and_goes_all_the_time_makes_few_headers(tmp_path: Path) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    made: list[bool] = []
+
+    def header(is_whole: bool) -> Header:
+        made.append(is_whole)
+        return header_of(bench.machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+
+    ours = Recorders(bench.machine, RecordConfig(), tmp_path, header)
+
+    async def harried() -> None:
+        ours.start(asyncio.get_running_loop())
+        context = zmq.Context()
+        with context.socket(zmq.XSUB) as socket:
+            socket.linger = 0
+            socket.connect(f"ipc://{tmp_path / 'record'}")
+            for _ in range(200):
+                socket.send(b"\x01")
+                socket.send(b"\x00")
+            socket.send(b"\x01")
+            while not ours.is_live or await asyncio.to_thread(socket.poll, 20) == 0:
+                ours.sweep()
+        context.term()
+        ours.close(bench.t_ns)
+
+    asyncio.run(asyncio.wait_for(harried(), 30.0))
+    assert 1 <= len(made) <= 2 + 401 // 64

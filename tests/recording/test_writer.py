@@ -55,6 +55,12 @@ def test_an_existing_recording_is_never_written_over(tmp_path: Path, stream: Str
     assert [file.path.name for file in made] == ["a-2.hrec", "a-3.hrec"]
 
 
+@pytest.mark.parametrize("folder", [".", "/", ".."])
+def test_a_folder_is_no_file_to_record_to(folder: str, stream: Stream) -> None:
+    with pytest.raises(RecordingError, match="is a folder: name a file in it"):
+        RecordingFile(Path(folder), stream.opening())
+
+
 def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path, stream: Stream) -> None:
     with pytest.raises(RecordingError, match="no recording can be written there"):
         RecordingFile(tmp_path / "no" / "folder.hrec", stream.opening())

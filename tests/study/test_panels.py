@@ -197,6 +197,10 @@ def test_a_press_that_is_none_is_refused(page: Browser, body: bytes) -> None:
     assert page.pressed() is None
 
 
+def test_a_press_in_a_charset_that_there_is_not_is_refused(page: Browser) -> None:
+    assert ask(page, "press", b"{}", **{"Content-Type": "application/json; charset=none"})[0] == 400
+
+
 def test_a_long_press_is_not_read(page: Browser) -> None:
     assert ask(page, "press", b"{" + b" " * 10_000 + b"}")[0] == 413
 

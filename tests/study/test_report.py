@@ -91,6 +91,13 @@ def test_sessions_that_do_not_belong_together_are_said_to(papers: Path, capsys: 
     assert "not of one design" in outcome(capsys, "report", str(papers))[2]
 
 
+def test_a_copy_of_a_session_does_not_count_twice(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (papers / "P3 (copy).jsonl").write_bytes((papers / "P3.jsonl").read_bytes())
+    code, _, complaint = outcome(capsys, "report", str(papers))
+    assert (code, complaint.count("\n")) == (2, 1)
+    assert "is P3's, as" in complaint
+
+
 def test_participants_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for name in ("P10", "P9", "P1"):
         write(tmp_path, session(name, 3, trials=4))

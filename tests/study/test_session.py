@@ -53,6 +53,17 @@ def test_a_file_cut_in_its_first_line_begins_anew(tmp_path: Path) -> None:
     assert read(path).seed == 99
 
 
+@pytest.mark.parametrize(
+    "theirs", [b"notes without an end of line", b'{"kind": "letter"}', b'{"kind": "session"}\nnotes']
+)
+def test_a_file_that_is_no_session_is_left_as_it_is(theirs: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "P1.jsonl"
+    path.write_bytes(theirs)
+    with pytest.raises(StudyError):
+        SessionFile(path, Session("P1", 99, Design()))
+    assert path.read_bytes() == theirs
+
+
 def test_a_session_without_an_answer_may_begin_otherwise(tmp_path: Path) -> None:
     path = tmp_path / "P1.jsonl"
     for given_ in (Session("P1", 1, Design(trials=5)), Session("P1", 2, Design(trials=6))):

@@ -3,7 +3,7 @@
 const AGAIN_MS = 1000;
 
 export class Link {
-  /** `hear` has a function for each kind of message, and `lost` for when the server is gone. */
+  /** `hear` has a function for each kind of message, and `lost` for when the server is gone, or says why it does not serve. */
   constructor(hear) {
     this.hear = hear;
     this.key = new URLSearchParams(location.search).get("key") ?? "";
@@ -16,8 +16,8 @@ export class Link {
       const message = JSON.parse(event.data);
       this.hear[message.kind]?.(message);
     });
-    this.socket.addEventListener("close", () => {
-      this.hear.lost();
+    this.socket.addEventListener("close", (event) => {
+      this.hear.lost(event.reason);
       setTimeout(() => this.open(), AGAIN_MS);
     });
   }

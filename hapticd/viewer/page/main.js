@@ -22,6 +22,7 @@ const HINTS = {
   real: "Click a finger to choose it. Keys: 0 makes it sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
 };
 const INVITATION = "Drag here to touch the plate";
+const ENDED = "The viewer has ended: start `hapticd view` again, and open the address it prints.";
 const FIELDS = {
   true: "as the simulated plate truly moves",
   measured: "as the board measures it",
@@ -64,7 +65,7 @@ const link = new Link({
   },
   gone: (message) => stopped("No daemon", message.sentence),
   refused: (message) => notice(message.sentence, 6000),
-  lost: () => stopped("Not connected", "The viewer has ended: start `hapticd view` again, and open the address it prints."),
+  lost: (why) => stopped("Not connected", why || ENDED),
 });
 const ask = (wish) => link.say(wish);
 const hands = new Hands($("plate"), ask, pointedAt);
