@@ -35,10 +35,11 @@ class RecordSocket:
         self._path = directory / NAME
         self._directory = directory
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
+        self._there: frozenset[bytes] = frozenset()
 
     def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bytes, bool], None]) -> None:
-        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True where recorders came to it, False when its
-        last one went.
+        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True where recorders came to it, False when
+        its last one went.
 
         Raises HapticdError.
         """
@@ -65,8 +66,7 @@ class RecordSocket:
         """Read who came and went; also to be called now and then, for a send may eat a socket's wake-up."""
         if self._context is None:
             return
-        came, was_there = False, self._is_there
-        there, came = set(self._there), set[bytes]()
+        came, there = set[bytes](), set(self._there)
         for _ in range(MAX_READS):
             try:
                 said = self._socket.recv(zmq.NOBLOCK)
