@@ -35,6 +35,22 @@ COMMANDS = {
         "play a scenario in virtual time and judge it",
         "strokes --seed 3 --json - --out strokes.npz",
     ),
+    "calibrate": Command(
+        "calibrate.arguments",
+        "measure plate, trackpad and delays step by step, each with a picture and a verdict",
+        "all --sim --out DIR",
+    ),
+    "plate": Command(
+        "calibrate.arguments",
+        "design a plate: pairs of modes near a frequency, their shapes, and where to glue it",
+        "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
+        "add_plate_arguments",
+    ),
+    "map": Command(
+        "cli.map",
+        "for a finger here, where another one can be still, or slip: a table and a picture",
+        "--finger -30,20 --plot map.png",
+    ),
     "record": Command(
         "recording.commands",
         "record a running daemon: all that it hears, decides and writes",
@@ -64,28 +80,12 @@ COMMANDS = {
         "give states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
         "plotjuggler",
     ),
+    "study": Command("study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
     "firmware": Command(
         "bringup.arguments",
         "talk to the board: who it is, sweeps, telemetry, gains",
         "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     ),
-    "calibrate": Command(
-        "calibrate.arguments",
-        "measure plate, trackpad and delays step by step, each with a picture and a verdict",
-        "all --sim --out DIR",
-    ),
-    "plate": Command(
-        "calibrate.arguments",
-        "design a plate: pairs of modes near a frequency, their shapes, and where to glue it",
-        "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
-        "add_plate_arguments",
-    ),
-    "map": Command(
-        "cli.map",
-        "for a finger here, where another one can be still, or slip: a table and a picture",
-        "--finger -30,20 --plot map.png",
-    ),
-    "study": Command("study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
     "latency": Command(
         "cli.latency",
         "measure what each part of a touch's way takes, on the devices at hand",
@@ -96,12 +96,12 @@ COMMANDS = {
         "compare the choices on a touch's path, error against run time",
         "all --json bench.json --plot bench.png",
     ),
+    "doctor": Command("cli.doctor", "look whether everything is there, and say what mends it", "--config hapticd.toml"),
     "keys": Command(
         "keys",
         "make keys for clients on other machines, and say whose are let in",
         "make /etc/hapticd/keys",
     ),
-    "doctor": Command("cli.doctor", "look whether everything is there, and say what mends it", "--config hapticd.toml"),
     "install-service": Command(
         "cli.install_service",
         "put the service's unit, rules, users and configuration in place",
