@@ -14,7 +14,6 @@ import secrets
 import signal
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -29,6 +28,7 @@ from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import TrackpadSource
 from .machine import TIMER_NS, Machine
+from .recording.dates import utc_now
 from .recording.header import Header, header_of
 from .recording.service import Recorders
 from .values import ModeCalibration, RawReport
@@ -315,8 +315,7 @@ def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) 
 
 
 def _header(machine: Machine, is_whole: bool) -> Header:
-    utc = datetime.now(UTC).isoformat(timespec="milliseconds")
-    return header_of(machine, machine.modes, t_ns=now_ns(), utc=utc, is_whole=is_whole)
+    return header_of(machine, machine.modes, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
 
 
 def now_ns() -> int:

@@ -168,7 +168,8 @@ def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_lea
                 await until(lambda: caplog.text.count("serving clients in") == 2)
             with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
                 second = await asyncio.to_thread(client.status)
-            assert second["timing"]["histograms"]["tick_late"]["count"] >= 1
+                while "tick_late" not in second["timing"]["histograms"]:  # a daemon of its own, whose ticks count anew
+                    second = await asyncio.to_thread(client.status)
             assert first["real_time"]["refused"] == second["real_time"]["refused"] == []
             os.kill(os.getpid(), signal.SIGTERM)
             await asyncio.wait_for(serving, PATIENCE_S)

@@ -226,7 +226,9 @@ def _situation_table(situations: Mapping[str, Mapping[str, float]]) -> Table:
         default=DEFAULT,
         rows=finite_rows(list(situations.items())),
         compared=("hot_us", "paced_us"),
-        notes=("skipped: share of passes with nothing to solve; no finger: the timer's pass, 100 times a second",),
+        notes=(
+            "skipped: share of passes with nothing to solve; no finger: the timer, of which every tenth makes a pass",
+        ),
     )
 
 

@@ -41,9 +41,7 @@ SETTLE_TIME_EVERY_NS: Final = 20_000_000  # until the clock is known
 TIME_EVERY_NS: Final = 500_000_000
 LEAP_US: Final = 2_000_000  # between two statuses: the board's clock is another, it was reset
 CLOCK_WRAP_US: Final = 1 << 32
-KEEP_ALIVE_AFTER_NS: Final = (
-    12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20, and the board waits 50
-)
+KEEP_ALIVE_AFTER_NS: Final = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20
 ARM_EVERY_NS: Final = 20_000_000  # slower than references come: zero frames must not come between them
 ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
 SILENT_AFTER_NS: Final = 1_000_000_000  # the board sends a status ten times a second

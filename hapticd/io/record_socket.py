@@ -66,7 +66,7 @@ class RecordSocket:
         """Read who came and went; also to be called now and then, for a send may eat a socket's wake-up."""
         if self._context is None:
             return
-        came, there = set[bytes](), set(self._there)
+        came, left, there = set[bytes](), set[bytes](), set(self._there)
         for _ in range(MAX_READS):
             try:
                 said = self._socket.recv(zmq.NOBLOCK)
@@ -79,12 +79,13 @@ class RecordSocket:
                 came.add(said[1:])
             elif said[:1] == b"\x00":
                 there.discard(said[1:])
+                left.add(said[1:])
         before, self._there = self._there, frozenset(there)
         for wanted in (NOW, WHOLE):
+            if wanted in before and wanted in left:
+                self._on_recorder(wanted, False)
             if wanted in came and wanted in there:
                 self._on_recorder(wanted, True)
-            elif wanted in before and wanted not in there:
-                self._on_recorder(wanted, False)
 
     def _hear(self) -> None:
         """Look at once, and not again for a while."""

@@ -20,7 +20,7 @@ from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.compiled import why_interpreted
 from hapticd.config import Config
 from hapticd.core.prediction import PREDICTORS
-from hapticd.machine import Machine
+from hapticd.machine import LOOK_EVERY_NS, TIMER_NS, Machine
 from hapticd.sim.scenarios import SCENARIOS
 
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
@@ -248,7 +248,8 @@ def test_what_a_scene_does_not_need_is_skipped() -> None:
     assert [row.name for row in stages.rows] == [tick.WHOLE, *STAGES, tick.REST]
     assert all(row.figures["hot_us"] > 0.0 for row in stages.rows[:-1])
     skipped = {row.name: row.figures["skipped_frac"] for row in situations.rows}
-    assert skipped["no finger"] == skipped["no target"] == skipped["standing"] == 1.0
+    assert skipped["no target"] == skipped["standing"] == 1.0
+    assert skipped["no finger"] == pytest.approx(TIMER_NS / LOOK_EVERY_NS)
     assert skipped[tick.DEFAULT] == skipped["a single knot"] == 0.0
 
 

@@ -21,14 +21,16 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     environ = {**os.environ, "TMPDIR": str(bench.folder)}
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
         said, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
-    assert (process.returncode, complaints) == (0, "")
+    faults = [line for line in complaints.splitlines() if not re.search("trackpad silent|timing since", line)]
+    assert (process.returncode, faults) == (0, [])  # beside other tests the pad may be late, which is said rightly
     lines = said.splitlines()
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
     assert 2 <= len(live) <= 4
     assert "1.00 -> " in live[-1]
     assert any(re.fullmatch(r"sticky finger, um RMS +\d+\.\d+ +\d+\.\d+", line) for line in lines)
     assert any(line.startswith("The sticky finger gets ") for line in lines)
-    assert lines[-1] == f"picture: {out}"
+    assert lines[-2] == f"picture: {out}"
+    assert lines[-1].endswith("hapticd view --sim")
     assert out.read_bytes().startswith(b"\x89PNG")
     assert {path.name for path in bench.folder.iterdir()} <= {"demo.png", "hapticd.toml", "rig"}  # it tidied up
 

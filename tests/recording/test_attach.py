@@ -225,9 +225,9 @@ def test_who_comes_and_goes_all_the_time_makes_few_headers(tmp_path: Path) -> No
     bench = Bench(SLIPPERY, STICKY).driven()
     made: list[bool] = []
 
-    def header(is_whole: bool) -> Header:
+    def header(machine: Machine, is_whole: bool) -> Header:
         made.append(is_whole)
-        return header_of(bench.machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
 
     ours = Recorders(bench.machine, RecordConfig(), tmp_path, header)
 
