@@ -14,7 +14,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,8 +66,8 @@ def show(
 ) -> int:
     """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code.
 
-    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's. With
-    `in_browser` the plate can be watched there meanwhile (`viewer`).
+    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's. The
+    plate can be watched in a browser meanwhile (`viewer`), which `in_browser` opens.
     """
     try:
         import hapticd_client
@@ -93,8 +94,8 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
         rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
         with rig, DaemonProcess(rig.directory, f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon:
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
-                t_asked_s = _ask(client, rig, seed)
-                with _watched(daemon.runtime_dir) if in_browser else nullcontext():
+                with _watched(daemon.runtime_dir, opens=in_browser):
+                    t_asked_s = _ask(client, rig, seed)
                     status = _watch(client, seconds)
                 if status["board"].get("refused"):
                     raise HapticdError(status["board"]["refused"])
@@ -161,9 +162,13 @@ def _ask(client: Client, rig: RigProcess, seed: int) -> float:
 
 
 @contextmanager
-def _watched(runtime_dir: Path) -> Iterator[None]:
-    """The plate in the browser as well; its own message says it where that cannot be."""
-    command = [sys.executable, "-m", "hapticd", "view", "--endpoint", str(runtime_dir)]
+def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
+    """The plate's page is served as well, and its address told. Where it cannot be, who wants it opened hears why."""
+    if not opens and find_spec("aiohttp") is None:
+        yield
+        return
+    command = [sys.executable, "-m", "hapticd", "view", "--endpoint", str(runtime_dir), "--port", "0"]
+    command += [] if opens else ["--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stdout is not None
         print(process.stdout.readline(), end="", flush=True)

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the firmware's core within the rig (default), or its whole program as a process or in QEMU",
     )
     parser.add_argument("--image", type=Path, metavar="FILE", help="that program (default: built by make -C firmware)")
-    parser.add_argument("--view", action="store_true", help="show the plate in the browser meanwhile")
+    parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")
     parser.set_defaults(command=_demo)
 
 

@@ -87,13 +87,13 @@ async def _serve(listener: socket.socket, endpoint: str | None, *, open_browser:
     await runner.setup()
     try:
         await web.SockSite(runner, listener, shutdown_timeout=1.0).start()
+        ended = asyncio.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, ended.set)
         address = f"http://{HOST}:{viewer.port}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
         if open_browser and has_screen():
             await asyncio.to_thread(webbrowser.open, address)
-        ended = asyncio.Event()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            asyncio.get_running_loop().add_signal_handler(number, ended.set)
         await ended.wait()
     finally:
         await runner.cleanup()
