@@ -228,9 +228,10 @@ class Machine:
             log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
             self.pipeline.sensor_lost()
         was_accepted = self.session.hello is not None
-        self._say(self.session.timer(t_now_ns), t_now_ns)
+        commands = self.session.timer(t_now_ns)
         if was_accepted and self.session.hello is None:
             log.warning("board: it has fallen silent; it is greeted until it answers")
+        self._say(commands, t_now_ns)  # which may find that the port is gone
         if self.session.ready:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:

@@ -192,6 +192,10 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
         with Client(runtime_dir, timeout_s=PATIENCE_S) as client:
             recording.append(client.status()["recording"])
 
+    def is_recorded() -> bool:
+        with Client(runtime_dir, timeout_s=PATIENCE_S) as client:
+            return "attached" in client.status().get("recording", {})
+
     async def story() -> None:
         for name in ("a", "b"):
             whole = Recorder(tmp_path / f"{name}.hrec", configuration, 1.0)
@@ -208,6 +212,8 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
             await until(lambda: not joined.is_alive())
             assert LATE in joined.said
             killed.kill()
+        while await asyncio.to_thread(is_recorded):
+            pass
         last = Recorder(tmp_path / "last.hrec", configuration, 0.5)
         await until(lambda: not last.is_alive())
         assert BEGUN in last.said
