@@ -56,6 +56,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
         ("[device]\ncalibration_file = 'gone.toml'", "device.calibration_file: there is no file"),
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
+        ("[plate]\nneighbours_file = 'n.npz'", "plate.neighbours_file: needs neighbours_detuning_hz and"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
         ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
@@ -114,6 +115,10 @@ def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
 def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
     loaded = load('[client]\ntcp = "[::1]:7410"\nkeys_dir = "keys"\n', tmp_path)
     assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")
+
+
+def test_a_recording_goes_where_the_file_is_that_asks_for_it(tmp_path: Path) -> None:
+    assert load('[record]\nfile = "all.hrec"\n', tmp_path).record.file == str(tmp_path.resolve() / "all.hrec")
 
 
 def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import random
+import re
 from typing import Any
 
 import msgpack
@@ -280,8 +281,24 @@ def test_each_request_is_read_with_its_body() -> None:
     one, everything = {"client": "a", "finger": 3}, {"client": "a"}
     assert client.decode_request(request("release", body=one)).body == client.Release("a", 3)
     assert client.decode_request(request("release", body=everything)).body == client.Release("a", None)
-    for op in ("hello", "capabilities", "status", "clear_fault"):
+    noted = {"client": "a", "text": "trial 1: begins"}
+    assert client.decode_request(request("marker", body=noted)).body == client.Marker("a", "trial 1: begins")
+    for op in ("hello", "capabilities", "status", "plate", "clear_fault"):
         assert client.decode_request(request(op)) == client.Request(op, 7, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (7, "text: must be a text, not a whole number"),
+        ("", "text: has 1 .. 100 printable characters"),
+        ("a" * 101, "text: has 1 .. 100 printable characters"),
+        ("two\nlines", "text: has 1 .. 100 printable characters"),
+    ],
+)
+def test_a_marker_is_a_short_printable_text(text: object, sentence: str) -> None:
+    with pytest.raises(RequestError, match=re.escape(sentence)):
+        client.decode_request(request("marker", body={"client": "a", "text": text}))
 
 
 def test_an_answer_carries_what_the_handler_returned() -> None:
