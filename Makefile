@@ -11,7 +11,8 @@ demo: $(INSTALLED)
 	$(BIN)/hapticd demo
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 -m "not virtual_machine"
+	$(BIN)/python -m pytest -n 2 -m "not virtual_machine and not alone"
+	$(BIN)/python -m pytest -p no:xdist -m alone
 
 # Every branch of the limits, the supervisor and the decoders.
 coverage: $(INSTALLED)

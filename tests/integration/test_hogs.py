@@ -21,6 +21,7 @@ def may_have_fifo() -> bool:
     return subprocess.run([sys.executable, "-c", asked], stderr=subprocess.DEVNULL, check=False).returncode == 0
 
 
+@pytest.mark.alone
 @pytest.mark.skipif(not may_have_fifo(), reason="SCHED_FIFO needs root or CAP_SYS_NICE")
 def test_hogs_on_every_processor_cost_a_fifo_service_no_keep_alive(bench: Bench) -> None:
     rig = bench.rig()

@@ -40,6 +40,7 @@ def pulse() -> Iterator[list[float]]:
         beating.join()
 
 
+@pytest.mark.alone
 def test_reloads_in_a_row_trip_no_dead_man_and_leave_nothing_behind(bench: Bench) -> None:
     first(bench.rig().process)
     service = bench.service()
