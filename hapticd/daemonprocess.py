@@ -1,4 +1,4 @@
-"""`hapticd run` as a process of its own, on a simulated rig that runs already."""
+"""`hapticd run` as a process of its own, on a simulated rig."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ END_WITHIN_S = 10.0
 class DaemonProcess:
     """A service from `__enter__` to `__exit__`; `runtime_dir` is where its clients connect.
 
-    `settings` is more of its configuration, as TOML.
+    `sim` are the lines of its [sim] table: the rig that runs already, or what its own plays; `settings` are more of its
+    configuration, as TOML. Clients give it some seconds to start.
     """
 
-    def __init__(self, rig_dir: Path, settings: str = "") -> None:
+    def __init__(self, sim: str, settings: str = "", *, log_level: str = "warning") -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-run-")
         self.runtime_dir = Path(self._folder.name, "run")
         self._config = Path(self._folder.name, "hapticd.toml")
         self._config.write_text(
-            f'[sim]\nrig_dir = "{rig_dir}"\n[client]\nruntime_dir = "{self.runtime_dir}"\n'
-            f'[log]\nlevel = "warning"\n{settings}',
+            f'[sim]\n{sim}\n[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "{log_level}"\n{settings}',
             encoding="utf-8",
         )
 

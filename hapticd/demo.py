@@ -92,7 +92,10 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
         rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
-        with rig, DaemonProcess(rig.directory, f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon:
+        with (
+            rig,
+            DaemonProcess(f'rig_dir = "{rig.directory}"', f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon,
+        ):
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 with _watched(daemon.runtime_dir, opens=in_browser):
                     t_asked_s = _ask(client, rig, seed)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 from . import __version__, status
 from .config import Config
@@ -17,15 +16,13 @@ from .core.clientele import Clientele
 from .core.ledger import LoopTiming
 from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
-from .core.pipeline import Pipeline, PipelineSettings
-from .core.prediction import PREDICTORS, make_predictor
-from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve, Scene
+from .core.pipeline import Pipeline
+from .core.scene import Scene
 from .core.session import BoardSession
 from .core.supervisor import Event, State, Supervisor
 from .errors import DeviceError, RequestError
 from .tool_values import BoardVerdict, ToolMessage, Verdict
 from .values import (
-    AffineMap,
     BoardCommand,
     BoardHello,
     BoardMessage,
@@ -44,6 +41,7 @@ from .wire import device as device_wire
 from .wire import protocol
 from .wire import trackpad as trackpad_wire
 from .wire.commands import encode
+from .wiring import friction_curve, pipeline_settings, plate_from_pad
 
 log = logging.getLogger("hapticd")
 
@@ -53,7 +51,6 @@ REST_EVERY_NS = 200_000_000  # the same where the board rests as well: its clock
 REST_AFTER_NS = 2_000_000_000  # of that: then the board is left quiet, and kept alive no more
 EARLY_NS = 5_000_000  # by which a timer may come before its time and count all the same
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
-FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
 MAX_MARKERS = 64  # told in one state; a client that sends more between two passes has lost count itself
 FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
@@ -88,19 +85,19 @@ class Machine:
         self.supervisor = Supervisor()
         self.scene = Scene(
             w_limit_um=max(config.limits.w_limit_um),
-            friction_curve=_friction_curve(config),
+            friction_curve=friction_curve(config),
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
         )
         self.clientele = Clientele()
         self.neighbours = neighbours
-        self.pipeline = Pipeline(modes, self.scene, _pipeline_settings(config), neighbours=neighbours)
+        self.pipeline = Pipeline(modes, self.scene, pipeline_settings(config), neighbours=neighbours)
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
         )
         model = "mt2-usb" if config.trackpad.model == "auto" else config.trackpad.model
-        self.trackpad = trackpad_wire.Decoder(model, _plate_from_pad(config))
+        self.trackpad = trackpad_wire.Decoder(model, plate_from_pad(config))
         self.board = device_wire.Decoder()
         self.last_tick: Tick | None = None
         self.published = 0
@@ -261,7 +258,7 @@ class Machine:
             self.tap("trackpad_link", t_now_ns, up, reason, model)
         log.log(logging.INFO if up else logging.WARNING, "trackpad: %s", reason)
         if model is not None and model != self.trackpad.model:
-            self.trackpad = trackpad_wire.Decoder(model, _plate_from_pad(self.config))
+            self.trackpad = trackpad_wire.Decoder(model, plate_from_pad(self.config))
         self.trackpad.reset()
         self.pipeline.sensor_lost()
         self._supervise(Event.SENSOR_UP if up else Event.SENSOR_DOWN, reason, t_now_ns)
@@ -467,50 +464,3 @@ class Machine:
     def report_status(self, t_now_ns: int) -> dict[str, object]:
         """What `hapticd`'s clients see of its inner life."""
         return status.collect(self, t_now_ns)
-
-
-def warm_up(config: Config) -> None:
-    """Have the predictor's gains computed, which takes some 0.2 s, before a finger needs them."""
-    _pipeline_settings(config).make_predictor()
-
-
-def _pipeline_settings(config: Config) -> PipelineSettings:
-    prediction = config.prediction
-    wanted = {
-        "period_ms": prediction.period_ms,
-        "noise_mm": prediction.noise_mm,
-        "stamp_error_ms": FILTERED_STAMP_ERROR_MS,
-    }
-    known = PREDICTORS[prediction.name].defaults  # not every predictor has a model of the noise
-    return PipelineSettings(
-        w_limit_um=config.limits.w_limit_um,
-        make_predictor=partial(
-            make_predictor, prediction.name, **{name: value for name, value in wanted.items() if name in known}
-        ),
-        policy=config.solver.policy,
-        effort=config.solver.effort,
-        fade=config.solver.fade,
-        phase_rotation=config.solver.phase_rotation,
-        contact_radius_mm=config.solver.contact_radius_mm,
-        tolerance_um=config.solver.tolerance_um,
-        max_knots=config.solver.max_knots,
-        sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
-        loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
-        cover_ns=round(1.5e6 * prediction.period_ms),
-        silence_ns=round(config.trackpad.silence_ms * 1e6),
-    )
-
-
-def _friction_curve(config: Config) -> FrictionCurve:
-    if not config.plate.friction_curve:
-        return DEFAULT_FRICTION_CURVE
-    return FrictionCurve.from_amplitudes(config.plate.friction_curve)
-
-
-def _plate_from_pad(config: Config) -> AffineMap:
-    pad = config.trackpad
-    if pad.matrix:
-        return AffineMap(*pad.matrix, *pad.offset_mm)
-    return AffineMap.from_placement(
-        (pad.offset_mm[0], pad.offset_mm[1]), pad.rotation_deg, (pad.scale[0], pad.scale[1])
-    )

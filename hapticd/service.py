@@ -31,9 +31,9 @@ from .io.socketpad import SocketTrackpad
 from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import HidTrackpad, TrackpadSource
-from .machine import warm_up
 from .sim.rigprocess import MODES_FILE, PLATE_FILE, RigProcess
 from .values import ModeCalibration
+from .wiring import warm_up
 
 log = logging.getLogger("hapticd")
 

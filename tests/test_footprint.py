@@ -13,10 +13,10 @@ from hapticd.core.modes import ModeShapes
 
 START = """
 import sys
-from hapticd import __main__ as command, machine, service
+from hapticd import __main__ as command, service, wiring
 from hapticd.config import Config
 command.parser("run")
-machine.warm_up(Config())
+wiring.warm_up(Config())
 print(*sorted(sys.modules))
 """
 

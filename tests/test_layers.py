@@ -32,7 +32,7 @@ ALLOWED = {
         "viewer",
     },
     "sim": {"values", "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
-    "study": {"errors", "study"},  # a client: it knows the daemon by the client library only
+    "study": {"errors", "daemonprocess", "study"},  # a client: it knows the daemon by the client library, or starts one
     "streams": {"errors", "streams"},  # clients too
     "doctor": {
         *("__version__", "errors", "config", "calibration", "installation", "service", "values", "io", "bringup"),

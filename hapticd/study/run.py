@@ -18,12 +18,14 @@ from .browser import Browser
 from .conduct import conduct
 from .keyboard import Keyboard
 from .protocol import Design, StudyError, participant_name
-from .rehearsal import Rehearsal
+from .rehearsal import rehearsal
 from .session import MAX_SEED, SUFFIX, Session, SessionFile
 from .stage import Stage
 
 if TYPE_CHECKING:
     from hapticd_client import Client
+
+    from ..daemonprocess import DaemonProcess
 
 DAEMON_WITHIN_S = 2.0
 REHEARSAL_WITHIN_S = 20.0
@@ -131,9 +133,9 @@ def _ask(wishes: Wishes, file: SessionFile) -> None:
         raise HapticdError("The study is a client: install it with `pip install clients/python`.") from None
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
-        rehearsal = held.enter_context(Rehearsal()) if wishes.sim else None
+        simulated = held.enter_context(rehearsal()) if wishes.sim else None
         try:
-            stage = Stage(held.enter_context(_client(wishes, rehearsal)), file.session.design)
+            stage = Stage(held.enter_context(_client(wishes, simulated)), file.session.design)
             if not wishes.browser:
                 conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
                 return
@@ -145,13 +147,13 @@ def _ask(wishes: Wishes, file: SessionFile) -> None:
             raise HapticdError(f"{error} What was answered is kept: go on with the same command.") from None
 
 
-def _client(wishes: Wishes, rehearsal: Rehearsal | None) -> Client:
+def _client(wishes: Wishes, simulated: DaemonProcess | None) -> Client:
     from hapticd_client import Client
 
     name = f"study-{os.getpid()}"  # a second study on one plate is refused, and does not change this one's trials
-    if rehearsal is None:
+    if simulated is None:
         return Client(wishes.endpoint, name=name, timeout_s=DAEMON_WITHIN_S)
-    return Client(rehearsal.runtime_dir, name=name, timeout_s=REHEARSAL_WITHIN_S)
+    return Client(simulated.runtime_dir, name=name, timeout_s=REHEARSAL_WITHIN_S)
 
 
 def _scheme(wishes: Wishes) -> str:

@@ -32,7 +32,7 @@ def run(
         stack.enter_context(listener)
         if simulate:
             rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
-            endpoint = str(stack.enter_context(DaemonProcess(rig.directory, PATIENT)).runtime_dir)
+            endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
         asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from test_examples import NAMES, example
 
-from hapticd.study.rehearsal import Rehearsal
+from hapticd.study.rehearsal import rehearsal
 from hapticd_client import Client
 
 PATIENCE_S = 60.0
@@ -29,7 +29,7 @@ SAYS = {
 @pytest.fixture(scope="module")
 def service() -> Iterator[Path]:
     """A running service whose two fingers are down."""
-    with Rehearsal("strokes") as running:
+    with rehearsal("strokes") as running:
         with Client(running.runtime_dir, timeout_s=PATIENCE_S) as client:
             next(state for state in client.states(PATIENCE_S) if len(state.fingers) == 2)
         yield running.runtime_dir

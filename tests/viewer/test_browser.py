@@ -26,7 +26,7 @@ SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a machine that stalls must not m
 
 @pytest.fixture(scope="module")
 def service() -> Iterator[DaemonProcess]:
-    with RigProcess("hands", 1) as rig, DaemonProcess(rig.directory, SETTINGS) as running:
+    with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"', SETTINGS) as running:
         for process in (rig.process, running.process):
             first(process)
         yield running
