@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .board_values import ModeCalibration
 from .errors import ConfigError
 from .toml_file import read_table, shown
-from .values import ModeCalibration
 from .wire import protocol
 
 # Key of the file, lower and upper bound.

@@ -1,230 +1,23 @@
 """The configuration: TOML in, frozen values out, validated as a whole before anything is opened.
 
-Each key states its default, its bounds and its meaning beside it, so that the check, the error sentences and
-`hapticd run --print-config` cannot disagree. The default configuration runs the simulated plate.
+The default configuration runs the simulated plate.
 """
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Iterator, Mapping
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
+from .config_keys import bounds_text, checked, nearest, toml
+from .config_sections import SIMULATED, ClientConfig, Config
 from .errors import ConfigError
-from .toml_file import read_table, shown
+from .toml_file import read_table
 
-SIMULATED = "sim"
 MAX_PORT = 65535
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
-
-# What the core and the simulation know by name, written down here too: a configuration is checked before they load.
-PREDICTOR_NAMES = (
-    "default",
-    "hold",
-    "linear",
-    "alpha_beta",
-    "alpha_beta_gamma",
-    "double_exponential",
-    "one_euro_linear",
-    "least_squares",
-    "kalman_cv",
-    "kalman_ca",
-    "kalman_singer",
-    "kalman_jerk",
-)
-POLICY_NAMES = ("keep_zero", "keep_ratio", "least_squares", "priority", "paper")
-SCENARIO_NAMES = (
-    "strokes",
-    "circles",
-    "rest",
-    "swap",
-    "virtual-finger",
-    "paper-figure-10",
-    "paper-figure-11",
-    "step",
-    "both-slip",
-    "hands",
-)
-
-
-def _key(
-    default: Any, doc: str, *, low: float = -math.inf, high: float = math.inf, choices: tuple[str, ...] = ()
-) -> Any:
-    """A configuration key. `low` and `high` bound a number, or each number of a list."""
-    return field(default=default, metadata={"doc": doc, "low": low, "high": high, "choices": choices})
-
-
-@dataclass(frozen=True, slots=True)
-class PlateConfig:
-    """The glass plate and what was measured of it."""
-
-    size_mm: tuple[float, ...] = _key((137.5, 137.5), "width (x) and depth (y)", low=10, high=1000)
-    modes_file: str = _key("", "NPZ or CSV of the measured mode shapes; empty: the simulated plate's own cartography")
-    neighbours_file: str = _key(
-        "", "NPZ or CSV of the shapes of modes near the drive that only fingers drive; empty: none"
-    )
-    neighbours_detuning_hz: tuple[float, ...] = _key(
-        (), "how far each of them lies above the drive", low=-1000, high=1000
-    )
-    neighbours_decay_1_s: tuple[float, ...] = _key((), "pi f / Q of each of them", low=1, high=10000)
-    finger_decay_1_s: float = _key(
-        100.0, "what one finger on a peak of a mode adds to its decay, for neighbours_file", low=0, high=2000
-    )
-    friction_curve: tuple[float, ...] = _key(
-        (),
-        "amplitude in um at equally spaced frictions 1 .. 0, rising from 0; empty: the built-in curve",
-        low=0,
-        high=100,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class TrackpadConfig:
-    """The position sensor under the plate, and where it lies."""
-
-    source: str = _key(SIMULATED, "where reports come from", choices=(SIMULATED, "hid", "replay"))
-    model: str = _key(
-        "auto",
-        "what the reports are; auto: whichever pad is connected",
-        choices=("auto", "mt1", "mt2-usb", "mt2-bt", "usbc-usb", "usbc-bt"),
-    )
-    replay_file: str = _key("", 'recording to replay, for source = "replay"')
-    offset_mm: tuple[float, ...] = _key((0.0, 0.0), "the pad's centre on the plate", low=-500, high=500)
-    rotation_deg: float = _key(0.0, "the pad turned anticlockwise on the plate", low=-180, high=180)
-    scale: tuple[float, ...] = _key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)
-    matrix: tuple[float, ...] = _key(
-        (), "rotation, scale and shear in one, rows of 2 x 2: xx, xy, yx, yy; empty: the two above", low=-2, high=2
-    )
-    latency_ms: float = _key(10.0, "from the finger's position to the report", low=0, high=50)
-    silence_ms: float = _key(40.0, "fingers count as lifted when the pad is silent for so long", low=15, high=1000)
-
-
-# By how much the plate lags each law on moving references, measured: `hapticd bench firmware`, table tracking.
-LAW_DELAY_MS = {"pi": 1.0, "pi_ff": 0.0, "deadbeat": 0.0}
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceConfig:
-    """The board between the serial port and the amplifiers."""
-
-    port: str = _key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
-    baud: int = _key(921600, "serial speed", low=9600, high=5250000)
-    link_ms: float = _key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
-    loop_delay_ms: float = _key(0.0, "by how much the plate follows later than its control law lets it", low=0, high=20)
-    controller: str = _key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
-    calibration_file: str = _key(
-        "", "TOML of the measured modes, as `hapticd firmware sweep --save` writes it; empty: the firmware's own"
-    )
-
-    @property
-    def plate_delay_ms(self) -> float:
-        """By how much the plate follows its reference late: the control law's own lag and `loop_delay_ms`."""
-        return LAW_DELAY_MS[self.controller] + self.loop_delay_ms
-
-
-@dataclass(frozen=True, slots=True)
-class LimitsConfig:
-    """What the amplifiers can give; held here and again by the firmware."""
-
-    w_limit_um: tuple[float, ...] = _key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
-
-
-@dataclass(frozen=True, slots=True)
-class PredictionConfig:
-    """Where the fingers will be when the plate moves."""
-
-    name: str = _key("default", "predictor; see `hapticd bench prediction`", choices=PREDICTOR_NAMES)
-    period_ms: float = _key(11.25, "the pad's nominal report period", low=2, high=50)
-    noise_mm: float = _key(0.053, "position noise that the predictor assumes, per axis", low=0.001, high=1)
-
-
-@dataclass(frozen=True, slots=True)
-class SolverConfig:
-    """How modal amplitudes are found."""
-
-    policy: str = _key("keep_zero", "what gives way at the limit", choices=POLICY_NAMES)
-    effort: float = _key(0.0, "weight of |W|^2 against the slipping fingers' error", low=0, high=10)
-    fade: float = _key(
-        5.0,
-        "mm2/um2: share of its target that a slipping finger must get for a slope of 1 um/mm under a still one, where "
-        "a limit keeps it from more; else amplitude gives way; 0: it does not",
-        low=0,
-        high=100,
-    )
-    phase_rotation: bool = _key(
-        True, "two slipping fingers or more change their signs by turning their phase, and never feel it"
-    )
-    contact_radius_mm: float = _key(
-        0.0, "of a still finger's contact, over which its mean square is least; 0: a point", low=0, high=15
-    )
-    tolerance_um: float = _key(
-        0.02, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
-    )
-    max_knots: int = _key(16, "knots in one reference frame", low=1, high=24)
-
-
-@dataclass(frozen=True, slots=True)
-class ClientConfig:
-    """Where clients connect."""
-
-    runtime_dir: str = _key("", "directory of the ipc endpoints; empty: the service's or the user's runtime directory")
-    tcp: str = _key("", 'address for clients with a key, such as "192.168.7.1:7410"; takes 3 ports; empty: ipc only')
-    keys_dir: str = _key("", "directory of the keys for tcp, as `hapticd keys` makes it")
-
-
-@dataclass(frozen=True, slots=True)
-class SimConfig:
-    """The simulated rig, for trackpad and board on \"sim\"."""
-
-    scenario: str = _key("strokes", "what the simulated fingers do", choices=SCENARIO_NAMES)
-    seed: int = _key(1, "of fingers, noise and cartography", low=0, high=2**31 - 1)
-    rig_dir: str = _key("", "directory of a rig that runs already; empty: the daemon starts one")
-
-
-@dataclass(frozen=True, slots=True)
-class RealtimeConfig:
-    """What the service asks of the kernel; its unit file allows it."""
-
-    fifo_priority: int = _key(0, "SCHED_FIFO priority of the loop; 0: ordinary scheduling", low=0, high=90)
-    processor: int = _key(-1, "the one processor that the loop keeps to; -1: any", low=-1, high=1023)
-    lock_memory: bool = _key(False, "keep all that was once touched in memory")
-
-
-@dataclass(frozen=True, slots=True)
-class RecordConfig:
-    """What is written down; see hapticd/recording/README.md."""
-
-    file: str = _key("", "recording of everything, from each start on; one that exists is kept; empty: none")
-    max_mb: int = _key(512, "size at which a recording's file ends", low=1, high=1_000_000)
-    max_files: int = _key(8, "files kept of one start: the next follows a full one, the oldest goes", low=1, high=999)
-
-
-@dataclass(frozen=True, slots=True)
-class LogConfig:
-    """What is said."""
-
-    level: str = _key("info", "least important line", choices=("debug", "info", "warning", "error"))
-
-
-@dataclass(frozen=True, slots=True)
-class Config:
-    """All sections, each as `[section]` in the file."""
-
-    plate: PlateConfig = field(default_factory=PlateConfig)
-    trackpad: TrackpadConfig = field(default_factory=TrackpadConfig)
-    device: DeviceConfig = field(default_factory=DeviceConfig)
-    limits: LimitsConfig = field(default_factory=LimitsConfig)
-    prediction: PredictionConfig = field(default_factory=PredictionConfig)
-    solver: SolverConfig = field(default_factory=SolverConfig)
-    client: ClientConfig = field(default_factory=ClientConfig)
-    sim: SimConfig = field(default_factory=SimConfig)
-    realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
-    record: RecordConfig = field(default_factory=RecordConfig)
-    log: LogConfig = field(default_factory=LogConfig)
 
 
 def load(path: Path) -> Config:
@@ -240,7 +33,7 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> 
     sections: dict[str, Any] = {}
     for name, value in table.items():
         if name not in by_name:
-            raise ConfigError(f"{where}: unknown section [{name}]{_nearest(name, by_name)}.")
+            raise ConfigError(f"{where}: unknown section [{name}]{nearest(name, by_name)}.")
         if not isinstance(value, dict):
             raise ConfigError(f"{where}: {name} is a section: write [{name}] and its keys below.")
         section_type = cast(type, by_name[name].default_factory)
@@ -275,9 +68,9 @@ def render(config: Config) -> str:
         value = getattr(config, section.name)
         lines.append(f"[{section.name}]  # {(value.__doc__ or '').rstrip('.')}")
         for entry in fields(value):
-            bounds = _bounds_text(entry)
+            bounds = bounds_text(entry)
             comment = entry.metadata["doc"] + (f" ({bounds})" if bounds else "")
-            lines.append(f"{entry.name} = {_toml(getattr(value, entry.name))}  # {comment}")
+            lines.append(f"{entry.name} = {toml(getattr(value, entry.name))}  # {comment}")
         lines.append("")
     return "\n".join(lines)
 
@@ -287,55 +80,9 @@ def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
     values = {}
     for name, value in table.items():
         if name not in by_name:
-            raise ConfigError(f"{where}.{name}: unknown key{_nearest(name, by_name)}.")
-        values[name] = _checked(by_name[name], value, f"{where}.{name}")
+            raise ConfigError(f"{where}.{name}: unknown key{nearest(name, by_name)}.")
+        values[name] = checked(by_name[name], value, f"{where}.{name}")
     return section_type(**values)
-
-
-def _checked(entry: Field[Any], value: Any, where: str) -> Any:
-    default = entry.default
-    if isinstance(default, tuple):
-        if not isinstance(value, list) or not all(_is_number(item) for item in value):
-            example = _toml(default or (0.0, 1.0))
-            raise ConfigError(f"{where}: must be a list of numbers, such as {example}, not {shown(value)}.")
-        return tuple(_bounded(entry, float(item), where) for item in value)
-    if isinstance(default, str):
-        if not isinstance(value, str):
-            raise ConfigError(f"{where}: must be a text in quotes, not {shown(value)}.")
-        if entry.metadata["choices"] and value not in entry.metadata["choices"]:
-            raise ConfigError(f"{where}: {shown(value)} is none of {', '.join(entry.metadata['choices'])}.")
-        return value
-    if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise ConfigError(f"{where}: must be true or false, not {shown(value)}.")
-        return value
-    if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
-        raise ConfigError(f"{where}: must be a whole number, not {shown(value)}.")
-    if not _is_number(value):
-        raise ConfigError(f"{where}: must be a number, not {shown(value)}.")
-    return _bounded(entry, value if isinstance(default, int) else float(value), where)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-def _bounded(entry: Field[Any], value: float, where: str) -> float:
-    if entry.metadata["low"] <= value <= entry.metadata["high"]:  # NaN fails this, as it must
-        return value
-    raise ConfigError(f"{where}: {value:g} is out of bounds, it must be {_bounds_text(entry)}.")
-
-
-def _bounds_text(entry: Field[Any]) -> str:
-    if entry.metadata["choices"]:
-        return " | ".join(entry.metadata["choices"])
-    low, high = entry.metadata["low"], entry.metadata["high"]
-    return "" if math.isinf(low) and math.isinf(high) else f"{low:g} .. {high:g}"
-
-
-def _nearest(name: str, valid: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
-    return f", did you mean {close[0]}?" if close else f", valid are {', '.join(valid)}"
 
 
 def _check_together(config: Config, where: str) -> None:
@@ -426,13 +173,3 @@ def _file_keys() -> Iterator[tuple[str, str]]:
         for entry in fields(cast(type, section.default_factory)):
             if entry.name.endswith("_file"):
                 yield section.name, entry.name
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)

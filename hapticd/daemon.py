@@ -17,7 +17,8 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from .config import Config
+from .board_values import ModeCalibration
+from .config_sections import Config
 from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
 from .errors import HapticdError
@@ -31,7 +32,7 @@ from .machine import TIMER_NS, Machine
 from .recording.dates import utc_now
 from .recording.header import Header, header_of
 from .recording.service import Recorders
-from .values import ModeCalibration, RawReport
+from .values import RawReport
 
 log = logging.getLogger("hapticd")
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .config import LimitsConfig, SolverConfig
+from .config_sections import LimitsConfig, SolverConfig
 from .daemonprocess import DaemonProcess
 from .errors import HapticdError
 from .sim import lockstep

@@ -18,7 +18,7 @@ from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import TextIO
 
-from .config import Config
+from .config_sections import Config
 from .core.ledger import Histogram, LedgerLine
 from .daemon import Daemon, now_ns, serve
 from .errors import HapticdError

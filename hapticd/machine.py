@@ -11,7 +11,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from . import __version__, status
-from .config import Config
+from .board_values import (
+    BoardCommand,
+    BoardHello,
+    BoardMessage,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    ClearFault,
+    HelloRequest,
+    ModeCalibration,
+)
+from .config_sections import Config
 from .core.clientele import Clientele
 from .core.ledger import LoopTiming
 from .core.modes import ModeShapes
@@ -22,20 +33,7 @@ from .core.session import BoardSession
 from .core.supervisor import Event, State, Supervisor
 from .errors import DeviceError, RequestError
 from .tool_values import BoardVerdict, ToolMessage, Verdict
-from .values import (
-    BoardCommand,
-    BoardHello,
-    BoardMessage,
-    BoardState,
-    BoardStatus,
-    BoardTime,
-    ClearFault,
-    ClientTargets,
-    HelloRequest,
-    ModeCalibration,
-    RawReport,
-    Tick,
-)
+from .values import ClientTargets, RawReport, Tick
 from .wire import client as client_wire
 from .wire import device as device_wire
 from .wire import protocol

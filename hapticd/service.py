@@ -19,7 +19,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from . import calibration
-from .config import SIMULATED, Config, load
+from .board_values import ModeCalibration
+from .config import load
+from .config_sections import SIMULATED, Config
 from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
 from .daemon import Daemon, serve
@@ -32,7 +34,6 @@ from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import HidTrackpad, TrackpadSource
 from .sim.rigprocess import MODES_FILE, PLATE_FILE, RigProcess
-from .values import ModeCalibration
 from .wiring import warm_up
 
 log = logging.getLogger("hapticd")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from .config import SIMULATED
+from .config_sections import SIMULATED
 from .values import Tick, TouchPoint
 from .wire.client import FingerState, PlateState, encode_state
 

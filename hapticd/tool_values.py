@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from .values import BoardState, ModeModel
+from .board_values import BoardState, ModeModel
 
 # --- what is asked ----------------------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from .config import Config
+from .config_sections import Config
 from .core.pipeline import PipelineSettings
 from .core.prediction import PREDICTORS, make_predictor
 from .core.scene import DEFAULT_FRICTION_CURVE, FrictionCurve

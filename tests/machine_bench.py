@@ -13,13 +13,14 @@ import msgpack
 import numpy as np
 import pytest
 
-from hapticd.config import Config
+from hapticd.board_values import ModeCalibration
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.core.supervisor import State
 from hapticd.machine import TIMER_NS, Machine, Tap
 from hapticd.sim.fingers import Path, Rest, Touch
 from hapticd.sim.sensor import SensorModel, SensorSettings
-from hapticd.values import ModeCalibration, RawReport
+from hapticd.values import RawReport
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from hapticd import calibration
+from hapticd.board_values import ModeCalibration
 from hapticd.errors import ConfigError
-from hapticd.values import ModeCalibration
 
 X = ModeCalibration(0, 29195.02, 498.7, 5.31, math.radians(-1.25))
 Y = ModeCalibration(1, 29215.1, 502.3, 5.28, math.radians(175.5))

@@ -18,7 +18,7 @@ import pytest
 from hapticd import compiled
 from hapticd.bench.recording import play, record
 from hapticd.compiled import SourceFinder, why_interpreted
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.machine import Machine
 from hapticd.sim.scenarios import SCENARIOS
 

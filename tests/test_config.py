@@ -11,13 +11,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd import config
+from hapticd.config_sections import (
+    POLICY_NAMES,
+    PREDICTOR_NAMES,
+    SCENARIO_NAMES,
+    SIMULATED,
+    Config,
+    DeviceConfig,
+    PlateConfig,
+    TrackpadConfig,
+)
 from hapticd.core.prediction import PREDICTORS
 from hapticd.core.solver_policies import POLICIES
 from hapticd.errors import ConfigError
 from hapticd.sim.scenarios import SCENARIOS
 
 
-def load(text: str, tmp_path: Path) -> config.Config:
+def load(text: str, tmp_path: Path) -> Config:
     path = tmp_path / "hapticd.toml"
     path.write_text(text, encoding="utf-8")
     return config.load(path)
@@ -25,8 +35,8 @@ def load(text: str, tmp_path: Path) -> config.Config:
 
 def test_an_empty_file_is_the_default_and_the_default_is_the_simulated_plate(tmp_path: Path) -> None:
     loaded = load("", tmp_path)
-    assert loaded == config.Config()
-    assert loaded.trackpad.source == loaded.device.port == config.SIMULATED
+    assert loaded == Config()
+    assert loaded.trackpad.source == loaded.device.port == SIMULATED
 
 
 def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
@@ -87,9 +97,9 @@ def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_p
 
 
 def test_the_names_that_it_accepts_are_those_that_exist() -> None:
-    assert set(config.PREDICTOR_NAMES) == set(PREDICTORS)
-    assert set(config.POLICY_NAMES) == set(POLICIES)
-    assert set(config.SCENARIO_NAMES) == set(SCENARIOS)
+    assert set(PREDICTOR_NAMES) == set(PREDICTORS)
+    assert set(POLICY_NAMES) == set(POLICIES)
+    assert set(SCENARIO_NAMES) == set(SCENARIOS)
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
@@ -123,8 +133,7 @@ def test_a_recording_goes_where_the_file_is_that_asks_for_it(tmp_path: Path) -> 
 
 def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:
     delays_ms = {
-        law: config.DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms
-        for law in ("pi", "pi_ff", "deadbeat")
+        law: DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms for law in ("pi", "pi_ff", "deadbeat")
     }
     assert delays_ms == {"pi": 1.5, "pi_ff": 0.5, "deadbeat": 0.5}
 
@@ -150,12 +159,12 @@ def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: s
 
 
 def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
-    real = config.Config(
-        plate=config.PlateConfig(modes_file="a.npz"),
-        trackpad=config.TrackpadConfig(source="hid", offset_mm=(1.0, 2.0), matrix=(1.0, 0.1, 0.0, 1.0)),
-        device=config.DeviceConfig(port="/dev/ttyACM0"),
+    real = Config(
+        plate=PlateConfig(modes_file="a.npz"),
+        trackpad=TrackpadConfig(source="hid", offset_mm=(1.0, 2.0), matrix=(1.0, 0.1, 0.0, 1.0)),
+        device=DeviceConfig(port="/dev/ttyACM0"),
     )
-    assert config.simulated(real) == config.Config()
+    assert config.simulated(real) == Config()
 
 
 def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.daemon import Daemon, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError

@@ -21,7 +21,8 @@ from virtual_board import BoardLink, VirtualLoop
 
 from hapticd import __version__, calibration, config, doctor, installation, status
 from hapticd.__main__ import main
-from hapticd.config import Config
+from hapticd.board_values import ModeCalibration
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.doctor import FAIL, PASS, WARN, devices, files, host, report, service
 from hapticd.doctor.finding import Finding, Patient
@@ -30,7 +31,7 @@ from hapticd.errors import DeviceError, HapticdError
 from hapticd.io.realtime import Granted
 from hapticd.sim.fingers import Rest
 from hapticd.sim.sensor import SensorModel
-from hapticd.values import ModeCalibration, RawReport
+from hapticd.values import RawReport
 
 
 def examined(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:

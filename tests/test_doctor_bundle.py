@@ -11,6 +11,7 @@ import pytest
 
 from hapticd import config
 from hapticd.__main__ import main
+from hapticd.config_sections import Config
 from hapticd.doctor import PASS, Finding
 from hapticd.doctor.bundle import collect, versions
 from hapticd.doctor.finding import Patient
@@ -39,7 +40,7 @@ def recorded(out: Path, directory: Path | None, seconds: float | None) -> str:
 
 def test_of_a_running_daemon_there_are_status_and_recording(tmp_path: Path) -> None:
     path = tmp_path / "report.tar.gz"
-    patient = Patient(config.Config(), tmp_path, {"state": "ACTIVE"})
+    patient = Patient(Config(), tmp_path, {"state": "ACTIVE"})
     told = collect(path, patient, None, FOUND, record=recorded, log=lambda: "a line\n")
     held = members(path)
     assert held["recording.hrec"] == f"10 s of {tmp_path}".encode()
@@ -57,7 +58,7 @@ def test_a_recording_that_fails_costs_nothing_else(tmp_path: Path) -> None:
         raise RecordingError("No hapticd answers here.")
 
     path = tmp_path / "report.tar.gz"
-    told = collect(path, Patient(config.Config(), tmp_path, {}), None, FOUND, record=refuse, log=str)
+    told = collect(path, Patient(Config(), tmp_path, {}), None, FOUND, record=refuse, log=str)
     assert "no recording: No hapticd answers here." in told
     assert "status.json" in members(path)
 

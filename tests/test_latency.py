@@ -12,7 +12,7 @@ import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
 
 from hapticd import latency
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.core.ledger import Histogram, LedgerLine
 from hapticd.errors import HapticdError
 from hapticd.latency import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger

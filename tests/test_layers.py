@@ -10,20 +10,26 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 
+VALUES = ("values", "board_values")
+CONFIG = ("config", "config_sections")
+
 # What each part may import of ours. `config` is plain values; `machine` is the daemon without its sockets.
 ALLOWED = {
     "values": set(),
-    "tool_values": {"values"},
+    "board_values": {"values"},
+    "tool_values": {"values", "board_values"},
     "errors": set(),
     "toml_file": {"errors"},
-    "config": {"errors", "toml_file"},
-    "core": {"values", "errors", "core"},
-    "wire": {"values", "tool_values", "errors", "wire"},
-    "io": {"values", "errors", "io"},
-    "design": {"values", "errors", "core.modes", "design"},
+    "config_keys": {"errors", "toml_file"},
+    "config_sections": {"config_keys"},
+    "config": {"config_keys", "config_sections", "errors", "toml_file"},
+    "core": {*VALUES, "errors", "core"},
+    "wire": {*VALUES, "tool_values", "errors", "wire"},
+    "io": {*VALUES, "errors", "io"},
+    "design": {*VALUES, "errors", "core.modes", "design"},
     "viewer": {
         "errors",
-        "config",
+        *CONFIG,
         "daemonprocess",
         "core.modes",
         "design.achievability",
@@ -31,18 +37,20 @@ ALLOWED = {
         "sim",
         "viewer",
     },
-    "sim": {"values", "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
+    "sim": {*VALUES, "tool_values", "errors", "core.modes", "core.neighbours", "wire", "design", "sim"},
     "study": {"errors", "daemonprocess", "study"},  # a client: it knows the daemon by the client library, or starts one
     "streams": {"errors", "streams"},  # clients too
     "doctor": {
-        *("__version__", "errors", "config", "calibration", "installation", "service", "values", "io", "bringup"),
+        *("__version__", "errors", *CONFIG, "calibration", "installation", "service", *VALUES, "io", "bringup"),
         *("wire.trackpad", "recording.attach", "doctor"),
     },
-    "recording": {"__version__", "values", "errors", "config", "toml_file", "core", "wire", "machine", "recording"},
+    "recording": {
+        *("__version__", *VALUES, "errors", *CONFIG, "toml_file", "core", "wire", "machine", "recording"),
+    },
 }
 ALLOWED_FOR_FILE = {
     # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
-    "sim/lockstep.py": {"machine", "config", "core.solver"},
+    "sim/lockstep.py": {"machine", *CONFIG, "core.solver"},
     "design/achievability.py": {"core.solver"},  # its map is what that gives
     "recording/service.py": {"io.record_socket"},
     "recording/attach.py": {"io.record_socket", "io.runtime_dir"},
@@ -50,7 +58,7 @@ ALLOWED_FOR_FILE = {
     "recording/simulated.py": {"sim.lockstep"},
     "recording/whatif.py": {"sim.score"},
     "study/run.py": {"__version__"},
-    "study/simulated.py": {"sim", "values"},  # it feels what that plate truly does
+    "study/simulated.py": {"sim", *VALUES},  # it feels what that plate truly does
 }
 # What a daemon that records takes along: neither the rig nor a library of an extra.
 TAKEN_ALONG = ("files", "framing", "header", "records", "service", "stream", "wanted", "writer")
@@ -81,7 +89,7 @@ def ours(names: set[str]) -> set[str]:
 
 def layer_files() -> list[Path]:
     files = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0] in {*ALLOWED}]
-    return files + [PACKAGE / f"{name}.py" for name in ("values", "tool_values", "errors", "toml_file", "config")]
+    return files + [path for path in PACKAGE.glob("*.py") if path.stem in ALLOWED]
 
 
 @pytest.mark.parametrize("path", layer_files(), ids=lambda path: str(path.relative_to(PACKAGE)))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
+from hapticd.board_values import ModeCalibration
 from hapticd.core.supervisor import State
 from hapticd.machine import REST_EVERY_NS, TIMER_NS
 from hapticd.sim.fingers import Line
-from hapticd.values import ModeCalibration
 from hapticd.wire import protocol
 
 

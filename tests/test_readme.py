@@ -10,6 +10,7 @@ import pytest
 
 from hapticd import config
 from hapticd.__main__ import main
+from hapticd.config_sections import Config
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -28,7 +29,7 @@ def test_a_link_leads_somewhere(path: str) -> None:
 def test_a_key_that_it_names_is_one(key: str) -> None:
     section, name = key.split(".")
     if name not in ("py", "md", "c"):
-        assert hasattr(getattr(config.Config(), section), name)
+        assert hasattr(getattr(Config(), section), name)
 
 
 def test_its_configuration_is_accepted(tmp_path: Path) -> None:

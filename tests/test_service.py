@@ -16,7 +16,7 @@ import pytest
 
 from hapticd import service
 from hapticd.__main__ import main
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.errors import ConfigError, ModesError
 from hapticd.io.systemd import Notifier

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..config import Config
+from ..config_sections import Config
 from ..sim.lockstep import Run, Settings, Simulation, paper, perfect
 from ..sim.scenarios import SCENARIOS
 from ..sim.score import Score, settled

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ..config import Config
+from ..config_sections import Config
 from ..core.modes import ModeShapes
 from ..machine import Machine
 from ..sim.lockstep import T_START_NS, Settings, Simulation

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..config import Config
+from ..config_sections import Config
 from ..core.knots import Row
 from ..core.modes import ModeShapes
 from ..core.moment import MomentSolver

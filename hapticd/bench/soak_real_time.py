@@ -23,7 +23,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..config import Config
+from ..config_sections import Config
 from ..core.ledger import Ledger, LoopTiming
 from ..core.modes import ModeShapes
 from ..daemon import Daemon, now_ns, serve

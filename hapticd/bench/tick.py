@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..compiled import why_interpreted
-from ..config import Config
+from ..config_sections import Config
 from ..machine import Machine
 from ..sim.lockstep import Settings
 from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S

@@ -7,10 +7,10 @@ import contextlib
 from collections.abc import Iterator
 from typing import TypeVar
 
+from ..board_values import BoardCommand, BoardHello, BoardMessage, HelloRequest, KeepAlive
 from ..errors import DeviceError
 from ..io.device import SerialLink
 from ..tool_values import BoardVerdict, Stop, ToolCommand, ToolMessage, Verdict
-from ..values import BoardCommand, BoardHello, BoardMessage, HelloRequest, KeepAlive
 from ..wire import protocol
 from ..wire.commands import encode
 from ..wire.device import Decoder, check_protocol

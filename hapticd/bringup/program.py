@@ -13,11 +13,12 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 from .. import config
+from ..board_values import BoardState, BoardStatus, BoardTime, ClearFault, TimeRequest
+from ..config_sections import SIMULATED, DeviceConfig
 from ..errors import ConfigError, DeviceError
 from ..io.device import SerialLink
 from ..sim.rigprocess import RigProcess
 from ..tool_values import BoardController, BoardLog, ControllerRequest, LogRequest, RawVoltage, SetGains
-from ..values import BoardState, BoardStatus, BoardTime, ClearFault, TimeRequest
 from . import sweep, telemetry, text
 from .conversation import Conversation
 
@@ -41,14 +42,14 @@ def run(options: argparse.Namespace) -> int:
 def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str, int]:
     """The board's port and speed as --port, --baud, --config or --sim say; `stack` keeps the simulated rig."""
     loaded = config.load(options.config) if options.config is not None else None
-    device = config.DeviceConfig() if loaded is None else loaded.device
+    device = DeviceConfig() if loaded is None else loaded.device
     named = options.port or (loaded is not None and device.port)
     if not (options.sim or named):
         raise ConfigError("No board is named: give --port or --config, or try it with --sim.")
     if options.baud is not None:
         device = config.from_table({"device": {"baud": options.baud}}, where="--baud", folder=Path()).device
     baud = device.baud
-    if options.sim or named == config.SIMULATED:
+    if options.sim or named == SIMULATED:
         rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1))
         return str(rig.directory / "board"), baud
     return str(named), baud

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from .. import calibration
+from ..board_values import BoardHello, BoardState, BoardStatus, ModeCalibration
 from ..design.resonance import Resonance, fit_resonance
 from ..errors import ConfigError, DeviceError, SweepEndedError
 from ..tool_values import Sweep, SweepPoint
-from ..values import BoardHello, BoardState, BoardStatus, ModeCalibration
 from ..wire import protocol
 from . import text
 from .conversation import Conversation

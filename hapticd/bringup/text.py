@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
+from ..board_values import BoardHello, BoardState, BoardStatus
 from ..design.resonance import Resonance
 from ..tool_values import BoardController, BoardLog, LogEntry, SweepPoint
-from ..values import BoardHello, BoardState, BoardStatus
 from ..wire import protocol
 
 STATES = {

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import config, latency
+from ..config_sections import SIMULATED, Config
 from ..errors import CalibrationError
 from ..latency import STAGES, Measured
 from . import picture
@@ -31,7 +32,7 @@ def run(options: argparse.Namespace) -> Verdict:
     """The whole step on the devices of the configuration. Raises HapticdError."""
     picture.require()
     configured = _configuration(options)
-    is_simulated = config.SIMULATED in (configured.device.port, configured.trackpad.source)
+    is_simulated = SIMULATED in (configured.device.port, configured.trackpad.source)
     if is_simulated and not options.sim:
         raise CalibrationError(
             "The configuration names simulated devices: calibrate the real ones first, or add --sim."
@@ -42,7 +43,7 @@ def run(options: argparse.Namespace) -> Verdict:
     return verdict(measured, configured, is_simulated=options.sim)
 
 
-def _configuration(options: argparse.Namespace) -> config.Config:
+def _configuration(options: argparse.Namespace) -> Config:
     """--config, or what the steps before have made, or the simulated plate."""
     made: Path = options.out / CONFIG_FILE
     if options.config is not None:
@@ -51,11 +52,11 @@ def _configuration(options: argparse.Namespace) -> config.Config:
     if made.exists():
         return config.load(made)
     if options.sim:
-        return config.Config()
+        return Config()
     raise CalibrationError(f"No devices are named: give --config, or do the steps before, which make {made}.")
 
 
-def verdict(measured: Measured, configured: config.Config, *, is_simulated: bool) -> Verdict:
+def verdict(measured: Measured, configured: Config, *, is_simulated: bool) -> Verdict:
     """What the frames say of the way, and what the service is to start from."""
     figures = tuple(
         Figure(f"{what}, {percent} %", measured.stages[name].percentile_ns(percent) * 1e-6, "ms")

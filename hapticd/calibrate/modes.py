@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..config import LimitsConfig
+from ..config_sections import LimitsConfig
 from ..core.modes import ModeShapes
 from ..design import CartographyFit, fit_scan, nearest_free_modes
 from ..errors import CalibrationError, ModesError

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import calibration
+from ..board_values import BoardHello, BoardState, BoardStatus
 from ..bringup import sweep
 from ..bringup.conversation import Conversation
 from ..bringup.program import named_port
@@ -26,7 +27,6 @@ from ..design.resonance import MIN_POINTS, Resonance
 from ..errors import CalibrationError, SweepEndedError
 from ..io.device import SerialLink
 from ..tool_values import Sweep, SweepPoint
-from ..values import BoardHello, BoardState, BoardStatus
 from ..wire import protocol
 from . import picture
 from .verdict import Figure, Finding, Outcome, Settings, Verdict, judge

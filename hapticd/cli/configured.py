@@ -7,6 +7,7 @@ import logging
 from pathlib import Path
 
 from .. import config
+from ..config_sections import Config
 
 STDERR = 2  # the descriptor
 
@@ -17,9 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sim", action="store_true", help="take the simulated plate, whatever the configuration says")
 
 
-def configuration(options: argparse.Namespace) -> config.Config:
+def configuration(options: argparse.Namespace) -> Config:
     """What --config and --sim say; read anew at each call. Raises ConfigError."""
-    loaded = config.load(options.config) if options.config is not None else config.Config()
+    loaded = config.load(options.config) if options.config is not None else Config()
     return config.simulated(loaded) if options.sim else loaded
 
 

@@ -155,9 +155,10 @@ def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float]
         size_mm = 2.0 * float(np.abs(modes.x_mm).max()), 2.0 * float(np.abs(modes.y_mm).max())
         return modes, size_mm, _limits(options.limit, (LIMIT_UM,) * modes.M)
     from .. import config
+    from ..config_sections import Config
     from ..service import load_modes
 
-    loaded = config.load(options.config) if options.config is not None else config.Config()
+    loaded = config.load(options.config) if options.config is not None else Config()
     width_mm, depth_mm = loaded.plate.size_mm
     return load_modes(loaded), (width_mm, depth_mm), _limits(options.limit, loaded.limits.w_limit_um)
 

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..values import BoardTime
+from ..board_values import BoardTime
 from .rolling_quantile import RollingQuantile
 
 _WRAP_US = 2**32  # the board's counter: 71.6 min

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ..values import (
+from ..board_values import (
     BoardCommand,
     BoardHello,
     BoardState,
@@ -25,12 +25,11 @@ from ..values import (
     KeepAlive,
     ModeCalibration,
     ReferenceFrame,
-    SafeDrive,
     SelectController,
     SetModel,
-    Tick,
     TimeRequest,
 )
+from ..values import SafeDrive, Tick
 from .clocksync import BoardClock, LinkLatency
 from .ledger import Ledger, LedgerLine
 from .limits import silence

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..values import ModeCalibration
+from ..board_values import ModeCalibration
 
 _SHRINK = (math.sqrt(5.0) - 1.0) / 2.0  # golden section
 _CLOSE_HZ = 1e-4

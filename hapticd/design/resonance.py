@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..values import ModeCalibration
+from ..board_values import ModeCalibration
 
 MIN_POINTS = 5  # three complex unknowns; fewer points would fit anything
 ITERATIONS = 20

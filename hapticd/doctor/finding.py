@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..config import SIMULATED, Config
+from ..config_sections import SIMULATED, Config
 
 PASS, WARN, FAIL = "pass", "warn", "FAIL"
 

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .. import config as configuration
-from ..config import Config
+from ..config_sections import Config
 from ..errors import HapticdError
 from . import devices, files, host, service
 from .finding import FAIL, PASS, WARN, Finding, Patient

@@ -12,7 +12,7 @@ from typing import Any
 import zmq
 
 from .. import __version__
-from ..config import Config
+from ..config_sections import Config
 from ..errors import HapticdError
 from ..io.runtime_dir import endpoint_path, runtime_directory
 from .finding import FAIL, PASS, WARN, Finding, Patient, is_ours

@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import __version__, config
+from ..board_values import ModeCalibration
+from ..config_sections import Config
 from ..core.modes import ModeShapes
 from ..core.neighbours import Neighbours
 from ..errors import ConfigError, HapticdError, RecordingError
 from ..machine import Machine
 from ..toml_file import MAX_BYTES, parse
-from ..values import ModeCalibration
 from .records import described
 
 FORMAT = 1
@@ -41,7 +42,7 @@ class Header:
     is_whole: bool
     instance: int
     trackpad_model: str
-    config: config.Config
+    config: Config
     modes: ModeShapes
     calibration: tuple[ModeCalibration, ...]
     neighbours: Neighbours | None = None

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import msgpack
 
+from ..board_values import BoardStatus
 from ..core.ledger import LedgerLine
 from ..errors import RecordingError
-from ..values import BoardStatus, ClientTargets, Finger, RawReport, Tick
+from ..values import ClientTargets, Finger, RawReport, Tick
 from .wanted import payload_of
 
 Fields = Sequence[object]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from ..config import Config
+from ..config_sections import Config
 from ..errors import RecordingError
 from ..machine import Machine
 from ..values import RawReport

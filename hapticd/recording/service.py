@@ -16,7 +16,7 @@ from typing import Any
 
 import zmq
 
-from ..config import RecordConfig
+from ..config_sections import RecordConfig
 from ..errors import RecordingError
 from ..io.record_socket import WAITS, WHOLE, RecordSocket
 from ..machine import Machine

@@ -13,7 +13,7 @@ from typing import Any
 import msgpack
 import zmq
 
-from ..config import SIMULATED
+from ..config_sections import SIMULATED
 from ..errors import RecordingError
 from .framing import RawRecord, frame
 from .header import Header

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import config as configuration
-from ..config import Config
+from ..config_sections import Config
 from ..core.supervisor import State
 from ..errors import ConfigError, RecordingError, RequestError
 from ..machine import Machine

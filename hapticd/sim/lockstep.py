@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..config import Config
+from ..config_sections import Config
 from ..core.modes import ModeShapes
 from ..core.solver import solve
 from ..errors import SimulationError

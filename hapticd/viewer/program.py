@@ -11,7 +11,7 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from ..config import SCENARIO_NAMES
+from ..config_sections import SCENARIO_NAMES
 from ..daemonprocess import DaemonProcess
 from ..errors import ConfigError, HapticdError
 from ..sim.rigprocess import RigProcess

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Final
 
+from ..board_values import BoardHello, BoardMessage, BoardState, BoardStatus, BoardTime, ModeModel
 from ..tool_values import (
     BoardController,
     BoardLog,
@@ -18,7 +19,6 @@ from ..tool_values import (
     ToolMessage,
     Verdict,
 )
-from ..values import BoardHello, BoardMessage, BoardState, BoardStatus, BoardTime, ModeModel
 from . import protocol
 from .framing import FrameSplitter
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ..tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep, ToolCommand
-from ..values import (
+from ..board_values import (
     BoardCommand,
     ClearFault,
     HelloRequest,
@@ -13,6 +12,7 @@ from ..values import (
     SetModel,
     TimeRequest,
 )
+from ..tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep, ToolCommand
 from . import device
 
 

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
+from ..board_values import BoardHello, ModeCalibration, ModeModel
 from ..errors import DeviceError
 from ..tool_values import RawVoltage, Sweep
-from ..values import BoardHello, ModeCalibration, ModeModel, SafeDrive
+from ..values import SafeDrive
 from . import protocol
 from .board_messages import Decoder
 from .framing import encode_frame

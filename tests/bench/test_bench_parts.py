@@ -18,7 +18,7 @@ from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.stopwatch import STAGES, Stopwatch
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.compiled import why_interpreted
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.core.prediction import PREDICTORS
 from hapticd.machine import LOOK_EVERY_NS, TIMER_NS, Machine
 from hapticd.sim.scenarios import SCENARIOS

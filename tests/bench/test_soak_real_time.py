@@ -11,7 +11,7 @@ from machine_bench import PLATE
 
 from hapticd.bench import soak_real_time
 from hapticd.bench.soak_real_time import Watch
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.core.limits import gate
 from hapticd.errors import HapticdError
 from hapticd.machine import Machine

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from hapticd import calibration
+from hapticd.board_values import BoardState, BoardStatus
 from hapticd.bringup.conversation import Conversation
 from hapticd.errors import ConfigError, DeviceError
 from hapticd.sim.board import BoardConfig
 from hapticd.tool_values import RawVoltage, SetGains, SweepPoint
-from hapticd.values import BoardState, BoardStatus
 from hapticd.wire.device import Decoder
 
 TypeIn = Callable[..., str]

@@ -9,7 +9,7 @@ from machine_bench import MS, SLIPPERY, STICKY, Bench
 
 from hapticd.calibrate import delays
 from hapticd.calibrate.verdict import Outcome
-from hapticd.config import Config, PredictionConfig
+from hapticd.config_sections import Config, PredictionConfig
 from hapticd.core.ledger import Histogram, LedgerLine
 from hapticd.latency import Measured, gather
 

@@ -13,10 +13,12 @@ from virtual_board import PlateLink, in_virtual_time
 
 from hapticd import calibration, config, latency
 from hapticd.__main__ import main
+from hapticd.board_values import BoardHello
 from hapticd.bringup import sweep
 from hapticd.bringup.conversation import Conversation
 from hapticd.calibrate import folder, resonance
 from hapticd.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.errors import CalibrationError
 from hapticd.machine import Machine
@@ -24,7 +26,6 @@ from hapticd.service import Workshop
 from hapticd.sim.lockstep import Settings, Simulation
 from hapticd.sim.plate import PlateTruth
 from hapticd.sim.scenarios import SCENARIOS, SPEED_MM_S
-from hapticd.values import BoardHello
 
 SECONDS = 4.0
 Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
@@ -36,7 +37,7 @@ async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespac
         return board.hello, await resonance.sweep_modes(board, sweep.planned(board.hello, options))
 
 
-def frames_of_a_bench(configured: config.Config, seconds: float) -> latency.Measured:
+def frames_of_a_bench(configured: Config, seconds: float) -> latency.Measured:
     del configured, seconds
     bench = Bench(SLIPPERY, STICKY).driven()
     for _ in range(1000):
@@ -169,7 +170,7 @@ def test_the_worst_finding_decides_and_all_that_are_as_bad_are_told() -> None:
 
 def test_a_step_that_failed_does_not_reach_the_configuration(tmp_path: Path) -> None:
     folder.save(tmp_path, a_verdict(outcome=Outcome.FAIL))
-    assert config.load(tmp_path / "hapticd.toml") == config.Config()
+    assert config.load(tmp_path / "hapticd.toml") == Config()
     folder.save(tmp_path, a_verdict())
     assert config.load(tmp_path / "hapticd.toml").plate.friction_curve == (0.0, 1.0)
 
@@ -185,7 +186,7 @@ def test_settings_that_the_service_would_not_take_fail_and_spoil_no_others(
     assert judged.outcome is Outcome.FAIL
     assert sentence in judged.sentence
     folder.save(tmp_path, judged)
-    assert config.load(tmp_path / "hapticd.toml") == config.Config()
+    assert config.load(tmp_path / "hapticd.toml") == Config()
 
 
 def test_the_settings_of_one_step_on_a_real_plate_are_taken_before_the_others_are_there() -> None:
@@ -219,4 +220,4 @@ def test_the_page_shows_small_pictures_that_are_there_and_keys_that_are_ones() -
     assert sorted(pictures) == sorted(path.name for path in PAGE.parent.glob("*.png"))
     assert all((PAGE.parent / name).stat().st_size < 60_000 for name in pictures)
     for section, key in re.findall(r"`(plate|trackpad|device|prediction)\.(\w+)`", text):
-        assert hasattr(getattr(config.Config(), section), key)
+        assert hasattr(getattr(Config(), section), key)

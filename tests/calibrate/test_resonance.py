@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from virtual_board import PlateLink, in_virtual_time
 
+from hapticd.board_values import BoardHello
 from hapticd.bringup.conversation import Conversation
 from hapticd.calibrate import resonance
 from hapticd.calibrate.resonance import ModeSweep, draw, refined, sweep_modes
@@ -17,7 +18,6 @@ from hapticd.design.resonance import Resonance
 from hapticd.errors import SweepEndedError
 from hapticd.sim.plate import PlateSettings, PlateTruth
 from hapticd.tool_values import Sweep, SweepPoint
-from hapticd.values import BoardHello
 
 PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.board_values import BoardTime
 from hapticd.core.clocksync import BoardClock, LinkLatency
 from hapticd.core.rolling_quantile import RollingQuantile
 from hapticd.core.sensor_clock import SensorClock
-from hapticd.values import BoardTime
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000
 WRAP_US = 2**32

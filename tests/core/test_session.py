@@ -8,9 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.core.limits import silence
-from hapticd.core.session import SILENT_AFTER_NS, BoardSession
-from hapticd.values import (
+from hapticd.board_values import (
     BoardCommand,
     BoardHello,
     BoardState,
@@ -22,10 +20,11 @@ from hapticd.values import (
     ReferenceFrame,
     SelectController,
     SetModel,
-    Tick,
     TimeRequest,
-    TouchPoint,
 )
+from hapticd.core.limits import silence
+from hapticd.core.session import SILENT_AFTER_NS, BoardSession
+from hapticd.values import Tick, TouchPoint
 
 MS = 1_000_000
 START_NS = 50_000_000_000

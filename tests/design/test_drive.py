@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.board_values import ModeCalibration
 from hapticd.design.drive import largest_voltage_v, propose_drive_hz, voltage_v
-from hapticd.values import ModeCalibration
 
 modes = st.builds(
     ModeCalibration,

@@ -10,7 +10,7 @@ import numpy as np
 from service import Bench, drive, is_driven, is_quiet, wait_board, wait_for, wait_state
 from stand import DRIVEN_UM, QUIET_UM, SILENT_MS, tell
 
-from hapticd.values import BoardState
+from hapticd.board_values import BoardState
 from hapticd_client import Client
 
 TTL_S = 0.5

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.board_values import BoardMessage, BoardStatus
 from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.values import BoardMessage, BoardStatus, Knot, LimitReason, SafeDrive
+from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
 TICK_US = 500

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.values import BoardHello, BoardMessage
+from hapticd.board_values import BoardHello, BoardMessage
 from hapticd.wire import device
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.board_values import BoardState, BoardStatus
 from hapticd.sim.board import FLAG_DEADMAN, FLAG_LIVE
-from hapticd.values import BoardState, BoardStatus
 from hapticd.wire import device
 
 NewBench = Callable[..., Any]

@@ -16,6 +16,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
+from hapticd.board_values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime
 from hapticd.core.session import BoardSession
 from hapticd.core.solver import solve
 from hapticd.errors import DeviceError
@@ -25,7 +26,6 @@ from hapticd.sim.emulator import Emulator, find_program
 from hapticd.sim.plate import PlateTruth
 from hapticd.sim.rig import Rig
 from hapticd.tool_values import BoardVerdict
-from hapticd.values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 

@@ -16,6 +16,16 @@ from typing import Any
 
 import numpy as np
 
+from hapticd.board_values import (
+    ClearFault,
+    HelloRequest,
+    KeepAlive,
+    ModeModel,
+    ReferenceFrame,
+    SelectController,
+    SetModel,
+    TimeRequest,
+)
 from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.tool_values import (
     ControllerRequest,
@@ -26,19 +36,7 @@ from hapticd.tool_values import (
     Stop,
     Sweep,
 )
-from hapticd.values import (
-    ClearFault,
-    HelloRequest,
-    KeepAlive,
-    Knot,
-    LimitReason,
-    ModeModel,
-    ReferenceFrame,
-    SafeDrive,
-    SelectController,
-    SetModel,
-    TimeRequest,
-)
+from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.device import Decoder

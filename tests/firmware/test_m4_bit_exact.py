@@ -16,9 +16,10 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
+from hapticd.board_values import ModeModel, SelectController, SetModel
 from hapticd.sim.firmware import load
 from hapticd.tool_values import LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
-from hapticd.values import Knot, LimitReason, ModeModel, SafeDrive, SelectController, SetModel
+from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 

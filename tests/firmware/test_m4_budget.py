@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
+from hapticd.board_values import ModeModel, SelectController, SetModel
 from hapticd.tool_values import ControllerRequest, LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
-from hapticd.values import ModeModel, SelectController, SetModel
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from hapticd.board_values import BoardState
 from hapticd.tool_values import Verdict
-from hapticd.values import BoardState
 from hapticd.wire import device, protocol
 
 HEADER = Path(__file__).parents[2] / "firmware" / "core" / "protocol.h"

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.board_values import BoardStatus
 from hapticd.sim.board import FLAG_LIMITED, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.values import BoardStatus
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import encode_frame
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.board_values import BoardState, KeepAlive, ModeModel, SelectController, SetModel
 from hapticd.sim.board import RESET_POWER, BoardTrace
 from hapticd.tool_values import (
     BoardController,
@@ -24,7 +25,6 @@ from hapticd.tool_values import (
     TelemetrySample,
     Verdict,
 )
-from hapticd.values import BoardState, KeepAlive, ModeModel, SelectController, SetModel
 from hapticd.wire import protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.device import encode_hello_request, encode_time_request

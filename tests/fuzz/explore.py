@@ -25,6 +25,7 @@ MISSING = 77
 INSTRUMENTED = [
     "hapticd.calibration",
     "hapticd.config",
+    "hapticd.config_keys",
     "hapticd.core.modes",
     "hapticd.core.modes_file",
     "hapticd.io.replay",

@@ -15,13 +15,15 @@ import numpy as np
 
 from fuzz.target import Cost, Target
 from hapticd import calibration, config
+from hapticd.board_values import ModeCalibration
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.core.modes_file import MAX_BYTES, MAX_LINES, encode_grid
 from hapticd.errors import ConfigError, HapticdError, ModesError, TrackpadError
 from hapticd.io.replay import MODELS, read_recording, write_recording
 from hapticd.io.trackpad import REPORT_BYTES
 from hapticd.toml_file import MAX_BYTES as MAX_TOML_BYTES
-from hapticd.values import ModeCalibration, RawReport
+from hapticd.values import RawReport
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters
 FOLDER = Path(tempfile.mkdtemp(prefix="hapticd-fuzz-"))
@@ -56,7 +58,7 @@ def read_config(path: Path) -> None:
 
 
 def config_seeds() -> dict[str, bytes]:
-    lines = config.render(config.Config()).encode()
+    lines = config.render(Config()).encode()
     texts = {
         "empty": "",
         "rig": '[trackpad]\nsource = "replay"\nreplay_file = "none"\n[device]\nport = "/dev/ttyACM0"\nbaud = 115200\n',

@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzz.files import in_file
 from fuzz.target import Cost, Target
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.errors import RecordingError
 from hapticd.recording.framing import MAGIC, MAX_BODY_BYTES, SYNC, frame

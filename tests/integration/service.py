@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.values import BoardState, BoardStatus
+from hapticd.board_values import BoardState, BoardStatus
 from hapticd.wire import device
 from hapticd_client import Client, PlateState
 

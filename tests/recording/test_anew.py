@@ -25,7 +25,7 @@ import pytest
 import zmq
 
 from hapticd import service
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.io.systemd import Notifier
 from hapticd.recording import service as recorders
 from hapticd.recording.attach import BEGUN, LATE, WAITING, record

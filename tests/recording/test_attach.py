@@ -11,7 +11,8 @@ import zmq
 from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench
 
 from hapticd.__main__ import main
-from hapticd.config import RecordConfig
+from hapticd.board_values import BoardState
+from hapticd.config_sections import RecordConfig
 from hapticd.errors import RecordingError
 from hapticd.io.record_socket import NOW, WAITS, WHOLE, RecordSocket
 from hapticd.machine import Machine
@@ -21,7 +22,6 @@ from hapticd.recording.header import Header, decode_header, header_of
 from hapticd.recording.reader import open_recording
 from hapticd.recording.replay import replay
 from hapticd.recording.service import ANEW_EVERY_NS, Recorders
-from hapticd.values import BoardState
 
 STEP_S = 0.001
 TOOL = BoardState.TOOL.value

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.config import Config
+from hapticd.config_sections import Config
 from hapticd.errors import ConfigError, RecordingError
 from hapticd.recording.reader import open_recording
 from hapticd.recording.records import Record

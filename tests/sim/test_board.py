@@ -9,9 +9,10 @@ import numpy.typing as npt
 import pytest
 from scipy.linalg import expm
 
+from hapticd.board_values import BoardHello
 from hapticd.sim import firmware
 from hapticd.sim.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.values import BoardHello, Knot, LimitReason, SafeDrive
+from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
 TICK_S = 0.0005

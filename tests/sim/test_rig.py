@@ -19,12 +19,12 @@ import numpy as np
 import pytest
 import zmq
 
+from hapticd.board_values import BoardHello, BoardMessage
 from hapticd.errors import DeviceError
 from hapticd.sim import rig as rig_module
 from hapticd.sim import rigsockets
 from hapticd.sim.rig import Rig
 from hapticd.sim.rigprocess import RigProcess
-from hapticd.values import BoardHello, BoardMessage
 from hapticd.wire import device
 from hapticd.wire.trackpad import Decoder
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from hapticd import config
+from hapticd.config_sections import SIMULATED, Config
 from hapticd.io.trackpad import PADS
 
 FOLDER = Path(__file__).parents[2] / "systemd"
@@ -161,8 +162,8 @@ def test_modem_manager_leaves_the_board_alone() -> None:
 
 def test_the_configuration_runs_the_simulated_plate_as_it_stands() -> None:
     loaded = config.load(CONFIGURATION)
-    assert (loaded.trackpad.source, loaded.device.port) == (config.SIMULATED, config.SIMULATED)
-    assert loaded == config.Config()
+    assert (loaded.trackpad.source, loaded.device.port) == (SIMULATED, SIMULATED)
+    assert loaded == Config()
 
 
 def test_the_configuration_s_lines_for_a_real_plate_are_valid_too(tmp_path: Path) -> None:

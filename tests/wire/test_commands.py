@@ -6,6 +6,17 @@ from typing import get_args
 
 import pytest
 
+from hapticd.board_values import (
+    BoardCommand,
+    ClearFault,
+    HelloRequest,
+    KeepAlive,
+    ModeModel,
+    ReferenceFrame,
+    SelectController,
+    SetModel,
+    TimeRequest,
+)
 from hapticd.core.limits import silence
 from hapticd.tool_values import (
     ControllerRequest,
@@ -16,17 +27,6 @@ from hapticd.tool_values import (
     Stop,
     Sweep,
     ToolCommand,
-)
-from hapticd.values import (
-    BoardCommand,
-    ClearFault,
-    HelloRequest,
-    KeepAlive,
-    ModeModel,
-    ReferenceFrame,
-    SelectController,
-    SetModel,
-    TimeRequest,
 )
 from hapticd.wire import board_messages, protocol
 from hapticd.wire.commands import encode

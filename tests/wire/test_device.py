@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.board_values import BoardHello, BoardState, BoardStatus, BoardTime, ModeCalibration, ModeModel
 from hapticd.errors import DeviceError
 from hapticd.tool_values import (
     BoardController,
@@ -20,17 +21,7 @@ from hapticd.tool_values import (
     TelemetrySample,
     Verdict,
 )
-from hapticd.values import (
-    BoardHello,
-    BoardState,
-    BoardStatus,
-    BoardTime,
-    Knot,
-    LimitReason,
-    ModeCalibration,
-    ModeModel,
-    SafeDrive,
-)
+from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.values import BoardMessage, Knot, LimitReason, SafeDrive
+from hapticd.board_values import BoardMessage
+from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
 from . import wiring
