@@ -37,4 +37,8 @@ class RollingQuantile:
     @property
     def value(self) -> int:
         """The quantile; IndexError while there is no value."""
-        return self._sorted[int(self._share * (len(self._sorted) - 1))]
+        return self.at(self._share)
+
+    def at(self, share: float) -> int:
+        """Another quantile (lower) of the same values; IndexError while there is no value."""
+        return self._sorted[int(share * (len(self._sorted) - 1))]

@@ -22,11 +22,20 @@ WRAP_US = 2**32
 
 
 class Pad:
-    """A trackpad that samples every 11.25 ms; its reports take `latency_ns` and up to `late_ms` more."""
+    """A trackpad that samples every 11.25 ms; its reports take `latency_ns` and up to `late_ms` more, or more rarely
+    `tail_ms` more, on average."""
 
-    def __init__(self, *, stamp_ms: float = 1.0, late_ms: float = 2.0, ppm: float = 0.0, origin_ns: int = 0) -> None:
+    def __init__(
+        self,
+        *,
+        stamp_ms: float = 1.0,
+        late_ms: float = 2.0,
+        tail_ms: float = 0.0,
+        ppm: float = 0.0,
+        origin_ns: int = 0,
+    ) -> None:
         self.random = random.Random(1)
-        self.stamp_ms, self.late_ms, self.ppm = stamp_ms, late_ms, ppm
+        self.stamp_ms, self.late_ms, self.tail_ms, self.ppm = stamp_ms, late_ms, tail_ms, ppm
         self.origin_ns = origin_ns
         self.latency_ns = 10 * MS
         self.device_offset_ns = 777 * S
@@ -38,7 +47,8 @@ class Pad:
         exact = round(self.t_ns * (1 + self.ppm * 1e-6)) + self.device_offset_ns
         stamp = exact + round(self.random.uniform(-self.stamp_ms, self.stamp_ms) * MS)
         sampled = self.origin_ns + self.t_ns
-        arrival = sampled + self.latency_ns + round(self.random.uniform(0, self.late_ms) * MS)
+        late_ms = self.random.uniform(0, self.late_ms) + self.tail_ms * self.random.expovariate(1.0)
+        arrival = sampled + self.latency_ns + round(late_ms * MS)
         return stamp, arrival, sampled, exact
 
 
@@ -62,9 +72,30 @@ def test_under_jitter_and_drift_the_sampling_instants_are_nearly_free_of_bias(pp
     assert clock.relocks == 0
 
 
-def test_exact_stamps_cost_a_quarter_of_a_millisecond_at_most() -> None:
+@pytest.mark.parametrize("stamp_ms", [1.0, 2.0])
+@pytest.mark.parametrize(
+    ("late_ms", "tail_ms"), [(0.0, 0.0), (0.125, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 0.3), (0.0, 1.0)]
+)
+def test_whatever_makes_reports_late_and_stamps_err_the_bias_stays_near_a_tenth_of_a_millisecond(
+    stamp_ms: float, late_ms: float, tail_ms: float
+) -> None:
+    pad = Pad(stamp_ms=stamp_ms, late_ms=late_ms, tail_ms=tail_ms)
+    assert abs(statistics.mean(settled_errors_ms(pad, SensorClock(10 * MS)))) < 0.12
+
+
+def test_a_host_that_stalls_at_every_other_report_does_not_move_the_clock_far() -> None:
+    pad, clock = Pad(late_ms=0.0), SensorClock(10 * MS)
+    errors: list[float] = []
+    for index in range(1000):
+        stamp, arrival, sampled, exact = pad.report()
+        clock.update(stamp, arrival + 4 * MS * (index % 2))
+        errors.append((exact + clock.offset_ns - sampled) / MS)
+    assert max(map(abs, errors[300:])) < 0.5
+
+
+def test_exact_stamps_cost_a_fifth_of_a_millisecond_at_most() -> None:
     errors = settled_errors_ms(Pad(stamp_ms=0.0), SensorClock(10 * MS))
-    assert 0.0 <= statistics.mean(errors) < 0.35
+    assert 0.0 <= statistics.mean(errors) < 0.2
 
 
 def test_the_first_report_is_usable_and_nothing_was_sampled_after_it_was_read() -> None:
