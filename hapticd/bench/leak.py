@@ -2,34 +2,47 @@
 
 The same trajectories, noise and plate for all; the firmware's C and the plate's true motion in the loop. A pass's time
 is that of the whole way from report to frame, without the board.
+
+    run        a sticky and a slippery finger: every choice on a touch's way, the paper's scheme, perfect knowledge
+    both_slip  two slippery fingers: turning the phase between them, beside changing signs
+    contact    the sticky finger as a disc that feels the RMS of what the plate does over it, taken for a point or disc
 """
 
 from __future__ import annotations
 
-import math
-import statistics
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ..config_sections import Config
-from ..sim.lockstep import Run, Settings, Simulation, paper, perfect
-from ..sim.scenarios import SCENARIOS
-from ..sim.score import Score, settled
+from ..sim.lockstep import Settings, paper, perfect
+from ..sim.score import settled
+from .leak_runs import (
+    DEFAULT,
+    NOTHING_UM,
+    SCENARIO,
+    SECONDS,
+    SEEDS,
+    Figures,
+    Played,
+    compared,
+    over_seeds,
+    scored,
+    swapped,
+)
 from .tables import Table, finite_rows
-from .timing import least, no_garbage_collection
 
-SCENARIO = "strokes"
-DEFAULT = "hapticd"
-NOTHING_UM = 1e-9  # below it is rounding
 PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
 BOTH_SLIP = "both-slip"
 SIGNS_ALONE = "signs alone"
+POINT = "a point"
+RADIUS_MM = 5.0
 _DIP_FRAC = 0.5  # of its target: less than this is felt as a catch
+_RINGS_MM = RADIUS_MM * np.sqrt((np.arange(4) + 0.5) / 4)  # equal areas
+_EVERY = 8  # ticks: a finger moves 0.4 mm
 
 
 def alternatives() -> dict[str, Settings]:
@@ -51,28 +64,17 @@ def alternatives() -> dict[str, Settings]:
     return {**told, "neighbours unknown": replace(ours, neighbours_known=False), PAPER: paper(ours)}
 
 
-def swapped(config: Config, swap: Mapping[str, Mapping[str, Any]]) -> Config:
-    """The configuration with some keys of some sections replaced."""
-    return replace(config, **{name: replace(getattr(config, name), **keys) for name, keys in swap.items()})
-
-
-def run(*, seeds: Sequence[int] = (1, 2, 3), seconds: float = 10.0, names: Sequence[str] | None = None) -> Table:
+def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequence[str] | None = None) -> Table:
     """Compare the alternatives (all, or those in `names` and the default) on strokes of each seed."""
     chosen = {name: settings for name, settings in alternatives().items() if names is None or name in (*names, DEFAULT)}
-    scores: dict[str, list[Score]] = {name: [] for name in (*chosen, PERFECT)}
-    times_us: dict[str, list[float]] = {name: [] for name in chosen}
-    with no_garbage_collection():
-        for seed in seeds:
-            for name, settings in chosen.items():
-                played, time_us = _play(settings, seed, seconds)
-                scores[name].append(played.score)
-                times_us[name].append(time_us)
-                if name == DEFAULT:
-                    scores[PERFECT].append(perfect(played))
-    rows = []
-    for name, judged in scores.items():
-        timing = least(times_us[name]).figures() if name in times_us else {}
-        rows.append((name, {**timing, **_figures(judged)}))
+    known: list[Figures] = []
+
+    def judge(played: Played) -> Figures:
+        if played.name == DEFAULT:
+            known.append(scored(perfect(played.run)))
+        return scored(played.run.score)
+
+    rows = [*compared(chosen, judge, seeds=seeds, seconds=seconds), (PERFECT, over_seeds(known))]
     return Table(
         name="leak",
         title=f"leak: {SCENARIO} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}; one choice swapped",
@@ -89,25 +91,16 @@ def run(*, seeds: Sequence[int] = (1, 2, 3), seconds: float = 10.0, names: Seque
     )
 
 
-def both_slip(*, seeds: Sequence[int] = (1, 2, 3), seconds: float = 10.0) -> Table:
+def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     """Two slippery fingers on strokes: turning the phase between them, beside changing signs and the paper's scheme."""
     ours = Settings()
     signs = replace(ours, config=swapped(ours.config, {"solver": {"phase_rotation": False}}))
     chosen = {DEFAULT: ours, SIGNS_ALONE: signs, PAPER: paper(ours)}
-    runs: dict[str, list[Run]] = {name: [] for name in chosen}
-    times_us: dict[str, list[float]] = {name: [] for name in chosen}
-    with no_garbage_collection():
-        for seed in seeds:
-            for name, settings in chosen.items():
-                played, time_us = _play(settings, seed, seconds, BOTH_SLIP)
-                runs[name].append(played)
-                times_us[name].append(time_us)
-    rows = [(name, {**least(times_us[name]).figures(), **_both_figures(runs[name])}) for name in chosen]
     return Table(
         name="both_slip",
         title=f"leak: {BOTH_SLIP} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}",
         default=DEFAULT,
-        rows=finite_rows(rows),
+        rows=finite_rows(compared(chosen, _smoothness, seeds=seeds, seconds=seconds, scenario=BOTH_SLIP)),
         compared=("time_us", "slip_error_um", "dip_frac"),
         time="time_us",
         error="slip_error_um",
@@ -119,45 +112,60 @@ def both_slip(*, seeds: Sequence[int] = (1, 2, 3), seconds: float = 10.0) -> Tab
     )
 
 
-def _both_figures(runs: Sequence[Run]) -> dict[str, float]:
+def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
+    """What the solver takes a still finger for: a point, or discs of two radii.
+
+    Neighbouring modes are unknown to all rows, for a disc has no zero to bring them back to.
+    """
+    ours = Settings(neighbours_known=False)
+    chosen = {
+        name: replace(ours, config=swapped(ours.config, {"solver": {"contact_radius_mm": radius_mm}}))
+        for name, radius_mm in ((POINT, 0.0), ("a disc of 2.5 mm", RADIUS_MM / 2), ("a disc of 5 mm", RADIUS_MM))
+    }
+    return Table(
+        name="leak_contact",
+        title=f"leak: what the sticky finger feels over a contact of {RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
+        default=POINT,
+        rows=finite_rows(compared(chosen, _over_contact, seeds=seeds, seconds=seconds, timed=False)),
+        compared=("contact_leak_um", "leak_um", "slip_frac"),
+        error="contact_leak_um",
+        notes=("rows: what the solver takes the still finger for (solver.contact_radius_mm); leak: at its centre",),
+    )
+
+
+def _smoothness(played: Played) -> Figures:
     """How well slippery fingers are served, and how roughly the plate is asked to move."""
-    dips, steps_um = [], []
-    for played in runs:
-        counts = settled(played.t_s, played.target_um)
-        dips.append((np.abs(played.truth_um) < _DIP_FRAC * played.target_um)[counts])
-        steps_um.append(np.abs(np.diff(played.reference_um, axis=0)).max(axis=1))
+    run = played.run
+    counts = settled(run.t_s, run.target_um)
+    steps_um = np.abs(np.diff(run.reference_um, axis=0)).max(axis=1)
     return {
-        "slip_error_um": math.sqrt(np.mean([played.score.slip_error_um**2 for played in runs])),
-        "slip_frac": float(np.mean([played.score.slip_frac for played in runs])),
-        "dip_frac": float(np.mean(np.concatenate(dips))),
-        "step_um": float(np.quantile(np.concatenate(steps_um), 0.999)),
+        "slip_error_um": run.score.slip_error_um,
+        "slip_frac": run.score.slip_frac,
+        "dip_frac": float(np.mean((np.abs(run.truth_um) < _DIP_FRAC * run.target_um)[counts])),
+        "step_um": float(np.quantile(steps_um, 0.999)),
     }
 
 
-def _play(settings: Settings, seed: int, seconds: float, scenario: str = SCENARIO) -> tuple[Run, float]:
-    """A run, and the mean time of its passes in us."""
-    simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed)
-    taken_us: list[float] = []
-    simulation.machine.reports = _timed(simulation.machine.reports, taken_us)  # type: ignore[method-assign]
-    simulation.run(seconds)
-    return simulation.result(scenario), statistics.fmean(taken_us)
-
-
-def _timed(method: Callable[..., Any], taken_us: list[float]) -> Callable[..., Any]:
-    def timed(*arguments: Any) -> Any:
-        t_start_ns = time.perf_counter_ns()
-        result = method(*arguments)
-        taken_us.append((time.perf_counter_ns() - t_start_ns) * 1e-3)
-        return result
-
-    return timed
-
-
-def _figures(judged: Sequence[Score]) -> dict[str, float]:
-    """Of several seeds: RMS of what is RMS, means of shares."""
+def _over_contact(played: Played) -> Figures:
+    """RMS over time and contact, of all plate modes, at the fingers that should be still."""
+    run, world = played.run, played.simulation.world
+    counts = settled(run.t_s, run.target_um) & (run.target_um == 0.0)
+    plate_um = world.recording().plate_um
+    squares = []
+    for finger in range(counts.shape[1]):
+        ticks = np.flatnonzero(counts[:, finger])[::_EVERY]
+        points_mm = run.finger_true_mm[ticks, finger, None] + _disc_mm()
+        w_um = np.einsum("tdp,tp->td", world.plate.shapes(points_mm), plate_um[ticks])
+        squares.append(np.abs(w_um).ravel() ** 2)
     return {
-        "leak_um": math.sqrt(np.mean([score.leak_um**2 for score in judged])),
-        "slip_error_um": math.sqrt(np.mean([score.slip_error_um**2 for score in judged])),
-        "slip_frac": float(np.mean([score.slip_frac for score in judged])),
-        "limited_frac": float(np.mean([score.limited_frac for score in judged])),
+        "contact_leak_um": float(np.sqrt(np.mean(np.concatenate(squares)))),
+        "leak_um": run.score.leak_um,
+        "slip_frac": run.score.slip_frac,
     }
+
+
+def _disc_mm() -> npt.NDArray[np.float64]:
+    """Points (48, 2) spread evenly over the disc."""
+    angle_rad = np.arange(12) * (np.pi / 6)
+    x_mm, y_mm = np.outer(_RINGS_MM, np.cos(angle_rad)), np.outer(_RINGS_MM, np.sin(angle_rad))
+    return np.stack((x_mm.ravel(), y_mm.ravel()), axis=1)

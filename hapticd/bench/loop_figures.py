@@ -85,7 +85,7 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
 
     at_ticks = np.minimum((np.arange(ticks) + 1) / law.control_hz, t_s[-1])
     phi_ticks = np.ascontiguousarray(phi[np.round(at_ticks * 1e3).astype(int)])
-    decay_1_s = np.full((ticks, 2), truth.settings.finger_decay_1_s)
+    decay_1_s = np.full((ticks, 2), truth.finger_decay_1_s)
     trace = follow(board, knots, ticks, round(period_s * law.control_hz), (phi_ticks, decay_1_s))
     settled = slice(law.phase_ticks, None)
     figures = tracking_figures(trace.reference_um[settled], trace.plate_um[settled, :2], law.tick_ms)

@@ -25,7 +25,7 @@ from ..sim.lockstep import T_START_NS, Run, Settings, Simulation
 from ..sim.plate import DRIVEN_MODES
 from ..sim.scenarios import SCENARIOS
 from ..sim.score import score, settled
-from .leak import SCENARIO
+from .leak_runs import SCENARIO
 from .tables import Table, finite_rows
 
 DEFAULT = "hapticd"

@@ -19,7 +19,7 @@ from . import (
     firmware,
     knots,
     leak,
-    leak_contact,
+    leak_share,
     modes,
     modes_contact,
     modes_fit,
@@ -60,7 +60,14 @@ PARTS: dict[str, Part] = {
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak_contact.run(), remains.run()),
+    "leak": lambda _: (
+        leak.run(),
+        leak_share.run(),
+        leak.both_slip(),
+        singular.run(),
+        leak.contact(),
+        remains.run(),
+    ),
     "firmware": lambda _: (*firmware.run(), *carrier.run()),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)

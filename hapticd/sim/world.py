@@ -163,7 +163,7 @@ class World:
             fingers_mm[:, np.isfinite(fingers_mm[..., 0]).any(axis=0)]
         )  # a finger in the air takes no part
         self._phi = np.ascontiguousarray(self.plate.shapes(near))
-        self._decay_1_s = np.where(np.isfinite(near[..., 0]), self.plate.settings.finger_decay_1_s, 0.0)
+        self._decay_1_s = np.where(np.isfinite(near[..., 0]), self.plate.finger_decay_1_s, 0.0)
         self._trace = BoardTrace(ticks, len(self.plate.sensor), len(self.plate.decay_1_s))
         self._done = 0
         if not self._keep:

@@ -1,0 +1,69 @@
+"""The shapes of the simulated plate's modes: which kind, and where their peak is 1.
+
+    free plate       theory's, scaled to a peak of 1 over the whole plate. A free plate's peaks lie at its edges, so a
+                     mode at W_LIM moves far less than that at the highest antinode that fingers reach.
+    peak at fingers  the same shapes, in units of that antinode: a mode at W_LIM moves by as much there, and by more
+                     at the edges.
+    cosines          plane standing waves of the paper's wavelength, as if the plate had no edges.
+
+Fingers reach to 10 mm from the edge. All modes are scaled alike, by X's antinode, so that the friction between them is
+that of the same plate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from hapticd.design import ModeShape, free_plate_modes, legendre
+
+FREE_PLATE, PEAK_AT_FINGERS, COSINES = KINDS = ("free plate", "peak at fingers", "cosines")
+BEYOND_REACH_MM = 10.0  # from the edge
+WAVELENGTH_MM = 27.0
+_REFERENCE = "11x0"
+_REACH_POINTS = 236
+_DEGREE = 60  # of the Legendre series of five waves: their error is rounding
+
+
+@lru_cache(maxsize=16)
+def shapes(kind: str, names: tuple[str, ...]) -> tuple[ModeShape, ...]:
+    """The modes called `names` after their nodal lines, such as "9x6"; `kind` is one of KINDS."""
+    chosen = tuple(theory(name)[1] for name in names)
+    if kind == COSINES:
+        return tuple(_cosine(shape) for shape in chosen)
+    if kind == PEAK_AT_FINGERS:
+        return tuple(replace(shape, coefficients=shape.coefficients / peak_at_fingers()) for shape in chosen)
+    return chosen
+
+
+def theory(name: str) -> tuple[float, ModeShape]:
+    """Frequency (Hz) and shape of a mode of the free plate; KeyError where there is none of this name."""
+    return _by_name()[name]
+
+
+def peak_at_fingers() -> float:
+    """The highest antinode of X that fingers reach, as a share of its peak over the plate."""
+    shape = theory(_REFERENCE)[1]
+    axes = [np.linspace(BEYOND_REACH_MM - mm / 2.0, mm / 2.0 - BEYOND_REACH_MM, _REACH_POINTS) for mm in shape.size_mm]
+    return float(np.abs(shape.on_grid(*axes)).max())
+
+
+def _cosine(shape: ModeShape) -> ModeShape:
+    """The standing wave of the paper's wavelength whose nodal lines run as those of `shape`, an antinode at the
+    centre."""
+    lines = math.hypot(*shape.nodal_lines)
+    nodes, weights = np.polynomial.legendre.leggauss(2 * _DEGREE)
+    at_nodes = legendre.values(nodes, _DEGREE)
+    across = []
+    for count, edge_mm in zip(shape.nodal_lines, shape.size_mm, strict=True):
+        wave = np.cos(math.pi * edge_mm / WAVELENGTH_MM * count / lines * nodes)
+        across.append(at_nodes.T @ (weights * wave))
+    return replace(shape, coefficients=np.outer(*across))
+
+
+@lru_cache(maxsize=1)
+def _by_name() -> dict[str, tuple[float, ModeShape]]:
+    return {shape.name: (frequency_hz, shape) for frequency_hz, shape in free_plate_modes()}
