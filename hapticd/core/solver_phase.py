@@ -45,7 +45,6 @@ _SAFE: Final = 1e100  # squares of larger ratios would leave the range of floats
 _CANCELLING: Final = 1e6  # of a limit: two phasors so great leave no phase but pi between them, and digits of rounding
 _UNFELT: Final = 0.02  # of a target: less than this no finger feels
 _HALVINGS: Final = 32  # to 1e-9 of the cosine, the error being flat there
-_SILENT: Final = (0.0, 0.0, 0.0, 0.0)
 
 
 def solve_phased_fast(
@@ -70,7 +69,7 @@ def _two_on_two(
 ) -> tuple[Phasors, bool]:
     first, second = targets
     box = limits[0], limits[1]
-    now = _SILENT if previous is None or not max(limits) < _SAFE else _parts(previous)
+    now = (0.0, 0.0, 0.0, 0.0) if previous is None or not max(box[0], box[1]) < _SAFE else _parts(previous)
     if first > 0.0 < second and all_finite(rows):
         (a, b), (c, d) = rows
         (x, x_j, y, y_j), limited = _both_slip((a, b, c, d), (first, second), box, now, turn_rad)
@@ -84,7 +83,7 @@ def _parts(phasors: Phasors) -> Phasors2:
     """As plain floats; beyond all sense is silence."""
     one, other = phasors
     a, b, c, d = one.real, one.imag, other.real, other.imag
-    return (a, b, c, d) if length(a, b) < _SAFE and length(c, d) < _SAFE else _SILENT
+    return (a, b, c, d) if length(a, b) < _SAFE and length(c, d) < _SAFE else (0.0, 0.0, 0.0, 0.0)
 
 
 def _both_slip(
