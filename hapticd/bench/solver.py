@@ -6,13 +6,18 @@ half of them one finger is to slip at 1 um and one to stay still, in the others 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..compiled import why_interpreted
 from ..core.solver import solve, solve_batch, solve_fast, solve_phased_fast
 from ..sim.plate import DRIVEN_MODES, PlateTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
@@ -30,21 +35,19 @@ _RIDGE = 1e-9  # a quadratic programme's matrix must be definite
 
 
 def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Table:
-    """Compare solvers on `problems` of each kind; `timed` of the first kind are timed."""
-    points_mm = np.random.default_rng(11).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (2 * problems, 2, 2))
-    shapes = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
-    still_phi, slip_phi = shapes[:problems], shapes[problems:]
+    """Compare solvers on `problems` of each kind; `timed` of the first kind are timed. Where the solvers run as machine
+    code they are timed as Python too, in a process of its own."""
+    still_phi, slip_phi = _shapes(problems)
     solvers, skipped = _alternatives()
-    times = compare(
-        {name: (partial(way, still_phi[:timed], ONE_STILL), min(timed, problems)) for name, way in solvers.items()},
-        repeats,
-    )
+    times = compare(_calls(solvers, still_phi[:timed]), repeats)
+    interpreted_us = {} if why_interpreted() != "" else _interpreted_us(problems, repeats, timed)
     rows = []
     for name, way in solvers.items():
         still_um, both_um = way(still_phi, ONE_STILL), way(slip_phi, BOTH_SLIP)
         got_um, got_both_um = _achieved_um(still_phi, still_um), _achieved_um(slip_phi, both_um)
         figures = {
             **times[name].figures(),
+            **interpreted_us.get(name, {}),
             "leak_um": _rms(got_um[:, 1]),
             "slip_error_um": _rms(got_um[:, 0] - ONE_STILL[0]),
             "both_slip_error_um": _rms(got_both_um - np.array(BOTH_SLIP)),
@@ -64,8 +67,42 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
         notes=(
             "leak, slip error: one finger still, one at 1 um; both slip error: at 1 and 0.6 um, where signs are free",
             "limits broken: modal amplitudes above the limit, be it by the last bit",
+            _way(),
         ),
     )
+
+
+def _way() -> str:
+    reason = why_interpreted()
+    return f"as Python, for {reason}" if reason else "time: as machine code; interpreted: the same calls as Python"
+
+
+def _shapes(problems: int) -> tuple[FloatArray, FloatArray]:
+    """Mode matrices at random pairs of positions, `problems` for each kind."""
+    points_mm = np.random.default_rng(11).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (2 * problems, 2, 2))
+    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    return phi[:problems], phi[problems:]
+
+
+def _calls(solvers: Mapping[str, Solver], phi: FloatArray) -> dict[str, tuple[Callable[[], object], int]]:
+    return {name: (partial(way, phi, ONE_STILL), len(phi)) for name, way in solvers.items()}
+
+
+def _interpreted_us(problems: int, repeats: int, timed: int) -> dict[str, dict[str, float]]:
+    done = subprocess.run(
+        [sys.executable, "-m", __name__, str(problems), str(repeats), str(timed)],
+        env={**os.environ, "HAPTICD_PURE": "1"},
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return dict(json.loads(done.stdout))
+
+
+def _timed_as_python(problems: int, repeats: int, timed: int) -> dict[str, dict[str, float]]:
+    """Figures of our own solvers, for the process that runs machine code."""
+    ours = {name: way for name, way in _alternatives()[0].items() if name.startswith("solve")}
+    times = compare(_calls(ours, _shapes(problems)[0][:timed]), repeats)
+    return {name: {"interpreted_us": timing.best_us} for name, timing in times.items()}
 
 
 def _alternatives() -> tuple[dict[str, Solver], dict[str, str]]:
@@ -154,3 +191,7 @@ def _achieved_um(phi: FloatArray, modal_um: FloatArray | Phasors) -> FloatArray:
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+if __name__ == "__main__":  # what a process that runs machine code cannot do itself
+    print(json.dumps(_timed_as_python(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver import solve, solve_fast, solve_phased_fast
+from ..core.solver import solve, solve_batch, solve_fast, solve_phased_fast
 from ..core.solver_contact import principal_axis
 from ..core.solver_policies import Rows
 from ..sim.plate import DRIVEN_MODES, PlateTruth
@@ -205,6 +205,7 @@ def contacts(pairs: int = 400, repeats: int = REPEATS) -> Table:
     points_mm = np.random.default_rng(19).uniform(-half_mm, half_mm, (pairs, 2, 2))
     phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     gram = _gram(points_mm[:, 1], CONTACT_RADIUS_MM)
+    both = np.stack([np.zeros_like(gram), gram], axis=1)
     solved: dict[str, Callable[[], Any]] = {
         "point": lambda: [solve_fast(rows, ONE_STILL_UM, W_LIMIT_UM)[0] for rows in _pairs(phi)],
         "disc": lambda: [
@@ -215,6 +216,7 @@ def contacts(pairs: int = 400, repeats: int = REPEATS) -> Table:
             solve(rows, ONE_STILL_UM, W_LIMIT_UM, gram=[np.zeros((2, 2)), disc]).modal_um
             for rows, disc in zip(phi, gram, strict=True)
         ],
+        "disc, solve_batch with gram": lambda: solve_batch(phi, ONE_STILL_UM, W_LIMIT_UM, gram=both),
         "least leak for its amplitude": lambda: _least_leak(phi, gram),
     }
     times = compare({name: (way, pairs) for name, way in solved.items()}, repeats)

@@ -27,17 +27,20 @@ and more: see `core.solver_general`. What each takes stands in `hapticd bench so
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..values import Solution
-from .solver_arithmetic import Pair, Row
+from .solver_arithmetic import Row
+from .solver_box import shapes_of
 from .solver_checks import (
+    PLAIN,
     FloatArray,
-    PairRows,
     Rows,
     check_weight,
+    checked_gram_track,
     checked_grams,
     checked_limits,
     checked_phasors,
@@ -48,7 +51,8 @@ from .solver_checks import (
     checked_track,
     plain_pair,
 )
-from .solver_contact import contact_problem
+from .solver_contact import contact_problem, contact_track
+from .solver_pair import amplitudes, condition, hold_still
 from .solver_phase import TURN_RAD, solve_phased_fast
 from .solver_policies import named, solve_fast
 
@@ -73,9 +77,10 @@ def solve(
     Raises ValueError, in one sentence, for wrong shapes, numbers that are not finite, negative targets, effort or
     hysteresis, limits that are not positive, an unknown policy.
     """
-    plain = plain_pair(phi, target_um, limit_um, previous_um) if gram is None else None
-    if plain is not None and effort == hysteresis == 0.0:
-        return _solve_pair(*plain, policy)
+    if gram is None and effort == hysteresis == 0.0:
+        solution = _solve_pair(phi, target_um, limit_um, previous_um, policy)
+        if solution is not None:
+            return solution
     rows, modes = checked_shapes(phi)
     targets = checked_targets(target_um, len(rows))
     limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
@@ -98,10 +103,11 @@ def solve_batch(
     effort: float = 0.0,
     previous_um: npt.ArrayLike | None = None,
     hysteresis: float = 0.0,
+    gram: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Modal amplitudes (K, M) for K instants in order; each is the next one's `previous_um`.
 
-    phi (K, N, M); target_um (K, N), or (N,) for all instants; the rest as in `solve`.
+    phi (K, N, M); target_um (K, N), or (N,) for all instants; gram (K, N, M, M) or None; the rest as in `solve`.
     """
     track, fingers, modes = checked_track(phi)
     targets = checked_target_track(target_um, len(track), fingers)
@@ -109,6 +115,9 @@ def solve_batch(
     check_weight("effort", effort)
     check_weight("hysteresis", hysteresis)
     named(policy)
+    if gram is not None:
+        grams = checked_gram_track(gram, len(track), fingers, modes)
+        track, targets = contact_track(track, targets, grams)
     modal_um = []
     for rows, target in zip(track, targets, strict=True):
         previous, _ = solve_fast(rows, target, limits, previous, policy, effort, hysteresis)
@@ -123,17 +132,20 @@ def solve_phased(
     *,
     previous_um: npt.ArrayLike | None = None,
     turn_rad: float = TURN_RAD,
+    gram: npt.ArrayLike | None = None,
 ) -> npt.NDArray[np.complex128]:
     """Complex modal amplitudes (M,) for one instant, `keep_zero` with the fingers' phases free.
 
-    phi, target_um, limit_um as in `solve`; previous_um (M,) complex or None; `turn_rad`: how far the phase between
-    fingers may turn from what `previous_um` gives them, where their amplitudes leave the choice.
+    phi, target_um, limit_um, gram as in `solve`; previous_um (M,) complex or None; `turn_rad`: how far the phase
+    between fingers may turn from what `previous_um` gives them, where their amplitudes leave the choice.
     Raises ValueError as `solve` does.
     """
     rows, modes = checked_shapes(phi)
     targets = checked_targets(target_um, len(rows))
     limits, previous = checked_limits(limit_um, modes), checked_phasors(previous_um, modes)
     check_weight("turn_rad", turn_rad)
+    if gram is not None:
+        rows, targets = contact_problem(rows, targets, checked_grams(gram, len(rows), modes))
     return np.array(solve_phased_fast(rows, targets, limits, previous, turn_rad)[0])
 
 
@@ -142,15 +154,35 @@ def condition_number(phi: FloatArray) -> float:
     return _condition(tuple(map(tuple, phi.tolist())))
 
 
-def _solve_pair(rows: PairRows, targets: Pair, limits: Pair, previous: Pair | None, policy: str) -> Solution:
-    """`solve` for two fingers on two modes, the case of nearly every call, without loops."""
-    modal, limited = solve_fast(rows, targets, limits, previous, policy)
-    (a, b), (c, d) = rows
-    x, y = modal
-    first, second = abs(a * x + b * y), abs(c * x + d * y)
-    if not first + second < math.inf:
-        first, second = _amplitude((a, b), modal), _amplitude((c, d), modal)
-    return Solution(np.array(modal), np.array((first, second)), limited, _condition_of_pair(a, b, c, d))
+def _solve_pair(phi: Any, target_um: Any, limit_um: Any, previous_um: Any, policy: str) -> Solution | None:
+    """`solve` for two fingers on two modes, the case of nearly every call: told in floats, or in arrays of them.
+
+    None for all else, be it right or wrong: the full checks tell. A sum less itself is 0 for finite numbers only.
+    """
+    if type(phi) not in PLAIN:
+        return None
+    try:
+        one, other = phi.tolist() if type(phi) is np.ndarray else phi
+        (a, b), (c, d) = plain_pair(one), plain_pair(other)
+        first, second = plain_pair(target_um)
+        limit_x, limit_y = (limit_um, limit_um) if type(limit_um) is float else plain_pair(limit_um)
+        x, y = (0.0, 0.0) if previous_um is None else plain_pair(previous_um)
+    except (TypeError, ValueError):
+        return None
+    total = a + b + c + d + first + second + limit_x + limit_y + x + y
+    if not (first >= 0.0 and second >= 0.0 and limit_x > 0.0 and limit_y > 0.0 and total - total == 0.0):
+        return None
+    shapes, limits = (a, b, c, d), (limit_x, limit_y)
+    if policy == "keep_zero" and second == 0.0 < first and (c != 0.0 or d != 0.0):
+        w_x, w_y, limited = hold_still((a, b), first, (c, d), limits, (x, y))
+    else:
+        previous = None if previous_um is None else (x, y)
+        modal, limited = solve_fast(((a, b), (c, d)), (first, second), limits, previous, policy)
+        w_x, w_y = modal
+    got = amplitudes(shapes, (w_x, w_y))
+    if not got[0] + got[1] < math.inf:
+        got = _amplitude((a, b), (w_x, w_y)), _amplitude((c, d), (w_x, w_y))
+    return Solution(np.array((w_x, w_y)), np.array(got), limited, condition(shapes))
 
 
 def _amplitude(row: Row, modal: Row) -> float:
@@ -163,7 +195,7 @@ def _amplitude(row: Row, modal: Row) -> float:
 
 def _condition(rows: Rows) -> float:
     if len(rows) == 2 == len(rows[0]):
-        return _condition_of_pair(*rows[0], *rows[1])
+        return condition(shapes_of(rows))
     if not rows:
         return 1.0
     matrix = np.array(rows)
@@ -173,18 +205,3 @@ def _condition(rows: Rows) -> float:
     singular = np.linalg.svd(matrix / size, compute_uv=False)
     largest, smallest = float(singular[0]), float(singular[-1])
     return largest / smallest if smallest > 0.0 else math.inf
-
-
-def _condition_of_pair(a: float, b: float, c: float, d: float) -> float:
-    """Of (a b; c d): the largest singular value squared over the determinant (Blinn, IEEE CG&A 16(2), 1996)."""
-    determinant = abs(a * d - b * c)
-    largest = (math.hypot(a + d, b - c) + math.hypot(a - d, b + c)) / 2
-    if determinant > 1e-100 and largest < 1e100:
-        return max(largest * largest / determinant, 1.0)
-    size = max(abs(a), abs(b), abs(c), abs(d))
-    if size == 0.0:
-        return math.inf
-    a, b, c, d = a / size, b / size, c / size, d / size
-    determinant = abs(a * d - b * c)
-    largest = (math.hypot(a + d, b - c) + math.hypot(a - d, b + c)) / 2
-    return max(largest * largest / determinant, 1.0) if determinant > 0.0 else math.inf

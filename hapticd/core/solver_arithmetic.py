@@ -8,10 +8,12 @@ from typing import Final
 
 Row = tuple[float, ...]
 Pair = tuple[float, float]
+Shapes2 = tuple[float, float, float, float]  # of two modes at the first finger, then at the second
 
 NOISE: Final = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
-LAST_BIT: Final = 1.0 - 2.0**-52  # one library's hypot is not another's: a last bit is left below a limit
+LAST_BIT: Final = 1.0 - 2.0**-51  # a root of squares errs by a last bit, as does a library's hypot: two are left
 _REACH_CAP: Final = 1e30  # a target so many times out of reach acts like any farther one
+_LEAST_SQUARE: Final = 1e-200  # less, and more than its inverse: squares lose digits at the ends of the floats' range
 _EFFORT_CAP: Final = 1e18  # beside an effort so many times theirs the rows' own squares are below rounding
 
 
@@ -60,6 +62,14 @@ def cross_terms(one: Row, other: Row) -> Pair:
     x, y = one[0] / size, one[1] / size
     other_x, other_y = other[0] / other_size, other[1] / other_size
     return x * other_y, other_x * y
+
+
+def length(x: float, y: float) -> float:
+    """hypot(x, y), in machine code without a call of Python where the squares are well within range."""
+    square = x * x + y * y
+    if _LEAST_SQUARE < square < 1.0 / _LEAST_SQUARE:
+        return math.sqrt(square)
+    return math.hypot(x, y)
 
 
 def dot(one: Sequence[float], other: Sequence[float]) -> float:

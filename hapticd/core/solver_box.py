@@ -10,12 +10,12 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from .solver_arithmetic import NOISE, Pair, Row, clamped, cross_terms, dot, normalised, within
+from .solver_arithmetic import Pair, Row, Shapes2, clamped, dot, normalised, within
 from .solver_choice import Candidate, candidate, choose, leans_away, misses
+from .solver_pair import better_signs, into_box, meeting
 
 _RANK_NOISE: Final = 1e-13  # a column's part across the other, after subtracting a projection that is good to some ulps
 _HUGE: Final = 1e100  # beyond this, and below its inverse, squares would leave the range of floats
-_CLEARLY_LESS: Final = 1.0 - 1e-6  # of |W|^2: no tie to look into
 
 
 def fill_box(
@@ -27,16 +27,19 @@ def fill_box(
     hysteresis: float,
 ) -> tuple[Row, bool]:
     """No finger is still: every sign pattern that the plane allows, solved and compared."""
-    if len(rows) == 2 and effort == 0.0 and hysteresis == 0.0:
-        met = _both_met(rows, targets, limits, previous)
-        if met is not None:
-            return met, False
     size = max([max(abs(row[0]), abs(row[1])) for row in rows])
     if not 0.0 < size < math.inf:
         return (0.0, 0.0), False
+    is_in_range = 1.0 / _HUGE < size < _HUGE and max(targets) < _HUGE and effort < _HUGE
+    if len(rows) == 2 and effort == 0.0 and hysteresis == 0.0:
+        pair = targets[0], targets[1]
+        x, y, limited, is_clear = better_signs(shapes_of(rows), pair, limits, is_in_range=is_in_range)
+        if is_clear:
+            turns = previous is not None and leans_away((x, y), previous)
+            return within((-x, -y) if turns else (x, y), limits), limited
     reach = 1.0
     box: tuple[float, ...] = limits
-    if not (1.0 / _HUGE < size < _HUGE and max(targets) < _HUGE and effort < _HUGE):
+    if not is_in_range:
         rows = [(row[0] / size, row[1] / size) for row in rows]
         targets, box, effort, reach = normalised(size, targets, limits, effort)
         previous = None if previous is None else tuple([w / reach for w in previous])
@@ -48,27 +51,6 @@ def fill_box(
     chosen = choose(candidates, targets, previous, effort, hysteresis)
     limited = chosen.clamped and misses(chosen.amplitudes, targets)
     return within((chosen.modal[0] * reach, chosen.modal[1] * reach), limits), limited
-
-
-def _both_met(rows: Sequence[Row], targets: Sequence[float], limits: Pair, previous: Row | None) -> Pair | None:
-    """Two fingers that both get their target: the lesser of the patterns within the limits; None where it is unclear.
-
-    What is unclear (no pattern fits, or their norms are close) is left to the comparison of candidates.
-    """
-    plus = square_solution(rows, targets)
-    minus = square_solution(rows, (targets[0], -targets[1]))
-    if plus is None or minus is None:
-        return None
-    (x, y), (p, q), (limit_x, limit_y) = plus, minus, limits
-    plus_fits = abs(x) <= limit_x and abs(y) <= limit_y
-    minus_fits = abs(p) <= limit_x and abs(q) <= limit_y
-    if plus_fits and minus_fits:
-        one, other = x * x + y * y, p * p + q * q
-        plus_fits, minus_fits = one < other * _CLEARLY_LESS, other < one * _CLEARLY_LESS
-    if not (plus_fits or minus_fits):
-        return None
-    best = plus if plus_fits else minus
-    return (-best[0], -best[1]) if previous is not None and leans_away(best, previous) else best
 
 
 def sign_patterns(rows: Sequence[Row]) -> list[tuple[float, ...]]:
@@ -94,7 +76,14 @@ def box_least_squares(rows: Sequence[Row], wanted: Sequence[float], limits: Pair
     """The W in the box with least sum (row . W - wanted)^2 + effort |W|^2, of those the least |W|^2; was it clamped?"""
     if len(rows) == 1:
         return least_norm(rows[0], wanted[0], limits, effort)
-    free = square_solution(rows, wanted) if len(rows) == 2 and effort == 0.0 else _tall_solution(rows, wanted, effort)
+    if len(rows) == 2 and effort == 0.0:
+        shapes = shapes_of(rows)
+        x, y, is_met = meeting(shapes, wanted[0], wanted[1])
+        if not is_met:
+            return _least_norm_of_parallel(rows, wanted, limits, effort)
+        x, y, is_bent = into_box((x, y), shapes, (wanted[0], wanted[1]), limits)
+        return (x, y), is_bent
+    free = _tall_solution(rows, wanted, effort)
     if free is None:
         return _least_norm_of_parallel(rows, wanted, limits, effort)
     (x, y), (limit_x, limit_y) = free, limits
@@ -141,21 +130,10 @@ def _least_norm_of_parallel(
     return least_norm((x * weight, y * weight), together / weight, limits, effort)
 
 
-def square_solution(rows: Sequence[Row], wanted: Sequence[float]) -> Pair | None:
-    """Two fingers, two modes: elimination from the row that is larger in the first mode; None where singular."""
-    forward, backward = cross_terms(rows[0], rows[1])
-    if not abs(forward - backward) > NOISE * (abs(forward) + abs(backward)):
-        return None
+def shapes_of(rows: Sequence[Row]) -> Shapes2:
+    """Two rows, as `solver_pair` takes them."""
     (a, b), (c, d) = rows
-    first, second = wanted
-    if abs(c) > abs(a):
-        a, b, c, d, first, second = c, d, a, b, second, first
-    ratio = c / a
-    pivot = d - ratio * b
-    if pivot == 0.0:  # underflow: the smaller row is subnormal
-        return None
-    y = (second - ratio * first) / pivot
-    return (first - b * y) / a, y
+    return a, b, c, d
 
 
 def _tall_solution(rows: Sequence[Row], wanted: Sequence[float], effort: float) -> Pair | None:

@@ -17,44 +17,18 @@ import numpy.typing as npt
 
 from .solver_arithmetic import Pair, Row
 
-_FLOAT64: Final = np.dtype(np.float64)
+PLAIN: Final = (np.ndarray, tuple, list)
 
 FloatArray = npt.NDArray[np.float64]
 Rows = tuple[Row, ...]
-PairRows = tuple[Pair, Pair]
 
 
-def plain_pair(
-    phi: Any, target_um: Any, limit_um: Any, previous_um: Any
-) -> tuple[PairRows, Pair, Pair, Pair | None] | None:
-    """Two fingers on two modes told in float64 arrays of finite numbers, as floats.
-
-    None for all else, be it right or wrong: the full checks tell. A sum less itself is 0 for finite numbers only.
-    """
-    if not (type(phi) is type(target_um) is np.ndarray and phi.dtype is target_um.dtype is _FLOAT64):
-        return None
-    try:
-        (a, b), (c, d) = phi.tolist()
-        first, second = target_um.tolist()
-        if type(limit_um) is float:
-            limit_x = limit_y = limit_um
-        elif type(limit_um) is np.ndarray and limit_um.dtype is _FLOAT64:
-            limit_x, limit_y = limit_um.tolist()
-        else:
-            return None
-        previous: Pair | None = None
-        x = y = 0.0
-        if previous_um is not None:
-            if not (type(previous_um) is np.ndarray and previous_um.dtype is _FLOAT64):
-                return None
-            x, y = previous_um.tolist()
-            previous = x, y
-        total = a + b + c + d + first + second + limit_x + limit_y + x + y
-    except (TypeError, ValueError):  # another shape
-        return None
-    if first >= 0.0 and second >= 0.0 and limit_x > 0.0 and limit_y > 0.0 and total - total == 0.0:
-        return ((a, b), (c, d)), (first, second), (limit_x, limit_y), previous
-    return None
+def plain_pair(values: Any) -> Pair:
+    """Two floats, told in an array, a list or a tuple; TypeError or ValueError for all else, be it right or wrong."""
+    one, other = values.tolist() if type(values) is np.ndarray else values
+    if not (type(one) is float is type(other) and type(values) in PLAIN):
+        raise TypeError
+    return one, other
 
 
 def checked_shapes(phi: npt.ArrayLike) -> tuple[Rows, int]:
@@ -122,6 +96,14 @@ def checked_grams(gram: npt.ArrayLike, fingers: int, modes: int) -> FloatArray:
     """gram (N, M, M)."""
     array = _numbers("gram", gram, 3)
     _check_shape("gram", array, (fingers, modes, modes))
+    _check_all_finite("gram", array)
+    return array
+
+
+def checked_gram_track(gram: npt.ArrayLike, count: int, fingers: int, modes: int) -> FloatArray:
+    """gram (K, N, M, M)."""
+    array = _numbers("gram", gram, 4)
+    _check_shape("gram", array, (count, fingers, modes, modes))
     _check_all_finite("gram", array)
     return array
 

@@ -9,6 +9,7 @@ the solver as still fingers' rows.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,12 +30,20 @@ def contact_problem(rows: Rows, targets: Row, grams: FloatArray) -> tuple[Rows, 
     return (*(rows[index] for index in slipping), *axes), (*(targets[index] for index in slipping), *(0.0,) * rank)
 
 
+def contact_track(track: Sequence[Rows], targets: Sequence[Row], grams: FloatArray) -> tuple[list[Rows], list[Row]]:
+    """As `contact_problem` for each of K instants; grams (K, N, M, M)."""
+    problems = [contact_problem(*instant) for instant in zip(track, targets, grams, strict=True)]
+    return [rows for rows, _ in problems], [wanted for _, wanted in problems]
+
+
 def principal_axes(grams: FloatArray, count: int) -> Rows:
     """The `count` directions of W, as rows, in which these discs (n, M, M) together move most."""
+    if count == 1 and grams.shape == (1, 2, 2):
+        return (_axis_of_disc(*grams[0].ravel().tolist()),)
     size = float(np.max(np.abs(grams)))
     together = np.sum(grams / size, axis=0) if size > 0.0 else grams[0]
-    if len(together) == 2 and count == 1:
-        return (principal_axis(float(together[0, 0]), float(together[0, 1]), float(together[1, 1])),)
+    if count == 1 and len(together) == 2:
+        return (_axis_of_disc(*together.ravel().tolist()),)
     _, vectors = np.linalg.eigh((together + together.T) / 2)
     return tuple(map(tuple, vectors.T[-count:].tolist()))
 
@@ -43,6 +52,14 @@ def principal_axis(xx: float, xy: float, yy: float) -> tuple[float, float]:
     """The unit vector along which the 2 x 2 form (xx xy; xy yy) is greatest: the row of one still disc on two modes."""
     angle_rad = math.atan2(2.0 * xy, xx - yy) / 2
     return math.cos(angle_rad), math.sin(angle_rad)
+
+
+def _axis_of_disc(xx: float, xy: float, yx: float, yy: float) -> tuple[float, float]:
+    """`principal_axis` at any scale."""
+    size = max(abs(xx), abs(xy), abs(yx), abs(yy))
+    if size == 0.0:
+        return 1.0, 0.0
+    return principal_axis(xx / size, (xy / size + yx / size) / 2, yy / size)
 
 
 def _rank(still: list[Row]) -> int:

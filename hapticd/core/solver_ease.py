@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from .solver_arithmetic import LAST_BIT, Pair
+from .solver_arithmetic import LAST_BIT, Pair, Shapes2, length
 
 Phasors2 = tuple[float, float, float, float]  # of two modes or two fingers: real, imaginary, real, imaginary
-Shapes2 = tuple[float, float, float, float]  # of two modes at the first finger, then at the second
 Squares = tuple[float, float, float]  # X: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)
 
 _HALVINGS: Final = 10
@@ -28,7 +27,7 @@ def eased(
     """
     wanted = nearer_hand(wanted, limits, previous)
     was = given(shapes, previous)
-    was_um = math.hypot(was[0], was[1]), math.hypot(was[2], was[3])
+    was_um = length(was[0], was[1]), length(was[2], was[3])
     if not _sags(was, was_um, given(shapes, wanted), keep, unfelt_um):
         return wanted
     begin, end = squares(previous), squares(wanted)
@@ -47,11 +46,11 @@ def _sags(was: Phasors2, was_um: Pair, now: Phasors2, keep: float, unfelt_um: Pa
     """Midway on the chord some finger gets clearly less than at either end."""
     a, b, c, d = was
     p, q, r, s = now
-    least_um = min(was_um[0], math.hypot(p, q))
-    if math.hypot(a + p, b + q) / 2 < keep * least_um - unfelt_um[0]:
+    least_um = min(was_um[0], length(p, q))
+    if length(a + p, b + q) / 2 < keep * least_um - unfelt_um[0]:
         return True
-    least_um = min(was_um[1], math.hypot(r, s))
-    return math.hypot(c + r, d + s) / 2 < keep * least_um - unfelt_um[1]
+    least_um = min(was_um[1], length(r, s))
+    return length(c + r, d + s) / 2 < keep * least_um - unfelt_um[1]
 
 
 def given(shapes: Shapes2, modal: Phasors2) -> Phasors2:
@@ -88,15 +87,15 @@ def nearer_hand(modal: Phasors2, limits: Pair, previous: Phasors2) -> Phasors2:
     # The inner product with `previous`: its phase is how far `previous` is ahead. Then that of the mirror image.
     lean, lean_j = a * p + b * q + (c * r + d * s), a * q - b * p + (c * s - d * r)
     mirrored, mirrored_j = a * p - b * q + (c * r - d * s), a * q + b * p + (c * s + d * r)
-    size, mirrored_size = math.hypot(lean, lean_j), math.hypot(mirrored, mirrored_j)
+    size, mirrored_size = length(lean, lean_j), length(mirrored, mirrored_j)
     if mirrored_size > size:
         b, d, lean, lean_j, size = -b, -d, mirrored, mirrored_j, mirrored_size
     cos, sin = (lean / size, lean_j / size) if 0.0 < size < math.inf else (1.0, 0.0)
-    if sin == b == d == 0.0:
+    if sin == b == d == 0.0 and abs(a) <= limits[0] and abs(c) <= limits[1]:
         return a * cos, 0.0, c * cos, 0.0
     a, b, c, d = a * cos - b * sin, a * sin + b * cos, c * cos - d * sin, c * sin + d * cos
     shave = 2.0**-53
-    while math.hypot(a, b) > limits[0] * LAST_BIT or math.hypot(c, d) > limits[1] * LAST_BIT:
+    while length(a, b) > limits[0] * LAST_BIT or length(c, d) > limits[1] * LAST_BIT:
         kept = 1.0 - shave
         a, b, c, d = a * kept, b * kept, c * kept, d * kept
         shave *= 2.0

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from .solver_arithmetic import NOISE, Row, within
+from .solver_arithmetic import Row, within
 from .solver_general import solve_space
+from .solver_pair import hold_still
 from .solver_plane import solve_plane
 from .solver_priority import serve_in_order
 
@@ -27,51 +28,20 @@ def solve_fast(
     Whatever phi holds, the result is finite and within the limits; a phi that is not finite gives silence.
     """
     if policy == "keep_zero" and len(rows) == 2 and len(limits) == 2:
-        if targets[1] == 0.0 < targets[0]:
-            return _hold_one_still(rows[0], targets[0], rows[1], limits, previous, effort)
-        if targets[0] == 0.0 < targets[1]:
-            return _hold_one_still(rows[1], targets[1], rows[0], limits, previous, effort)
+        (a, b), (c, d) = rows
+        first, second = targets
+        box = limits[0], limits[1]
+        now = (0.0, 0.0) if previous is None else (previous[0], previous[1])
+        if second == 0.0 < first and (c != 0.0 or d != 0.0):
+            x, y, limited = hold_still((a, b), first, (c, d), box, now, effort)
+            return (x, y), limited
+        if first == 0.0 < second and (a != 0.0 or b != 0.0):
+            x, y, limited = hold_still((c, d), second, (a, b), box, now, effort)
+            return (x, y), limited
     apply = named(policy)
     if not all_finite(rows):
         return (0.0,) * len(limits), False
     return apply(rows, targets, limits, previous, effort, hysteresis)
-
-
-def _hold_one_still(
-    slipping: Row, target: float, still: Row, limits: Row, previous: Row | None, effort: float
-) -> tuple[Row, bool]:
-    """`keep_zero` for one slipping and one still finger on two modes: the paper's case, and nearly every knot.
-
-    The same arithmetic as `solver_plane.slide_on_line`, without its loops; a test holds them together bit for bit.
-    """
-    x, y = still
-    limit_x, limit_y = limits
-    if abs(y) >= abs(x) and 0.0 < abs(y) < math.inf:
-        ux, uy = 1.0, -x / y
-        slope = abs(uy)
-        top = limit_y / slope if slope * limit_x > limit_y else limit_x
-    elif 0.0 < abs(x) < math.inf:
-        ux, uy = -y / x, 1.0
-        slope = abs(ux)
-        top = limit_x / slope if slope * limit_y > limit_x else limit_y
-    elif x == y == 0.0 and all_finite((slipping,)):
-        return _keep_zero((slipping,), (target,), limits, previous, effort, 0.0)
-    else:
-        return (0.0, 0.0), False
-    first, second = slipping[0] * ux, slipping[1] * uy
-    gain = first + second
-    size = abs(gain)
-    if not NOISE * (abs(first) + abs(second)) < size < math.inf:
-        return (0.0, 0.0), False
-    wanted = target / (size + effort * (ux * ux + uy * uy) / size) if effort > 0.0 else target / size
-    t = wanted if wanted <= top else top
-    lean = gain if previous is None else previous[0] * ux + previous[1] * uy
-    if lean < 0.0 or (lean == 0.0 and gain < 0.0):
-        t = -t
-    w_x, w_y = t * ux, t * uy
-    if -limit_x <= w_x <= limit_x and -limit_y <= w_y <= limit_y:
-        return (w_x, w_y), not wanted <= top
-    return within((w_x, w_y), (limit_x, limit_y)), not wanted <= top
 
 
 def all_finite(rows: Rows) -> bool:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .solver_arithmetic import LAST_BIT, Row
+from .solver_arithmetic import LAST_BIT, Row, length
 from .solver_choice import misses, square
 from .solver_general import solve_pattern
 from .solver_policies import Rows, solve_fast
@@ -37,7 +37,7 @@ def turn_patterns(rows: Rows, targets: Row, limits: Row, previous: Phasors, turn
     still = [row for row, target in zip(rows, targets, strict=True) if target == 0.0]
     slipping = [row for row, target in zip(rows, targets, strict=True) if target > 0.0]
     wanted = [target for target in targets if target > 0.0]
-    turn = turn_of(given(slipping, previous))
+    turn = turn_of(given(_at_one_scale(slipping), previous))
     if turn.tau_rad < _REAL_RAD:
         signs = [math.copysign(1.0, w.real) for w in given(slipping, best)]
         turn = turn._replace(changes=_changed(turn.signs, signs))
@@ -63,10 +63,18 @@ def between(begin: Row, end: Row, tau_rad: float) -> Phasors:
     return tuple([(p + q) / 2 + factor * ((p - q) / 2) for p, q in zip(begin, end, strict=True)])
 
 
+def _at_one_scale(rows: Sequence[Row]) -> list[Row]:
+    """Rows at a largest entry of 1: phases are the same, and what they are told from is within the floats' range."""
+    size = max([max(map(abs, row)) for row in rows])
+    return [tuple([value / size for value in row]) for row in rows] if size > 0.0 else list(rows)
+
+
 def turn_of(phasors: Sequence[complex]) -> Turn:
     """The turn in which fingers with these phasors stand; phases are told from the strongest one's."""
     strongest = max(phasors, key=magnitude)
-    relative = [w * strongest.conjugate() if magnitude(w) > _HEARD * magnitude(strongest) else 0j for w in phasors]
+    size = magnitude(strongest)
+    towards = strongest.conjugate() / size if size > 0.0 else 0j
+    relative = [w * towards if magnitude(w) > _HEARD * size else 0j for w in phasors]
     # Not cmath.phase: it raises where an angle is below the range of floats.
     folded = [math.atan2(w.imag, w.real) % math.pi for w in relative]
     leader = max(folded, key=lambda angle: _apart(angle, 0.0))
@@ -108,7 +116,7 @@ def _serves_better(one: Row, other: Row, slipping: Sequence[Row], targets: Seque
 
 def magnitude(w: complex) -> float:
     """|w|, inf where it is beyond the range of floats: `abs` would raise."""
-    return math.hypot(w.real, w.imag)
+    return length(w.real, w.imag)
 
 
 # --- what no finger can tell ----------------------------------------------------------------------------------------
@@ -133,7 +141,8 @@ def in_phase(modal: Sequence[complex], limits: Row, previous: Phasors | None) ->
     lean = 0j if previous is None else _lean(modal, previous)
     size = magnitude(lean)
     factor = lean / size if 0.0 < size < math.inf else 1 + 0j
-    if factor.imag == 0.0 and not any(w.imag for w in modal):
+    fits = all(w.imag == 0.0 and abs(w.real) <= limit for w, limit in zip(modal, limits, strict=True))
+    if fits and factor.imag == 0.0:
         return tuple([complex(w.real * factor.real) for w in modal])
     return _within(tuple([w * factor for w in modal]), limits)
 

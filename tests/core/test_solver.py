@@ -15,6 +15,7 @@ from scipy.optimize import lsq_linear
 
 from hapticd.core.solver import condition_number, solve, solve_batch, solve_fast
 from hapticd.core.solver_plane import common_direction, slide_on_line
+from hapticd.core.solver_policies import POLICIES
 
 Array = npt.NDArray[np.float64]
 LIMIT_UM = 4.0
@@ -320,6 +321,51 @@ def test_a_batch_is_solve_after_solve_each_from_the_last() -> None:
         previous = solve(shapes, target, [4.0, 3.0], previous_um=previous, effort=0.01).modal_um  # type: ignore[arg-type]
         assert modal.tolist() == previous.tolist()
     assert solve_batch(np.zeros((0, 2, 3)), [1.0, 0.0], 4.0).shape == (0, 3)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    rows=st.tuples(row, row),
+    targets=st.tuples(st.just(0.0) | amplitude, st.just(0.0) | amplitude),
+    limits=st.tuples(amplitude, amplitude),
+    previous=st.none() | st.tuples(amplitude, amplitude),
+    policy=st.sampled_from(sorted(POLICIES)),
+)
+def test_however_the_numbers_are_told_the_solution_is_the_same_to_the_last_bit(
+    rows: tuple[tuple[float, float], tuple[float, float]],
+    targets: tuple[float, float],
+    limits: tuple[float, float],
+    previous: tuple[float, float] | None,
+    policy: str,
+) -> None:
+    """Plain floats take a way of their own; scalars of numpy go through all checks."""
+    told = []
+    for tell in (np.array, list, tuple, lambda values: list(map(np.float64, values))):
+        phi = tell([tell(one) for one in rows])
+        now = None if previous is None else tell(previous)
+        one = solve(phi, tell(targets), tell(limits), previous_um=now, policy=policy)
+        told.append((one.modal_um.tolist(), one.achieved_um.tolist(), one.limited, one.condition))
+    assert told[1:] == told[:1] * 3
+    modal, limited = solve_fast(rows, targets, limits, previous, policy)
+    assert told[0][0] == list(modal)
+    assert told[0][2] == limited
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"phi": {(0.5, 0.4): 1, (0.3, -0.2): 2}},
+        {"phi": [{0.5, 0.4}, {0.3, -0.2}]},
+        {"phi": np.full((2, 2, 2), 0.5)},
+        {"target_um": {1.0, 0.0}},
+        {"target_um": "10"},
+        {"limit_um": {4.0: 1, 3.0: 2}},
+        {"previous_um": iter((1.0, 2.0))},
+    ],
+)
+def test_what_only_looks_like_numbers_is_refused(change: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=rf"^{next(iter(change))}[^\n]*\.$"):
+        solve(**{**GOOD, **change})  # type: ignore[arg-type]
 
 
 GOOD: dict[str, object] = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.0], "limit_um": 4.0}

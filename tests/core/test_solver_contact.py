@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.linalg import null_space
 
-from hapticd.core.solver import solve
+from hapticd.core.solver import solve, solve_batch, solve_phased
 from hapticd.core.solver_contact import principal_axes, principal_axis
 
 Array = npt.NDArray[np.float64]
@@ -80,3 +82,58 @@ def test_a_still_finger_on_a_node_asks_for_nothing_and_two_unlike_ones_for_silen
 def test_a_gram_of_another_shape_or_not_finite_is_one_sentence(gram: object) -> None:
     with pytest.raises(ValueError, match=r"^gram[^\n]*\.$"):
         solve([[0.5, 0.4], [0.3, -0.2]], [1.0, 0.0], 4.0, gram=gram)  # type: ignore[arg-type]
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 10**6), fingers=st.integers(1, 4), modes=st.integers(1, 4), effort=st.sampled_from([0.0, 0.1])
+)
+def test_a_batch_of_discs_is_solve_after_solve(seed: int, fingers: int, modes: int, effort: float) -> None:
+    random = np.random.default_rng(seed)
+    phi = random.uniform(-1, 1, (6, fingers, modes))
+    gram = np.array([[disc(random, modes, 0.2, row) for row in rows] for rows in phi])
+    target_um = random.uniform(0.1, 3.0, (6, fingers)) * (random.random((6, fingers)) < 0.6)
+    batch = solve_batch(phi, target_um, 4.0, gram=gram, effort=effort)
+    previous: Array | None = None
+    for shapes, target, discs, modal_um in zip(phi, target_um, gram, batch, strict=True):
+        previous = solve(shapes, target, 4.0, gram=discs, effort=effort, previous_um=previous).modal_um
+        assert modal_um == pytest.approx(previous, rel=0, abs=1e-12)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 10**6), fingers=st.integers(1, 4), modes=st.integers(1, 4))
+def test_while_one_finger_slips_phases_free_move_discs_no_more_than_signs(seed: int, fingers: int, modes: int) -> None:
+    random = np.random.default_rng(seed)
+    phi = random.uniform(-1, 1, (fingers, modes))
+    gram = np.stack([disc(random, modes, 0.2, row) for row in phi])
+    target_um = np.zeros(fingers)
+    target_um[0] = random.uniform(0.1, 3.0)
+    turned_um = solve_phased(phi, target_um, 4.0, gram=gram, previous_um=random.normal(size=(modes, 2)) @ [1.0, 1.0j])
+    real_um = solve(phi, target_um, 4.0, gram=gram).modal_um
+    assert np.abs(turned_um) == pytest.approx(np.abs(real_um), rel=0, abs=1e-12)
+    if np.any(real_um):
+        assert abs(np.vdot(turned_um, real_um)) == pytest.approx(real_um @ real_um)
+
+
+def test_between_two_slipping_fingers_a_still_disc_stays_on_its_axis() -> None:
+    random = np.random.default_rng(4)
+    phi = random.uniform(-1, 1, (3, 3))
+    gram = np.stack([disc(random, 3, 0.1, row) for row in phi])
+    (axis,) = principal_axes(gram[2:], 1)
+    previous = None
+    for turn in np.linspace(0.0, 2.0, 30):
+        shapes = phi + 0.3 * np.sin(turn * np.arange(1.0, 10.0)).reshape(3, 3) * [[1.0], [1.0], [0.0]]
+        previous = solve_phased(shapes, [1.0, 0.6, 0.0], 4.0, gram=gram, previous_um=previous)
+        assert abs(np.dot(axis, previous)) < 1e-14 * np.linalg.norm(previous)
+
+
+@pytest.mark.parametrize("gram", [np.zeros((2, 2, 2)), np.zeros((3, 2, 2, 3)), np.full((3, 2, 2, 2), np.nan), "plate"])
+def test_a_track_of_discs_of_another_shape_is_one_sentence(gram: object) -> None:
+    with pytest.raises(ValueError, match=r"^gram[^\n]*\.$"):
+        solve_batch(np.ones((3, 2, 2)), [1.0, 0.0], 4.0, gram=gram)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("gram", [np.zeros((2, 2)), np.full((2, 2, 2), np.inf), "plate"])
+def test_discs_of_another_shape_are_one_sentence_with_phases_free(gram: object) -> None:
+    with pytest.raises(ValueError, match=r"^gram[^\n]*\.$"):
+        solve_phased([[0.5, 0.4], [0.3, -0.2]], [1.0, 0.0], 4.0, gram=gram)  # type: ignore[arg-type]

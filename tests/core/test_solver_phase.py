@@ -230,6 +230,42 @@ def test_whatever_comes_in_phasors_are_finite_and_within_the_limits(
 
 
 @pytest.mark.parametrize(
+    ("rows", "targets", "limits", "previous", "turn_rad"),
+    [
+        (((0.3, 1e300), (1e-300, 0.3)), (0.4, 0.3), (1e300, 1e300), (1e-300 + 5e-324j, -0.4 - 1e-320j), 0.4),
+        (((1.0, 1e-160), (1e160, 1e-300)), (0.7, 1e-160), (4.0, 1e300), (0.3 + 1j, 1e-160 - 0.4j), 0.0),
+        (((-0.4, 1e160), (1.0, 1e160)), (1e17, 1e17), (4.0, 4.0), None, 0.0),
+        (((-1e-320, 1e-300), (1.0, 1e17)), (1e-300, 1e17), (4.0, 1e300), None, 0.4),
+    ],
+    ids=[
+        "squares overflow",
+        "limits of unlike size",
+        "phasors cancel to the last digit",
+        "they cancel, one limit huge",
+    ],
+)
+def test_two_fingers_at_the_ends_of_the_range_break_no_limit(
+    rows: tuple[tuple[float, float], tuple[float, float]],
+    targets: tuple[float, float],
+    limits: tuple[float, float],
+    previous: tuple[complex, complex] | None,
+    turn_rad: float,
+) -> None:
+    modal, _ = solve_phased_fast(rows, targets, limits, previous, turn_rad)
+    assert all(abs(w) <= limit for w, limit in zip(modal, limits, strict=True))
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e160, 1e300])
+def test_the_scale_of_the_shapes_changes_no_turn(scale: float) -> None:
+    rows, previous = ((0.3, 0.0, 0.1, 1.0), (1.0, 0.2, 0.0, 0.0)), (1j, 0.1j, 0j, 1 + 0j)
+    plain, _ = solve_phased_fast(rows, (1.0, 1.0), (4.0,) * 4, previous, 0.3)
+    scaled_rows = tuple(tuple(value * scale for value in row) for row in rows)
+    scaled, _ = solve_phased_fast(scaled_rows, (scale, scale), (4.0,) * 4, previous, 0.3)
+    assert any(w.imag for w in plain)
+    assert np.array(scaled) == pytest.approx(np.array(plain), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
     ("change", "named"),
     [
         ({"phi": [[math.nan, 0.4], [0.3, -0.2]]}, "phi"),
