@@ -26,7 +26,8 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
     times that are not integers, negative, not increasing or beyond `MAX_SPAN_NS`, a limit that is none.
     """
     if not _is_well_formed(drive, limit_um, max_knots):
-        t_apply_ns = drive.t_apply_ns if isinstance(drive.t_apply_ns, int) else 0
+        t_apply_ns: object = drive[0]
+        t_apply_ns = t_apply_ns if isinstance(t_apply_ns, int) else 0
         return silence(t_apply_ns, max(len(limit_um), 1), LimitReason.MALFORMED)
     reasons = LimitReason.NONE
     knots = drive.knots

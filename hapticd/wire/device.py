@@ -58,9 +58,12 @@ def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
         raise ValueError(f"A reference frame has 1 to {protocol.KNOTS_MAX} knots, not {len(knots)}.")
     modes = len(knots[0].modal_um)
     offsets = _offsets([dt_ns for dt_ns, _ in knots])
-    floats = _truncated_to_float24(
-        [part for _, modal_um in knots for w_um in modal_um for part in (w_um.real, w_um.imag)]
-    )
+    amplitudes: list[float] = []
+    for _, modal_um in knots:
+        for w_um in modal_um:
+            amplitudes.append(w_um.real)
+            amplitudes.append(w_um.imag)
+    floats = _truncated_to_float24(amplitudes)
     width = 2 * modes
     values: list[float] = []
     for row, offset in enumerate(offsets):
