@@ -1,8 +1,8 @@
 """Whether the touch path runs as machine code or as Python: the same source either way, and the same results.
 
-`build_ext.py` has mypyc compile modules of `core` and `wire`; each compiled one lies beside its source, and Python would
-always take it. It must not where HAPTICD_PURE=1 asks for Python, nor in a checkout whose sources were edited since then.
-It is all or none: compiled modules call each other without asking Python.
+`build_ext.py` has mypyc compile modules of `core` and `wire`; each compiled one lies beside its source, and Python
+would always take it. It must not where HAPTICD_PURE=1 asks for Python, nor in a checkout whose sources were edited
+since the build. It is all or none: compiled modules call each other without asking Python.
 """
 
 from __future__ import annotations

@@ -95,23 +95,6 @@ class ModeShapes:
         cell, u, v = self._located(x_mm, y_mm)
         return tuple([patch.slope(u, v) for patch in self._patches(cell)])
 
-    def pair_at(self, x_mm: float, y_mm: float) -> tuple[float, float]:
-        """`at` of two modes, M = 2: as machine code its floats are never boxed."""
-        cell, u, v = self._located(x_mm, y_mm)
-        if cell < 0:
-            return 0.0, 0.0
-        patches = self._patches(cell)
-        return patches[0].value(u, v), patches[1].value(u, v)
-
-    def pair_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, Slope]:
-        """`at_with_gradient` of two modes, M = 2."""
-        if not self._is_on_map(x_mm, y_mm):
-            one, other = self._beyond_with_gradient(x_mm, y_mm)
-            return one, other
-        cell, u, v = self._located(x_mm, y_mm)
-        patches = self._patches(cell)
-        return patches[0].slope(u, v), patches[1].slope(u, v)
-
     def _is_on_map(self, x_mm: float, y_mm: float) -> bool:
         """False for NaN."""
         x_knots, y_knots = self._x_knots, self._y_knots

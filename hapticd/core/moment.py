@@ -9,7 +9,7 @@ until the plate has been silent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -31,13 +31,19 @@ TURN_RAD_NS: Final = (
 )
 
 
-class Moment(NamedTuple):
-    """The plate at one instant: the fingers' places, the mode shapes there, and the amplitudes that serve them."""
+class Moment:
+    """The plate at one instant: the fingers' places, the mode shapes there, and the amplitudes that serve them.
 
-    places: list[Place]
-    phi: tuple[tuple[float, ...], ...]
-    modal_um: Row
-    limited: bool
+    No named tuple, for it does not leave the core: as machine code it is made in a quarter of the time.
+    """
+
+    __slots__ = ("limited", "modal_um", "phi", "places")
+
+    def __init__(self, places: list[Place], phi: tuple[tuple[float, ...], ...], modal_um: Row, limited: bool) -> None:
+        self.places: Final = places
+        self.phi: Final = phi
+        self.modal_um: Final = modal_um
+        self.limited: Final = limited
 
 
 class MomentSolver:
@@ -125,7 +131,7 @@ class MomentSolver:
         """Less amplitude where it is not worth its price. Slopes are only looked at where they could matter."""
         if not limited and not self._is_near_node(phi, targets_um, modal_um):
             return modal_um
-        share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um)
+        share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um) if limited else 1.0
         return faded(modal_um, share, slopes_at(self._slopes_at, places), self._fade, limited=limited)
 
     def _is_near_node(self, phi: tuple[tuple[float, ...], ...], targets_um: tuple[float, ...], modal_um: Row) -> bool:
