@@ -14,9 +14,9 @@ test: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 -m "not virtual_machine and not alone"
 	$(BIN)/python -m pytest -p no:xdist -m alone
 
-# Every branch of the limits, the supervisor and the decoders.
+# Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.
 coverage: $(INSTALLED)
-	$(BIN)/coverage run -m pytest -p no:xdist tests/core/test_limits.py tests/core/test_supervisor.py tests/wire \
+	HAPTICD_PURE=1 $(BIN)/coverage run -m pytest -p no:xdist tests/core/test_limits.py tests/core/test_supervisor.py tests/wire \
 	    tests/test_config.py tests/test_calibration.py tests/core/test_modes_file.py
 	$(BIN)/coverage report
 
@@ -39,7 +39,7 @@ firmware:
 	$(MAKE) -C firmware
 
 # What is compiled at installation: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/build_ext.py)
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/wire/*.py hapticd/build_ext.py)
 
 $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	$(PYTHON) -m venv $(VENV)
@@ -48,5 +48,5 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/sim/*.so
+	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/wire/*.so hapticd/sim/*.so
 	$(MAKE) -C firmware clean

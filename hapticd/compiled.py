@@ -1,8 +1,8 @@
 """Whether the touch path runs as machine code or as Python: the same source either way, and the same results.
 
-`build_ext.py` has mypyc compile modules of `core`; each compiled one lies beside its source, and Python would always
-take it. It must not where HAPTICD_PURE=1 asks for Python, nor in a checkout whose sources were edited since the build.
-It is all or none: compiled modules call each other without asking Python.
+`build_ext.py` has mypyc compile modules of `core` and `wire`; each compiled one lies beside its source, and Python
+would always take it. It must not where HAPTICD_PURE=1 asks for Python, nor in a checkout whose sources were edited
+since the build. It is all or none: compiled modules call each other without asking Python.
 """
 
 from __future__ import annotations
@@ -14,22 +14,25 @@ from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec
 from importlib.util import spec_from_file_location
 from pathlib import Path
 
-CORE = Path(__file__).with_name("core")
+PACKAGE = Path(__file__).parent
+FOLDERS = ("core", "wire")
 PROJECT = Path(__file__).parents[1] / "pyproject.toml"  # only a checkout has it
 
 
 class SourceFinder:
-    """Finds the modules of `core` as Python source, whatever else lies beside them."""
+    """Finds the modules of `core` and `wire` as Python source, whatever else lies beside them."""
 
     def find_spec(self, fullname: str, *_more: object) -> ModuleSpec | None:
         """Where a module is, for `sys.meta_path`; None leaves it to others."""
         package, _, name = fullname.rpartition(".")
-        source = CORE / f"{name}.py"
-        return spec_from_file_location(fullname, source) if package == "hapticd.core" and source.exists() else None
+        folder = package.removeprefix("hapticd.")
+        source = PACKAGE / folder / f"{name}.py"
+        is_ours = package.startswith("hapticd.") and folder in FOLDERS and source.exists()
+        return spec_from_file_location(fullname, source) if is_ours else None
 
 
 def choose() -> None:
-    """Called once, before anything of `core` is imported."""
+    """Called once, before anything of `core` or `wire` is imported."""
     if why_interpreted() != "":
         sys.meta_path.insert(0, SourceFinder())
 
@@ -38,7 +41,8 @@ def why_interpreted() -> str:
     """Why the touch path runs as Python; empty where it runs as machine code."""
     if os.environ.get("HAPTICD_PURE", "0") != "0":
         return "HAPTICD_PURE asks for it"
-    compiled = [CORE / path.name.split(".")[0] for path in CORE.glob(f"*{EXTENSION_SUFFIXES[0]}")]
+    found = [path for folder in FOLDERS for path in (PACKAGE / folder).glob(f"*{EXTENSION_SUFFIXES[0]}")]
+    compiled = [path.with_name(path.name.split(".")[0]) for path in found]
     if not compiled:
         return "it was built without mypyc"
     if PROJECT.exists() and _is_stale(compiled):

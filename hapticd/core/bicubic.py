@@ -10,6 +10,8 @@ Source: C. de Boor, A Practical Guide to Splines, ch. IV (slopes, not-a-knot) an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -23,8 +25,8 @@ _FILL_STEPS = 500  # far above what scattered gaps need; a gap too wide to conve
 class BicubicSurfaces:
     """M surfaces over one rectangular grid, evaluated many points at a time.
 
-    `patches` (cells, M, 16) are the coefficients for who evaluates one point: cells row by row from the lowest y, of
-    each surface the powers y^d x^c, those of x fastest, of the distances to the cell's lower left corner.
+    `patches` (cells, M, 16) are the coefficients for who evaluates one point (`Patch`): cells row by row from the
+    lowest y, of each surface the powers y^d x^c, those of x fastest, of the distances to the cell's lower left corner.
     """
 
     __slots__ = ("_by_power", "patches", "x_knots", "y_knots")
@@ -79,6 +81,42 @@ class BicubicSurfaces:
         _, c1, c2, c3 = self._by_power[power]
         slope: FloatArray = (3.0 * c3[cell] * u + 2.0 * c2[cell]) * u + c1[cell]
         return slope
+
+
+class Patch:
+    """One surface in one cell, for who evaluates one point: its coefficients lie together, and as machine code they
+    are plain doubles. `u`, `v` are the distances to the cell's lower left corner."""
+
+    __slots__ = (
+        *("_a0", "_a1", "_a2", "_a3", "_b0", "_b1", "_b2", "_b3"),
+        *("_c0", "_c1", "_c2", "_c3", "_d0", "_d1", "_d2", "_d3"),
+    )
+
+    def __init__(self, coefficients: Sequence[float]) -> None:
+        self._a0, self._a1, self._a2, self._a3 = coefficients[0:4]
+        self._b0, self._b1, self._b2, self._b3 = coefficients[4:8]
+        self._c0, self._c1, self._c2, self._c3 = coefficients[8:12]
+        self._d0, self._d1, self._d2, self._d3 = coefficients[12:16]
+
+    def value(self, u: float, v: float) -> float:
+        """The surface at one point."""
+        a = ((self._a3 * u + self._a2) * u + self._a1) * u + self._a0
+        b = ((self._b3 * u + self._b2) * u + self._b1) * u + self._b0
+        c = ((self._c3 * u + self._c2) * u + self._c1) * u + self._c0
+        d = ((self._d3 * u + self._d2) * u + self._d1) * u + self._d0
+        return ((d * v + c) * v + b) * v + a
+
+    def slope(self, u: float, v: float) -> tuple[float, float, float]:
+        """The surface and its derivatives along x and y."""
+        a1, a2, a3 = self._a1, self._a2, self._a3
+        b1, b2, b3 = self._b1, self._b2, self._b3
+        c1, c2, c3 = self._c1, self._c2, self._c3
+        d1, d2, d3 = self._d1, self._d2, self._d3
+        a, a_x = ((a3 * u + a2) * u + a1) * u + self._a0, (3.0 * a3 * u + 2.0 * a2) * u + a1
+        b, b_x = ((b3 * u + b2) * u + b1) * u + self._b0, (3.0 * b3 * u + 2.0 * b2) * u + b1
+        c, c_x = ((c3 * u + c2) * u + c1) * u + self._c0, (3.0 * c3 * u + 2.0 * c2) * u + c1
+        d, d_x = ((d3 * u + d2) * u + d1) * u + self._d0, (3.0 * d3 * u + 2.0 * d2) * u + d1
+        return ((d * v + c) * v + b) * v + a, ((d_x * v + c_x) * v + b_x) * v + a_x, (3.0 * d * v + 2.0 * c) * v + b
 
 
 def fill_gaps(x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> FloatArray:

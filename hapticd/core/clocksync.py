@@ -172,7 +172,7 @@ class BoardClock:
 
 
 def _mean(values: Sequence[float], weights: Sequence[float]) -> float:
-    return sum([value * weight for value, weight in zip(values, weights, strict=True)]) / sum(weights)
+    return sum([value * weight for value, weight in zip(values, weights, strict=True)], 0.0) / sum(weights, 0.0)
 
 
 class LinkLatency:

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from .knots import Row
+from .knots import Row, magnitude, parts
 
 Slope = tuple[float, float, float]  # of one mode at one point: phi, dphi/dx, dphi/dy
 
@@ -38,7 +38,7 @@ def faded(
     scale = 1.0
     for slopes in still:
         slope_um_mm = _slope_um_mm(slopes, modal_um)
-        bound_um_mm = STEEPEST_UM_MM * math.sqrt(sum([phi * phi for phi, _, _ in slopes]))
+        bound_um_mm = STEEPEST_UM_MM * math.sqrt(_square([phi for phi, _, _ in slopes]))
         if slope_um_mm > bound_um_mm:
             scale = min(scale, bound_um_mm / slope_um_mm)
         if limited:
@@ -51,16 +51,21 @@ def faded(
 
 def is_near_node(phi: Sequence[float], modal_um: Row, steepest_1_mm: float) -> bool:
     """Whether a still finger with these shapes (M,) may be so near a common node that the slew could be too great."""
-    largest_um_mm = steepest_1_mm * sum([abs(w_um) for w_um in modal_um])
-    return sum([shape * shape for shape in phi]) * STEEPEST_UM_MM**2 < largest_um_mm * largest_um_mm
+    together_um = 0.0
+    for w_um in modal_um:
+        w_d_um, w_q_um = parts(w_um)
+        together_um += magnitude(w_d_um, w_q_um)
+    largest_um_mm = steepest_1_mm * together_um
+    return _square(phi) * STEEPEST_UM_MM**2 < largest_um_mm * largest_um_mm
 
 
 def least_share(amplitudes_um: Sequence[float], targets_um: Sequence[float]) -> float:
     """Of the slipping fingers' targets, the least share that one gets; 1 where all are met, or none slips."""
     share = 1.0
-    for amplitude_um, target_um in zip(amplitudes_um, targets_um, strict=True):
+    for finger in range(len(targets_um)):
+        target_um = targets_um[finger]
         if target_um > 0.0:
-            share = min(share, amplitude_um / target_um)
+            share = min(share, amplitudes_um[finger] / target_um)
     return share
 
 
@@ -73,9 +78,19 @@ def slopes_at(
 
 def _slope_um_mm(slopes: Sequence[Slope], modal_um: Row) -> float:
     """|grad w|, of complex amplitudes that of both parts together."""
-    along_x_um_mm: complex = 0.0
-    along_y_um_mm: complex = 0.0
-    for (_, dx_1_mm, dy_1_mm), w_um in zip(slopes, modal_um, strict=True):
-        along_x_um_mm += dx_1_mm * w_um
-        along_y_um_mm += dy_1_mm * w_um
-    return math.hypot(abs(along_x_um_mm), abs(along_y_um_mm))
+    along_x_d = along_x_q = along_y_d = along_y_q = 0.0
+    for mode in range(len(slopes)):
+        _, dx_1_mm, dy_1_mm = slopes[mode]
+        w_d_um, w_q_um = parts(modal_um[mode])
+        along_x_d += dx_1_mm * w_d_um
+        along_x_q += dx_1_mm * w_q_um
+        along_y_d += dy_1_mm * w_d_um
+        along_y_q += dy_1_mm * w_q_um
+    return math.hypot(magnitude(along_x_d, along_x_q), magnitude(along_y_d, along_y_q))
+
+
+def _square(phi: Sequence[float]) -> float:
+    square = 0.0
+    for shape in phi:
+        square += shape * shape
+    return square

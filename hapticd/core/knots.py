@@ -23,6 +23,18 @@ GRAIN_NS: Final = 4_000  # the wire's unit of time
 _Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
 
 
+def parts(w_um: complex) -> tuple[float, float]:
+    """Real and imaginary part: as machine code two plain floats, where complex numbers would be objects."""
+    if isinstance(w_um, float):
+        return w_um, 0.0
+    return w_um.real, w_um.imag
+
+
+def magnitude(w_d_um: float, w_q_um: float) -> float:
+    """|w| of both parts, as `abs` gives it."""
+    return abs(w_d_um) if w_q_um == 0.0 else abs(complex(w_d_um, w_q_um))
+
+
 def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, *, smooth: bool) -> list[Knot]:
     """`start` (two knots or more, in order) and what must lie between, `most` knots in all; the worst chords first.
 
@@ -57,8 +69,14 @@ def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss
     middle_um = solve(left_ns + half_ns, left)
     share = half_ns / span_ns
     error_um = 0.0
-    for mode, before in enumerate(before_um):
-        miss_um = abs(middle_um[mode] - before - share * (after_um[mode] - before))
+    for mode in range(len(before_um)):
+        before_d_um, before_q_um = parts(before_um[mode])
+        middle_d_um, middle_q_um = parts(middle_um[mode])
+        after_d_um, after_q_um = parts(after_um[mode])
+        miss_um = magnitude(
+            middle_d_um - before_d_um - share * (after_d_um - before_d_um),
+            middle_q_um - before_q_um - share * (after_q_um - before_q_um),
+        )
         if miss_um > error_um:
             error_um = miss_um
     return (error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from ..values import Drive, Knot, LimitReason, SafeDrive
 
-MAX_SPAN_NS = 262_000_000  # a polyline longer than this does not fit the wire's 16-bit offsets of 4 us
-MAX_LIMIT_UM = 1e3  # a limit beyond is a mistake; the plate breaks long before
+MAX_SPAN_NS: Final = 262_000_000  # a polyline longer than this does not fit the wire's 16-bit offsets of 4 us
+MAX_LIMIT_UM: Final = 1e3  # a limit beyond is a mistake; the plate breaks long before
 
 
 def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> SafeDrive:
@@ -26,8 +27,9 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
     times that are not integers, negative, not increasing or beyond `MAX_SPAN_NS`, a limit that is none.
     """
     if not _is_well_formed(drive, limit_um, max_knots):
-        t_apply_ns = drive.t_apply_ns if isinstance(drive.t_apply_ns, int) else 0
-        return silence(t_apply_ns, max(len(limit_um), 1), LimitReason.MALFORMED)
+        told: Sequence[object] = drive
+        t_apply_ns = told[0]
+        return silence(t_apply_ns if isinstance(t_apply_ns, int) else 0, max(len(limit_um), 1), LimitReason.MALFORMED)
     reasons = LimitReason.NONE
     knots = drive.knots
     for index, (dt_ns, modal_um) in enumerate(knots):
@@ -47,14 +49,17 @@ def silence(t_apply_ns: int, modes: int, reasons: LimitReason = LimitReason.NONE
 
 def _is_well_formed(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -> bool:
     modes = len(limit_um)
-    if not (modes >= 1 and isinstance(drive.t_apply_ns, int) and 1 <= len(drive.knots) <= max_knots):
+    told: Sequence[object] = drive  # machine code would take its word for what its fields are
+    if not (modes >= 1 and isinstance(told[0], int) and 1 <= len(drive.knots) <= max_knots):
         return False
     for limit in limit_um:
         if not 0.0 <= limit <= MAX_LIMIT_UM:
             return False
     earliest_ns = 0
-    for dt_ns, modal_um in drive.knots:
-        if not (isinstance(dt_ns, int) and earliest_ns <= dt_ns <= MAX_SPAN_NS and len(modal_um) == modes):
+    for knot in drive.knots:
+        told = knot
+        dt_ns = told[0]
+        if not (isinstance(dt_ns, int) and earliest_ns <= dt_ns <= MAX_SPAN_NS and len(knot.modal_um) == modes):
             return False
         earliest_ns = dt_ns + 1
     return True
@@ -62,8 +67,10 @@ def _is_well_formed(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -
 
 def _is_within(modal_um: Sequence[complex], limit_um: Sequence[float]) -> bool:
     within = True
-    for w_um, limit in zip(modal_um, limit_um, strict=True):
-        within = within and math.hypot(w_um.real, w_um.imag) <= limit
+    for mode, limit in enumerate(limit_um):
+        w_um = modal_um[mode]
+        size_um = abs(w_um) if isinstance(w_um, float) else math.hypot(w_um.real, w_um.imag)
+        within = within and size_um <= limit
     return within
 
 

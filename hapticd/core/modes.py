@@ -11,14 +11,13 @@ Outside the map the shapes are those of the nearest edge point, and `inside` say
 
 from __future__ import annotations
 
-import struct
 from bisect import bisect_right
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.bicubic import COEFFICIENTS, BicubicSurfaces, FloatArray, fill_gaps
+from hapticd.core.bicubic import BicubicSurfaces, FloatArray, Patch, fill_gaps
 from hapticd.core.modes_file import FORMATS, MAX_BYTES, MAX_LINES, MAX_POSITION_MM, Grid, decode_grid, encode_grid
 from hapticd.errors import ModesError
 
@@ -31,7 +30,6 @@ _MIN_POINTS = 4  # what a cubic through a line of the grid needs
 _MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
 _MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
 _MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # beyond is a damaged file, and could overflow
-_PATCH = struct.Struct(f"={COEFFICIENTS}d")
 _FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
 
 
@@ -40,7 +38,8 @@ class ModeShapes:
 
     __slots__ = (
         *("M", "shapes", "x_mm", "y_mm"),
-        *("_cell_bytes", "_columns", "_patches", "_steepest_1_mm", "_surfaces", "_x_knots", "_y_knots", "_zeros"),
+        *("_cells", "_columns", "_columns_per_mm", "_rows_per_mm", "_steepest_1_mm", "_surfaces"),
+        *("_x_knots", "_y_knots", "_zeros"),
     )
 
     def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
@@ -49,9 +48,10 @@ class ModeShapes:
         self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
         self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
         self.M = int(self.shapes.shape[0])
-        self._patches = self._surfaces.patches.data.cast("B")
-        self._cell_bytes = self.M * _PATCH.size
-        self._columns = self.x_mm.size - 1
+        self._cells: list[tuple[Patch, ...] | None] = [None] * len(self._surfaces.patches)
+        self._columns = int(self.x_mm.size) - 1
+        self._columns_per_mm = self._columns / float(self.x_mm[-1] - self.x_mm[0])
+        self._rows_per_mm = (int(self.y_mm.size) - 1) / float(self.y_mm[-1] - self.y_mm[0])
         self._x_knots: tuple[float, ...] = tuple(self.x_mm.tolist())
         self._y_knots: tuple[float, ...] = tuple(self.y_mm.tolist())
         self._zeros = (0.0,) * self.M
@@ -85,49 +85,39 @@ class ModeShapes:
 
     def at(self, x_mm: float, y_mm: float) -> Row:
         """All M shapes at one point: the tick's way, plain floats only. Clamped outside; zeros for NaN."""
-        x_knots, y_knots = self._x_knots, self._y_knots
-        if not x_knots[0] <= x_mm <= x_knots[-1]:
-            if x_mm != x_mm:
-                return self._zeros
-            x_mm = x_knots[0] if x_mm < x_knots[0] else x_knots[-1]
-        if not y_knots[0] <= y_mm <= y_knots[-1]:
-            if y_mm != y_mm:
-                return self._zeros
-            y_mm = y_knots[0] if y_mm < y_knots[0] else y_knots[-1]
-        column = bisect_right(x_knots, x_mm, 1, self._columns) - 1
-        row = bisect_right(y_knots, y_mm, 1, len(y_knots) - 1) - 1
-        u, v = x_mm - x_knots[column], y_mm - y_knots[row]
-        first = (row * self._columns + column) * self._cell_bytes
-        phi = []
-        cell = self._patches[first : first + self._cell_bytes]
-        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in _PATCH.iter_unpack(cell):
-            a = ((a3 * u + a2) * u + a1) * u + a0
-            b = ((b3 * u + b2) * u + b1) * u + b0
-            c = ((c3 * u + c2) * u + c1) * u + c0
-            d = ((d3 * u + d2) * u + d1) * u + d0
-            phi.append(((d * v + c) * v + b) * v + a)
-        return tuple(phi)
+        cell, u, v = self._located(x_mm, y_mm)
+        return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
 
     def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
         """Of all M shapes at one point (phi, dphi/dx, dphi/dy), in 1 and 1/mm: `at` and `gradient` in one pass."""
-        x_knots, y_knots = self._x_knots, self._y_knots
-        if not (x_knots[0] <= x_mm <= x_knots[-1] and y_knots[0] <= y_mm <= y_knots[-1]):
+        if not self._is_on_map(x_mm, y_mm):
             return self._beyond_with_gradient(x_mm, y_mm)
-        column = bisect_right(x_knots, x_mm, 1, self._columns) - 1
-        row = bisect_right(y_knots, y_mm, 1, len(y_knots) - 1) - 1
-        u, v = x_mm - x_knots[column], y_mm - y_knots[row]
-        first = (row * self._columns + column) * self._cell_bytes
-        slopes = []
-        cell = self._patches[first : first + self._cell_bytes]
-        for a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3 in _PATCH.iter_unpack(cell):
-            a, a_x = ((a3 * u + a2) * u + a1) * u + a0, (3.0 * a3 * u + 2.0 * a2) * u + a1
-            b, b_x = ((b3 * u + b2) * u + b1) * u + b0, (3.0 * b3 * u + 2.0 * b2) * u + b1
-            c, c_x = ((c3 * u + c2) * u + c1) * u + c0, (3.0 * c3 * u + 2.0 * c2) * u + c1
-            d, d_x = ((d3 * u + d2) * u + d1) * u + d0, (3.0 * d3 * u + 2.0 * d2) * u + d1
-            slopes.append(
-                (((d * v + c) * v + b) * v + a, ((d_x * v + c_x) * v + b_x) * v + a_x, (3.0 * d * v + 2.0 * c) * v + b)
-            )
-        return tuple(slopes)
+        cell, u, v = self._located(x_mm, y_mm)
+        return tuple([patch.slope(u, v) for patch in self._patches(cell)])
+
+    def _is_on_map(self, x_mm: float, y_mm: float) -> bool:
+        """False for NaN."""
+        x_knots, y_knots = self._x_knots, self._y_knots
+        return x_knots[0] <= x_mm <= x_knots[-1] and y_knots[0] <= y_mm <= y_knots[-1]
+
+    def _located(self, x_mm: float, y_mm: float) -> tuple[int, float, float]:
+        """The cell of the nearest point on the map, and the distances to its lower left corner; cell -1 for NaN."""
+        x_knots, y_knots = self._x_knots, self._y_knots
+        if not self._is_on_map(x_mm, y_mm):
+            if x_mm != x_mm or y_mm != y_mm:
+                return -1, 0.0, 0.0
+            x_mm = min(max(x_mm, x_knots[0]), x_knots[-1])
+            y_mm = min(max(y_mm, y_knots[0]), y_knots[-1])
+        column = _interval(x_knots, self._columns_per_mm, x_mm)
+        row = _interval(y_knots, self._rows_per_mm, y_mm)
+        return row * self._columns + column, x_mm - x_knots[column], y_mm - y_knots[row]
+
+    def _patches(self, cell: int) -> tuple[Patch, ...]:
+        """The cell's surfaces, made when a finger first comes there."""
+        patches = self._cells[cell]
+        if patches is None:
+            patches = self._cells[cell] = tuple([Patch(row) for row in self._surfaces.patches[cell].tolist()])
+        return patches
 
     def _beyond_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
         """Outside the map: the edge's shapes, which do not change across it."""
@@ -197,6 +187,15 @@ def _suffix(path: Path) -> str:
     if path.suffix.lower() not in FORMATS:
         raise ModesError(f"{path}: the suffix tells no known format; name the file {' or '.join(FORMATS)}.")
     return path.suffix.lower()
+
+
+def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:
+    """Between which knots a position lies that is not outside: on an even grid found at once, on others searched."""
+    last = len(knots) - 1
+    guess = min(int((position_mm - knots[0]) * per_mm), last - 1)
+    if knots[guess] <= position_mm < knots[guess + 1]:
+        return guess
+    return bisect_right(knots, position_mm, 1, last) - 1
 
 
 def _points(points_mm: npt.ArrayLike) -> FloatArray:

@@ -223,7 +223,9 @@ def _weigh(filters: list[_Filter]) -> None:
 
     One may: `_SWITCH` gives even a model of no weight its chance at the next sample.
     """
-    best = min([model.misfit for model in filters])
+    best = math.inf
+    for model in filters:
+        best = min(best, model.misfit)
     total = 0.0
     for model in filters:
         model.weight *= math.exp(best - model.misfit)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,17 +32,10 @@ _START_VARIANCES = (1e4, 1e5, 1e7)
 _FACTORIAL = (1, 1, 2, 6)
 
 
-class Gain(NamedTuple):
-    """What one mm of innovation adds to position, velocity (1/s), acceleration (1/s^2), jerk (1/s^3); its variance."""
+# What one mm of innovation adds to position, velocity (1/s), acceleration (1/s^2), jerk (1/s^3); its variance (mm^2).
+Gain = tuple[float, float, float, float, float]
 
-    position: float
-    velocity: float
-    acceleration: float
-    jerk: float
-    innovation_mm2: float
-
-
-_GAIN = struct.Struct(f"={len(Gain._fields)}d")
+_GAIN = struct.Struct("=5d")
 _ROW_BYTES = len(MODELS) * _GAIN.size
 
 
@@ -57,7 +49,7 @@ class Rows:
     __slots__ = ("_length", "_numbers", "_steady")
 
     def __init__(self, gains: FloatArray) -> None:
-        """`gains` (steps, models, 5), the fields `Gain`'s."""
+        """`gains` (steps, models, 5), in the order of a `Gain`."""
         self._length = len(gains)
         self._numbers = np.ascontiguousarray(gains).tobytes()
         self._steady = self._row(self._length - 1)
@@ -74,7 +66,7 @@ class Rows:
 
     def _row(self, index: int) -> tuple[Gain, ...]:
         first = index * _ROW_BYTES
-        return tuple(map(Gain._make, _GAIN.iter_unpack(self._numbers[first : first + _ROW_BYTES])))
+        return tuple(_GAIN.iter_unpack(self._numbers[first : first + _ROW_BYTES]))
 
 
 @lru_cache(maxsize=16)  # two configurations of some levels each
@@ -96,7 +88,7 @@ def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, .
 def kalman_gains(
     intervals_s: Sequence[float], densities: Sequence[float], noise_mm: float, order: int, steps: int = STEPS
 ) -> FloatArray:
-    """Gains (steps, intervals, densities, 5), from the second sample of a touch on; the fields are `Gain`'s."""
+    """Gains (steps, intervals, densities, 5), from the second sample of a touch on; in the order of a `Gain`."""
     transition, process = process_model(np.asarray(intervals_s)[:, None], np.asarray(densities), order)
     covariance = start_covariance(noise_mm, order)
     noise_mm2 = noise_mm * noise_mm

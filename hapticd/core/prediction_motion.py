@@ -43,6 +43,14 @@ class QuadraticMotion:
     def __init__(self) -> None:
         self._x = self._y = self._vx = self._vy = self._ax = self._ay = math.nan
 
+    def start(self, x_mm: float, y_mm: float) -> None:
+        """The first sample of a touch; whatever came before is forgotten."""
+        raise NotImplementedError
+
+    def step(self, sample: Sample) -> None:
+        """Take the next sample."""
+        raise NotImplementedError
+
     def _move(self, x: float, y: float, vx: float, vy: float, ax: float = 0.0, ay: float = 0.0) -> None:
         self._x, self._y = x, y
         self._vx, self._vy = vx, vy
@@ -52,6 +60,7 @@ class QuadraticMotion:
             self._ax, self._ay = _shortened(ax, ay, MAX_ACCELERATION_MM_S2)
 
     def position(self, ahead_s: float) -> tuple[float, float]:
+        """Position in mm, `ahead_s` >= 0 after the last sample."""
         half = 0.5 * ahead_s
         return (
             self._x + ahead_s * (self._vx + half * self._ax),
@@ -59,6 +68,7 @@ class QuadraticMotion:
         )
 
     def velocity(self, ahead_s: float) -> tuple[float, float]:
+        """Velocity in mm/s at the same instant."""
         return self._vx + ahead_s * self._ax, self._vy + ahead_s * self._ay
 
 

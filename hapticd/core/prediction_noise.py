@@ -33,7 +33,7 @@ class NoiseMeter:
     def restart(self) -> None:
         """The samples to come do not follow regularly on those before; what was found stays."""
         self._seen = 0
-        self._axes = (0.0,) * 6
+        self._axes = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # x of the last three samples, then y
 
     def update(self, x_mm: float, y_mm: float, periods: float) -> None:
         """Take a sample that came `periods` of the pad's period after the one before it.

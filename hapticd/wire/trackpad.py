@@ -14,7 +14,6 @@ import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from operator import attrgetter
 
 from ..values import AffineMap, Contact, TouchFrame
 
@@ -32,7 +31,6 @@ _STEP_NS = 2_000_000_000  # beyond the 0.7 s that 63 reports in the kernel's rin
 _BACKWARDS_MS = 100
 _DRIFT = 1000  # one part in a thousand: no quartz is that wrong
 _CENTRED = AffineMap()
-_contact_id = attrgetter("contact_id")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +153,7 @@ class _Mt2Layout:
         records = _records(report, self._report_id, start + 4)
         if report[start] != _BLUETOOTH:
             raise _RefusedError("foreign")
-        contacts = tuple(map(self._contact, records))
+        contacts = tuple([self._contact(record) for record in records])
         _require_distinct_ids(contacts)
         stamp_ms = report[start + 1] >> 3 | report[start + 2] << 5 | report[start + 3] << 13
         return (TouchFrame(self._clock.unwrap(stamp_ms, t_host_ns), contacts, report[1] & 1 == 1),)
@@ -192,7 +190,7 @@ class _Mt1Layout:
         )
 
     def _parse(self, part: bytes) -> tuple[tuple[Contact, ...], bool]:
-        contacts = tuple(map(self._contact, _records(part, _MT1, 4)))
+        contacts = tuple([self._contact(record) for record in _records(part, _MT1, 4)])
         _require_distinct_ids(contacts)
         return contacts, part[1] & 1 == 1
 
@@ -234,7 +232,7 @@ def _records(report: bytes, report_id: int, header_bytes: int) -> Iterator[tuple
 
 def _require_distinct_ids(contacts: tuple[Contact, ...]) -> None:
     """A pad never gives one id twice in a frame: such a report is torn."""
-    if len(set(map(_contact_id, contacts))) != len(contacts):
+    if len({contact.contact_id for contact in contacts}) != len(contacts):
         raise _RefusedError("duplicate_id")
 
 

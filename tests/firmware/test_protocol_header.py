@@ -11,7 +11,7 @@ import pytest
 
 from hapticd.board_values import BoardState
 from hapticd.tool_values import Verdict
-from hapticd.wire import device, protocol
+from hapticd.wire import protocol, reference
 
 HEADER = Path(__file__).parents[2] / "firmware" / "core" / "protocol.h"
 CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "uint64_t": "Q", "float": "f"}
@@ -97,7 +97,7 @@ def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes
     assert layout("hd_wire_log_t", modes) == protocol.LOG.format[1:] + entries
     knot = layout("hd_wire_knot_t", modes)
     assert knot == "H" + "ff" * modes
-    frame = device._reference_layout(2, modes)
+    frame = reference._reference_layout(2, modes)
     assert frame.size == 1 + protocol.REFERENCE.size + 2 * struct.calcsize("<" + knot)
 
 

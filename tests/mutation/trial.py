@@ -26,6 +26,7 @@ from typing import Any
 from hypothesis import is_hypothesis_test
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+os.environ["HAPTICD_PURE"] = "1"  # mutants are of the Python, and what calls them must not be machine code
 
 import hapticd.core
 from hapticd.core import limits
