@@ -207,7 +207,7 @@ def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later
         pass
     bench.board.state = LIVE  # it never heard it
     bench.board.mute = False
-    assert "keep-alive" in [each.name for each in bench.run(40)]
+    assert "keep-alive" in [each.name for each in bench.run(60)]
     assert not bench.machine.session.is_resting
     rested(bench)
 
