@@ -78,8 +78,15 @@ class SerialLink:
         self._watch(not is_resting)
 
     def read(self) -> None:
-        """Take what has come, if anything has."""
-        if self._serial is not None:
+        """Take what has come, if anything has: of an idle terminal a read would look like its end."""
+        if self._serial is None:
+            return
+        try:
+            is_waiting = self._serial.in_waiting > 0
+        except OSError as error:
+            self._lost(f"read failed: {error.strerror}")
+            return
+        if is_waiting:
             self._readable()
 
     async def drained(self, within_s: float) -> None:
