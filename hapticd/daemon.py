@@ -77,7 +77,7 @@ class Daemon:
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
-        self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
+        self._t_written_ns = self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
         self._said_missed = 0
         self._machine: Machine | None = None
         self._pad_link: Link | None = None
@@ -120,7 +120,7 @@ class Daemon:
         machine = Machine(
             self._config,
             self._modes,
-            write_board=self._link.write,
+            write_board=self._write,
             instance=secrets.randbits(31),
             calibration=self._calibration,
             neighbours=self._neighbours,
@@ -199,10 +199,17 @@ class Daemon:
         machine.reports(batch, t_begin_ns)
         tick = machine.last_tick
         age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
+        if self._t_written_ns > t_begin_ns and tick is not None and tick.drive is not None:
+            machine.loop.wrote(batch[-1].t_host_ns, self._t_written_ns)
         machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
         self._set_pace(after_reports=True)
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
+
+    def _write(self, line: bytes) -> bool:
+        is_accepted = self._link.write(line)
+        self._t_written_ns = now_ns()
+        return is_accepted
 
     def _message(self, payload: bytes, user: str) -> None:
         self.machine.targets(payload, now_ns(), user)

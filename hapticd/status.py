@@ -180,6 +180,7 @@ def _timing(machine: Machine) -> dict[str, object]:
         "read_age": loop.read_age,
         "wait": loop.wait,
         "compute": loop.compute,
+        "wire": loop.wire,
         "tick_late": loop.tick_late,
         "pause": loop.pause,
         "age": ledger.age,

@@ -126,8 +126,9 @@ class Ledger(Sequence[LedgerLine]):
 
 @dataclass(slots=True)
 class LoopTiming:
-    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with its writing,
-    the timer, and the pauses of Python's collector. The age is only known while a finger is down.
+    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with all that
+    follows it, from reading to the written frame, the timer, and the pauses of Python's collector. The age is only
+    known while a finger is down.
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
     loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS.
@@ -136,6 +137,7 @@ class LoopTiming:
     read_age: Histogram = field(default_factory=Histogram)
     wait: Histogram = field(default_factory=Histogram)
     compute: Histogram = field(default_factory=Histogram)
+    wire: Histogram = field(default_factory=Histogram)
     tick_late: Histogram = field(default_factory=Histogram)
     pause: Histogram = field(default_factory=Histogram)
     joined_reports: int = 0
@@ -157,6 +159,10 @@ class LoopTiming:
         self.tick_late.add(late_ns)
         self.last_late_ns = late_ns
         self.missed_ticks += missed
+
+    def wrote(self, t_read_ns: int, t_written_ns: int) -> None:
+        """The reference made from the report read at `t_read_ns` was in the port's hands at `t_written_ns`."""
+        self.wire.add(t_written_ns - t_read_ns)
 
     def paused(self, span_ns: int) -> None:
         """A garbage collection held everything for so long."""

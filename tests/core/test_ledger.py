@@ -87,6 +87,12 @@ def test_the_loop_s_part_is_from_reading_to_writing() -> None:
     assert (timing.joined_reports, timing.missed_ticks) == (2, 2)
 
 
+def test_a_frame_is_on_the_wire_some_time_after_its_report_was_read() -> None:
+    timing = LoopTiming()
+    timing.wrote(1000, 181_000)
+    assert (timing.wire.count, timing.wire.longest_ns) == (1, 180_000)
+
+
 @pytest.mark.parametrize(("span_ns", "counted"), [(PAUSE_NS, 0), (PAUSE_NS + 1, 1)])
 def test_a_pause_is_counted_beyond_a_millisecond_and_each_is_kept(span_ns: int, counted: int) -> None:
     timing = LoopTiming()
