@@ -23,12 +23,12 @@ from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
 from .errors import HapticdError
 from .io.device import SerialLink
-from .io.realtime import PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
+from .io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
 from .io.server import ClientServer
 from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import TrackpadSource
-from .machine import TIMER_NS, Machine
+from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recording.dates import utc_now
 from .recording.header import Header, header_of
 from .recording.service import Recorders
@@ -76,7 +76,8 @@ class Daemon:
         self._link = SerialLink(board_port, config.device.baud)
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
-        self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
+        self._pauses: Pauses | None = None
+        self._t_written_ns = self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
         self._said_missed = 0
         self._machine: Machine | None = None
         self._pad_link: Link | None = None
@@ -113,12 +114,13 @@ class Daemon:
             on_link=lambda up, reason: self._on_pad_link(Link(up, reason)),
         )
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
+        self._pauses = Pauses(lambda span_ns: self.machine.loop.paused(span_ns), clock_ns=now_ns)
 
     def _new_machine(self) -> Machine:
         machine = Machine(
             self._config,
             self._modes,
-            write_board=self._link.write,
+            write_board=self._write,
             instance=secrets.randbits(31),
             calibration=self._calibration,
             neighbours=self._neighbours,
@@ -176,6 +178,8 @@ class Daemon:
         """Quiet the plate, then close: clients, trackpad, and the board last."""
         if self._timer is not None:
             self._timer.close()
+        if self._pauses is not None:
+            self._pauses.close()
         if self._machine is not None:
             self._machine.stop(now_ns())
         await self._trackpad.close()
@@ -195,28 +199,37 @@ class Daemon:
         machine.reports(batch, t_begin_ns)
         tick = machine.last_tick
         age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
+        if self._t_written_ns > t_begin_ns and tick is not None and tick.drive is not None:
+            machine.loop.wrote(batch[-1].t_host_ns, self._t_written_ns)
         machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
-        self._set_period()
+        self._set_pace(after_reports=True)
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
 
+    def _write(self, line: bytes) -> bool:
+        is_accepted = self._link.write(line)
+        self._t_written_ns = now_ns()
+        return is_accepted
+
     def _message(self, payload: bytes, user: str) -> None:
         self.machine.targets(payload, now_ns(), user)
-        self._set_period()
+        self._set_pace()
 
     def _request(self, payload: bytes, user: str) -> bytes:
         answer = self.machine.request(payload, now_ns(), user)
-        self._set_period()
+        self._set_pace()
         return answer
 
     def _listener(self) -> None:
         """Who begins to listen need not wait for a tick."""
         self._let_publish()
         self.machine.timer(now_ns())
-        self._set_period()
+        self._set_pace()
 
     def _on_timer(self, late_ns: int, missed: int) -> None:
         self._let_publish()
+        if self.machine.session.is_resting:
+            self._link.read()
         machine, t_now_ns = self.machine, now_ns()
         machine.loop.ticked(late_ns, missed)
         machine.timer(t_now_ns)
@@ -229,7 +242,7 @@ class Daemon:
         assert self._timer is not None
         assert self._recorders is not None
         is_idle = self.machine.is_idle
-        self._set_period()
+        self._set_pace()
         if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
@@ -243,10 +256,16 @@ class Daemon:
             self._t_said_ns = t_now_ns
             self._say_missed()
 
-    def _set_period(self) -> None:
-        """Tick as often as the machine needs it now."""
+    def _set_pace(self, *, after_reports: bool = False) -> None:
+        """Tick as often as the machine needs it now: reports do what ticks would, while they come. And hear a board at
+        rest as seldom."""
+        self._link.rest(self.machine.session.is_resting)
+        if self._timer is None:
+            return
         period_ns = self.machine.timer_period_ns
-        if self._timer is not None and self._timer.period_ns != period_ns:
+        if after_reports:
+            self._timer.set_period(period_ns, max(period_ns, REPORTS_ENDED_NS))
+        elif self._timer.period_ns != period_ns:
             self._timer.set_period(period_ns)
 
     def _say_missed(self) -> None:

@@ -37,7 +37,8 @@ _BARS = " ▁▂▃▄▅▆▇█"
 STAGES = {
     "read_age": "sample to reading",
     "wait": "reading to pass",
-    "compute": "pass and writing",
+    "wire": "reading to wire",
+    "compute": "pass and after",
     "link": "writing to board",
     "late": "later than planned",
     "total": "sample to plate",
@@ -135,6 +136,7 @@ def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
     stages = {
         "read_age": loop.read_age,
         "wait": loop.wait,
+        "wire": loop.wire,
         "compute": loop.compute,
         "link": ledger.link,
         "late": ledger.late,

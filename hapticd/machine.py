@@ -45,8 +45,9 @@ log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # how often `timer` wants to be called
 LOOK_EVERY_NS = 100_000_000  # while nothing is going on; what begins something comes as a report or a message
-REST_EVERY_NS = 200_000_000  # the same where the board rests as well: its clock is asked every half second
+REST_EVERY_NS = 400_000_000  # the same where the board rests as well; the service manager waits for 1 s
 REST_AFTER_NS = 2_000_000_000  # of that: then the board is left quiet, and kept alive no more
+TEND_AFTER_NS = 15_000_000  # without a timer: reports that come more often make its ticks needless
 EARLY_NS = 5_000_000  # by which a timer may come before its time and count all the same
 REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
@@ -118,6 +119,7 @@ class Machine:
         self.t_reports_ns: int | None = None
         self._t_clear_until_ns: int | None = None
         self._t_looked_ns = -LOOK_EVERY_NS
+        self._t_tended_ns = -TEND_AFTER_NS
         self._t_wanted_ns = 0
 
     @property
@@ -134,7 +136,7 @@ class Machine:
 
     @property
     def timer_period_ns(self) -> int:
-        """How often `timer` need come, as things are."""
+        """How often `timer` need come, as things are; after `reports` the first time not before REPORTS_ENDED_NS."""
         if self.session.is_resting:
             return REST_EVERY_NS
         return 2 * TIMER_NS if self.is_idle else TIMER_NS  # idle, each tick is a keep-alive, and no more is needed
@@ -165,6 +167,8 @@ class Machine:
             self.tap("reports", t_now_ns, batch)
         self.t_reports_ns = t_now_ns
         self._pass(t_now_ns, batch)
+        if t_now_ns - self._t_tended_ns >= TEND_AFTER_NS:
+            self._tend(t_now_ns)
 
     def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> None:
         """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
@@ -214,7 +218,15 @@ class Machine:
             if not self.session.is_resting:
                 self._say(self.session.keep_alive(t_now_ns), t_now_ns)
             return
-        self._t_looked_ns = t_now_ns
+        self._tend(t_now_ns)
+        if self.session.is_resting and not self.markers:
+            return
+        if self.t_reports_ns is None or t_now_ns - self.t_reports_ns >= REPORTS_ENDED_NS:
+            self._pass(t_now_ns)
+
+    def _tend(self, t_now_ns: int) -> None:
+        """All that time alone brings about."""
+        self._t_looked_ns = self._t_tended_ns = t_now_ns
         self._rest_or_wake(t_now_ns)
         released = self.scene.expire(t_now_ns)
         if released:
@@ -231,10 +243,6 @@ class Machine:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:
             self._supervise(Event.LINK_DOWN, "the board does not answer", t_now_ns)
-        if self.session.is_resting and not self.markers:
-            return
-        if self.t_reports_ns is None or t_now_ns - self.t_reports_ns >= REPORTS_ENDED_NS:
-            self._pass(t_now_ns)
 
     def _rest_or_wake(self, t_now_ns: int) -> None:
         """A board that nobody wanted for REST_AFTER_NS is left quiet, and armed again as soon as somebody does."""
@@ -284,6 +292,7 @@ class Machine:
         was_accepted = self.session.hello is not None
         for message in self.board.feed(data):
             self._hear(message, t_now_ns)
+        self._say(self.session.resume(t_now_ns), t_now_ns)
         if was_accepted and self.session.hello is None:
             log.warning("board: its clock is another than before, as after a reset; it is greeted anew")
 

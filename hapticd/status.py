@@ -47,6 +47,9 @@ def telemetry(machine: Machine, tick: Tick) -> bytes:
             horizon_ms=tick.horizon_ns * 1e-6,
             markers=tuple(machine.markers),
             measured_um=() if board is None else board.measured_um,
+            tick_late_ms=machine.loop.last_late_ns * 1e-6,
+            missed_ticks=machine.loop.missed_ticks,
+            pauses=machine.loop.pauses,
         )
     )
 
@@ -147,6 +150,7 @@ def _board(machine: Machine) -> dict[str, object]:
         "ready": session.ready,
         "reboots": session.reboots,
         "unsent": machine.unsent,
+        "held_back": session.held_back,
         "dropped": dict(machine.board.counters),
     }
     if machine.refused_board:
@@ -176,7 +180,9 @@ def _timing(machine: Machine) -> dict[str, object]:
         "read_age": loop.read_age,
         "wait": loop.wait,
         "compute": loop.compute,
+        "wire": loop.wire,
         "tick_late": loop.tick_late,
+        "pause": loop.pause,
         "age": ledger.age,
         "link": ledger.link,
         "horizon": ledger.horizon,
@@ -185,6 +191,7 @@ def _timing(machine: Machine) -> dict[str, object]:
     return {
         "joined_reports": loop.joined_reports,
         "missed_ticks": loop.missed_ticks,
+        "pauses": loop.pauses,
         "late_frames": ledger.late_frames,
         "unanswered_frames": ledger.unanswered,
         "histograms": {name: histogram_fields(histogram) for name, histogram in histograms.items() if histogram.count},

@@ -155,7 +155,7 @@ class Bench:
         self.machine.board_link(True, "a board", self.t_ns)
         self._reports = self._sense(paths)
         self._next = next(self._reports, None)
-        self.pad_speaks = True
+        self.pad_speaks = self.timer_runs = True
 
     def _sense(self, paths: tuple[Path, ...]) -> Iterator[RawReport]:
         landed = [Touch(path, 0.3) for path in paths]
@@ -180,7 +180,7 @@ class Bench:
             if self.pad_speaks:
                 self.machine.reports([self._next], self.t_ns)
             self._next = next(self._reports, None)
-        if (self.t_ns - START_NS) % TIMER_NS == 0:
+        if self.timer_runs and (self.t_ns - START_NS) % TIMER_NS == 0:
             self.machine.timer(self.t_ns)
         if (self.t_ns - START_NS) % (100 * MS) == 0:
             self.board.status()

@@ -207,7 +207,7 @@ def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later
         pass
     bench.board.state = LIVE  # it never heard it
     bench.board.mute = False
-    assert "keep-alive" in [each.name for each in bench.run(40)]
+    assert "keep-alive" in [each.name for each in bench.run(60)]
     assert not bench.machine.session.is_resting
     rested(bench)
 
@@ -364,3 +364,15 @@ def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.
     bench.run(500)
     assert bench.state is State.IDLE
     assert any("Mode 0 is calibrated at 40000 Hz but the board drives at 29205 Hz" in line for line in lines(caplog))
+
+
+def test_while_reports_come_no_timer_is_needed() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.timer_runs = False
+    heard = bench.run(2000)
+    assert [each.name for each in heard].count("time") >= 3
+    lives = [each.t_ns for each in heard if each.name in ("reference", "keep-alive")]
+    assert max(after - before for before, after in pairwise(lives)) <= 34 * MS  # of the 50 that the board waits
+    bench.want({1: 1.0}, ttl_s=0.1)
+    bench.run(100 + 23)
+    assert bench.machine.scene.next_expiry_ns is None

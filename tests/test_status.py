@@ -12,6 +12,7 @@ import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
 
 from hapticd import status
+from hapticd.sim.fingers import Line
 
 
 def plain(value: object) -> bool:
@@ -157,3 +158,27 @@ def test_a_virtual_finger_is_told_by_its_name_where_it_is() -> None:
     assert real["target_um"] is None
     assert (virtual["id"], virtual["virtual"], virtual["x_mm"], virtual["y_mm"]) == ("post", True, 7.0, 9.0)
     assert virtual["target_um"] == 0.5
+
+
+def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_and_in_each_state() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    states: list[Any] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.loop.ticked(250_000, missed=3)
+    for span_ns in (400_000, 2_000_000):
+        bench.machine.loop.paused(span_ns)
+    bench.run(20)
+    timing: Any = status.collect(bench.machine, bench.t_ns)["timing"]
+    assert (timing["missed_ticks"], timing["pauses"]) == (3, 1)
+    assert timing["histograms"]["tick_late"]["max_ms"] == 0.25
+    assert (timing["histograms"]["pause"]["count"], timing["histograms"]["pause"]["max_ms"]) == (2, 2.0)
+    last = states[-1]
+    assert (last["tick_late_ms"], last["missed_ticks"], last["pauses"]) == (0.25, 3, 1)
+
+
+def test_what_was_held_back_from_a_board_that_does_not_answer_is_in_status() -> None:
+    bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
+    before: Any = bench.ask("status")["body"]["board"]["held_back"]
+    bench.board.mute = True
+    bench.run(300)
+    assert bench.ask("status")["body"]["board"]["held_back"] >= before + 20

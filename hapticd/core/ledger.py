@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import overload
 
 LEDGER_LENGTH = 512
+PAUSE_NS = 1_000_000  # of Python's collector: longer ones are counted
 LATE_NS = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
 _SUB_BITS = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
 _LONGEST_NS = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
@@ -125,19 +126,24 @@ class Ledger(Sequence[LedgerLine]):
 
 @dataclass(slots=True)
 class LoopTiming:
-    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with its writing,
-    and the timer. The age is only known while a finger is down.
+    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with all that
+    follows it, from reading to the written frame, the timer, and the pauses of Python's collector. The age is only
+    known while a finger is down.
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
-    loop was busy, and are skipped, not made up for.
+    loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS.
     """
 
     read_age: Histogram = field(default_factory=Histogram)
     wait: Histogram = field(default_factory=Histogram)
     compute: Histogram = field(default_factory=Histogram)
+    wire: Histogram = field(default_factory=Histogram)
     tick_late: Histogram = field(default_factory=Histogram)
+    pause: Histogram = field(default_factory=Histogram)
     joined_reports: int = 0
     missed_ticks: int = 0
+    pauses: int = 0
+    last_late_ns: int = 0  # of the newest tick
 
     def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int, age_ns: int | None) -> None:
         """A batch was read, its newest report at `t_read_ns`, and a pass made of it; `age_ns` is that report's age when
@@ -151,4 +157,14 @@ class LoopTiming:
     def ticked(self, late_ns: int, missed: int) -> None:
         """The timer fired, `late_ns` after it was due, and skipped `missed` ticks."""
         self.tick_late.add(late_ns)
+        self.last_late_ns = late_ns
         self.missed_ticks += missed
+
+    def wrote(self, t_read_ns: int, t_written_ns: int) -> None:
+        """The reference made from the report read at `t_read_ns` was in the port's hands at `t_written_ns`."""
+        self.wire.add(t_written_ns - t_read_ns)
+
+    def paused(self, span_ns: int) -> None:
+        """A garbage collection held everything for so long."""
+        self.pause.add(span_ns)
+        self.pauses += span_ns > PAUSE_NS

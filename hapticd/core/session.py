@@ -6,13 +6,15 @@ must know of its controller and its modes, one by one.
 
 While nothing is to be driven the session may `rest`: the board is left with a greeting, falls quiet, and needs no
 keep-alives. It keeps its clock, its controller and its models, so `wake` takes one write and no answer.
+
+A board that does not answer is sent no more than it may have read (`flow`): of what is held back only the newest
+reference is kept, and goes out when it speaks again.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from ..board_values import (
@@ -31,6 +33,8 @@ from ..board_values import (
 )
 from ..values import SafeDrive, Tick
 from .clocksync import BoardClock, LinkLatency
+from .flow import Flow
+from .interval import Interval
 from .ledger import Ledger, LedgerLine
 from .limits import silence
 
@@ -43,27 +47,11 @@ CLOCK_WRAP_US: Final = 1 << 32
 KEEP_ALIVE_AFTER_NS: Final = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20
 ARM_EVERY_NS: Final = 20_000_000  # slower than references come: zero frames must not come between them
 ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
-SILENT_AFTER_NS: Final = 1_000_000_000  # the board sends a status ten times a second
+OVERDUE_NS: Final = 5_000_000  # beyond the way there and back: then an answer is missing
+MUTE_AFTER_NS: Final = 150_000_000  # of a status every 100 ms; its keep-alives would only be queued
+SILENT_AFTER_NS: Final = 1_000_000_000  # then it is greeted anew
+STALE_NS: Final = 50_000_000  # the board drops what is later than that
 REARM_FRAMES: Final = 3  # in a row; the board takes them at once
-
-
-@dataclass(slots=True)
-class Interval:
-    """Something done every so often."""
-
-    every_ns: int
-    t_last_ns: int = 0
-
-    def restart(self, t_now_ns: int) -> None:
-        """It was just done."""
-        self.t_last_ns = t_now_ns
-
-    def due(self, t_now_ns: int) -> bool:
-        """Whether it is time; then the interval starts anew."""
-        if t_now_ns - self.t_last_ns < self.every_ns:
-            return False
-        self.t_last_ns = t_now_ns
-        return True
 
 
 def _leapt(before_us: int, after_us: int) -> bool:
@@ -82,6 +70,7 @@ class BoardSession:
         self.latency = LinkLatency(link_start_ns)
         self.ledger = Ledger()
         self.reboots = 0
+        self.held_back = 0  # references and keep-alives not sent when they were due, since the board did not answer
         self.is_resting = False
         self._is_leaving = False
         self._controller = controller
@@ -92,6 +81,8 @@ class BoardSession:
         self._seq = 0
         self._t_numbered_ns = 0
         self._in_flight: dict[int, tuple[int, int, Tick]] = {}
+        self._flow = Flow()
+        self._held: tuple[SafeDrive, Tick] | None = None
         self._t_heard_ns = 0
         self._greeting = Interval(GREET_EVERY_NS)
         self._instructing = Interval(INSTRUCT_EVERY_NS)
@@ -106,7 +97,7 @@ class BoardSession:
 
     def follows(self, t_now_ns: int) -> bool:
         """The board says that it follows references, and has taken the last one or may yet: that one stands."""
-        if self.status is None or self.status.state is not BoardState.LIVE:
+        if self.status is None or self.status.state is not BoardState.LIVE or self._held is not None:
             return False
         waited_ns = t_now_ns - self._t_numbered_ns
         return self.status.seq == self._seq or waited_ns < 2 * self.latency.link_ns + ANSWER_WITHIN_NS
@@ -125,7 +116,7 @@ class BoardSession:
         self.hello = self.status = self._boot_id = None
         self.clock.reset()
         self.latency.reset()
-        self._in_flight.clear()
+        self._forget_sent()
 
     def receive_hello(self, hello: BoardHello, t_now_ns: int) -> list[BoardCommand]:
         """The board's accepted answer (its protocol and limits were checked): choose its controller, ask its time."""
@@ -137,7 +128,7 @@ class BoardSession:
         self.hello, self._boot_id = hello, hello.boot_id
         self.status = None  # what was said before the greeting holds no more
         self._t_heard_ns = t_now_ns
-        self._in_flight.clear()
+        self._forget_sent()
         if self.is_resting:
             return []
         self._asking_time.restart(t_now_ns)
@@ -156,7 +147,9 @@ class BoardSession:
         """A time reply; one that went astray is ignored. One of another clock means a reset behind an open port."""
         self._t_heard_ns = t_now_ns
         relocks = self.clock.relocks
-        self.clock.update(reply, t_now_ns)
+        if self.clock.update(reply, t_now_ns):
+            self._flow.read_until(reply.t_host_ns)
+            self._flow.answered()
         if self.clock.relocks != relocks:
             self._start_over()
 
@@ -169,6 +162,10 @@ class BoardSession:
             self._start_over()
             return
         self.status = status
+        self._flow.named(status.seq)
+        self._flow.answered()
+        if self.clock.ready:  # who speaks also reads: what should be there and is not named was lost on the way
+            self._flow.read_until(self.clock.to_host_ns(status.t_board_us, near=t_now_ns) - self._patience_ns)
         if not status.applied or not self.clock.ready:
             return
         sent = self._in_flight.pop(status.seq, None)
@@ -184,13 +181,26 @@ class BoardSession:
             self.ledger.book(LedgerLine(status.seq, t_sample_ns, t_sent_ns, t_applied_ns, *ages))
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
-        """Number a drive and lay it on the board's clock; nothing while the board is not ready."""
+        """Number a drive and lay it on the board's clock; nothing while the board is not ready. While it does not
+        answer, the drive is held back in the place of the one before."""
         if not self.ready:
             return []
+        if self._flow.is_full(t_now_ns, self._patience_ns):
+            self.held_back += 1
+            self._held = drive, tick
+            return self._question(t_now_ns)
+        is_overdue = self._flow.is_overdue(t_now_ns, 2 * self.latency.link_ns)
         commands = self._numbered(drive, t_now_ns)
         self._drop_unanswered(t_now_ns)
         self._in_flight[self._seq] = (t_now_ns, drive.t_apply_ns, tick)
-        return commands
+        return [*commands, *self._question(t_now_ns)] if is_overdue else commands
+
+    def resume(self, t_now_ns: int) -> list[BoardCommand]:
+        """The board spoke: the reference that was held back, if it may go out now and is not past."""
+        if self._held is None or self._flow.is_full(t_now_ns, self._patience_ns):
+            return []
+        drive, tick = self._held
+        return [] if t_now_ns - drive.t_apply_ns > STALE_NS else self.reference(drive, tick, t_now_ns)
 
     def timer(self, t_now_ns: int) -> list[BoardCommand]:
         """What is due: greetings, time requests, keep-alives, and zero frames until the board trusts this host."""
@@ -210,6 +220,11 @@ class BoardSession:
             return commands
         if self.status.state is BoardState.TOOL:
             return commands  # a person's sweep or voltage: it must end with its own host, so nothing here feeds it
+        is_full = self._flow.is_full(t_now_ns, self._patience_ns)
+        if is_full or self._flow.is_overdue(t_now_ns, 2 * self.latency.link_ns):
+            commands += self._question(t_now_ns)
+        if is_full:
+            return commands
         if self.status.state is BoardState.QUIET and self._arming.due(t_now_ns):
             zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
             commands += self._numbered(zero, t_now_ns)
@@ -221,6 +236,9 @@ class BoardSession:
         """What a board that `follows` must hear, if nothing else is said to it."""
         if not self._keeping_alive.due(t_now_ns):
             return []
+        if t_now_ns - self._t_heard_ns > MUTE_AFTER_NS + self._patience_ns:
+            self.held_back += 1
+            return self._question(t_now_ns)
         self._is_leaving = False  # no answer came in time: the line lost the greeting, and the session goes on
         return [KeepAlive(self._seq)]
 
@@ -238,6 +256,21 @@ class BoardSession:
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
         return [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
 
+    @property
+    def _patience_ns(self) -> int:
+        """How long the board may take to name a reference."""
+        return 2 * self.latency.link_ns + OVERDUE_NS
+
+    def _question(self, t_now_ns: int) -> list[BoardCommand]:
+        """What a board that reads answers at once."""
+        return [TimeRequest(self.clock.request(t_now_ns))] if self._flow.may_ask(t_now_ns) else []
+
+    def _forget_sent(self) -> None:
+        """It is not known to whom what was sent so far went."""
+        self._in_flight.clear()
+        self._flow.clear()
+        self._held = None
+
     def _start_over(self) -> None:
         """The next timer greets: a board that was reset knows neither its controller nor its models any more."""
         self.hello = self.status = None
@@ -253,6 +286,8 @@ class BoardSession:
         self._t_numbered_ns = t_now_ns
         self._keeping_alive.restart(t_now_ns)
         self._arming.restart(t_now_ns)
+        self._flow.wrote(self._seq, t_now_ns)
+        self._held = None
         return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive)]
 
     def _drop_unanswered(self, t_now_ns: int) -> None:

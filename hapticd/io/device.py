@@ -3,6 +3,9 @@
 pyserial sets the port up and holds it exclusively; then the descriptor is non-blocking and the loop watches it, which
 halves the cost of a write against pyserial's own. A write that the port does not take at once is dropped and the
 output flushed: a stalled board must never find a queue of stale frames.
+
+A board at rest speaks ten times a second all the same. Each time would wake the loop, so meanwhile what it says waits
+for `read`, or for the answer to what was written last.
 """
 
 from __future__ import annotations
@@ -34,6 +37,8 @@ class SerialLink:
         self._retry_s = FIRST_RETRY_S
         self._said_missing = False
         self._torn = False
+        self._is_watched = False
+        self._is_resting = False
 
     def start(
         self,
@@ -49,6 +54,7 @@ class SerialLink:
         """Hand `data` to the port whole, or drop it."""
         if self._serial is None:
             return False
+        self._watch(True)
         if self._torn:
             data = FRAME_END + data  # what a dropped write left on the line must not cost this one too
         try:
@@ -65,6 +71,23 @@ class SerialLink:
         with contextlib.suppress(termios.error):
             termios.tcflush(self._serial.fd, termios.TCOFLUSH)
         return False
+
+    def rest(self, is_resting: bool) -> None:
+        """Whether what comes may wait."""
+        self._is_resting = is_resting
+        self._watch(not is_resting)
+
+    def read(self) -> None:
+        """Take what has come, if anything has: of an idle terminal a read would look like its end."""
+        if self._serial is None:
+            return
+        try:
+            is_waiting = self._serial.in_waiting > 0
+        except OSError as error:
+            self._lost(f"read failed: {error.strerror}")
+            return
+        if is_waiting:
+            self._readable()
 
     async def drained(self, within_s: float) -> None:
         """Wait until the port has sent what was written, at most `within_s`."""
@@ -99,7 +122,7 @@ class SerialLink:
         self._said_missing = self._torn = False
         self._retry_s = FIRST_RETRY_S
         os.set_blocking(self._serial.fd, False)
-        self._loop.add_reader(self._serial.fd, self._readable)
+        self._watch(True)
         self._on_link(True, f"{self.port} open at {self._baud} baud")
 
     def _readable(self) -> None:
@@ -114,7 +137,19 @@ class SerialLink:
         if not data:
             self._lost("end of file")
             return
+        if self._is_resting:
+            self._watch(False)
         self._on_bytes(data)
+
+    def _watch(self, is_watched: bool) -> None:
+        """Have the loop call `_readable`, or no more."""
+        if self._serial is None or is_watched is self._is_watched:
+            return
+        self._is_watched = is_watched
+        if is_watched:
+            self._loop.add_reader(self._serial.fd, self._readable)
+        else:
+            self._loop.remove_reader(self._serial.fd)
 
     def _lost(self, reason: str) -> None:
         self._release()
@@ -125,7 +160,7 @@ class SerialLink:
     def _release(self) -> None:
         if self._serial is None:
             return
-        self._loop.remove_reader(self._serial.fd)
+        self._watch(False)
         with contextlib.suppress(OSError):
             self._serial.close()
         self._serial = None

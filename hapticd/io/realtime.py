@@ -2,6 +2,7 @@
 
     go_real_time     SCHED_FIFO and a processor for the calling thread, memory that is not paged out
     quiet_collector  no garbage collection while a finger is down
+    Pauses           how long each one took that came all the same
     PeriodicTimer    a timerfd on the loop: asyncio's own timers are rounded up to milliseconds, twice
 
 `os.timerfd_create` came with Python 3.13, and mlockall with none: both are called in the C library.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import functools
 import gc
 import os
 import struct
@@ -19,7 +21,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Granted", "PeriodicTimer", "collect_when_idle", "go_real_time", "quiet_collector"]
+__all__ = ["Granted", "Pauses", "PeriodicTimer", "collect_when_idle", "go_real_time", "quiet_collector"]
 
 SWITCH_INTERVAL_S = 5e-4  # how long another Python thread (a trackpad's reader) may keep the loop from its work
 EMERGENCY_ALLOCATIONS = 50_000  # of the youngest generation: only a hand that never lifts comes here
@@ -94,6 +96,27 @@ def collect_when_idle() -> int:
     return gc.collect() if sum(gc.get_count()) > 0 else 0
 
 
+class Pauses:
+    """Calls `on_pause(span_ns)` after each garbage collection of this process, from the constructor to `close`."""
+
+    def __init__(self, on_pause: Callable[[int], None], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self._on_pause = on_pause
+        self._clock_ns = clock_ns
+        self._t_begin_ns = clock_ns()
+        gc.callbacks.append(self._collected)
+
+    def close(self) -> None:
+        """Tell no more. Safe to call twice."""
+        if self._collected in gc.callbacks:
+            gc.callbacks.remove(self._collected)
+
+    def _collected(self, phase: str, _: dict[str, int]) -> None:
+        if phase == "start":
+            self._t_begin_ns = self._clock_ns()
+        else:
+            self._on_pause(self._clock_ns() - self._t_begin_ns)
+
+
 class PeriodicTimer:
     """Calls `on_due(late_ns, missed)` on the loop every `period_ns` of the monotonic clock, without drift.
 
@@ -123,10 +146,10 @@ class PeriodicTimer:
         """The period in force."""
         return self._period_ns
 
-    def set_period(self, period_ns: int) -> None:
-        """Count anew from now: the next tick is `period_ns` away."""
+    def set_period(self, period_ns: int, first_ns: int | None = None) -> None:
+        """Count anew from now: the next tick is `first_ns` away, or a period where that is None."""
         self._period_ns = period_ns
-        self._t_due_ns = self._clock_ns() + period_ns
+        self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
         if self._fd is not None:
             _set_timerfd(self._fd, self._t_due_ns, period_ns)
         else:
@@ -167,6 +190,7 @@ class PeriodicTimer:
         self._on_due(self._clock_ns() - t_last_due_ns, ticks - 1)
 
 
+@functools.cache
 def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
 

@@ -31,7 +31,7 @@ OnLink = Callable[[bool, str], None]
 
 REPORT_BYTES = 512  # the longest report is 280 bytes, and a short read would lose the rest
 BATCH = 64  # the kernel keeps 63 reports
-_READ_MS = 100
+_READ_MS = 250  # and then the thread looks whether it shall stop; each look wakes the process
 _ENABLE_EVERY_NS = 500_000_000
 _USB, _BLUETOOTH = 1, 2  # hidapi's bus_type
 

@@ -107,7 +107,8 @@ class PlateState:
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
     mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
     `modal_um` are the phasors that the board was asked for, `measured_um` those that it last measured; `markers` came
-    since the message before.
+    since the message before. `tick_late_ms` is by how much the loop's newest timer tick was late; `missed_ticks` and
+    `pauses` (of Python's collector, above 1 ms) count since the start.
     """
 
     instance: int
@@ -122,6 +123,9 @@ class PlateState:
     horizon_ms: float
     markers: tuple[Marker, ...] = ()
     measured_um: tuple[complex, ...] = ()
+    tick_late_ms: float = 0.0
+    missed_ticks: int = 0
+    pauses: int = 0
 
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -223,6 +227,9 @@ def encode_state(state: PlateState) -> bytes:
                 "condition": _finite(state.condition),
                 "age_ms": _finite(state.age_ms),
                 "horizon_ms": _finite(state.horizon_ms),
+                "tick_late_ms": _finite(state.tick_late_ms),
+                "missed_ticks": state.missed_ticks,
+                "pauses": state.pauses,
                 **_marker_fields(state.markers),
             }
         )

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.ledger import LATE_NS, LEDGER_LENGTH, Histogram, Ledger, LedgerLine, LoopTiming
+from hapticd.core.ledger import LATE_NS, LEDGER_LENGTH, PAUSE_NS, Histogram, Ledger, LedgerLine, LoopTiming
 
 MS = 1_000_000
 spans = st.integers(-(2**62), 2**62) | st.integers(-10, 5000) | st.integers(0, 2**40).map(lambda span: span | 1)
@@ -85,3 +85,17 @@ def test_the_loop_s_part_is_from_reading_to_writing() -> None:
     assert (timing.read_age.count, timing.read_age.longest_ns) == (1, 10_000)
     assert (timing.wait.longest_ns, timing.compute.longest_ns, timing.tick_late.longest_ns) == (20, 300, 70)
     assert (timing.joined_reports, timing.missed_ticks) == (2, 2)
+
+
+def test_a_frame_is_on_the_wire_some_time_after_its_report_was_read() -> None:
+    timing = LoopTiming()
+    timing.wrote(1000, 181_000)
+    assert (timing.wire.count, timing.wire.longest_ns) == (1, 180_000)
+
+
+@pytest.mark.parametrize(("span_ns", "counted"), [(PAUSE_NS, 0), (PAUSE_NS + 1, 1)])
+def test_a_pause_is_counted_beyond_a_millisecond_and_each_is_kept(span_ns: int, counted: int) -> None:
+    timing = LoopTiming()
+    timing.paused(span_ns)
+    assert timing.pauses == counted
+    assert timing.pause.longest_ns == span_ns

@@ -215,7 +215,10 @@ def test_while_a_reference_stands_the_board_hears_something_every_twenty_millise
 def test_a_quiet_board_is_sent_zero_frames_until_it_trusts_its_host() -> None:
     bench = Bench().met()
     bench.say(BoardState.QUIET)
-    frames = [command for _, command in bench.run(60 * MS) if isinstance(command, ReferenceFrame)]
+    frames: list[ReferenceFrame] = []
+    for _ in range(6):
+        frames += [command for _, command in bench.run(10 * MS) if isinstance(command, ReferenceFrame)]
+        bench.say(BoardState.QUIET, seq=len(frames))
     assert len(frames) == 3
     assert [frame.seq for frame in frames] == [1, 2, 3]
     assert not any(any(knot.modal_um) for frame in frames for knot in frame.drive.knots)
@@ -274,7 +277,7 @@ def test_a_status_of_another_clock_means_a_reset_behind_an_open_port(before_us: 
 
 def test_a_time_of_another_clock_means_the_same() -> None:
     bench = Bench().met()
-    (asked,) = [command for _, command in bench.run(600 * MS) if isinstance(command, TimeRequest)]
+    asked = [command for _, command in bench.run(600 * MS) if isinstance(command, TimeRequest)][-1]
     t_board_us = board_us(bench.t_ns) - 400_000  # too small a leap for a status to tell
     bench.session.receive_time(BoardTime(asked.t_host_ns, t_board_us, t_board_us), bench.t_ns)
     assert not bench.session.ready
@@ -351,6 +354,79 @@ def test_frames_that_are_never_acknowledged_are_forgotten_after_a_second() -> No
         bench.say()
         bench.send()
     assert len(bench.session._in_flight) <= SILENT_AFTER_NS // (11 * MS) + 2
+
+
+def kinds(commands: list[BoardCommand]) -> list[type]:
+    return [type(command) for command in commands]
+
+
+def test_before_a_board_that_stopped_reading_lie_two_references_at_most() -> None:
+    bench = Bench().met()
+    said = []
+    for _ in range(80):  # nine tenths of a second: then the board is silent, and is greeted anew
+        bench.t_ns += 11 * MS
+        said += bench.send() + bench.session.timer(bench.t_ns)
+    assert kinds(said).count(ReferenceFrame) == 2
+    assert kinds(said).count(KeepAlive) <= 1
+    assert kinds(said).count(TimeRequest) <= 24
+    assert bench.session.held_back >= 78
+
+
+def unanswered(references: int) -> tuple[Bench, list[BoardCommand]]:
+    bench, said = Bench().met(), list[BoardCommand]()
+    for _ in range(references):
+        bench.t_ns += 11 * MS
+        said = bench.send()
+    return bench, said
+
+
+def test_of_the_references_held_back_the_newest_goes_out_when_the_board_names_one_it_read() -> None:
+    bench, said = unanswered(4)
+    assert kinds(said) == [TimeRequest]
+    assert bench.session.resume(bench.t_ns) == []  # it has not spoken
+    bench.say(seq=1)
+    newest = bench.session.resume(bench.t_ns)[0]
+    assert isinstance(newest, ReferenceFrame)
+    assert newest.seq == 3
+    assert newest.drive.t_apply_ns == bench.t_ns + 5 * MS
+    assert bench.session.resume(bench.t_ns) == []
+
+
+def test_an_answered_question_tells_references_that_were_lost_from_those_that_wait() -> None:
+    bench, (question,) = unanswered(3)
+    assert isinstance(question, TimeRequest)
+    bench.time_answer(question)
+    assert kinds(bench.session.resume(bench.t_ns)) == [ReferenceFrame]
+
+
+def test_a_board_that_speaks_has_lost_what_it_does_not_name() -> None:
+    bench, _ = unanswered(3)
+    bench.session.status = None  # whose clock this bench does not care for
+    bench.say(t_board_us=board_us(bench.t_ns))
+    assert kinds(bench.session.resume(bench.t_ns)) == [ReferenceFrame, TimeRequest]
+
+
+def test_a_reference_that_was_held_back_until_it_was_past_is_not_sent_and_none_stands() -> None:
+    bench, _ = unanswered(3)
+    bench.t_ns += 80 * MS
+    bench.say(seq=2)
+    assert bench.session.resume(bench.t_ns) == []
+    assert not bench.session.follows(bench.t_ns)  # so the next pass says what holds now
+    assert kinds(bench.send()) == [ReferenceFrame]
+    assert bench.session.follows(bench.t_ns)
+
+
+def test_a_board_that_fell_mute_hears_no_keep_alives_but_is_asked() -> None:
+    bench = Bench().met()
+    said = bench.run(900 * MS)
+    assert max(t_ns for t_ns, command in said if isinstance(command, KeepAlive)) <= START_NS + 300 * MS
+    assert any(isinstance(command, TimeRequest) for t_ns, command in said if t_ns > START_NS + 300 * MS)
+
+
+def test_greeted_anew_a_board_has_nothing_unread() -> None:
+    bench, _ = unanswered(4)
+    bench.know(bench.session.receive_hello(HELLO, bench.t_ns))
+    assert kinds(bench.send()) == [ReferenceFrame]
 
 
 def test_numbers_wrap_as_on_the_wire() -> None:

@@ -212,3 +212,39 @@ def test_a_closed_link_says_nothing_more(bench: Bench) -> None:
         assert [up for up, _ in bench.told] == [True]
 
     play(bench, story)
+
+
+def test_what_a_board_at_rest_says_waits_until_it_is_read_or_something_was_written(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.link.rest(True)
+        for said in (b"one", b"two"):
+            os.write(bench.port.master, said)
+            for _ in range(3):
+                await asyncio.sleep(0)  # the loop looks at its descriptors each time
+            assert bench.data == b""
+        bench.link.read()
+        assert bench.data == b"onetwo"
+        bench.link.read()  # there is nothing
+        bench.link.write(b"what time is it?")
+        os.write(bench.port.master, b"late")
+        await bench.until(lambda: bench.data == b"onetwolate")
+        os.write(bench.port.master, b"!")
+        bench.link.rest(False)
+        await bench.until(lambda: bench.data == b"onetwolate!")
+
+    play(bench, story)
+
+
+def test_a_plug_pulled_at_rest_is_told_at_the_next_look(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.link.rest(True)
+        bench.port.pull()
+        bench.link.read()
+        assert [up for up, _ in bench.told] == [True, False]
+        bench.link.read()  # nobody is there
+
+    play(bench, story)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from hapticd.io import realtime
-from hapticd.io.realtime import Granted, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
+from hapticd.io.realtime import Granted, Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
 
 MS = 1_000_000
 PATIENCE_S = 10.0
@@ -147,3 +147,30 @@ def test_what_is_asked_for_is_for_this_thread_and_not_for_those_it_makes(monkeyp
     monkeypatch.setattr(os, "sched_setscheduler", lambda _, policy, param: asked.append((policy, param.sched_priority)))
     go_real_time(fifo_priority=20)
     assert asked == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 20)]
+
+
+def test_each_collection_is_timed_until_it_is_closed() -> None:
+    told: list[int] = []
+    clock_ns = iter((0, 1000, 1700, 5000, 5900))
+    pauses = Pauses(told.append, clock_ns=lambda: next(clock_ns))
+    gc.collect()
+    gc.collect()
+    pauses.close()
+    pauses.close()
+    gc.collect()
+    assert told == [700, 900]
+
+
+@pytest.mark.usefixtures("_each_timer")
+def test_the_first_tick_may_be_put_off() -> None:
+    async def story() -> None:
+        told = asyncio.Event()
+        timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: told.set())
+        t_begin_ns = time.monotonic_ns()
+        timer.set_period(MS, 30 * MS)
+        await asyncio.wait_for(told.wait(), PATIENCE_S)
+        assert time.monotonic_ns() - t_begin_ns >= 30 * MS
+        assert timer.period_ns == MS
+        timer.close()
+
+    asyncio.run(story())

@@ -350,6 +350,9 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         age_ms=10.5,
         horizon_ms=16.0,
         measured_um=(1.1 + 0.1j, complex(math.nan, 2.0)),
+        tick_late_ms=0.25,
+        missed_ticks=3,
+        pauses=1,
     )
     assert msgpack.unpackb(client.encode_state(state)) == {
         "v": 1,
@@ -377,6 +380,9 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         "condition": None,
         "age_ms": 10.5,
         "horizon_ms": 16.0,
+        "tick_late_ms": 0.25,
+        "missed_ticks": 3,
+        "pauses": 1,
     }
 
 
