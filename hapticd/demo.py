@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import ownedprocess
 from .config_sections import LimitsConfig, SolverConfig
 from .daemonprocess import DaemonProcess
 from .errors import HapticdError
@@ -170,9 +171,8 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
     if not opens and find_spec("aiohttp") is None:
         yield
         return
-    command = [sys.executable, "-m", "hapticd", "view", "--endpoint", str(runtime_dir), "--port", "0"]
-    command += [] if opens else ["--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+    command = ["view", "--endpoint", str(runtime_dir), "--port", "0", *([] if opens else ["--no-browser"])]
+    with ownedprocess.start(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         print(process.stdout.readline(), end="", flush=True)
         try:
