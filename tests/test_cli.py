@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import errno
 import json
 import logging
@@ -17,6 +18,7 @@ import pytest
 
 from hapticd import __version__, config, installation
 from hapticd.__main__ import COMMANDS, main
+from hapticd.__main__ import parser as cli_parser
 
 
 @pytest.fixture(autouse=True)
@@ -43,11 +45,33 @@ def test_there_are_the_commands_that_the_readme_names() -> None:
     assert {"demo", "run", "simulate", "doctor"} <= set(COMMANDS)
 
 
+def with_subcommands(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """A command's parser by its whole name, and those of all that stand below it."""
+    yield name, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below, one in action.choices.items():
+                yield from with_subcommands(f"{name} {below}", one)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_every_command_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_of_every_command_and_subcommand_has_an_example(command: str) -> None:
+    (commands,) = (action for action in cli_parser(command)._actions if isinstance(action, argparse._SubParsersAction))
+    for name, parser in with_subcommands(command, commands.choices[command]):
+        assert f"example: hapticd {name}" in parser.format_help(), name
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, said, _ = outcome(capsys, command, "--help")
     assert code == 0
     assert f"example: hapticd {command}" in said
+
+
+def test_the_command_line_s_own_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said, _ = outcome(capsys, "--help")
+    assert code == 0
+    assert "example: hapticd view --sim" in said
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
