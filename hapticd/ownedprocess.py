@@ -1,7 +1,6 @@
 """A command of hapticd as a process that ends with the one which started it, however that dies.
 
-Its standard input is a pipe whose other end only its owner holds: once the kernel closes that, nobody is left to end it,
-and it ends itself.
+Its standard input is a pipe whose other end only its owner holds: once the kernel closes that, it ends itself.
 """
 
 from __future__ import annotations
