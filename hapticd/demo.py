@@ -25,7 +25,8 @@ import numpy as np
 from . import ownedprocess
 from .config_sections import LimitsConfig, SolverConfig
 from .daemonprocess import DaemonProcess
-from .errors import HapticdError
+from .errors import HapticdError, UsageError
+from .outputs import check_writable
 from .sim import lockstep
 from .sim.emulator import find_program
 from .sim.picture import Film, draw
@@ -76,11 +77,10 @@ def show(
     except ImportError:
         raise HapticdError("The demo is a client too: install it with `pip install clients/python`.") from None
     if not seconds > 0:
-        raise HapticdError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
-    if not out.absolute().parent.is_dir():
-        raise HapticdError(f"{out}: its directory is missing, so the picture could not be written: create it first.")
+        raise UsageError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
+    check_writable(out)
     if board == "library" and image is not None:
-        raise HapticdError("--image is for a board in another process: give --board qemu or --board host as well.")
+        raise UsageError("--image is for a board in another process: give --board qemu or --board host as well.")
     program = None if board == "library" else find_program(board, image)
     try:
         return _play(seconds, seed, out, board, program, in_browser=in_browser)

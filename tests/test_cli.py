@@ -214,3 +214,42 @@ def test_a_reader_who_has_seen_enough_is_no_error() -> None:
     command = f"{sys.executable} -m hapticd run --print-config | head -n 1; exit ${{PIPESTATUS[0]}}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("demo", "--out"),
+        ("simulate", "strokes", "--plot"),
+        ("simulate", "strokes", "--json"),
+        ("simulate", "strokes", "--out"),
+        ("map", "--plot"),
+        ("map", "--out"),
+        ("latency", "--sim", "--ledger"),
+        ("bench", "all", "--json"),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize(("place", "why"), [("missing/file", "its directory is missing"), (".", "is a directory")])
+def test_what_cannot_be_written_is_said_before_anything_is_done_for_it(
+    command: tuple[str, ...], place: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, complaint = outcome(capsys, *command, str(tmp_path / place))
+    assert (code, said) == (2, "")
+    assert complaint.startswith(f"hapticd: {tmp_path / place}: {why}")
+    assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [("demo", "--seconds", "0"), ("latency", "--sim", "--seconds", "0")])
+def test_no_time_is_a_usage_error(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    code, said, complaint = outcome(capsys, *arguments)
+    assert (code, said) == (2, "")
+    assert complaint.count("\n") == 1
+
+
+def test_a_folder_given_as_configuration_is_said_without_a_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path))
+    assert code == 78
+    assert complaint == f"hapticd: {tmp_path}: cannot be read (Is a directory): check the path given to --config.\n"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..config_sections import SCENARIO_NAMES
 from ..daemonprocess import DaemonProcess
-from ..errors import ConfigError, HapticdError
+from ..errors import HapticdError, UsageError
 from ..sim.rigprocess import RigProcess
 
 SCENARIO = "hands"
@@ -55,12 +55,6 @@ def _check(*, simulate: bool, scenario: str | None, endpoint: str | None, port: 
         raise UsageError(f"--scenario: there is no {scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
     if endpoint is not None and not Path(endpoint.removeprefix("ipc://")).is_dir():
         raise UsageError(f"--endpoint: {endpoint} is no directory: name the service's runtime directory.")
-
-
-class UsageError(ConfigError):
-    """An argument that cannot be."""
-
-    exit_code = 2
 
 
 def _listener(port: int) -> socket.socket:
