@@ -159,13 +159,13 @@ def test_an_unknown_scenario_names_the_known_ones(capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
 def test_a_demo_of_no_length_is_refused(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", f"--seconds={seconds}")
-    assert code == 1
+    assert code == 2
     assert "is too short" in complaint
 
 
 def test_an_image_without_a_board_to_run_it_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--image", "qemu.elf")
-    assert code == 1
+    assert code == 2
     assert complaint.endswith("give --board qemu or --board host as well.\n")
 
 

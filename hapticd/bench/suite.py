@@ -112,6 +112,7 @@ def _is_drawn(table: Table) -> bool:
 
 def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
     for name in [name for name in PARTS if name not in APART] if part == "all" else (part,):
+        print(f"measuring {name} ...", file=sys.stderr, flush=True)
         yield name, PARTS[name](extent)
 
 

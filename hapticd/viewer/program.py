@@ -31,6 +31,7 @@ def run(
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
         if simulate:
+            print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
             endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
         asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
