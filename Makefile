@@ -42,6 +42,7 @@ firmware:
 COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/wire/*.py hapticd/build_ext.py)
 
 $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
+	@echo "Everything goes into $(VENV); compiling the touch path takes some minutes."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[plot,test,lint]" --editable clients/python

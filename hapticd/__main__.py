@@ -144,7 +144,10 @@ def _stopped_by_the_system(error: OSError) -> int:
 def parser(chosen: str = "") -> argparse.ArgumentParser:
     """All commands by name, and the arguments of the one that is `chosen`."""
     whole = argparse.ArgumentParser(
-        prog="hapticd", description="Every finger on one vibrating glass plate gets its own friction."
+        prog="hapticd",
+        description="Every finger on one vibrating glass plate gets its own friction.",
+        epilog="example: hapticd view --sim\n\n`hapticd COMMAND --help` explains each, with an example.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     whole.add_argument("--version", action="version", version=f"hapticd {__version__}")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")

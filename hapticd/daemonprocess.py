@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
+
+from . import ownedprocess
 
 END_WITHIN_S = 10.0
 
@@ -27,9 +28,7 @@ class DaemonProcess:
         )
 
     def __enter__(self) -> DaemonProcess:
-        # Its own session: a Ctrl-C is for who started it, who then ends it.
-        command = [sys.executable, "-m", "hapticd", "run", "--config", str(self._config)]
-        self.process = subprocess.Popen(command, start_new_session=True)
+        self.process = ownedprocess.start(["run", "--config", str(self._config)], forget=Path(self._folder.name))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -39,4 +38,6 @@ class DaemonProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        if self.process.stdin is not None:
+            self.process.stdin.close()
         self._folder.cleanup()

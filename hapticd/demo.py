@@ -9,6 +9,7 @@ whole program in QEMU or in a process of its own, with a simpler plate inside: t
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,9 +22,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import ownedprocess
 from .config_sections import LimitsConfig, SolverConfig
 from .daemonprocess import DaemonProcess
-from .errors import HapticdError
+from .errors import HapticdError, UsageError
+from .outputs import check_writable
 from .sim import lockstep
 from .sim.emulator import find_program
 from .sim.picture import Film, draw
@@ -36,7 +39,7 @@ from .values import AmplitudeTarget
 from .view import LiveView
 
 if TYPE_CHECKING:
-    from hapticd_client import Client
+    from hapticd_client import Client, PlateState
 
 SCENARIO = "strokes"
 FINGERS = 2
@@ -74,11 +77,10 @@ def show(
     except ImportError:
         raise HapticdError("The demo is a client too: install it with `pip install clients/python`.") from None
     if not seconds > 0:
-        raise HapticdError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
-    if not out.absolute().parent.is_dir():
-        raise HapticdError(f"{out}: its directory is missing, so the picture could not be written: create it first.")
+        raise UsageError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
+    check_writable(out)
     if board == "library" and image is not None:
-        raise HapticdError("--image is for a board in another process: give --board qemu or --board host as well.")
+        raise UsageError("--image is for a board in another process: give --board qemu or --board host as well.")
     program = None if board == "library" else find_program(board, image)
     try:
         return _play(seconds, seed, out, board, program, in_browser=in_browser)
@@ -89,6 +91,8 @@ def show(
 def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None, *, in_browser: bool) -> int:
     import hapticd_client
 
+    print("starting the simulated rig, the daemon and a client ...", flush=True)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was started ends too
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
         rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
@@ -97,14 +101,16 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
             DaemonProcess(f'rig_dir = "{rig.directory}"', f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon,
         ):
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
+                person = _Person(client, rig, seed)
                 with _watched(daemon.runtime_dir, opens=in_browser):
-                    t_asked_s = _ask(client, rig, seed)
-                    status = _watch(client, seconds)
+                    t_asked_s = _ask(client, person)
+                    status = _watch(client, person, seconds)
                 if status["board"].get("refused"):
                     raise HapticdError(status["board"]["refused"])
             t_end_s = time.monotonic() - rig.t_start_s
         with np.load(record) as arrays:
             ours = _film(dict(arrays), BOARD_NAMES[board]).between(t_asked_s, t_end_s)
+    print("\njudging it, and the paper's scheme on the same fingers ...", flush=True)
     same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
     played = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
     paper = Film.of(played, "the paper's scheme").between(t_asked_s, t_end_s)
@@ -145,20 +151,41 @@ def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _ask(client: Client, rig: RigProcess, seed: int) -> float:
-    """Ask for what each of the scenario's fingers should feel. Returns when, in the rig's time."""
-    person = ScriptedClient(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S))
+class _Person:
+    """Whose fingers the scenario plays: asks for what each should feel, whenever one lands.
+
+    On a computer that stalls the pad seems silent, its fingers count as lifted, and land anew under other ids.
+    """
+
+    def __init__(self, client: Client, rig: RigProcess, seed: int) -> None:
+        self._client, self._rig = client, rig
+        self._scripted = ScriptedClient(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S))
+        self._asked: set[int] = set()
+
+    def see(self, state: PlateState) -> None:
+        """Ask for what the fingers that are new shall feel."""
+        fingers = [(finger.id, finger.x_mm, finger.y_mm) for finger in state.fingers if isinstance(finger.id, int)]
+        if all(finger_id in self._asked for finger_id, _, _ in fingers):
+            return
+        t_s = self.t_s()
+        wanted = self._scripted.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
+        for finger, target in (wanted.targets if wanted is not None else {}).items():
+            if isinstance(finger, int) and finger not in self._asked and isinstance(target, AmplitudeTarget):
+                self._client.set(finger, amplitude_um=target.amplitude_um, wait=False)
+                self._asked.add(finger)
+
+    def t_s(self) -> float:
+        """Now, in the rig's time."""
+        return time.monotonic() - self._rig.t_start_s
+
+
+def _ask(client: Client, person: _Person) -> float:
+    """Wait for the scenario's fingers and ask for what each should feel. Returns when, in the rig's time."""
     t_give_up_s = time.monotonic() + FINGERS_WITHIN_S
     for state in client.states(timeout_s=FINGERS_WITHIN_S):
-        fingers = [(finger.id, finger.x_mm, finger.y_mm) for finger in state.fingers if isinstance(finger.id, int)]
-        if len(fingers) == FINGERS:
-            t_s = time.monotonic() - rig.t_start_s
-            wanted = person.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
-            assert wanted is not None, "the first thing a person wants is news"
-            for finger, target in wanted.targets.items():
-                assert isinstance(target, AmplitudeTarget)
-                client.set(finger, amplitude_um=target.amplitude_um)
-            return time.monotonic() - rig.t_start_s
+        if len(state.fingers) == FINGERS:
+            person.see(state)
+            return person.t_s()
         if time.monotonic() > t_give_up_s:
             break
     raise HapticdError("The simulated fingers did not land: try `hapticd run --sim` and read what it says.")
@@ -170,9 +197,8 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
     if not opens and find_spec("aiohttp") is None:
         yield
         return
-    command = [sys.executable, "-m", "hapticd", "view", "--endpoint", str(runtime_dir), "--port", "0"]
-    command += [] if opens else ["--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+    command = ["view", "--endpoint", str(runtime_dir), "--port", "0", *([] if opens else ["--no-browser"])]
+    with ownedprocess.start(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         print(process.stdout.readline(), end="", flush=True)
         try:
@@ -181,12 +207,13 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
             process.terminate()
 
 
-def _watch(client: Client, seconds: float) -> dict[str, Any]:
+def _watch(client: Client, person: _Person, seconds: float) -> dict[str, Any]:
     """Show the live view for `seconds`; returns the daemon's status at its end."""
     view = LiveView(sys.stdout)
     t_end_s = time.monotonic() + seconds
     for state in client.states(timeout_s=2.0):
         t_now_s = time.monotonic()
+        person.see(state)
         view.update(state, t_now_s)
         if t_now_s >= t_end_s:
             break

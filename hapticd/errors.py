@@ -7,6 +7,12 @@ class HapticdError(Exception):
     exit_code = 1
 
 
+class UsageError(HapticdError):
+    """An argument of a command cannot be."""
+
+    exit_code = 2
+
+
 class ConfigError(HapticdError):
     """A configuration file has an unknown key, a wrong type, a value out of bounds or names a missing file."""
 
@@ -55,3 +61,8 @@ class SimulationError(HapticdError, ValueError):
     """A simulated run is asked for that cannot be: unknown scenario or setting, or a value out of bounds."""
 
     exit_code = 64  # EX_USAGE
+
+
+def reason(error: Exception) -> str:
+    """What the system says of it; number and file are left to the sentence around it."""
+    return str(getattr(error, "strerror", None) or error)

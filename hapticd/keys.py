@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import zmq.auth
 
@@ -21,24 +22,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
 
-    make = actions.add_parser("make", help="make a pair: the daemon's, or with a NAME a client's")
+    make = _action(actions, "make", "make a pair: the daemon's, or with a NAME a client's", ". study-7")
     make.add_argument("directory", type=Path, metavar="DIR", help="where its two files go")
     make.add_argument("name", nargs="?", default=keys.DAEMON_NAME, metavar="NAME", help="what the daemon will call it")
     make.set_defaults(command=_make)
 
-    allow = actions.add_parser("allow", help="let the client with this public key in")
+    allow = _action(actions, "allow", "let the client with this public key in", "/etc/hapticd/keys study-7.key")
     allow.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     allow.add_argument("certificate", type=Path, metavar="NAME.key", help="its public half; the secret stays with it")
     allow.set_defaults(command=_allow)
 
-    revoke = actions.add_parser("revoke", help="let a client in no more")
+    revoke = _action(actions, "revoke", "let a client in no more", "/etc/hapticd/keys study-7")
     revoke.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     revoke.add_argument("name", metavar="NAME", help="as `list` shows it")
     revoke.set_defaults(command=_revoke)
 
-    show = actions.add_parser("list", help="show the daemon's public key and who is let in")
+    show = _action(actions, "list", "show the daemon's public key and who is let in", "/etc/hapticd/keys")
     show.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     show.set_defaults(command=_list)
+
+
+def _action(actions: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = actions.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.",
+        epilog=f"example: hapticd keys {name} {example}",
+    )
+    return parser
 
 
 def _make(options: argparse.Namespace) -> None:

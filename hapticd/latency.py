@@ -21,8 +21,9 @@ from typing import TextIO
 from .config_sections import Config
 from .core.ledger import Histogram, LedgerLine
 from .daemon import Daemon, now_ns, serve
-from .errors import HapticdError
+from .errors import HapticdError, UsageError, reason
 from .machine import Machine
+from .outputs import check_writable
 from .service import Prepared, Workshop
 from .status import histogram_fields
 from .values import AmplitudeTarget, ClientTargets, Target
@@ -61,6 +62,7 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
     Raises HapticdError where no frame was answered.
     """
+    check_writable(json_file, ledger, plot)
     measured = measure(config, seconds)
     print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
     if json_file is not None:
@@ -75,7 +77,7 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 def measure(config: Config, seconds: float) -> Measured:
     """Serve the configured devices for `seconds`. Raises HapticdError where no frame was answered."""
     if not 0.0 < seconds < math.inf:
-        raise HapticdError(f"latency: {seconds:g} s is no time to measure in: give --seconds above 0.")
+        raise UsageError(f"latency: {seconds:g} s is no time to measure in: give --seconds above 0.")
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, Workshop() as workshop:
         config = replace(config, client=replace(config.client, runtime_dir=folder))
         measured = asyncio.run(_measure(workshop.prepare(config), seconds))
@@ -208,4 +210,4 @@ def draw(measured: Measured, path: Path) -> None:
     try:
         figure.savefig(path, dpi=120)
     except (OSError, ValueError) as error:
-        raise HapticdError(f"{path}: cannot be drawn ({error}): name a .png in a folder of yours.") from None
+        raise HapticdError(f"{path}: cannot be drawn ({reason(error)}): name a .png in a folder of yours.") from None

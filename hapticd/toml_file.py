@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from .errors import ConfigError
+from .errors import ConfigError, reason
 
 MAX_BYTES = 65536  # the whole commented configuration has 5000
 MAX_TEXT = 4096  # characters of a key or a text, as long as a path can be
@@ -27,7 +27,7 @@ def read_table(path: Path, hint: str) -> dict[str, Any]:
             data = file.read(MAX_BYTES + 1)
         text = data.decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error}): {hint}.") from None
+        raise ConfigError(f"{path}: cannot be read ({reason(error)}): {hint}.") from None
     if len(data) > MAX_BYTES:
         raise ConfigError(f"{path}: has more than {MAX_BYTES} bytes: {hint}.")
     return parse(text, str(path))

@@ -6,6 +6,7 @@ Redrawn in place on a terminal, one line a second elsewhere.
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
 from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
@@ -18,6 +19,7 @@ LINE_S = 1.0
 RATE_OVER = 64
 PLATE_MM = 137.5
 COLUMNS, ROWS = 45, 15
+COLUMNS_UNTOLD = 80  # of a terminal that does not say how wide it is
 LEAST_UM = 0.005  # less is shown as 0
 CLEAR_TO_END = "\x1b[J"
 
@@ -43,6 +45,9 @@ class LiveView:
             return
         self._t_drawn_s = t_now_s
         lines = self._picture(state) if self._in_place else [self._line(state)]
+        if self._in_place:  # a line that wraps would be two, and the next picture begin too low
+            width = _columns(self._out)
+            lines = [line[:width] for line in lines]
         if self._in_place and self._lines > 0:
             self._out.write(f"\x1b[{self._lines}A\r{CLEAR_TO_END}")
         self._out.write("\n".join(lines) + "\n")
@@ -82,6 +87,13 @@ class LiveView:
             f"horizon {state.horizon_ms:4.1f} ms"
         )
         return lines
+
+
+def _columns(out: TextIO) -> int:
+    try:
+        return os.get_terminal_size(out.fileno()).columns or COLUMNS_UNTOLD
+    except (OSError, ValueError):  # no terminal at all, but something that says so
+        return COLUMNS_UNTOLD
 
 
 def _plate(state: PlateState) -> list[str]:

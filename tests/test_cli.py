@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import errno
 import json
 import logging
@@ -17,6 +18,7 @@ import pytest
 
 from hapticd import __version__, config, installation
 from hapticd.__main__ import COMMANDS, main
+from hapticd.__main__ import parser as cli_parser
 
 
 @pytest.fixture(autouse=True)
@@ -43,11 +45,33 @@ def test_there_are_the_commands_that_the_readme_names() -> None:
     assert {"demo", "run", "simulate", "doctor"} <= set(COMMANDS)
 
 
+def with_subcommands(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """A command's parser by its whole name, and those of all that stand below it."""
+    yield name, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below, one in action.choices.items():
+                yield from with_subcommands(f"{name} {below}", one)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_every_command_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_of_every_command_and_subcommand_has_an_example(command: str) -> None:
+    (commands,) = (action for action in cli_parser(command)._actions if isinstance(action, argparse._SubParsersAction))
+    for name, parser in with_subcommands(command, commands.choices[command]):
+        assert f"example: hapticd {name}" in parser.format_help(), name
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, said, _ = outcome(capsys, command, "--help")
     assert code == 0
     assert f"example: hapticd {command}" in said
+
+
+def test_the_command_line_s_own_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said, _ = outcome(capsys, "--help")
+    assert code == 0
+    assert "example: hapticd view --sim" in said
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,13 +159,13 @@ def test_an_unknown_scenario_names_the_known_ones(capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
 def test_a_demo_of_no_length_is_refused(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", f"--seconds={seconds}")
-    assert code == 1
+    assert code == 2
     assert "is too short" in complaint
 
 
 def test_an_image_without_a_board_to_run_it_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--image", "qemu.elf")
-    assert code == 1
+    assert code == 2
     assert complaint.endswith("give --board qemu or --board host as well.\n")
 
 
@@ -190,3 +214,42 @@ def test_a_reader_who_has_seen_enough_is_no_error() -> None:
     command = f"{sys.executable} -m hapticd run --print-config | head -n 1; exit ${{PIPESTATUS[0]}}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("demo", "--out"),
+        ("simulate", "strokes", "--plot"),
+        ("simulate", "strokes", "--json"),
+        ("simulate", "strokes", "--out"),
+        ("map", "--plot"),
+        ("map", "--out"),
+        ("latency", "--sim", "--ledger"),
+        ("bench", "all", "--json"),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize(("place", "why"), [("missing/file", "its directory is missing"), (".", "is a directory")])
+def test_what_cannot_be_written_is_said_before_anything_is_done_for_it(
+    command: tuple[str, ...], place: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, complaint = outcome(capsys, *command, str(tmp_path / place))
+    assert (code, said) == (2, "")
+    assert complaint.startswith(f"hapticd: {tmp_path / place}: {why}")
+    assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [("demo", "--seconds", "0"), ("latency", "--sim", "--seconds", "0")])
+def test_no_time_is_a_usage_error(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    code, said, complaint = outcome(capsys, *arguments)
+    assert (code, said) == (2, "")
+    assert complaint.count("\n") == 1
+
+
+def test_a_folder_given_as_configuration_is_said_without_a_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path))
+    assert code == 78
+    assert complaint == f"hapticd: {tmp_path}: cannot be read (Is a directory): check the path given to --config.\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from dataclasses import replace
 
 import pytest
@@ -54,6 +55,14 @@ def test_elsewhere_than_on_a_terminal_it_is_one_line_a_second() -> None:
     assert len(lines) == 3
     assert lines[1] == "ACTIVE   64.0/s  horizon 15.6 ms  1: 1.00 -> 0.90 um  2: 0.00 -> 0.00 um"
     assert not any("\x1b" in line for line in lines)
+
+
+def test_on_a_narrow_terminal_no_line_wraps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.get_terminal_size", lambda _: os.terminal_size((40, 24)))
+    monkeypatch.setattr(Terminal, "fileno", lambda _: 1)
+    lines = shown(*[state(finger(1, 0.0, 0.0))] * 30)
+    assert max(map(len, lines)) == 40
+    assert len(lines) == ROWS + 2 + 4  # the plate's frame, one finger, and what is told of all
 
 
 def test_a_terminal_is_redrawn_in_place_ten_times_a_second() -> None:

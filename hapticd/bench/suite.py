@@ -13,7 +13,8 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from .. import __version__
-from ..errors import HapticdError
+from ..errors import HapticdError, UsageError
+from ..outputs import check_writable
 from . import (
     carrier,
     firmware,
@@ -91,12 +92,10 @@ def run(
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
     """
     if not 0.0 <= seconds <= 600.0:  # False for NaN
-        raise HapticdError(f"--seconds: {seconds:g} is out of bounds, it must be 0 .. 600.")
+        raise UsageError(f"--seconds: {seconds:g} is out of bounds, it must be 0 .. 600.")
     if not 0 <= steps <= MOST_STEPS:
-        raise HapticdError(f"--steps: {steps} is out of bounds, it must be 0 .. {MOST_STEPS}.")
-    for path in (plot, Path(json_file) if json_file not in (None, "-") else None):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise HapticdError(f"{path}: its directory is missing, so it could not be written: create it first.")
+        raise UsageError(f"--steps: {steps} is out of bounds, it must be 0 .. {MOST_STEPS}.")
+    check_writable(json_file, plot)
     out = sys.stderr if json_file == "-" else sys.stdout
     told: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
@@ -120,6 +119,7 @@ def _is_drawn(table: Table) -> bool:
 
 def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
     for name in [name for name in PARTS if name not in APART] if part == "all" else (part,):
+        print(f"measuring {name} ...", file=sys.stderr, flush=True)
         yield name, PARTS[name](extent)
 
 

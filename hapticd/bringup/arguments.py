@@ -10,18 +10,21 @@ from typing import Any
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The subcommands, each with the arguments that name the board."""
     commands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
-    _command(commands, "info", "say who the board is, and how it is", json=True)
-    _command(commands, "log", "say why it was last reset, and what went wrong", json=True)
-    _command(commands, "clear-fault", "let it leave a latched fault")
+    _command(commands, "info", "say who the board is, and how it is", "--sim", json=True)
+    _command(commands, "log", "say why it was last reset, and what went wrong", "--port /dev/ttyACM0", json=True)
+    _command(commands, "clear-fault", "let it leave a latched fault", "--port /dev/ttyACM0")
     _add_gains(commands)
     _add_sweep(commands)
     _add_raw(commands)
     _add_telemetry(commands)
 
 
-def _command(commands: Any, name: str, summary: str, *, json: bool = False) -> argparse.ArgumentParser:
+def _command(commands: Any, name: str, summary: str, example: str, *, json: bool = False) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
-        name, help=summary, description=summary[0].upper() + summary[1:] + "."
+        name,
+        help=summary,
+        description=summary[0].upper() + summary[1:] + ".",
+        epilog=f"example: hapticd firmware {name} {example}",
     )
     where = parser.add_argument_group("the board")
     where.add_argument("--port", help="serial port, such as /dev/ttyACM0")
@@ -35,14 +38,16 @@ def _command(commands: Any, name: str, summary: str, *, json: bool = False) -> a
 
 
 def _add_gains(commands: Any) -> None:
-    parser = _command(commands, "gains", "show the control law, its gains and models, or choose them", json=True)
+    summary = "show the control law, its gains and models, or choose them"
+    parser = _command(commands, "gains", summary, "--sim --law deadbeat", json=True)
     parser.add_argument("--law", help="pi, pi_ff or deadbeat; holds until the service or a reset chooses another")
     parser.add_argument("--bandwidth", type=float, metavar="1_S", help="in 1/s (default: the firmware's own)")
     parser.add_argument("--integral-time", type=float, metavar="S", help="in seconds (default: the firmware's own)")
 
 
 def _add_sweep(commands: Any) -> None:
-    parser = _command(commands, "sweep", "measure a mode: resonance, quality, gain and loop phase", json=True)
+    summary = "measure a mode: resonance, quality, gain and loop phase"
+    parser = _command(commands, "sweep", summary, "--sim --mode 0 --plot mode-0.png", json=True)
     parser.add_argument("--mode", type=int, default=0, help="which, from 0 (default 0)")
     parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
     parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
@@ -54,7 +59,7 @@ def _add_sweep(commands: Any) -> None:
 
 
 def _add_raw(commands: Any) -> None:
-    parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for a moment")
+    parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for a moment", "--sim --volts 10")
     parser.add_argument("--mode", type=int, default=0, help="which amplifier, from 0 (default 0)")
     parser.add_argument("--volts", type=float, required=True, help="magnitude, at most a fifth of the board's limit")
     parser.add_argument("--phase", type=float, default=0.0, metavar="DEG", help="against the drive (default 0)")
@@ -62,7 +67,7 @@ def _add_raw(commands: Any) -> None:
 
 
 def _add_telemetry(commands: Any) -> None:
-    parser = _command(commands, "telemetry", "stream control ticks as CSV", json=True)
+    parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv", json=True)
     parser.add_argument("--rate", type=int, default=100, metavar="HZ", help="samples a second, at most (default 100)")
     parser.add_argument("--seconds", type=float, default=2.0, help="for how long (default 2)")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..design.resonance import Resonance
-from ..errors import ConfigError, DeviceError
+from ..errors import ConfigError, DeviceError, reason
 from ..tool_values import SweepPoint
 from .sweep import responses_um_per_v
 
@@ -42,4 +42,4 @@ def draw_sweep(points: list[SweepPoint], mode: int, found: Resonance, path: Path
     try:
         figure.savefig(path, dpi=120)
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be drawn ({error}): name a .png in a folder of yours.") from None
+        raise ConfigError(f"{path}: cannot be drawn ({reason(error)}): name a .png in a folder of yours.") from None

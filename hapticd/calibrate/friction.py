@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import CalibrationError
+from ..errors import CalibrationError, reason
 from . import picture, simulated
 from .verdict import Figure, Finding, Outcome, Verdict, judge
 
@@ -79,7 +79,7 @@ def read(path: Path) -> tuple[Array, Array]:
                 )
             table = [_row(path, place, row) for place, row in enumerate(rows, 1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CalibrationError(f"{path}: cannot be read ({error}): save the readings as CSV.") from None
+        raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not table:
         raise CalibrationError(f"{path}: holds no readings: add a line for each.")
     amplitude_um, friction = np.array(table).T

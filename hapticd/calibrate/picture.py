@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 from typing import Any
 
-from ..errors import CalibrationError
+from ..errors import CalibrationError, reason
 
 DPI = 80
 COLOURS = 64  # of a picture: a third of the bytes
@@ -40,4 +40,6 @@ def save(figure: Any, path: Path) -> None:
         figure.savefig(drawn, dpi=DPI, format="png")
         Image.open(drawn).convert("RGB").quantize(COLOURS).save(path, optimize=True)
     except (OSError, ValueError) as error:
-        raise CalibrationError(f"{path}: cannot be drawn ({error}): name a .png in a folder of yours.") from None
+        raise CalibrationError(
+            f"{path}: cannot be drawn ({reason(error)}): name a .png in a folder of yours."
+        ) from None

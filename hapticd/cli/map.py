@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import HapticdError, ModesError
+from ..errors import ModesError, UsageError
+from ..outputs import check_writable
 
 if TYPE_CHECKING:
     from ..core.modes import ModeShapes
@@ -31,12 +32,6 @@ PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work is the fourth power of them
 SHARES = (0.5, 0.9, 1.0)
 WIDE = 52  # of the table's first column
 POSITION_ERROR_MM = 0.12  # RMS on each axis: what the prediction is off by on strokes
-
-
-class UsageError(HapticdError):
-    """An argument that cannot be."""
-
-    exit_code = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +70,7 @@ def _map(options: argparse.Namespace) -> None:
     from ..design.achievability import achievability_map
     from ..design.achievability_picture import Panel, draw
 
+    check_writable(options.plot, options.out)
     modes, size_mm, limit_um = _plate(options)
     target_um = _number(options.target, "--target", 1e-3, MOST_UM)
     if not options.finger:

@@ -29,8 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
+    from ..outputs import check_writable
     from ..sim import lockstep, report
 
+    check_writable(options.json, options.out, options.plot, options.record)
     settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
     t_start_s = time.perf_counter()
     if options.record is None:

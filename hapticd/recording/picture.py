@@ -29,7 +29,7 @@ def draw(
     last_s = float(tables["passes"]["t_s"][-1])
     end_s = last_s if end_s is None else end_s
     if not (math.isfinite(start_s) and math.isfinite(end_s) and start_s < end_s and start_s < last_s):
-        raise RecordingError(f"From {start_s:g} s to {end_s:g} s there is nothing: it ends at {last_s:.1f} s.")
+        raise RecordingError(f"From {start_s:g} s to {end_s:.4g} s there is nothing: it ends at {last_s:.1f} s.")
     part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
     figure, axes = _canvas()
     axes[0].set_title(_plain(title), loc="left")

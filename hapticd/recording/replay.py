@@ -199,4 +199,6 @@ def report(recording: Recording, outcome: Outcome) -> str:
             f"bit-identical up to record {outcome.lost_seq}, which is missing: {said}\n"
             f"what follows cannot be compared: {recording.losses.told()}"
         )
-    return f"bit-identical: {said}" + ("" if recording.has_end else "\nits end is cut off: that is as far as it goes")
+    return f"bit-identical: {said}" + (
+        "" if recording.has_end else "\nit stops before the daemon did: that is as far as it goes"
+    )

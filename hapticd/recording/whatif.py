@@ -197,6 +197,8 @@ def table(fingers: Tracks, judged: Sequence[Judged]) -> str:
     for name, one in judged:
         cells = (one.leak_um, one.slip_error_um, one.slip_frac)
         rows.append(f"{name:<{width}}" + "".join(map(_cell, cells, (10, 15, 8))))
+    if all(math.isnan(one.leak_um) and math.isnan(one.slip_frac) for _, one in judged):
+        rows.append("nobody asked for anything while fingers touched: there is nothing to judge")
     where = "true positions" if fingers.is_true else "positions that the pad saw (there is no truth in it)"
     rows.append(f"judged at the fingers' {where}, by an ideal loop: the plate is not there")
     return "\n".join(rows)

@@ -18,6 +18,7 @@ from .score import Score, score
 
 MODE_COLOURS = ("tab:blue", "tab:green")  # as in the paper: blue is mode X, green mode Y
 FINGER_COLOURS = ("tab:orange", "tab:red", "tab:purple", "tab:brown")
+QUADRATURE_UM = 1.0  # the least that its axis shows
 STEP_WINDOW_S = (STEP_S - 0.01, STEP_S + 0.04)
 
 
@@ -55,9 +56,11 @@ class Film:
 def draw(films: list[Film], path: Path, *, w_limit_um: float, seconds: float | None = None) -> None:
     """Write a PNG with one column for each film; `seconds` cuts the time axis so that single strokes are seen."""
     figure, axes = _canvas(len(films))
+    # Where signs alone decide it stays near 0; two slipping fingers may turn the phase between the modes all round.
+    quadrature_um = max(float(np.fmax.reduce(np.abs(f.modal_um.imag), axis=None, initial=QUADRATURE_UM)) for f in films)
     for column, film in enumerate(films):
         _draw_modes(axes[0, column], film, w_limit_um)
-        _draw_quadrature(axes[1, column], film)
+        _draw_quadrature(axes[1, column], film, quadrature_um)
         _draw_fingers(axes[2, column], film)
         if seconds is not None:
             start_s = float(film.t_s[0])
@@ -105,11 +108,11 @@ def _draw_modes(axis: Any, film: Film, w_limit_um: float) -> None:
     _legend(axis)
 
 
-def _draw_quadrature(axis: Any, film: Film) -> None:
+def _draw_quadrature(axis: Any, film: Film, high_um: float) -> None:
     for mode, (name, colour) in enumerate(zip("XY", MODE_COLOURS, strict=True)):
         axis.plot(film.t_s, film.modal_um[:, mode].imag, color=colour, lw=0.9, label=f"$W_{{{name}q}}$")
     axis.set_ylabel("quadrature, µm")
-    axis.set_ylim(-1.0, 1.0)
+    axis.set_ylim(-high_um, high_um)
     _legend(axis)
 
 
@@ -125,8 +128,11 @@ def _draw_fingers(axis: Any, film: Film) -> None:
 
 
 def _legend(axis: Any) -> None:
-    """Above the axes, on the right: nothing is hidden."""
-    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=4, frameon=False, borderpad=0.1)
+    """Above the axes, on the right: nothing is hidden. None where there is nothing to tell apart."""
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=4, frameon=False, borderpad=0.1
+        )
 
 
 def _told(judged: Score) -> str:

@@ -25,6 +25,7 @@ import contextlib
 import os
 import pty
 import selectors
+import shutil
 import signal
 import socket
 import sys
@@ -100,6 +101,7 @@ class Rig:
         self._selector = selectors.DefaultSelector()
         self._replugs: deque[Callable[[], None]] = deque()
         self._stopping = False
+        self.is_orphaned = False
         self.t_start_s = time.monotonic()
         self._replug_board()
         self._replug_trackpad()
@@ -175,6 +177,7 @@ class Rig:
 
     def _hear_owner(self, owner: int) -> None:
         if not os.read(owner, READ_SIZE):
+            self.is_orphaned = True
             self.stop()
 
     def _now_s(self) -> float:
@@ -287,7 +290,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--record", type=Path, help="write what the plate did (NPZ) at the end")
     parser.add_argument("--board", choices=BOARDS, help="run the board in another process")
     parser.add_argument("--program", type=Path, help="its image of the firmware")
-    parser.add_argument("--owned", action="store_true", help="end with standard input too, as when its owner dies")
+    parser.add_argument("--owned", action="store_true", help="end with standard input too, and delete the directory")
     options = parser.parse_args(arguments)
     if (options.board is None) != (options.program is None):
         parser.error("--board and --program belong together")
@@ -310,12 +313,16 @@ def _be_the_rig(options: argparse.Namespace) -> None:
         signal.signal(number, lambda *_: rig.stop())
     signal.signal(signal.SIGUSR1, lambda *_: rig.replug_board())
     signal.signal(signal.SIGUSR2, lambda *_: rig.replug_trackpad())
-    print(f"ready {rig.t_start_s}", flush=True)
     try:
+        print(f"ready {rig.t_start_s}", flush=True)
         rig.serve(sys.stdin.fileno() if options.owned else None)
+    except BrokenPipeError:  # who started it has died since
+        rig.is_orphaned = True
     finally:
         rig.close()
-    if options.record is not None:
+    if rig.is_orphaned:
+        shutil.rmtree(options.directory, ignore_errors=True)  # its owner's, who cannot any more
+    elif options.record is not None:
         rig.save(options.record)
 
 

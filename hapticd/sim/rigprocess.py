@@ -55,7 +55,11 @@ class RigProcess:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         assert self.process.stdout is not None
-        told = self.process.stdout.readline().split()
+        try:
+            told = self.process.stdout.readline().split()
+        except BaseException:  # a Ctrl-C, before anybody has what could be closed
+            self.close()
+            raise
         if len(told) != 2 or told[0] != "ready":
             self.close()
             raise DeviceError("The simulated rig did not start: its own message above says why.")

@@ -9,8 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import HapticdError
-from .errors import UsageError
+from ..errors import HapticdError, UsageError
 
 PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873

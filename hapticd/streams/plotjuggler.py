@@ -12,7 +12,7 @@ from typing import Any
 import msgpack
 import zmq
 
-from .errors import UsageError
+from ..errors import UsageError
 from .samples import Sampler, Value
 from .states import serve
 

@@ -16,7 +16,7 @@ import hapticd_client
 from hapticd_client.control import Control
 from hapticd_client.endpoint import Endpoint, find
 
-from .errors import UsageError
+from ..errors import UsageError
 from .metrics import Fields, families
 
 ANSWER_S = 1.0  # of the ten seconds that Prometheus waits by default

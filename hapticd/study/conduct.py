@@ -13,6 +13,7 @@ from .stage import Stage
 
 REST_S = 1.0
 LEAST_TOUCH_S = 0.3  # an answer without having felt anything is a slip of the hand
+ADVICE_STEP_MM_S = 5  # finer it would flicker
 FAST_MM_S = 100.0  # the paper's 10 cm/s, at which its positions were 1.5 mm behind
 
 
@@ -108,5 +109,7 @@ def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> Key:
 
 def _advice(stage: Stage) -> str:
     """Participants are trained not to move too fast, as in the paper."""
-    speed_mm_s = stage.touch.recent_mm_s
+    speed_mm_s = ADVICE_STEP_MM_S * round(stage.touch.recent_mm_s / ADVICE_STEP_MM_S)
+    if speed_mm_s == 0:
+        return "  0 mm/s, move your finger"
     return f"{speed_mm_s:3.0f} mm/s, {'too fast: slower' if speed_mm_s > FAST_MM_S else 'a good speed'}"

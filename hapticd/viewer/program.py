@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..config_sections import SCENARIO_NAMES
 from ..daemonprocess import DaemonProcess
-from ..errors import ConfigError, HapticdError
+from ..errors import HapticdError, UsageError
 from ..sim.rigprocess import RigProcess
 
 SCENARIO = "hands"
@@ -31,6 +31,7 @@ def run(
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
         if simulate:
+            print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
             endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
         asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
@@ -55,12 +56,6 @@ def _check(*, simulate: bool, scenario: str | None, endpoint: str | None, port: 
         raise UsageError(f"--scenario: there is no {scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
     if endpoint is not None and not Path(endpoint.removeprefix("ipc://")).is_dir():
         raise UsageError(f"--endpoint: {endpoint} is no directory: name the service's runtime directory.")
-
-
-class UsageError(ConfigError):
-    """An argument that cannot be."""
-
-    exit_code = 2
 
 
 def _listener(port: int) -> socket.socket:

@@ -73,5 +73,5 @@ def test_a_demo_that_could_not_write_its_picture_says_so_first(bench: Bench, dir
     command = [sys.executable, "-m", "hapticd", "demo", "--out", str(out)]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
         said, complaints = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, said) == (1, "")
+    assert (process.returncode, said) == (2, "")
     assert complaints.startswith(f"hapticd: {out}: its directory is missing")

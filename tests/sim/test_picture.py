@@ -51,6 +51,24 @@ def test_a_run_in_which_nobody_landed_can_be_drawn(tmp_path: Path) -> None:
         assert size_px(tmp_path / f"{scenario}.png")[0] > 600
 
 
+def test_a_scenario_without_fingers_of_its_own_is_drawn_without_a_legend_for_them(tmp_path: Path) -> None:
+    picture.draw_run(lockstep.run("hands", seconds=0.2), tmp_path / "hands.png")
+    assert size_px(tmp_path / "hands.png")[0] > 600
+
+
+def test_the_quadrature_of_two_slipping_fingers_is_shown_whole(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    drawn = []
+    canvas = picture._canvas
+    monkeypatch.setattr(picture, "_canvas", lambda columns: drawn.append(canvas(columns)) or drawn[-1])
+    run = lockstep.run("both-slip", seconds=1.0)
+
+    picture.draw_run(run, tmp_path / "both.png")
+
+    highest_um = float(np.abs(run.modal_um.imag).max())
+    assert highest_um > 1.0
+    assert drawn[0][1][1, 0].get_ylim() == (-highest_um, highest_um)
+
+
 def test_a_window_of_a_film_is_judged_by_itself(run: Run) -> None:
     film = Film.of(run, "swap")
     window = film.between(1.0, 2.0)

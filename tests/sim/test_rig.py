@@ -249,7 +249,33 @@ def test_a_rig_ends_with_its_owner_however_that_dies(tmp_path: Path) -> None:
     said = subprocess.run([sys.executable, "-c", owner], env=environ, stdout=subprocess.PIPE, text=True, check=False)
     assert said.returncode == -9
     pid, directory = said.stdout.split()
-    until(lambda: not Path(f"/proc/{pid}").exists() or not any(Path(directory).iterdir()))
+    until(lambda: not Path(f"/proc/{pid}").exists() or not Path(directory).exists())
+
+
+def test_a_ctrl_c_while_a_rig_starts_leaves_nothing_behind(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class Interrupted(subprocess.Popen[str]):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            started.append(self)
+            self.stdout = _Interrupting(self.stdout)  # type: ignore[assignment]
+
+    class _Interrupting:
+        def __init__(self, pipe: Any) -> None:
+            self.close = pipe.close
+
+        def readline(self) -> str:
+            raise KeyboardInterrupt
+
+    started: list[subprocess.Popen[str]] = []
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("hapticd.sim.rigprocess.subprocess.Popen", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RigProcess("rest", 1)
+    assert [process.returncode is not None for process in started] == [True]
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
 
 
 def test_a_rig_that_does_not_start_is_one_sentence(capfd: pytest.CaptureFixture[str]) -> None:

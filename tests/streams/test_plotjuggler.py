@@ -11,8 +11,8 @@ import pytest
 import zmq
 from streams.told import FakeDaemon, finger, plate_state, state_fields
 
+from hapticd.errors import UsageError
 from hapticd.streams import plotjuggler
-from hapticd.streams.errors import UsageError
 from hapticd.streams.samples import Sampler
 
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,

@@ -16,8 +16,8 @@ from streams.told import FakeDaemon
 
 from hapticd import status
 from hapticd.core.ledger import Histogram
+from hapticd.errors import UsageError
 from hapticd.streams import prometheus
-from hapticd.streams.errors import UsageError
 from hapticd.streams.metrics import COUNTERS, GAUGES, LOST_MESSAGES, SPANS, histogram
 
 

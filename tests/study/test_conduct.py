@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from plates import FakeClient, ManualClock, MarkedClient, Person
 
-from hapticd.study.conduct import REST_S, conduct
+from hapticd.study.conduct import REST_S, _advice, conduct
 from hapticd.study.panel import Key, Screen
 from hapticd.study.protocol import Design, Friction
 from hapticd.study.session import Session, SessionFile, read
@@ -162,6 +163,20 @@ def test_the_training_lets_both_frictions_be_felt_by_name_and_tells_the_speed(tm
     named = [screen.heading for screen in person.screens if screen.heading.startswith("Training")]
     assert named == [f"Training: {which} friction" for which in ("high", "low", "high", "low")]
     assert "130 mm/s, too fast: slower" in person.notes
+
+
+@pytest.mark.parametrize(
+    ("speed_mm_s", "note"),
+    [
+        (0.0, "  0 mm/s, move your finger"),
+        (98.0, "100 mm/s, a good speed"),
+        (102.0, "100 mm/s, a good speed"),
+        (103.0, "105 mm/s, too fast: slower"),
+    ],
+)
+def test_the_advice_does_not_change_with_every_millimetre(speed_mm_s: float, note: str) -> None:
+    stage = SimpleNamespace(touch=SimpleNamespace(recent_mm_s=speed_mm_s))
+    assert _advice(stage) == note  # type: ignore[arg-type]
 
 
 def test_markers_tell_a_recording_of_each_trial_but_not_what_it_presents(tmp_path: Path) -> None:
