@@ -12,6 +12,7 @@ import pytest
 
 from hapticd import config
 from hapticd.config_sections import SIMULATED, Config
+from hapticd.errors import ConfigError
 from hapticd.io.trackpad import PADS
 
 FOLDER = Path(__file__).parents[2] / "systemd"
@@ -91,6 +92,11 @@ def test_the_unit_starts_the_program_with_the_configuration_that_is_installed() 
     assert directives("ExecStart") == ["/opt/hapticd/bin/hapticd run --config /etc/hapticd/hapticd.toml"]
     assert (directives("Type"), directives("NotifyAccess"), directives("WatchdogSec")) == (["notify"], ["main"], ["1"])
     assert directives("ExecReload") == ["/bin/kill -HUP $MAINPID"]
+
+
+def test_a_configuration_that_is_wrong_is_not_started_again_and_last_words_are_errors() -> None:
+    assert directives("RestartPreventExitStatus") == [str(ConfigError.exit_code)]
+    assert directives("SyslogLevel") == ["err"]
 
 
 def test_the_unit_grants_what_the_configuration_may_ask_for_and_stops_a_runaway() -> None:

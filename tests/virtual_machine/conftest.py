@@ -1,4 +1,4 @@
-"""One boot for all tests of this folder."""
+"""One boot for all tests of a file."""
 
 from __future__ import annotations
 
@@ -19,3 +19,11 @@ def guest(tmp_path_factory: pytest.TempPathFactory) -> machine.Boot:
     if (reason := machine.missing()) is not None:
         pytest.skip(reason)
     return machine.boot(FOLDER / "guest" / "program.py", tmp_path_factory.mktemp("guest"))
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> machine.Boot:
+    """What the guest found whose first process is systemd."""
+    if (reason := machine.missing_systemd()) is not None:
+        pytest.skip(reason)
+    return machine.boot_systemd(tmp_path_factory.mktemp("service"))

@@ -5,14 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import rules
 from kernel import PATIENCE_S, wait_for
 
-from hapticd_client import Client, PlateState
+from hapticd_client import Client
 
 CONFIG = Path("/run/tmp/hapticd.toml")
 RUNTIME = Path("/run/tmp/hapticd")
@@ -58,14 +56,3 @@ class Daemon:
     def end(self) -> int:
         self._process.terminate()
         return self._process.wait(PATIENCE_S)
-
-
-def wait_state(client: Client, what: str, condition: Callable[[PlateState], bool]) -> PlateState:
-    """The first state from now on that meets the condition."""
-    t_end_s = time.monotonic() + PATIENCE_S
-    for state in client.states(timeout_s=PATIENCE_S):
-        if condition(state):
-            return state
-        if time.monotonic() > t_end_s:
-            raise TimeoutError(f"{what} did not come about; the last state is {state}")
-    raise AssertionError("the states ended")

@@ -26,13 +26,13 @@ ABSINFO = struct.Struct("<6i")  # value, minimum, maximum, fuzz, flat, resolutio
 Found = TypeVar("Found")
 
 
-def wait_for(what: str, look: Callable[[], Found]) -> Found:
+def wait_for(what: str, look: Callable[[], Found | None], every_s: float = 0.01) -> Found:
     """Poll until there is something; TimeoutError names what never came."""
     t_end_s = time.monotonic() + PATIENCE_S
     while not (found := look()):
         if time.monotonic() > t_end_s:
             raise TimeoutError(f"{what} did not come about in {PATIENCE_S:.0f} s")
-        time.sleep(0.01)
+        time.sleep(every_s)
     return found
 
 

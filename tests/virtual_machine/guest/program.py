@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import rules
+import steps
 from bluetooth import BluetoothPad
 from cable import CableBoard, CablePad
 from daemon import LOG
@@ -25,7 +25,6 @@ from story import Story
 from hapticd.io.trackpad import find_pads, load_hid
 
 ROOT = Path(__file__).parents[3]
-RESULTS = Path("/run/results")
 PORT = Path("/dev/ttyACM0")
 GOLDEN = [
     golden
@@ -35,15 +34,7 @@ GOLDEN = [
 
 
 def step(name: str, look: Callable[[], Any]) -> Any:
-    """Run it and keep what it found or how it failed; gives what it found, None if it failed."""
-    print(f"guest: {name}", flush=True)
-    found, error = None, None
-    try:
-        found = look()
-    except Exception:
-        error = traceback.format_exc() + (f"\nthe daemon said:\n{LOG.read_text()}" if LOG.exists() else "")
-    (RESULTS / f"{name}.json").write_text(json.dumps({"found": found, "error": error}, default=str))
-    return found
+    return steps.step(name, look, lambda: LOG.read_text(encoding="utf-8") if LOG.exists() else "nothing yet")
 
 
 def main() -> None:

@@ -8,9 +8,10 @@ from typing import Any
 
 from bluetooth import BluetoothPad
 from cable import CablePad
-from daemon import Daemon, wait_state
+from daemon import Daemon
 from hand import Hand
 from kernel import wait_for
+from plate import MOVES_UM, RESTS_UM, is_as_asked, measured_um, wait_state
 
 from hapticd.wire.trackpad import GEOMETRY
 from hapticd_client import PlateState
@@ -18,7 +19,6 @@ from hapticd_client import PlateState
 LEFT, RIGHT, SLID = (-824, 275), (1317, -386), (700, 600)  # raw, y away from the user
 PAD = GEOMETRY["mt2-bt"]
 SLID_MM = (SLID[0] - PAD.centre_raw[0]) / PAD.units_per_mm[0]
-MOVES_UM, RESTS_UM = 0.3, 0.05
 BLUETOOTH_IDS = 0x004C, 0x0265
 SHORT_MOUSE_REPORT = bytes.fromhex("02 00 01 00")  # what a pad says that has lost the enable
 
@@ -53,15 +53,9 @@ class Story:
         return self._saw(landed=landed, driven=driven, slid=slid) | {"plate_um": self._moved_um}
 
     def _is_driven(self, state: PlateState) -> bool:
-        """Ask for it, again if an emulated machine paused for so long that the fingers count as new; then look."""
-        if len(state.fingers) != 2:
+        if not is_as_asked(self.client, state):
             return False
-        left, right = sorted(state.fingers, key=lambda finger: finger.x_mm)
-        if (left.target_um, right.target_um) != (1.0, 0.0):
-            self.client.set(left, amplitude_um=1.0)
-            self.client.set(right, amplitude_um=0.0)
-            return False
-        self._moved_um = self._plate_um()
+        self._moved_um = measured_um(self.client)
         return any(state.modal_um) and self._moved_um > MOVES_UM
 
     def _mouse_mode(self) -> dict[str, Any]:
@@ -80,7 +74,7 @@ class Story:
         self._hand.freeze()
         self._pad.unplug()
         quiet = wait_state(self.client, "a quiet plate", lambda s: not s.fingers and not any(s.modal_um))
-        wait_for("a plate at rest", lambda: self._plate_um() < RESTS_UM)
+        wait_for("a plate at rest", lambda: measured_um(self.client) < RESTS_UM)
         return self._saw(quiet=quiet)
 
     def _connect(self) -> dict[str, Any]:
@@ -106,10 +100,6 @@ class Story:
         exit_code = self.daemon.end()
         self._pad.unplug()
         return {"exit": exit_code, "log": self.daemon.lines()}
-
-    def _plate_um(self) -> float:
-        """What the board measures of the plate: the larger of the modes."""
-        return max((abs(complex(*w_um)) for w_um in self.client.status()["board"].get("measured_um", ())), default=0.0)
 
     def _saw(self, **states: PlateState) -> dict[str, Any]:
         return {**{name: dataclasses.asdict(state) for name, state in states.items()}, "log": self.daemon.lines()}
