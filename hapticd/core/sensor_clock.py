@@ -45,6 +45,7 @@ class SensorClock:
         self._t_arrivals_ns: deque[int] = deque()
         self._t_device_ns = 0
         self._late_in_a_row = 0
+        self._learned = 0  # reports since it was locked
         self._samples = SampleClock(_PERIOD_S, _PERIOD_ERROR_S, _STAMP_ERROR_S)
 
     def update(self, t_device_ns: int, t_host_ns: int) -> int:
@@ -63,6 +64,7 @@ class SensorClock:
             self._t_arrivals_ns.popleft()
         self._t_arrivals_ns.append(t_host_ns)
         self._differences.push(t_host_ns - t_filtered_ns)
+        self._forget_learning()
         return min(t_filtered_ns + self.offset_ns, t_host_ns - self._latency_ns)
 
     @property
@@ -85,6 +87,7 @@ class SensorClock:
         self._differences.clear()
         self._t_arrivals_ns.clear()
         self._late_in_a_row = 0
+        self._learned = 0
 
     def _filtered_ns(self, t_device_ns: int) -> int:
         """The stamp as a regular sampler would have given it."""
@@ -95,6 +98,14 @@ class SensorClock:
             self._samples.advance(elapsed_ns * 1e-9)
         self._t_device_ns = t_device_ns
         return t_device_ns - round(self._samples.lag_s * 1e9)
+
+    def _forget_learning(self) -> None:
+        """A young window keeps only the later half of its reports: the filter's first guesses err by a stamp's whole
+        jitter, and those that say early would be the low quantile for as long as they stay."""
+        self._learned += 1
+        if self._learned < 2 * _WINDOW and self._learned % 2 == 0 and len(self._differences) > 1:
+            self._t_arrivals_ns.popleft()
+            self._differences.drop_oldest()
 
     def _forget_old(self, t_host_ns: int) -> None:
         while self._t_arrivals_ns and not 0 <= t_host_ns - self._t_arrivals_ns[0] <= _MAX_AGE_NS:
