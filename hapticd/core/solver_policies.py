@@ -32,12 +32,14 @@ def solve_fast(
         a, b, c, d = one[0], one[1], other[0], other[1]
         first, second = targets[0], targets[1]
         box = limits[0], limits[1]
-        now = (0.0, 0.0) if previous is None else (previous[0], previous[1])
+        now_x, now_y = 0.0, 0.0
+        if previous is not None:
+            now_x, now_y = previous[0], previous[1]
         if second == 0.0 < first and (c != 0.0 or d != 0.0):
-            x, y, limited = hold_still((a, b), first, (c, d), box, now, effort)
+            x, y, limited = hold_still((a, b), first, (c, d), box, (now_x, now_y), effort)
             return (x, y), limited
         if first == 0.0 < second and (a != 0.0 or b != 0.0):
-            x, y, limited = hold_still((c, d), second, (a, b), box, now, effort)
+            x, y, limited = hold_still((c, d), second, (a, b), box, (now_x, now_y), effort)
             return (x, y), limited
     apply = named(policy)
     if not all_finite(rows):
