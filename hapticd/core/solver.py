@@ -27,7 +27,7 @@ and more: see `core.solver_general`. What each takes stands in `hapticd bench so
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,6 @@ from ..values import Solution
 from .solver_arithmetic import Row
 from .solver_box import shapes_of
 from .solver_checks import (
-    PLAIN,
     FloatArray,
     Rows,
     check_weight,
@@ -50,11 +49,14 @@ from .solver_checks import (
     checked_targets,
     checked_track,
     plain_pair,
+    plain_rows,
 )
 from .solver_contact import contact_problem, contact_track
 from .solver_pair import amplitudes, condition, hold_still
 from .solver_phase import TURN_RAD, solve_phased_fast
 from .solver_policies import named, solve_fast
+
+_array: Final = np.array  # looked up once
 
 __all__ = ["condition_number", "solve", "solve_batch", "solve_fast", "solve_phased", "solve_phased_fast"]
 
@@ -159,15 +161,13 @@ def _solve_pair(phi: Any, target_um: Any, limit_um: Any, previous_um: Any, polic
 
     None for all else, be it right or wrong: the full checks tell. A sum less itself is 0 for finite numbers only.
     """
-    if type(phi) not in PLAIN:
-        return None
     try:
-        one, other = phi.tolist() if type(phi) is np.ndarray else phi
+        one, other = plain_rows(phi)
         (a, b), (c, d) = plain_pair(one), plain_pair(other)
         first, second = plain_pair(target_um)
         limit_x, limit_y = (limit_um, limit_um) if type(limit_um) is float else plain_pair(limit_um)
         x, y = (0.0, 0.0) if previous_um is None else plain_pair(previous_um)
-    except (TypeError, ValueError):
+    except TypeError:
         return None
     total = a + b + c + d + first + second + limit_x + limit_y + x + y
     if not (first >= 0.0 and second >= 0.0 and limit_x > 0.0 and limit_y > 0.0 and total - total == 0.0):
@@ -182,7 +182,7 @@ def _solve_pair(phi: Any, target_um: Any, limit_um: Any, previous_um: Any, polic
     got = amplitudes(shapes, (w_x, w_y))
     if not got[0] + got[1] < math.inf:
         got = _amplitude((a, b), (w_x, w_y)), _amplitude((c, d), (w_x, w_y))
-    return Solution(np.array((w_x, w_y)), np.array(got), limited, condition(shapes))
+    return Solution(_array((w_x, w_y)), _array(got), limited, condition(shapes))
 
 
 def _amplitude(row: Row, modal: Row) -> float:

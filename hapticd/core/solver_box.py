@@ -132,8 +132,8 @@ def _least_norm_of_parallel(
 
 def shapes_of(rows: Sequence[Row]) -> Shapes2:
     """Two rows, as `solver_pair` takes them."""
-    (a, b), (c, d) = rows
-    return a, b, c, d
+    one, other = rows[0], rows[1]
+    return one[0], one[1], other[0], other[1]
 
 
 def _tall_solution(rows: Sequence[Row], wanted: Sequence[float], effort: float) -> Pair | None:

@@ -17,16 +17,27 @@ import numpy.typing as npt
 
 from .solver_arithmetic import Pair, Row
 
-PLAIN: Final = (np.ndarray, tuple, list)
+_ARRAY: Final = np.ndarray
 
 FloatArray = npt.NDArray[np.float64]
 Rows = tuple[Row, ...]
 
 
+def plain_rows(values: Any) -> tuple[Any, Any]:
+    """Two rows of an array, a list or a tuple; TypeError for all else, be it right or wrong."""
+    rows = values.tolist() if type(values) is _ARRAY else values
+    if not ((type(rows) is list or type(rows) is tuple) and len(rows) == 2):
+        raise TypeError
+    return rows[0], rows[1]
+
+
 def plain_pair(values: Any) -> Pair:
-    """Two floats, told in an array, a list or a tuple; TypeError or ValueError for all else, be it right or wrong."""
-    one, other = values.tolist() if type(values) is np.ndarray else values
-    if not (type(one) is float is type(other) and type(values) in PLAIN):
+    """Two floats of an array, a list or a tuple; TypeError for all else, be it right or wrong."""
+    numbers = values.tolist() if type(values) is _ARRAY else values
+    if not ((type(numbers) is list or type(numbers) is tuple) and len(numbers) == 2):
+        raise TypeError
+    one, other = numbers[0], numbers[1]
+    if not type(one) is float is type(other):
         raise TypeError
     return one, other
 

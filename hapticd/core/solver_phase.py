@@ -33,6 +33,7 @@ import math
 from typing import Final
 
 from .solver_arithmetic import Pair, Row, Shapes2, length
+from .solver_box import shapes_of
 from .solver_ease import Phasors2, eased, given, nearer_hand
 from .solver_pair import amplitudes, excess_error, into_box, meeting, misses_either
 from .solver_policies import Rows, all_finite, solve_fast
@@ -67,12 +68,11 @@ def solve_phased_fast(
 def _two_on_two(
     rows: Rows, targets: Row, limits: Row, previous: Phasors | None, turn_rad: float
 ) -> tuple[Phasors, bool]:
-    first, second = targets
+    first, second = targets[0], targets[1]
     box = limits[0], limits[1]
     now = (0.0, 0.0, 0.0, 0.0) if previous is None or not max(box[0], box[1]) < _SAFE else _parts(previous)
     if first > 0.0 < second and all_finite(rows):
-        (a, b), (c, d) = rows
-        (x, x_j, y, y_j), limited = _both_slip((a, b, c, d), (first, second), box, now, turn_rad)
+        (x, x_j, y, y_j), limited = _both_slip(shapes_of(rows), (first, second), box, now, turn_rad)
     else:
         modal, limited = solve_fast(rows, targets, limits)
         x, x_j, y, y_j = nearer_hand((modal[0], 0.0, modal[1], 0.0), box, now)
@@ -81,7 +81,7 @@ def _two_on_two(
 
 def _parts(phasors: Phasors) -> Phasors2:
     """As plain floats; beyond all sense is silence."""
-    one, other = phasors
+    one, other = phasors[0], phasors[1]
     a, b, c, d = one.real, one.imag, other.real, other.imag
     return (a, b, c, d) if length(a, b) < _SAFE and length(c, d) < _SAFE else (0.0, 0.0, 0.0, 0.0)
 

@@ -28,15 +28,18 @@ def solve_fast(
     Whatever phi holds, the result is finite and within the limits; a phi that is not finite gives silence.
     """
     if policy == "keep_zero" and len(rows) == 2 and len(limits) == 2:
-        (a, b), (c, d) = rows
-        first, second = targets
+        one, other = rows[0], rows[1]  # by index: machine code unpacks rows of any length through an iterator
+        a, b, c, d = one[0], one[1], other[0], other[1]
+        first, second = targets[0], targets[1]
         box = limits[0], limits[1]
-        now = (0.0, 0.0) if previous is None else (previous[0], previous[1])
+        now_x, now_y = 0.0, 0.0
+        if previous is not None:
+            now_x, now_y = previous[0], previous[1]
         if second == 0.0 < first and (c != 0.0 or d != 0.0):
-            x, y, limited = hold_still((a, b), first, (c, d), box, now, effort)
+            x, y, limited = hold_still((a, b), first, (c, d), box, (now_x, now_y), effort)
             return (x, y), limited
         if first == 0.0 < second and (a != 0.0 or b != 0.0):
-            x, y, limited = hold_still((c, d), second, (a, b), box, now, effort)
+            x, y, limited = hold_still((c, d), second, (a, b), box, (now_x, now_y), effort)
             return (x, y), limited
     apply = named(policy)
     if not all_finite(rows):
