@@ -27,9 +27,8 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
     times that are not integers, negative, not increasing or beyond `MAX_SPAN_NS`, a limit that is none.
     """
     if not _is_well_formed(drive, limit_um, max_knots):
-        told: Sequence[object] = drive
-        t_apply_ns = told[0]
-        return silence(t_apply_ns if isinstance(t_apply_ns, int) else 0, max(len(limit_um), 1), LimitReason.MALFORMED)
+        t_apply_ns = _whole_ns(drive)
+        return silence(0 if t_apply_ns is None else t_apply_ns, max(len(limit_um), 1), LimitReason.MALFORMED)
     reasons = LimitReason.NONE
     knots = drive.knots
     for index, (dt_ns, modal_um) in enumerate(knots):
@@ -49,20 +48,24 @@ def silence(t_apply_ns: int, modes: int, reasons: LimitReason = LimitReason.NONE
 
 def _is_well_formed(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -> bool:
     modes = len(limit_um)
-    told: Sequence[object] = drive  # machine code would take its word for what its fields are
-    if not (modes >= 1 and isinstance(told[0], int) and 1 <= len(drive.knots) <= max_knots):
+    if not (modes >= 1 and _whole_ns(drive) is not None and 1 <= len(drive.knots) <= max_knots):
         return False
     for limit in limit_um:
         if not 0.0 <= limit <= MAX_LIMIT_UM:
             return False
     earliest_ns = 0
     for knot in drive.knots:
-        told = knot
-        dt_ns = told[0]
-        if not (isinstance(dt_ns, int) and earliest_ns <= dt_ns <= MAX_SPAN_NS and len(knot.modal_um) == modes):
+        dt_ns = _whole_ns(knot)
+        if not (dt_ns is not None and earliest_ns <= dt_ns <= MAX_SPAN_NS and len(knot.modal_um) == modes):
             return False
         earliest_ns = dt_ns + 1
     return True
+
+
+def _whole_ns(timed: Sequence[object]) -> int | None:
+    """The time that a drive or a knot begins with; None where it is no whole number, whatever its type promises."""
+    t_ns = timed[0]
+    return t_ns if isinstance(t_ns, int) else None
 
 
 def _is_within(modal_um: Sequence[complex], limit_um: Sequence[float]) -> bool:

@@ -44,6 +44,12 @@ def test_every_float_leaves_the_gate_within_the_limits(knots: list[tuple[complex
     assert again.reasons is LimitReason.NONE
 
 
+def test_a_phasor_longer_than_any_float_is_brought_within_the_limit() -> None:
+    ((_, (w_um, other_um)),) = gate(drive((complex(1.7e308, 1.7e308), 0j)), (4.0, 4.0)).knots
+    assert math.hypot(w_um.real, w_um.imag) == pytest.approx(4.0)
+    assert other_um == 0.0
+
+
 def test_a_drive_within_the_limits_passes_untouched() -> None:
     wanted = drive((4.0 + 0j, 2.4 - 3.2j), (0j, -4j))
     safe = gate(wanted, (4.0, 4.0))

@@ -13,7 +13,9 @@ import pytest
 TRIAL = Path(__file__).with_name("trial.py")
 
 _GROWS = "1 - shave has the same float for the few steps that it takes"
+_SIZE = "abs(w_um) if isinstance(w_um, float) else math.hypot(w_um.real, w_um.imag)"
 HOST_EQUIVALENT = {
+    f"size_um = {_SIZE}: {_SIZE} -> {_SIZE.replace('isinstance(w_um, float)', 'False')}": "the same for a float",
     "shave = 2.0**-53: 2.0 -> 1.9999999999999998": "1 - shave rounds to the same float below 1",
     "shave = 2.0**-53: 2.0 -> 2.0000000000000004": "1 - shave rounds to the same float below 1",
     "shave = 2.0**-53: 53 -> 54": "1 - 2**-54 is 1 in floats: one step without effect, then the same ones",
