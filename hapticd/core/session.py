@@ -148,7 +148,7 @@ class BoardSession:
         self._t_heard_ns = t_now_ns
         relocks = self.clock.relocks
         if self.clock.update(reply, t_now_ns):
-            self._flow.read_until(reply.t_host_ns)
+            self._flow.read_until(min(reply.t_host_ns, t_now_ns - self._patience_ns), t_now_ns)
             self._flow.answered()
         if self.clock.relocks != relocks:
             self._start_over()
@@ -165,7 +165,8 @@ class BoardSession:
         self._flow.named(status.seq)
         self._flow.answered()
         if self.clock.ready:  # who speaks also reads: what should be there and is not named was lost on the way
-            self._flow.read_until(self.clock.to_host_ns(status.t_board_us, near=t_now_ns) - self._patience_ns)
+            t_said_ns = self.clock.to_host_ns(status.t_board_us, near=t_now_ns)
+            self._flow.read_until(t_said_ns - self._patience_ns, t_now_ns)
         if not status.applied or not self.clock.ready:
             return
         sent = self._in_flight.pop(status.seq, None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.core.flow import PATIENT_QUESTION_EVERY_NS, QUESTION_EVERY_NS, QUESTIONS, Flow
+from hapticd.core.flow import BAD_FOR_NS, PATIENT_QUESTION_EVERY_NS, QUESTION_EVERY_NS, QUESTIONS, Flow
 
 MS = 1_000_000
 T0_NS = 70_000_000_000
@@ -52,9 +52,21 @@ def test_a_number_that_is_not_awaited_says_nothing() -> None:
 
 def test_an_answer_clears_what_was_written_before_its_question_and_nothing_after() -> None:
     flow = wrote(1, 2, 3)
-    flow.read_until(T0_NS + 11 * MS)
+    flow.read_until(T0_NS + 11 * MS, T0_NS + 30 * MS)
     assert not flow.is_full(T0_NS + 100 * MS, PATIENCE_NS)
     assert flow.is_overdue(T0_NS + 100 * MS, PATIENCE_NS)
+
+
+def test_a_line_that_was_known_to_lose_may_hold_twice_as_many_for_a_second() -> None:
+    flow = wrote(1, 2, 3, 4)
+    t_known_ns = T0_NS + 40 * MS
+    flow.read_until(T0_NS, t_known_ns)
+    assert not flow.is_full(t_known_ns + 100 * MS, PATIENCE_NS)
+    flow.wrote(5, t_known_ns)
+    assert flow.is_full(t_known_ns + 100 * MS, PATIENCE_NS)
+    flow.named(3)
+    assert not flow.is_full(t_known_ns + BAD_FOR_NS - 1, PATIENCE_NS)
+    assert flow.is_full(t_known_ns + BAD_FOR_NS, PATIENCE_NS)
 
 
 def test_questions_come_fast_then_patiently_and_fast_again_after_an_answer() -> None:

@@ -33,8 +33,11 @@ class TerminalBench(Bench):
 
     def _step(self) -> None:
         super()._step()
+        named = self.board.seq
         if not self.is_stalled:
             FakeBoard.write(self.board, self.unread())
+        if self.board.seq != named:
+            self.board.status()  # as the firmware tells of each that takes effect
 
     def stall(self, is_stalled: bool) -> None:
         """The firmware hangs, and hears and says nothing; or it goes on, its dead-man tripped long since."""
