@@ -23,7 +23,7 @@ from .core.ledger import Histogram, LedgerLine
 from .daemon import Daemon, now_ns, serve
 from .errors import HapticdError, UsageError, reason
 from .machine import Machine
-from .outputs import check_writable
+from .outputs import check_writable, write_text
 from .service import Prepared, Workshop
 from .status import histogram_fields
 from .values import AmplitudeTarget, ClientTargets, Target
@@ -66,8 +66,7 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
     measured = measure(config, seconds)
     print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
     if json_file is not None:
-        text = json.dumps(figures(measured), indent=2) + "\n"
-        sys.stdout.write(text) if json_file == "-" else Path(json_file).write_text(text, encoding="utf-8")
+        write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
     if ledger is not None:
         write_ledger(measured.lines, ledger)
     if plot is not None:

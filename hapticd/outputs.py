@@ -1,11 +1,12 @@
-"""The files that a command shall write, looked at before it works for them."""
+"""The files that a command shall write: looked at before it works for them, and written."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
-from .errors import UsageError
+from .errors import HapticdError, UsageError, reason
 
 
 def check_writable(*paths: Path | str | None) -> None:
@@ -18,3 +19,14 @@ def check_writable(*paths: Path | str | None) -> None:
             raise UsageError(f"{path}: is a directory: name a file in it.")
         if not os.access(path if path.exists() else folder, os.W_OK):
             raise UsageError(f"{path}: may not be written by this user: choose another place.")
+
+
+def write_text(text: str, file: str) -> None:
+    """To the file, or for "-" to standard output. Raises HapticdError in one sentence, such as for a full disk."""
+    if file == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        Path(file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise HapticdError(f"{file}: cannot be written ({reason(error)}); choose another place.") from None

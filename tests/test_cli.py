@@ -253,3 +253,15 @@ def test_a_folder_given_as_configuration_is_said_without_a_number(
     code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path))
     assert code == 78
     assert complaint == f"hapticd: {tmp_path}: cannot be read (Is a directory): check the path given to --config.\n"
+
+
+@pytest.mark.parametrize("file", ["/dev/full", "-"])
+def test_a_full_disk_is_said_with_the_file_that_it_is_full_for(file: str) -> None:
+    command = [sys.executable, "-m", "hapticd", "simulate", "rest", "--seconds", "0.2", "--alone", "--json", file]
+    with Path("/dev/full").open("w") as full:
+        out = full if file == "-" else subprocess.DEVNULL
+        ended = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 1
+    complaint = ended.stderr.splitlines()[-1]
+    assert complaint.startswith(f"hapticd: {'standard output' if file == '-' else file}: ")
+    assert "No space left on device" in complaint

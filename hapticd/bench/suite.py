@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from .. import __version__
-from ..errors import HapticdError, UsageError
-from ..outputs import check_writable
+from ..errors import UsageError
+from ..outputs import check_writable, write_text
 from . import (
     carrier,
     firmware,
@@ -104,7 +104,7 @@ def run(
         found += tables
         _print(tables, out)
     if json_file is not None:
-        _write(json.dumps({"machine": _machine(), "parts": told}, indent=2, allow_nan=False) + "\n", json_file)
+        write_text(json.dumps({"machine": _machine(), "parts": told}, indent=2, allow_nan=False) + "\n", json_file)
     if plot is not None:
         from .plot import draw
 
@@ -126,16 +126,6 @@ def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]
 def _print(tables: tuple[Table, ...], out: TextIO) -> None:
     for table in tables:
         print(render(table), end="\n\n", file=out, flush=True)
-
-
-def _write(text: str, file: str) -> None:
-    if file == "-":
-        sys.stdout.write(text)
-        return
-    try:
-        Path(file).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise HapticdError(f"{file}: cannot be written ({error.strerror}); choose another place.") from error
 
 
 def _machine() -> dict[str, str | int]:

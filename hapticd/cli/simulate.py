@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    from ..outputs import check_writable
+    from ..outputs import check_writable, write_text
     from ..sim import lockstep, report
 
     check_writable(options.json, options.out, options.plot, options.record)
@@ -48,8 +48,7 @@ def _simulate(options: argparse.Namespace) -> None:
     print(report.table(figures), file=sys.stderr)
     print(f"{played.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
     if options.json is not None:
-        text = json.dumps(figures, indent=2) + "\n"
-        sys.stdout.write(text) if options.json == "-" else Path(options.json).write_text(text, encoding="utf-8")
+        write_text(json.dumps(figures, indent=2) + "\n", options.json)
     if options.out is not None:
         report.save(played, options.out)
     if options.plot is not None:

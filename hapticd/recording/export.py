@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,12 @@ def _storable(values: Column, text: np.dtype[Any]) -> Column:
     return np.array(encoded) if is_short else values.astype(text)
 
 
+def _reason(error: OSError) -> str:
+    """What the system says of it, which HDF5 puts among addresses and sizes."""
+    inner = re.search(r"error message = '([^']*)'", str(error))
+    return inner[1] if inner is not None else error.strerror or str(error)
+
+
 class _Writing:
     """Says in one sentence what kept a file from being written."""
 
@@ -104,7 +111,7 @@ class _Writing:
 
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         if isinstance(error, OSError):
-            raise RecordingError(f"{self._path}: cannot be written ({error.strerror or error}).") from None
+            raise RecordingError(f"{self._path}: cannot be written ({_reason(error)}).") from None
 
 
 def _missing(library: str) -> RecordingError:

@@ -19,12 +19,12 @@ from hapticd.calibrate.trackpad import parse_marks
 from hapticd.calibrate.verdict import Outcome
 from hapticd.config import from_table
 from hapticd.errors import CalibrationError
-from hapticd.machine import _plate_from_pad
 from hapticd.sim.fingers import Line, Rest, Touch
 from hapticd.sim.fingers import Path as FingerPath
 from hapticd.sim.sensor import SensorModel, SensorSettings
 from hapticd.values import AffineMap, RawReport
 from hapticd.wire.trackpad import Decoder
+from hapticd.wiring import plate_from_pad
 
 MARKS = parse_marks("-50,-40 50,-40 50,40 -50,40")
 
@@ -64,7 +64,7 @@ def test_what_it_says_to_the_service_is_the_same_map() -> None:
     truth = AffineMap(1.01, -0.03, 0.04, 0.99, 2.5, -1.25)
     fit = fit_affine([AffineMap(*inverse(truth)).apply(*mark) for mark in MARKS], MARKS)
     verdict = trackpad.verdict(fit, {"source": "sim"}, is_simulated=True)
-    told = _plate_from_pad(from_table(dict(verdict.settings), where="x", folder=Path()))
+    told = plate_from_pad(from_table(dict(verdict.settings), where="x", folder=Path()))
     for corner in MARKS:
         assert told.apply(*corner) == pytest.approx(truth.apply(*corner), abs=1e-3)
 

@@ -63,6 +63,11 @@ def test_pandas_reads_the_csv(tmp_path: Path, eventful: Path, capsys: pytest.Cap
     assert "passes" in capsys.readouterr().out
 
 
+def test_a_full_disk_under_the_hdf5_is_one_line(strokes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(strokes), "--hdf5", "/dev/full"]) == 2
+    assert capsys.readouterr().err == "hapticd: /dev/full: cannot be written (No space left on device).\n"
+
+
 def test_pandas_and_h5py_read_the_hdf5(tmp_path: Path, strokes: Path) -> None:
     path = tmp_path / "out.h5"
     assert main(["export", str(strokes), "--hdf5", str(path)]) == 0

@@ -113,7 +113,7 @@ def test_a_recording_cut_anywhere_is_identical_as_far_as_it_goes(tmp_path: Path,
         outcome = replay(recording)
         assert outcome.is_identical
         assert outcome.lines <= whole
-        assert "its end is cut off" in report(recording, outcome)
+        assert "it stops before the daemon did" in report(recording, outcome)
 
 
 def test_a_recording_that_began_late_says_that_it_cannot_be_exact(tmp_path: Path, strokes: Path) -> None:
