@@ -114,7 +114,6 @@ class Daemon:
             on_link=lambda up, reason: self._on_pad_link(Link(up, reason)),
         )
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
-        self._pauses = Pauses(lambda span_ns: self.machine.loop.paused(span_ns), clock_ns=now_ns)
 
     def _new_machine(self) -> Machine:
         machine = Machine(
@@ -168,8 +167,9 @@ class Daemon:
         self.machine.real_time = dataclasses.asdict(granted)
 
     def ready(self) -> None:
-        """The start is over: ticks count from now, and the service manager hears that clients are served."""
+        """The start is over: ticks and pauses count from now, and the service manager hears that clients are served."""
         assert self._timer is not None
+        self._pauses = Pauses(lambda span_ns: self.machine.loop.paused(span_ns), clock_ns=now_ns)
         self._timer.set_period(TIMER_NS)
         self._t_said_ns = now_ns()
         self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
