@@ -42,10 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     from .__main__ import main as hapticd
 
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the command takes it over
     owner = sys.stdin.fileno()
-    threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
     try:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the command takes it over
+        threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
         return hapticd(options.command)
     finally:
         if options.forget is not None and select.select([owner], [], [], 0)[0]:  # it never writes: this is its end

@@ -177,7 +177,7 @@ class Rig:
 
     def _hear_owner(self, owner: int) -> None:
         if not os.read(owner, READ_SIZE):
-            self.is_orphaned = True
+            self.is_orphaned = not self._stopping  # who asked for the end first lives, and wants the recording
             self.stop()
 
     def _now_s(self) -> float:

@@ -246,7 +246,7 @@ def test_what_can_be_worked_has_a_name_for_a_screen_reader(page: Page) -> None:
 
 def test_a_dead_daemon_is_said_and_its_return_too(page: Page, service: DaemonProcess) -> None:
     service.process.kill()
-    service.process.wait()
+    service.process.communicate()
     page.until(lambda: page["state"].text == "No daemon")
     assert "hapticd" in page["notice"].text
     first(service.__enter__().process)
