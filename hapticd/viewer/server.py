@@ -249,8 +249,11 @@ class Viewer:
             self._hand = None
 
     async def _close(self, _: web.Application) -> None:
+        client, self._client = self._client, None
         for page in tuple(self._pages):
             await page.socket.close()
+        if client is not None:  # its pages leave later, perhaps too late
+            await asyncio.to_thread(client.close)
         if self._closing:
             await asyncio.gather(*self._closing)
         self._context.destroy(linger=0)

@@ -12,7 +12,7 @@ import pytest
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
-from selenium.webdriver.support.ui import WebDriverWait
+from selenium.webdriver.support.ui import Select, WebDriverWait
 from viewprocess import View, first
 
 from hapticd.daemonprocess import DaemonProcess
@@ -54,6 +54,10 @@ class Page:
 
     def until(self, condition: Callable[[], object]) -> None:
         WebDriverWait(self.browser, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
+
+    def lay(self, name: str) -> None:
+        """Choose a layer; as keys, what was typed within a second would count as one name."""
+        Select(self["layer"]).select_by_visible_text(name)
 
     def fingers(self) -> list[str]:
         """The text of each row."""
@@ -163,25 +167,25 @@ def test_the_keyboard_alone_lands_moves_chooses_and_lifts_a_finger(page: Page) -
 
 
 def test_a_layer_tells_where_another_finger_could_get_its_wish(page: Page) -> None:
-    page["layer"].send_keys("could be sticky")
+    page.lay("could be sticky")
     page.until(lambda: "No finger is slippery" in page["layer-text"].text)
     lay_down(page, 150, 80)
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))
     page.until(lambda: "Light: where one more finger could be sticky" in page["layer-text"].text)
     before = page.brightness()
-    page["layer"].send_keys("none")
+    page.lay("none")
     page.until(lambda: not page["layer-text"].is_displayed())
     page.until(lambda: page.brightness() < before - 30)
-    page["layer"].send_keys("could be sticky")
+    page.lay("could be sticky")
     lay_down(page, -120, -30)
     page.until(lambda: "2 fingers" in page["state"].text)
     page.press_until("0", "of 0.00")
     page.until(lambda: "where finger" in page["layer-text"].text)
     share = int(page["layer-text"].text.split()[-5])
     assert 5 < share < 98
-    page["layer"].send_keys("could be slippery")
+    page.lay("could be slippery")
     page.until(lambda: "could be slippery" in page["layer-text"].text)
-    page["layer"].send_keys("none")
+    page.lay("none")
     page["plate"].send_keys(Keys.ESCAPE)
     page.until(lambda: page["nobody"].is_displayed())
     assert page.complaints() == []
