@@ -35,7 +35,7 @@ RUN_S = 30.0
 FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board behind a wrapped clock is noticed after half a second
 LIFT_S, AT_REST_S = 28.8, 29.2
 QUIET_UM, DRIVEN_UM = 0.01, 0.3
-WARM_AFTER_RUNS = 10  # by then the simulation's caches are full
+WARM_AFTER_RUNS = 24  # by then the simulation's caches are full: they keep 16 plates
 OVERSHOOT = 1.1  # of the plate beyond its reference, when that steps
 MOST_HOURS = 24.0
 

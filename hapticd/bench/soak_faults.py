@@ -195,7 +195,7 @@ def _refused(simulation: FaultySimulation) -> float:
 
 
 _SHORT_S = (0.15, 0.6)
-_DEADMAN_MS = 85.0  # the last frame's way, 50 ms, the ramp, and the ring-down
+_DEADMAN_MS = 90.0  # the last frame's way, 50 ms, the ramp, and the ring-down from as much as the limits allow
 
 KINDS = (
     Kind("trackpad unplugged", _SHORT_S, 20.0, _act("pull_trackpad", "plug_trackpad"), _is_idle),

@@ -9,6 +9,7 @@ CPython 3.11 to 3.13).
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import subprocess
 import sys
@@ -105,6 +106,10 @@ def keep(name: str, folder: Path) -> None:
 def fuzz(name: str, flags: list[str]) -> int:
     """In the process of its own: instrumented, warnings are errors. Never returns where libFuzzer begins."""
     import atheris
+
+    # Machine code tells atheris nothing, and what finds the sources must be there before it.
+    os.environ["HAPTICD_PURE"] = "1"
+    import hapticd  # noqa: F401
 
     sys.path.insert(0, str(Path(__file__).parents[1]))
     with atheris.instrument_imports(include=INSTRUMENTED):
