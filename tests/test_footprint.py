@@ -13,8 +13,12 @@ from hapticd.core.modes import ModeShapes
 
 START = """
 import sys
-from hapticd import __main__ as command, service, wiring
-from hapticd.config import Config
+from hapticd import __main__ as command
+from hapticd.cli.run import without_openssl
+with without_openssl():
+    from hapticd import service
+from hapticd import wiring
+from hapticd.config_sections import Config
 command.parser("run")
 wiring.warm_up(Config())
 print(*sorted(sys.modules))
@@ -23,7 +27,7 @@ print(*sorted(sys.modules))
 NOT_NEEDED = (
     *("scipy", "matplotlib", "numpy.ma", "numpy.fft", "numpy.random", "numpy.polynomial"),
     *("hapticd.design", "hapticd.bench", "hapticd.bringup", "hapticd.sim.lockstep", "hapticd.sim.plate"),
-    *("email", "http", "xml", "unittest", "sqlite3", "multiprocessing"),
+    *("email", "http", "xml", "unittest", "sqlite3", "multiprocessing", "ssl", "_ssl", "_hashlib"),
 )
 
 
