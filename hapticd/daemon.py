@@ -205,6 +205,7 @@ class Daemon:
         self._set_pace(after_reports=True)
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
+        self._look_after(t_begin_ns)
 
     def _write(self, line: bytes) -> bool:
         is_accepted = self._link.write(line)
@@ -233,23 +234,21 @@ class Daemon:
         machine, t_now_ns = self.machine, now_ns()
         machine.loop.ticked(late_ns, missed)
         machine.timer(t_now_ns)
-        if not machine.is_failing:
-            self._notifier.feed_watchdog(t_now_ns)
-        self._keep_pace(t_now_ns)
-
-    def _keep_pace(self, t_now_ns: int) -> None:
-        """What need not be done while somebody touches: collect garbage, tick half as often, say what was missed."""
-        assert self._timer is not None
-        assert self._recorders is not None
-        is_idle = self.machine.is_idle
         self._set_pace()
+        self._look_after(t_now_ns)
+
+    def _look_after(self, t_now_ns: int) -> None:
+        """What is due beside the touch, whether the timer or, while they come, reports bring it about."""
+        assert self._recorders is not None
+        if not self.machine.is_failing:
+            self._notifier.feed_watchdog(t_now_ns)
         if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
             self._recorders.sweep()
             if self._recorders.is_due(t_now_ns) and self.machine.is_unused:
                 self._begin_anew(t_now_ns)
-        if is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
+        if self.machine.is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()
         if t_now_ns - self._t_said_ns >= SAY_MISSED_EVERY_NS:

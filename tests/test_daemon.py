@@ -18,13 +18,13 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
-from hapticd.daemon import Daemon, serve
+from hapticd.daemon import Daemon, now_ns, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
 from hapticd.machine import TIMER_NS
 from hapticd.service import load_modes
-from hapticd.values import Tick
+from hapticd.values import RawReport, Tick
 from hapticd.wire import device
 from hapticd_client import Client
 
@@ -179,6 +179,22 @@ def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(hardwa
         assert len(manager.heard) == fed
         del machine._decide
         await until(lambda: len(manager.heard) > fed)
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_reports_feed_the_watchdog_as_well_for_while_they_come_no_tick_does(hardware: Hardware) -> None:
+    async def story() -> None:
+        manager = Manager()
+        service = hardware.daemon(notifier=manager)
+        service.start(asyncio.get_running_loop(), MODES)
+        service.ready()
+        service._reports([RawReport(now_ns(), b"")])
+        assert manager.heard == ["ready", "status", "watchdog"]
+        service.machine._decide = None  # type: ignore[assignment]
+        service._reports([RawReport(now_ns(), b"")])
+        assert manager.heard == ["ready", "status", "watchdog"]
         await service.stop()
 
     asyncio.run(story())
