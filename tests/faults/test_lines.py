@@ -64,7 +64,7 @@ def test_the_plate_goes_on_within_its_limits_and_recovers_at_once(
     assert sum(counters(after, "board").values()) > 20
     assert during_um <= most_um
     assert later_um <= 1.2 * CLEAN_UM
-    assert board["deadman_trips"] <= 1  # four losses in a row are such a line's own: one time in six hundred
+    assert board["deadman_trips"] <= 1  # such a line may lose 50 ms of frames in a row, by chance
     assert board["held_back"] <= 8
     assert board["state"] == "LIVE"
     assert not board["limited"]
