@@ -176,6 +176,7 @@ class RealtimeConfig:
     fifo_priority: int = key(0, "SCHED_FIFO priority of the loop; 0: ordinary scheduling", low=0, high=90)
     processor: int = key(-1, "the one processor that the loop keeps to; -1: any", low=-1, high=1023)
     lock_memory: bool = key(False, "keep all that was once touched in memory")
+    stay_awake: bool = key(False, "keep processors from sleeping while fingers are down; costs heat")
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from .config_sections import Config
 from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
 from .errors import HapticdError
+from .io import awake
 from .io.device import SerialLink
 from .io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
 from .io.server import ClientServer
@@ -83,6 +84,7 @@ class Daemon:
         self._pad_link: Link | None = None
         self._board_link: Link | None = None
         self._recorders: Recorders | None = None
+        self._awake: awake.Awake | None = None
 
     @property
     def machine(self) -> Machine:
@@ -162,9 +164,16 @@ class Daemon:
         granted = go_real_time(
             fifo_priority=wanted.fifo_priority, processor=wanted.processor, lock_memory=wanted.lock_memory
         )
-        for refusal in granted.refused:
+        refused = list(granted.refused)
+        if wanted.stay_awake:
+            try:
+                self._awake = awake.Awake(awake.LATENCY_FILE)
+            except OSError as error:
+                refused.append(f"{awake.LATENCY_FILE}: {error.strerror}")
+        for refusal in refused:
             log.warning("real time: not granted: %s", refusal)
-        self.machine.real_time = dataclasses.asdict(granted)
+        told = {"stays_awake": self._awake is not None, "refused": tuple(refused)}
+        self.machine.real_time = dataclasses.asdict(granted) | told
 
     def ready(self) -> None:
         """The start is over: ticks and pauses count from now, and the service manager hears that clients are served."""
@@ -180,6 +189,8 @@ class Daemon:
             self._timer.close()
         if self._pauses is not None:
             self._pauses.close()
+        if self._awake is not None:
+            self._awake.close()
         if self._machine is not None:
             self._machine.stop(now_ns())
         await self._trackpad.close()
@@ -242,6 +253,8 @@ class Daemon:
         assert self._recorders is not None
         if not self.machine.is_failing:
             self._notifier.feed_watchdog(t_now_ns)
+        if self._awake is not None:
+            self._awake.look(not self.machine.is_idle, t_now_ns)
         if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()

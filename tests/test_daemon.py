@@ -20,11 +20,12 @@ from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.daemon import Daemon, now_ns, serve
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
+from hapticd.io import awake
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
 from hapticd.machine import TIMER_NS
 from hapticd.service import load_modes
-from hapticd.values import RawReport, Tick
+from hapticd.values import Finger, RawReport, Tick
 from hapticd.wire import device
 from hapticd_client import Client
 
@@ -38,6 +39,8 @@ def sine_plate() -> ModeShapes:
 
 
 MODES = sine_plate()
+CONFIG = Config()
+STAY_AWAKE = replace(CONFIG, realtime=replace(CONFIG.realtime, stay_awake=True))
 
 
 class Hardware:
@@ -53,9 +56,9 @@ class Hardware:
         self.pad.bind(str(folder / "trackpad"))
         self.pad.listen()
 
-    def daemon(self, runtime: str = "run", notifier: Notifier | None = None) -> Daemon:
+    def daemon(self, runtime: str = "run", notifier: Notifier | None = None, config: Config = CONFIG) -> Daemon:
         trackpad, port = SocketTrackpad(self.folder / "trackpad"), str(self.folder / "board")
-        return Daemon(Config(), self.folder / runtime, board_port=port, trackpad=trackpad, notifier=notifier)
+        return Daemon(config, self.folder / runtime, board_port=port, trackpad=trackpad, notifier=notifier)
 
     def heard(self) -> bytes:
         try:
@@ -195,6 +198,45 @@ def test_reports_feed_the_watchdog_as_well_for_while_they_come_no_tick_does(hard
         service.machine._decide = None  # type: ignore[assignment]
         service._reports([RawReport(now_ns(), b"")])
         assert manager.heard == ["ready", "status", "watchdog"]
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_service(
+    hardware: Hardware, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wishes = hardware.folder / "cpu_dma_latency"
+    wishes.touch()
+    monkeypatch.setattr(awake, "LATENCY_FILE", wishes)
+
+    async def story() -> None:
+        service = hardware.daemon(config=STAY_AWAKE)
+        service.start(asyncio.get_running_loop(), MODES)
+        service.go_real_time()
+        assert service.machine.real_time["stays_awake"] is True
+        service._reports([RawReport(now_ns(), b"")])
+        assert wishes.read_bytes() == b""
+        service.machine.pipeline.fingers = (Finger(1, 0, 0.0, 0.0, True),)
+        service._reports([RawReport(now_ns(), b"")])
+        assert wishes.read_bytes() == bytes(4)
+        await service.stop()
+
+    asyncio.run(story())
+
+
+def test_a_wish_for_processors_awake_that_is_refused_is_told_and_the_service_goes_on(
+    hardware: Hardware, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(awake, "LATENCY_FILE", hardware.folder / "none")
+
+    async def story() -> None:
+        service = hardware.daemon(config=STAY_AWAKE)
+        service.start(asyncio.get_running_loop(), MODES)
+        service.go_real_time()
+        assert service.machine.real_time["stays_awake"] is False
+        assert service.machine.real_time["refused"] == (f"{awake.LATENCY_FILE}: No such file or directory",)
+        service._reports([RawReport(now_ns(), b"")])
         await service.stop()
 
     asyncio.run(story())

@@ -404,6 +404,12 @@ def test_what_real_time_needs_is_a_limit_or_a_capability(
     assert host.real_time(patient(tmp_path, realtime=realtime)).verdict == verdict
 
 
+def test_processors_stay_awake_where_this_user_may_wish_it(tmp_path: Path) -> None:
+    assert host.real_time(patient(tmp_path, realtime={"stay_awake": True})).verdict == WARN
+    put(tmp_path / "dev/cpu_dma_latency", "")
+    assert host.real_time(patient(tmp_path, realtime={"stay_awake": True})).verdict == PASS
+
+
 def test_what_the_running_daemon_was_refused_counts_more_than_what_this_user_may(tmp_path: Path) -> None:
     for refused, verdict in ((("mlockall: Cannot allocate memory",), WARN), ((), PASS)):
         granted = {name: getattr(Granted(10, (1,), False, refused), name) for name in Granted.__slots__}

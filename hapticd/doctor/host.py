@@ -12,6 +12,7 @@ from pathlib import Path
 
 from .. import installation
 from ..errors import HapticdError
+from ..io.awake import LATENCY_FILE
 from .finding import PASS, WARN, Finding, Patient
 
 RULES = "71-hapticd.rules"
@@ -69,7 +70,7 @@ def _user_name() -> str:
 
 
 def real_time(patient: Patient) -> Finding:
-    """Priority and memory: what a running daemon was granted, else what this user may ask for."""
+    """Priority, memory, processors awake: what a running daemon was granted, else what this user may ask for."""
     wanted = patient.config.realtime
     granted = patient.told("real_time", "priority")
     if granted is not None:
@@ -77,7 +78,7 @@ def real_time(patient: Patient) -> Finding:
         if refused:
             return Finding(WARN, "real time", f"the daemon was refused {'; '.join(refused)}", "systemctl cat hapticd")
         return Finding(PASS, "real time", f"the daemon runs at priority {granted}, nothing was refused it")
-    if wanted.fifo_priority == 0 and not wanted.lock_memory:
+    if wanted.fifo_priority == 0 and not (wanted.lock_memory or wanted.stay_awake):
         return Finding(PASS, "real time", "not asked for")
     allowed = _limit(resource.RLIMIT_RTPRIO)
     if wanted.fifo_priority > allowed and not _can(patient, CAP_SYS_NICE):
@@ -94,8 +95,13 @@ def real_time(patient: Patient) -> Finding:
             f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not all of it",
             "run it as the service, whose unit grants 512 MiB: sudo systemctl start hapticd",
         )
+    latency_file = patient.root / LATENCY_FILE.relative_to("/")
+    if wanted.stay_awake and not os.access(latency_file, os.W_OK):
+        said = f"this user may not write to {LATENCY_FILE}, so processors will sleep"
+        return Finding(WARN, "real time", said, INSTALL)
     asked = [f"priority {wanted.fifo_priority}"] if wanted.fifo_priority > 0 else []
     asked += ["locked memory"] if wanted.lock_memory else []
+    asked += ["processors that stay awake"] if wanted.stay_awake else []
     return Finding(PASS, "real time", f"{' and '.join(asked)} may be asked for")
 
 

@@ -229,6 +229,8 @@ class ClientServer:
 
 def _received(socket: Socket) -> Sequence[zmq.Frame] | None:
     """The parts of the next message, without waiting; those beyond what any client should send are thrown away."""
+    if not int(socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:  # as nearly always: a quarter of what `zmq.Again` costs
+        return None
     try:
         frames = [socket.recv(zmq.NOBLOCK, copy=False)]
     except zmq.Again:

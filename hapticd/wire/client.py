@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import msgpack
 
@@ -82,8 +83,7 @@ class Request:
     body: ClientTargets | Release | Marker | None
 
 
-@dataclass(frozen=True, slots=True)
-class FingerState:
+class FingerState(NamedTuple):
     """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants.
 
     `owner` is the client that holds it.
@@ -100,8 +100,7 @@ class FingerState:
     owner: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class PlateState:
+class PlateState(NamedTuple):
     """One telemetry message. `instance` changes with every start of the daemon; `seq` counts its messages.
 
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the

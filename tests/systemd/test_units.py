@@ -13,6 +13,7 @@ import pytest
 from hapticd import config
 from hapticd.config_sections import SIMULATED, Config
 from hapticd.errors import ConfigError
+from hapticd.io.awake import LATENCY_FILE
 from hapticd.io.trackpad import PADS
 
 FOLDER = Path(__file__).parents[2] / "systemd"
@@ -117,6 +118,7 @@ def test_the_unit_may_open_what_the_daemon_opens_and_nothing_else() -> None:
         "char-ttyUSB rw",
         "/dev/ptmx rw",
         "char-pts rw",
+        f"{LATENCY_FILE} w",
     }
     assert set(directives("RestrictAddressFamilies")) == {"AF_UNIX AF_NETLINK"}
 

@@ -100,7 +100,7 @@ def test_its_loop_has_the_real_time_it_asked_for_and_its_other_threads_have_not(
     assert process["policies"]["false"] == 0
     assert process["locked_kb"] > 0
     assert (real_time["priority"], real_time["processors"], real_time["refused"]) == (20, [0], [])
-    assert real_time["memory_locked"] is True
+    assert (real_time["memory_locked"], real_time["stays_awake"]) == (True, True)
 
 
 @each_drive

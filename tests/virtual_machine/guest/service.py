@@ -44,6 +44,7 @@ w_limit_um = [LIMIT, LIMIT]
 fifo_priority = 20
 processor = 0
 lock_memory = true
+stay_awake = true
 """
 NONSENSE = "[limits]\nw_limit = 3\n"
 
