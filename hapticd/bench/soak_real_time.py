@@ -3,7 +3,8 @@
 Two fingers circle, one slippery and one sticky, for SECONDS each: with the machine to itself, beside programs that take
 every processor whole, and while four clients offer messages as fast as they can. The service runs in this process as
 `hapticd run` does, with SCHED_FIFO as its unit asks for where the kernel grants it; rig, hogs and clients are processes
-of their own. The times are those of the service's own histograms.
+of their own. The times are those of the service's own histograms. Beside them stands for how long the machine itself
+did not go on (`witness`): what is late by no more than that, the service could not help.
 
 What this leaves out: a real serial line and a real trackpad. Without SCHED_FIFO the figures speak of the scheduler.
 """
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -35,18 +36,17 @@ from ..sim.rigprocess import RigProcess
 from ..values import AmplitudeTarget, ClientTargets, Target
 from ..wire import protocol
 from ..wire.framing import FrameSplitter
+from .soak_company import FLOODERS, Counts, flood, hogs, stood_ms, witnesses
 from .soak_faults import LONGEST_FRAME, reference_peak_um
 from .tables import Row, Table, finite_rows
 
 MOST_S = 3600.0
 PRIORITY = 20  # as in systemd/hapticd.service
-FLOODERS = 4
 SLIPPERY_UM, STICKY_UM = 1.0, 0.0
 ASK_EVERY_S, TTL_NS = 0.1, 2_000_000_000
 PATIENCE_S = 60.0
 PAUSE_NS = 1_000_000  # a garbage collection that takes longer is counted
 
-Counts = dict[str, float]
 Played = tuple[list[tuple[str, Counts]], tuple[str, ...]]  # rows by the spell's name, and notes
 
 
@@ -58,17 +58,31 @@ class Watch:
     frames: int = 0
     peak_um: float = 0.0
     pauses: int = 0
+    longest_silence_ns: int = 0
+    silences: int = 0  # for longer than the board's dead-man waits: a keep-alive was missed
+    _t_written_ns: int | None = None
     _t_collecting_ns: int = 0
     _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(LONGEST_FRAME))
 
-    def tap(self, kind: str, _t_ns: int, *values: Any) -> None:
+    def tap(self, kind: str, t_ns: int, *values: Any) -> None:
         """Every line that is written is read as the board would read it."""
         if kind != "written":
             return
+        if values[1]:
+            self._heard(t_ns)
         for message in self._splitter.feed(values[0]):
             if message[0] == protocol.MSG_REFERENCE:
                 self.frames += 1
                 self.peak_um = max(self.peak_um, reference_peak_um(message))
+
+    def _heard(self, t_ns: int) -> None:
+        """The board's line took something now."""
+        hello = self.machine.session.hello
+        if self._t_written_ns is not None and hello is not None:
+            silence_ns = t_ns - self._t_written_ns
+            self.longest_silence_ns = max(self.longest_silence_ns, silence_ns)
+            self.silences += silence_ns > hello.deadman_ms * 1_000_000
+        self._t_written_ns = t_ns
 
     def collected(self, phase: str, _: dict[str, int]) -> None:
         """One of `gc.callbacks`."""
@@ -80,6 +94,7 @@ class Watch:
     def begin(self) -> None:
         """Forget what was counted."""
         self.frames, self.peak_um, self.pauses = 0, 0.0, 0
+        self.longest_silence_ns, self.silences = 0, 0
         self.machine.loop, self.machine.session.ledger = LoopTiming(), Ledger()
 
 
@@ -133,12 +148,13 @@ async def _watched(daemon: Daemon, seconds: float) -> Played:
     endpoint = f"ipc://{daemon.runtime_dir / 'targets'}"
     spells: dict[str, Callable[[], AbstractContextManager[list[Counts]]]] = {
         "alone": lambda: contextlib.nullcontext([]),
-        "hogs on every processor": _hogs,
-        f"{FLOODERS} clients flood": lambda: _flood(endpoint),
+        "hogs on every processor": hogs,
+        f"{FLOODERS} clients flood": lambda: flood(endpoint),
     }
     try:
         await _driven(machine)
-        rows = [(name, await _spell(watch, spell, seconds)) for name, spell in spells.items()]
+        with witnesses(PRIORITY + 2) as beside:
+            rows = [(name, await _spell(watch, spell, seconds, beside)) for name, spell in spells.items()]
     finally:
         gc.callbacks.remove(watch.collected)
         machine.tap = None
@@ -163,16 +179,23 @@ async def _ask(machine: Machine) -> None:
     await asyncio.sleep(ASK_EVERY_S)
 
 
-async def _spell(watch: Watch, spell: Callable[[], AbstractContextManager[list[Counts]]], seconds: float) -> Counts:
+async def _spell(
+    watch: Watch,
+    spell: Callable[[], AbstractContextManager[list[Counts]]],
+    seconds: float,
+    beside: Sequence[subprocess.Popen[str]],
+) -> Counts:
     """The counts of `seconds` in which `spell` is in force."""
     machine = watch.machine
     with spell() as told:
+        stood_ms(beside)
         trips, lost = _trips(machine), machine.lost_messages()["too_fast"]
         watch.begin()
         t_end_s = time.monotonic() + seconds
         while time.monotonic() < t_end_s:
             await _ask(machine)
         counts = _counted(watch) | {"dead_man_trips_count": float(_trips(machine) - trips)}
+        counts["machine_stood_ms"] = stood_ms(beside)
         lost = machine.lost_messages()["too_fast"] - lost
     for one in told:
         counts = counts | one | {"not_read_hz": lost / seconds}
@@ -198,48 +221,9 @@ def _counted(watch: Watch) -> Counts:
         "missed_ticks_count": float(loop.missed_ticks),
         "gc_pauses_count": float(watch.pauses),
         "peak_um": watch.peak_um,
+        "longest_silence_ms": watch.longest_silence_ns * 1e-6,
+        "missed_keep_alives_count": float(watch.silences),
     }
-
-
-@contextlib.contextmanager
-def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Popen[str]]]:
-    """Programs that say so when they are ready, from then to the end of this."""
-    running = [
-        subprocess.Popen([sys.executable, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        for command in commands
-    ]
-    try:
-        for process in running:
-            assert process.stdout is not None
-            process.stdout.readline()
-        yield running
-    finally:
-        for process in running:
-            if process.poll() is None:
-                process.kill()
-                process.communicate()
-
-
-@contextlib.contextmanager
-def _hogs() -> Iterator[list[Counts]]:
-    """One program for each processor that never pauses."""
-    hog = ("-c", "print(flush=True)\nwhile True: pass")
-    with _processes([hog] * len(os.sched_getaffinity(0))):
-        yield []
-
-
-@contextlib.contextmanager
-def _flood(endpoint: str) -> Iterator[list[Counts]]:
-    """Clients that offer as many messages as they can; what they offered a second is told at the end."""
-    told: list[Counts] = []
-    commands = [("-m", "hapticd.bench.flood", endpoint, f"flood {number}") for number in range(FLOODERS)]
-    with _processes(commands) as running:
-        t_from_s = time.monotonic()
-        yield told
-        lasted_s = time.monotonic() - t_from_s
-        said = [process.communicate()[0].split() for process in running]
-    offered, sent = (sum(float(words[column]) for words in said) / lasted_s for column in (0, 1))
-    told.append({"offered_hz": offered, "sent_hz": sent})
 
 
 def _notes(machine: Machine) -> tuple[str, ...]:
@@ -248,7 +232,8 @@ def _notes(machine: Machine) -> tuple[str, ...]:
     return (
         f"SCHED_FIFO {priority}" if priority else "without SCHED_FIFO, which was not granted: the scheduler's times",
         "compute: pass and writing; wait: from reading a report to its pass; gc pauses: above 1 ms",
-        f"no frame asked for more than {limit_um:g} um; missed keep-alives show as dead-man trips of the board",
+        f"no frame asked for more than {limit_um:g} um; missed keep-alives: silences longer than the dead-man waits",
+        "stood: the longest that a processor itself did not go on, as a process ahead of all others noted",
         "offered: tries of four clients; sent: what their sockets took; not read: beyond the rate of one sender",
     )
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from machine_bench import PLATE
+from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.bench import soak_real_time
 from hapticd.bench.soak_real_time import Watch
@@ -28,6 +28,9 @@ def test_hogs_and_floods_break_no_limit_and_frames_go_on() -> None:
         assert row.figures["frames_count"] > 0
         assert 0.0 < row.figures["peak_um"] <= 4.0
         assert {"dead_man_trips_count", "gc_pauses_count", "missed_ticks_count", "late_frames_count"} <= {*row.figures}
+        assert row.figures["longest_silence_ms"] > 0.0
+        assert row.figures["missed_keep_alives_count"] >= 0.0
+        assert row.figures["machine_stood_ms"] >= 0.0
     flooded = table.row("4 clients flood").figures
     assert flooded["offered_hz"] >= flooded["sent_hz"] > 0.0
 
@@ -44,6 +47,26 @@ def test_every_line_is_read_as_the_board_reads_it_and_a_spell_begins_at_zero() -
     watch.begin()
     assert (watch.frames, watch.peak_um) == (0, 0.0)
     assert watch.machine.loop is not before
+
+
+def test_a_silence_longer_than_the_dead_man_waits_is_a_missed_keep_alive() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    watch = Watch(bench.machine)
+    assert bench.machine.session.hello is not None
+    deadman_ns = bench.machine.session.hello.deadman_ms * 1_000_000
+    for t_ns, is_accepted in ((0, True), (deadman_ns, True), (deadman_ns + 5, False), (2 * deadman_ns + 1, True)):
+        watch.tap("written", t_ns, b"\0", is_accepted)
+    assert (watch.silences, watch.longest_silence_ns) == (1, deadman_ns + 1)
+    watch.begin()
+    assert (watch.silences, watch.longest_silence_ns) == (0, 0)
+
+
+def test_a_witness_tells_how_late_it_woke_until_its_input_ends() -> None:
+    command = [sys.executable, "-m", "hapticd.bench.witness", "0", "0"]
+    done = subprocess.run(command, input="\n\n", capture_output=True, text=True, timeout=60.0, check=False)
+    ready, *late_ms = done.stdout.splitlines()
+    assert (done.returncode, ready, len(late_ms)) == (0, "ready", 2)
+    assert all(float(told) >= 0.0 for told in late_ms)
 
 
 def test_a_collection_of_more_than_a_millisecond_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,40 @@
+"""Who notes when the machine itself stands still: `python -m hapticd.bench.witness PROCESSOR PRIORITY`.
+
+It sleeps for 5 ms again and again, ahead of everybody else on its processor (SCHED_FIFO at PRIORITY, where that is
+granted). What keeps it asleep is no other program but the hypervisor or the kernel, and no priority helps against that.
+Each line on standard input is answered with the longest time, in ms, that a sleep took too long since the one before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import time
+
+SLEEP_S = 0.005
+
+
+def main(processor: int, priority: int) -> None:
+    """Watch until standard input ends."""
+    with contextlib.suppress(OSError):
+        os.sched_setaffinity(0, {processor})
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    print("ready", flush=True)
+    late_s = 0.0
+    while True:
+        t_due_s = time.monotonic() + SLEEP_S
+        asked, _, _ = select.select([sys.stdin], [], [], SLEEP_S)
+        if not asked:
+            late_s = max(late_s, time.monotonic() - t_due_s)
+        elif not sys.stdin.readline():
+            return
+        else:
+            print(late_s * 1e3, flush=True)
+            late_s = 0.0
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))
