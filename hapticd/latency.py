@@ -13,6 +13,7 @@ import json
 import math
 import sys
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
@@ -50,11 +51,13 @@ STAGES = {
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a run found: the frames that the board applied, histograms of the stages, and what was late or missed."""
+    """What a run found: the frames that the board applied, histograms of the stages, what was late or missed, and how
+    much of one processor it took, since the first of them; NaN where that was not measured."""
 
     lines: tuple[LedgerLine, ...]
     stages: Mapping[str, Histogram]
     counts: Mapping[str, int]
+    processor_percent: float = math.nan
 
 
 def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path | None, plot: Path | None) -> None:
@@ -105,12 +108,16 @@ async def _watch(daemon: Daemon, seconds: float) -> Measured:
     await asyncio.sleep(0)  # let it start
     machine, lines = daemon.machine, list[LedgerLine]()
     t_end_ns = now_ns() + round(seconds * 1e9)
+    t_from_ns, computed_ns = now_ns(), time.process_time_ns()
     while now_ns() < t_end_ns:
+        if not lines:
+            t_from_ns, computed_ns = now_ns(), time.process_time_ns()
         machine.want(_wishes(machine), now_ns())
         t_last_ns = lines[-1].t_sent_ns if lines else -1
         lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
         await asyncio.sleep(ASK_EVERY_S)
-    return gather(machine, lines)
+    share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
+    return replace(gather(machine, lines), processor_percent=100.0 * share)
 
 
 def _wishes(machine: Machine) -> ClientTargets:
@@ -151,7 +158,8 @@ def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
 def figures(measured: Measured) -> dict[str, object]:
     """All of it as plain data, in ms."""
     stages = {name: histogram_fields(histogram) for name, histogram in measured.stages.items()}
-    return {"stages": stages, "counts": dict(measured.counts)}
+    percent = measured.processor_percent if math.isfinite(measured.processor_percent) else None
+    return {"stages": stages, "counts": dict(measured.counts), "processor_percent": percent}
 
 
 def print_table(measured: Measured, out: TextIO) -> None:
@@ -165,6 +173,8 @@ def print_table(measured: Measured, out: TextIO) -> None:
         row = "".join(f"{span_ns * 1e-6:>8.3f}" for span_ns in spans_ns)
         print(f"{what:<20}{row}  {sparkline(histogram)}".rstrip(), file=out)
     print(", ".join(f"{count} {what}" for what, count in measured.counts.items()), file=out)
+    if math.isfinite(measured.processor_percent):
+        print(f"{measured.processor_percent:.1f} % of one processor, all threads, since the first frame", file=out)
 
 
 def sparkline(histogram: Histogram) -> str:

@@ -95,6 +95,7 @@ def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(tmp_path: Pat
     told = json.loads(json.dumps(figures(found)))
     assert told["stages"]["link"]["count"] == found.stages["link"].count
     assert told["counts"] == dict(found.counts)
+    assert told["processor_percent"] is None
     draw(found, tmp_path / "latency.png")
     assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
 
@@ -113,7 +114,10 @@ def test_no_time_to_measure_in_is_refused_before_anything_is_opened(seconds: flo
 def test_the_simulated_rig_is_measured_as_it_is_built(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     latency.run(Config(), 2.0, json_file="-", ledger=tmp_path / "frames.csv", plot=None)
     said = capsys.readouterr()
-    stages = json.loads(said.out)["stages"]
+    told = json.loads(said.out)
+    stages = told["stages"]
+    assert 0.0 < told["processor_percent"] < 100.0
+    assert f"{told['processor_percent']:.1f} % of one processor" in said.err
     assert stages["link"]["p50_ms"] >= 4.8  # the rig's constant 5 ms, less what the clocks err by
     assert stages["read_age"]["p50_ms"] >= 9.8  # and its sensor's 10
     assert stages["total"]["p50_ms"] >= 14.6  # one after the other
