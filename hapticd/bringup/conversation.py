@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 from ..board_values import BoardCommand, BoardHello, BoardMessage, HelloRequest, KeepAlive
-from ..errors import DeviceError
+from ..errors import DeviceError, UsageError
 from ..io.device import SerialLink
 from ..tool_values import BoardVerdict, Stop, ToolCommand, ToolMessage, Verdict
 from ..wire import protocol
@@ -69,11 +69,11 @@ class Conversation:
         return sum(self._decoder.counters.values())
 
     def say(self, command: BoardCommand | ToolCommand) -> None:
-        """Send without waiting. Figures that no board would take raise DeviceError."""
+        """Send without waiting. Figures that no board would take raise UsageError."""
         try:
             line = encode(command)
         except ValueError as error:
-            raise DeviceError(str(error)) from None
+            raise UsageError(str(error)) from None
         self._link.write(line)
 
     async def hear(self, within_s: float) -> Message | None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from .. import config
 from ..board_values import BoardState, BoardStatus, BoardTime, ClearFault, TimeRequest
 from ..config_sections import SIMULATED, DeviceConfig
-from ..errors import ConfigError, DeviceError
+from ..errors import ConfigError, DeviceError, UsageError
 from ..io.device import SerialLink
 from ..sim.rigprocess import RigProcess
 from ..tool_values import BoardController, BoardLog, ControllerRequest, LogRequest, RawVoltage, SetGains
@@ -114,7 +114,7 @@ async def _gains(board: Conversation, options: argparse.Namespace) -> None:
 async def _raw(board: Conversation, options: argparse.Namespace) -> None:
     sweep.check_drive(board.hello, options.mode, options.volts)
     if not math.isfinite(options.phase):
-        raise DeviceError(f"--phase is {options.phase:g}: an angle is a finite number of degrees.")
+        raise UsageError(f"--phase is {options.phase:g}: an angle is a finite number of degrees.")
     voltage_v = cmath.rect(options.volts, math.radians(options.phase))
     with board.driving():
         await board.demand(RawVoltage(options.mode, voltage_v, options.ms))

@@ -11,7 +11,7 @@ import numpy as np
 from .. import calibration
 from ..board_values import BoardHello, BoardState, BoardStatus, ModeCalibration
 from ..design.resonance import Resonance, fit_resonance
-from ..errors import ConfigError, DeviceError, SweepEndedError
+from ..errors import ConfigError, DeviceError, SweepEndedError, UsageError
 from ..tool_values import Sweep, SweepPoint
 from ..wire import protocol
 from . import text
@@ -46,14 +46,14 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
 
 
 def planned(hello: BoardHello, options: argparse.Namespace) -> Sweep:
-    """The sweep that was asked for, its gaps filled. Raises DeviceError for what this board would refuse."""
+    """The sweep that was asked for, its gaps filled. Raises UsageError for what this board would refuse."""
     volts = VOLTS_FRAC * hello.v_limit_v if options.volts is None else options.volts
     start_hz = hello.drive_hz - BAND_HZ if options.start_hz is None else options.start_hz
     stop_hz = hello.drive_hz + BAND_HZ if options.stop_hz is None else options.stop_hz
     check_drive(hello, options.mode, volts)
     for name, f_hz in (("--from", start_hz), ("--to", stop_hz)):
         if not protocol.is_within(f_hz - hello.drive_hz, protocol.SWEEP_OFFSET_HZ):
-            raise DeviceError(
+            raise UsageError(
                 f"{name} is {f_hz:g} Hz, but the board sweeps {protocol.SWEEP_OFFSET_HZ[1]:g} Hz at most to either "
                 f"side of its drive, {hello.drive_hz:g} Hz."
             )
@@ -61,12 +61,12 @@ def planned(hello: BoardHello, options: argparse.Namespace) -> Sweep:
 
 
 def check_drive(hello: BoardHello, mode: int, volts: float) -> None:
-    """Raises DeviceError for a mode that this board does not have, or a voltage that it would refuse open loop."""
+    """Raises UsageError for a mode that this board does not have, or a voltage that it would refuse open loop."""
     if not 0 <= mode < hello.modes:
-        raise DeviceError(f"There is no mode {mode}: the board has modes 0 to {hello.modes - 1}.")
+        raise UsageError(f"There is no mode {mode}: the board has modes 0 to {hello.modes - 1}.")
     limit_v = protocol.RAW_LIMIT_FRAC * hello.v_limit_v
     if not 0.0 < volts <= limit_v:
-        raise DeviceError(f"--volts is {volts:g}, but open loop the board gives more than 0 and at most {limit_v:g} V.")
+        raise UsageError(f"--volts is {volts:g}, but open loop the board gives more than 0 and at most {limit_v:g} V.")
 
 
 async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:

@@ -7,7 +7,7 @@ import asyncio
 import json
 import sys
 
-from ..errors import DeviceError
+from ..errors import UsageError
 from ..tool_values import ModeSample, SetTelemetry, TelemetrySample
 from . import text
 from .conversation import Conversation
@@ -20,9 +20,9 @@ FIGURES = ("decay_1_s", "detuning_rad_s")
 async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Stream for as long as asked; then say how many samples came and how many were dropped."""
     if options.rate < 1:
-        raise DeviceError(f"--rate is {options.rate}: a stream has at least 1 sample a second.")
+        raise UsageError(f"--rate is {options.rate}: a stream has at least 1 sample a second.")
     if not options.seconds > 0.0:
-        raise DeviceError(f"--seconds is {options.seconds:g}: a stream lasts for some time.")
+        raise UsageError(f"--seconds is {options.seconds:g}: a stream lasts for some time.")
     if not options.json:
         print(header(board.hello.modes))
     loop = asyncio.get_running_loop()

@@ -31,6 +31,16 @@ from .tracks import Tracks, tracks
 Polyline = tuple[int, tuple[tuple[int, tuple[complex, ...]], ...]]  # t_apply_ns and knots, each dt_ns and amplitudes
 
 
+# Keys of [plate] that say which plate it is.
+_OF_THE_PLATE = (
+    "modes_file",
+    "neighbours_file",
+    "neighbours_detuning_hz",
+    "neighbours_decay_1_s",
+    "finger_decay_1_s",
+)
+
+
 class Judged(NamedTuple):
     """One choice of settings, and what came of it."""
 
@@ -46,6 +56,8 @@ def changed(config: Config, changes: Sequence[str]) -> Config:
         section, dot, key = name.strip().partition(".")
         if not (equals and dot and key):
             raise ConfigError(f"--set {change}: write SECTION.KEY=VALUE, such as prediction.name=linear.")
+        if section == "plate" and key.strip() in _OF_THE_PLATE:
+            raise ConfigError(f"--set {change}: the plate is the recorded one; change how it is driven.")
         table.setdefault(section, {})[key] = _value(value.strip(), change)
     return configuration.from_table(table, where="--set", folder=None)
 

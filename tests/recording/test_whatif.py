@@ -92,7 +92,17 @@ def test_a_change_is_a_key_of_the_configuration() -> None:
 
 
 @pytest.mark.parametrize(
-    "change", ["", "fade=1", "solver.fade", "solver.fade=-1", "solver.fad=1", "solver.policy=x", "=.="]
+    "change",
+    [
+        "",
+        "fade=1",
+        "solver.fade",
+        "solver.fade=-1",
+        "solver.fad=1",
+        "solver.policy=x",
+        "=.=",
+        "plate.finger_decay_1_s=1",
+    ],
 )
 def test_a_change_that_cannot_be_is_one_sentence(change: str) -> None:
     with pytest.raises(ConfigError) as refused:
