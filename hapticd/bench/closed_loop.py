@@ -169,8 +169,7 @@ def follow(
         for _ in range(3 if tick == 0 else 1):  # a board trusts the third frame of a stream
             board.receive(device.encode_reference(seq, SafeDrive(0, knots, LimitReason.NONE), board.t_us))
             seq += 1
-        rows = slice(tick, min(tick + every, ticks))
-        board.run(rows.stop - tick, phi[rows], decay_1_s[rows], trace, tick)
+        board.run(min(every, ticks - tick), phi, decay_1_s, trace, tick)
     return trace
 
 

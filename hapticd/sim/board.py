@@ -13,8 +13,24 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from .boardrows import BoardTrace, Rows
 from .carrier import Converters
-from .firmware import Setup, Trace, doubles, load
+from .firmware import Setup, doubles, load
+
+__all__ = [
+    "CHUNK_S",
+    "FLAG_DEADMAN",
+    "FLAG_LIMITED",
+    "FLAG_LIVE",
+    "FLAG_SATURATED",
+    "PLATE_MODES_MAX",
+    "RESET_POWER",
+    "RESET_WATCHDOG",
+    "Board",
+    "BoardConfig",
+    "BoardTrace",
+    "PlateModel",
+]
 
 FLAG_SATURATED: Final = 0x01
 FLAG_LIMITED: Final = 0x02
@@ -117,34 +133,6 @@ class BoardConfig:
             raise ValueError(f"controller is {self.controller!r}, not one of {', '.join(_LAWS)}.")
 
 
-class BoardTrace:
-    """One row per tick, preallocated: what was asked for, measured, true and put out at it, and its flags.
-
-    `reference_um` `measured_um` `voltage_v` (T, M) and `plate_um` (T, P) complex128, `flags` (T,) uint8. The
-    measurement is the mean over the tick just ended; the voltage acts from 50 us later, one chunk of the carrier.
-    """
-
-    __slots__ = ("flags", "measured_um", "plate_um", "reference_um", "voltage_v")
-
-    def __init__(self, ticks: int, modes: int, plate_modes: int) -> None:
-        self.reference_um = np.zeros((ticks, modes), dtype=np.complex128)
-        self.measured_um = np.zeros((ticks, modes), dtype=np.complex128)
-        self.plate_um = np.zeros((ticks, plate_modes), dtype=np.complex128)
-        self.voltage_v = np.zeros((ticks, modes), dtype=np.complex128)
-        self.flags = np.zeros(ticks, dtype=np.uint8)
-
-    def __len__(self) -> int:
-        return len(self.flags)
-
-    @property
-    def modes(self) -> int:
-        return self.reference_um.shape[1]
-
-    @property
-    def plate_modes(self) -> int:
-        return self.plate_um.shape[1]
-
-
 class Board:
     """A running board. It stands at an instant, the last tick's; `run` moves it on.
 
@@ -186,8 +174,7 @@ class Board:
                 )
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
-        self._traced: BoardTrace | None = None  # whose columns `_trace` points to: a run comes in many short parts
-        self._trace = Trace()
+        self._rows: Rows | None = None
 
     def __del__(self) -> None:
         if getattr(self, "_board", None):
@@ -219,7 +206,7 @@ class Board:
         """The bytes that the board wants to send, taken from it now or at `at_us`, which its messages then bear."""
         t_us = self.unwrapped_us if at_us is None else at_us
         n = self._library.hd_board_transmit(self._board, self._out, _TRANSMIT_BYTES, t_us)
-        return self._out.raw[:n]
+        return ctypes.string_at(self._out, n) if n > 0 else b""
 
     def run(
         self,
@@ -233,22 +220,23 @@ class Board:
     ) -> int:
         """Performs up to `ticks` ticks and writes their rows from `offset` on; returns how many were performed.
 
-        Row i of `phi` (ticks, F, P) and `contact_decay_1_s` (ticks, F) holds for the time that leads to tick i; a
+        Row i of `phi` (T, F, P) and `contact_decay_1_s` (T, F) holds for the time that leads to row i of `out`; a
         finger that does not touch has decay 0, whatever its shapes. With `stop_on_transmit` the run ends after the
         tick that has something to send.
         """
-        fingers = self._check_rows(ticks, phi, contact_decay_1_s, out, offset)
-        if out is not self._traced:
-            columns = (out.reference_um, out.measured_um, out.plate_um, out.voltage_v, out.flags)
-            self._traced, self._trace = out, Trace(*(column.ctypes.data for column in columns))
+        rows = self._rows
+        if rows is None or not (rows.phi is phi and rows.contact_decay_1_s is contact_decay_1_s and rows.out is out):
+            rows = self._rows = Rows.of(phi, contact_decay_1_s, out, self.model.modes, self.model.plate_modes)
+        if not 0 <= offset <= offset + ticks <= rows.length:
+            raise ValueError(f"Rows {offset} to {offset + ticks} do not fit arrays of {rows.length} rows.")
         return int(
             self._library.hd_board_run(
                 self._board,
                 ticks,
-                fingers,
-                phi.ctypes.data,
-                contact_decay_1_s.ctypes.data,
-                ctypes.byref(self._trace),
+                rows.fingers,
+                rows.phi_at + offset * phi.strides[0],
+                rows.contact_decay_at + offset * contact_decay_1_s.strides[0],
+                rows.trace,
                 offset,
                 stop_on_transmit,
             )
@@ -269,30 +257,6 @@ class Board:
         if values.shape != (self.model.modes,):
             raise ValueError(f"measured_um has shape {values.shape}, not {(self.model.modes,)}.")
         self._library.hd_board_fake_measurement(self._board, values.ctypes.data)
-
-    def _check_rows(
-        self,
-        ticks: int,
-        phi: npt.NDArray[np.float64],
-        contact_decay_1_s: npt.NDArray[np.float64],
-        out: BoardTrace,
-        offset: int,
-    ) -> int:
-        """C writes where it is told: every size is checked here. Returns the number of fingers."""
-        p, m = self.model.plate_modes, self.model.modes
-        fingers = int(phi.shape[1]) if phi.ndim == 3 else 0
-        for name, rows, row in (("phi", phi, (fingers, p)), ("contact_decay_1_s", contact_decay_1_s, (fingers,))):
-            if rows.shape[1:] != row or len(rows) < ticks or rows.dtype != np.float64 or not rows.flags.c_contiguous:
-                raise ValueError(
-                    f"{name} is {rows.dtype} of shape {rows.shape}: "
-                    f"it must have {ticks} C-contiguous float64 rows of shape {row}."
-                )
-        if (out.modes, out.plate_modes) != (m, p) or not 0 <= offset <= offset + ticks <= len(out):
-            raise ValueError(
-                f"Rows {offset} to {offset + ticks} of {m} modes and {p} plate modes do not fit a trace of {len(out)} "
-                f"rows, {out.modes} modes and {out.plate_modes} plate modes."
-            )
-        return fingers
 
 
 def _setup(

@@ -115,10 +115,7 @@ class World:
                 self._before = self._row(self._done - 1)
                 self._start_chunk()
             ticks = min(due - self.ticks, self._chunk_ticks - self._done)
-            part = slice(self._done, self._done + ticks)
-            ran = self.board.run(
-                ticks, self._phi[part], self._decay_1_s[part], self._trace, self._done, stop_on_transmit=True
-            )
+            ran = self.board.run(ticks, self._phi, self._decay_1_s, self._trace, self._done, stop_on_transmit=True)
             self._done += ran
             self.ticks += ran
             said = self.board.transmit()

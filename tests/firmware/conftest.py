@@ -57,12 +57,10 @@ class Bench:
 
     def run(self, ticks: int) -> BoardTrace:
         trace = BoardTrace(ticks, self.modes, self.modes)
+        nobody = np.zeros((ticks, 0, self.modes)), np.zeros((ticks, 0))
         done = 0
         while done < ticks:
-            rows = ticks - done
-            done += self.board.run(
-                rows, np.zeros((rows, 0, self.modes)), np.zeros((rows, 0)), trace, done, stop_on_transmit=True
-            )
+            done += self.board.run(ticks - done, *nobody, trace, done, stop_on_transmit=True)
             self.listen()
         return trace
 

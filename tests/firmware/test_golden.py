@@ -124,9 +124,9 @@ def heard(board: Board) -> Iterator[dict[str, Any]]:
 def run(board: Board, ticks: int) -> Iterator[dict[str, Any]]:
     """Runs the board; it is listened to as soon as it has something to say."""
     trace, done = BoardTrace(ticks, 2, 2), 0
+    nobody = np.zeros((ticks, 0, 2)), np.zeros((ticks, 0))
     while done < ticks:
-        rows = ticks - done
-        done += board.run(rows, np.zeros((rows, 0, 2)), np.zeros((rows, 0)), trace, done, stop_on_transmit=True)
+        done += board.run(ticks - done, *nobody, trace, done, stop_on_transmit=True)
         yield from heard(board)
 
 

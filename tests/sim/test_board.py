@@ -126,7 +126,7 @@ def test_cut_into_pieces_a_run_is_the_same() -> None:
     trace = BoardTrace(80, 2, 4)
     done = 0
     while done < 80:
-        done += board.run(80 - done, phi[done:], decay_1_s[done:], trace, done, stop_on_transmit=True)
+        done += board.run(80 - done, phi, decay_1_s, trace, done, stop_on_transmit=True)
         board.transmit()
     for name in BoardTrace.__slots__:
         np.testing.assert_array_equal(getattr(trace, name), getattr(whole, name))
@@ -172,10 +172,10 @@ def test_arrays_that_do_not_fit_are_refused_before_c_sees_them() -> None:
         (np.zeros((10, 2, 3)), decay_1_s),
         (phi, np.zeros((10, 1))),
     ):
-        with pytest.raises(ValueError, match="must have 10 C-contiguous float64 rows"):
+        with pytest.raises(ValueError, match=r"must have C-contiguous float64 rows|do not fit arrays of 9 rows"):
             board.run(10, bad_phi, bad_decay, trace)
     for offset, other in ((1, trace), (-1, trace), (0, BoardTrace(10, 3, 4)), (0, BoardTrace(10, 2, 5))):
-        with pytest.raises(ValueError, match="do not fit a trace"):
+        with pytest.raises(ValueError, match=r"not fit a|not fit arrays of 10 rows"):
             board.run(10, phi, decay_1_s, other, offset)
 
 
