@@ -45,7 +45,7 @@ def telemetry(machine: Machine, tick: Tick) -> bytes:
             condition=None,
             age_ms=tick.age_ns * 1e-6,
             horizon_ms=tick.horizon_ns * 1e-6,
-            markers=tuple(machine.markers),
+            markers=tuple(machine.clients.markers),
             measured_um=() if board is None else board.measured_um,
             tick_late_ms=machine.loop.last_late_ns * 1e-6,
             missed_ticks=machine.loop.missed_ticks,
@@ -117,9 +117,9 @@ def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
             "reports": dict(machine.trackpad.counters),
         },
         "clients": {
-            "refused": machine.messages_refused,
-            "last_refusal": machine.last_refusal,
-            "overtaken": machine.messages_overtaken,
+            "refused": machine.clients.refused,
+            "last_refusal": machine.clients.last_refusal,
+            "overtaken": machine.clients.overtaken,
             **machine.lost_messages(),
         },
         "board": _board(machine),
@@ -149,12 +149,12 @@ def _board(machine: Machine) -> dict[str, object]:
     said: dict[str, object] = {
         "ready": session.ready,
         "reboots": session.reboots,
-        "unsent": machine.unsent,
+        "unsent": machine.board.unsent,
         "held_back": session.held_back,
-        "dropped": dict(machine.board.counters),
+        "dropped": dict(machine.board.dropped),
     }
-    if machine.refused_board:
-        said |= {"refused": machine.refused_board}
+    if machine.board.refused:
+        said |= {"refused": machine.board.refused}
     if hello is not None:
         said |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
     if last is not None:

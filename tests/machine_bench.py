@@ -17,9 +17,10 @@ from hapticd.board_values import ModeCalibration
 from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
 from hapticd.core.supervisor import State
-from hapticd.machine import TIMER_NS, Machine, Tap
+from hapticd.machine import TIMER_NS, Machine
 from hapticd.sim.fingers import Path, Rest, Touch
 from hapticd.sim.sensor import SensorModel, SensorSettings
+from hapticd.tap import Tap
 from hapticd.values import RawReport
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
@@ -187,10 +188,10 @@ class Bench:
 
     def want(self, targets: dict[int | str, float], ttl_s: float = 5.0) -> None:
         items = [{"finger": finger, "amplitude_um": amplitude_um} for finger, amplitude_um in targets.items()]
-        before = self.machine.messages_refused
+        before = self.machine.clients.refused
         payload = msgpack.packb({"v": 1, "client": "test", "ttl_s": ttl_s, "targets": items})
         self.machine.targets(payload, self.t_ns)
-        assert self.machine.messages_refused == before, self.machine.last_refusal
+        assert self.machine.clients.refused == before, self.machine.clients.last_refusal
 
     def ask(self, op: str, **body: object) -> dict[str, Any]:
         request = {"v": 1, "id": 3, "op": op, **({"body": body} if body else {})}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hapticd import machine
+from hapticd import board_peer
 from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers import Rest, Touch
 from hapticd.sim.lockstep import Settings
@@ -30,7 +30,7 @@ def played() -> tuple[bool, int, float]:
 
 def test_a_board_at_rest_is_armed_in_time_for_the_first_touch(monkeypatch: pytest.MonkeyPatch) -> None:
     rested, trips, half_s = played()
-    monkeypatch.setattr(machine, "REST_AFTER_NS", NEVER_NS)
+    monkeypatch.setattr(board_peer, "REST_AFTER_NS", NEVER_NS)
     awake, awake_trips, awake_half_s = played()
     assert (rested, awake) == (True, False)
     assert trips == awake_trips == 0

@@ -19,6 +19,9 @@ ALLOWED = {
     "board_values": {"values"},
     "tool_values": {"values", "board_values"},
     "errors": set(),
+    "tap": set(),
+    "board_peer": {*VALUES, "tool_values", "errors", "config_sections", "core", "wire", "tap"},
+    "client_peers": {"__version__", "values", "errors", "core", "wire", "tap"},
     "toml_file": {"errors"},
     "config_keys": {"errors", "toml_file"},
     "config_sections": {"config_keys"},
@@ -45,12 +48,12 @@ ALLOWED = {
         *("wire.trackpad", "recording.attach", "doctor"),
     },
     "recording": {
-        *("__version__", *VALUES, "errors", *CONFIG, "toml_file", "core", "wire", "machine", "recording"),
+        *("__version__", *VALUES, "errors", *CONFIG, "toml_file", "core", "wire", "machine", "tap", "recording"),
     },
 }
 ALLOWED_FOR_FILE = {
     # The lock-step run turns the same wiring as the daemon, in virtual time: it alone may know it.
-    "sim/lockstep.py": {"machine", *CONFIG, "core.solver"},
+    "sim/lockstep.py": {"machine", "tap", *CONFIG, "core.solver"},
     "design/achievability.py": {"core.solver"},  # its map is what that gives
     "recording/service.py": {"io.record_socket"},
     "recording/attach.py": {"io.record_socket", "io.runtime_dir"},

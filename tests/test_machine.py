@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import logging
+import weakref
 from typing import Any
 
 import msgpack
@@ -55,6 +57,19 @@ def test_a_pad_of_another_model_gets_its_own_decoder() -> None:
     assert bench.ask("status")["body"]["trackpad"]["model"] == "mt1"
 
 
+def test_a_machine_that_another_replaces_is_gone_at_once() -> None:
+    """The daemon's collector never looks at what was there when it became ready."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.ask("status")
+    machine = weakref.ref(bench.machine)
+    gc.disable()
+    try:
+        del bench.machine
+        assert machine() is None
+    finally:
+        gc.enable()
+
+
 # --- the clients' side ------------------------------------------------------------------------------------------
 
 
@@ -76,7 +91,7 @@ def test_virtual_fingers_walk_on_without_a_single_report() -> None:
     items = [{"finger": "walker", "amplitude_um": 1.0}]
     message = {"v": 1, "client": "test", "ttl_s": 5.0, "targets": items, "virtuals": [path]}
     bench.machine.targets(msgpack.packb(message), bench.t_ns)
-    assert bench.machine.last_refusal == ""
+    assert bench.machine.clients.last_refusal == ""
     said = references(bench.run(400))
     assert bench.state is State.ACTIVE
     assert len(said) >= 38  # a pass each timer

@@ -96,9 +96,9 @@ def test_a_reference_that_the_line_did_not_take_is_said_again() -> None:
     bench.want({1: 0.7, 2: 0.0})
     bench.run(30)
     bench.board.plugged = True
-    assert bench.machine.unsent > 0
+    assert bench.machine.board.unsent > 0
     assert references(bench.run(30))
-    assert bench.ask("status")["body"]["board"]["unsent"] == bench.machine.unsent
+    assert bench.ask("status")["body"]["board"]["unsent"] == bench.machine.board.unsent
 
 
 def test_a_reference_lost_on_the_line_is_said_again_before_the_dead_man_notices() -> None:

@@ -43,7 +43,7 @@ def held(*, is_running: bool = False) -> Bench:
     items = [{"finger": 1, "amplitude_um": 1.0}, {"finger": 2, "amplitude_um": 0.0}]
     message = {"v": 1, "client": "study", "ttl_s": 5.0, "stamp": 100, "targets": items}
     bench.machine.targets(msgpack.packb(message), bench.t_ns, VICTIM)
-    assert bench.machine.messages_refused == 0
+    assert bench.machine.clients.refused == 0
     return bench
 
 
@@ -76,7 +76,7 @@ def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
         wish = {"finger": f"v{n}", "amplitude_um": amplitude_um}
         message = {"v": 1, "client": f"attacker-{n}", "ttl_s": 5.0, "targets": [wish], "virtuals": [path]}
         bench.machine.targets(msgpack.packb(message), bench.t_ns, ATTACKER)
-    assert bench.machine.messages_refused == 40 - 15
+    assert bench.machine.clients.refused == 40 - 15
     return references(bench.run(200))
 
 
@@ -99,7 +99,7 @@ def test_a_name_in_use_is_refused_to_another_user_with_a_sentence() -> None:
     bench = held()
     assert "in use by uid 1000: choose another" in ask(bench, ATTACKER, "release", client="study")["error"]
     bench.machine.targets(msgpack.packb({"v": 1, "client": "study"}), bench.t_ns, ATTACKER)
-    assert "in use by uid 1000" in bench.machine.last_refusal
+    assert "in use by uid 1000" in bench.machine.clients.last_refusal
 
 
 @pytest.mark.parametrize("op", ["set", "release"])

@@ -91,10 +91,9 @@ def _simulation(settings: Settings, seed: int, *, true_path: bool, true_map: boo
         simulation.modes = _true_map(simulation)
         simulation.machine = simulation._new_machine()
     if true_path:
-        pipeline = simulation.machine.pipeline
         paths = [actor.path.path if isinstance(actor.path, Touch) else actor.path for actor in simulation.actors]
         known = [path for path in paths if path is not None]
-        pipeline._settings = replace(pipeline._settings, make_predictor=lambda: TruePath(known))
+        simulation.machine.pipeline._fingers.make_predictor = lambda: TruePath(known)
     return simulation
 
 

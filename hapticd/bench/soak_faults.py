@@ -183,7 +183,7 @@ def _trips(simulation: FaultySimulation) -> float:
 def _damaged(simulation: FaultySimulation) -> float:
     """Frames that either end dropped."""
     status = simulation.machine.session.status
-    return sum(simulation.machine.board.counters.values()) + (0.0 if status is None else status.bad_frames)
+    return sum(simulation.machine.board.dropped.values()) + (0.0 if status is None else status.bad_frames)
 
 
 def _unanswered(simulation: FaultySimulation) -> float:
@@ -191,7 +191,7 @@ def _unanswered(simulation: FaultySimulation) -> float:
 
 
 def _refused(simulation: FaultySimulation) -> float:
-    return float(simulation.machine.messages_refused)
+    return float(simulation.machine.clients.refused)
 
 
 _SHORT_S = (0.15, 0.6)

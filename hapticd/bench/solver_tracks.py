@@ -1,4 +1,4 @@
-"""What the solver's freedoms are worth on the way: signs and phases along strokes, discs in place of points, sizes.
+"""What the solver's freedoms are worth on the way: signs and phases along strokes.
 
 Two fingers cross the plate on random straight lines at 100 mm/s, a knot every 2.8 ms, shapes known exactly. Between
 knots the board interpolates: a chord on which a finger gets less than at both ends is a sag that it feels.
@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver import solve, solve_batch, solve_fast, solve_phased_fast
-from ..core.solver_contact import principal_axis
+from ..core.solver import solve_fast, solve_phased_fast
 from ..core.solver_policies import Rows
 from ..sim.plate import DRIVEN_MODES, PlateTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
@@ -23,27 +22,20 @@ from .timing import REPEATS, compare, optional
 
 FloatArray = npt.NDArray[np.float64]
 Phasors = npt.NDArray[np.complex128]
-Pairs = list[Rows]  # the mode matrices of one stroke, or of several pairs of positions
-Way = Callable[[Pairs, tuple[float, ...]], Sequence[Sequence[complex]]]  # knots of one stroke, targets -> modal_um
+Track = list[Rows]  # the mode matrices of one stroke, knot by knot
+Way = Callable[[Track, tuple[float, ...]], Sequence[Sequence[complex]]]  # knots of one stroke, targets -> modal_um
 
 KNOT_MM = 0.28  # 2.8 ms: about what `core.pipeline` takes at this speed
 KNOTS = 170
 NEAR_UM, FAR_UM = (1.0, 0.6), (3.0, 3.0)
 ONE_STILL_UM = (1.0, 0.0)
 SAG_FRAC = 0.1  # of a finger's amplitude: what counts as a sag
-CONTACT_RADIUS_MM = 5.0
-SIZES = ((1, 1), (2, 1), (1, 2), (2, 2), (3, 2), (15, 2), (2, 3), (3, 3), (5, 4), (8, 8), (15, 8))
 
 
-def run(*, strokes: int = 40, repeats: int = REPEATS, pairs: int = 400, calls: int = 20) -> tuple[Table, ...]:
-    """All tables: `strokes` for the first two, `pairs` of random positions for discs, `calls` for each size."""
+def run(*, strokes: int = 40, repeats: int = REPEATS) -> tuple[Table, Table]:
+    """Both tables, of the same `strokes`."""
     points_mm = strokes_mm(strokes)
-    return (
-        both_slip(points_mm, repeats),
-        one_still(points_mm, repeats),
-        contacts(pairs, repeats),
-        sizes(calls, repeats),
-    )
+    return both_slip(points_mm, repeats), one_still(points_mm, repeats)
 
 
 def strokes_mm(strokes: int) -> FloatArray:
@@ -62,7 +54,7 @@ def strokes_mm(strokes: int) -> FloatArray:
 def both_slip(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
     """Signs against phases: what two slipping fingers miss, and how often a change of pattern makes one sag."""
     phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
-    tracks = [_pairs(stroke) for stroke in phi]
+    tracks = [rows_of(stroke) for stroke in phi]
     ways: dict[str, Way] = {
         "solve_fast": _signs,
         "solve_fast, hysteresis 0.05": lambda track, wanted_um: _signs(track, wanted_um, hysteresis=0.05),
@@ -104,7 +96,7 @@ def both_slip(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
 
 
 def _signs(
-    track: Pairs,
+    track: Track,
     wanted_um: tuple[float, ...],
     *,
     policy: str = "keep_zero",
@@ -120,7 +112,7 @@ def _signs(
     return told
 
 
-def _phases(track: Pairs, wanted_um: tuple[float, ...]) -> list[tuple[complex, ...]]:
+def _phases(track: Track, wanted_um: tuple[float, ...]) -> list[tuple[complex, ...]]:
     previous: tuple[complex, ...] | None = None
     told = []
     for rows in track:
@@ -166,7 +158,7 @@ def one_still(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
     rows = []
     for name, (modes, way) in ways.items():
         phi = shapes[..., :modes]
-        tracks = [_pairs(stroke) for stroke in phi]
+        tracks = [rows_of(stroke) for stroke in phi]
         modal_um = np.array([way(track, ONE_STILL_UM) for track in tracks])
         got_um = np.abs(np.einsum("sknm,skm->skn", phi, modal_um))
         steps_um = np.max(np.abs(np.diff(modal_um, axis=1)), axis=-1)
@@ -196,111 +188,16 @@ def one_still(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
     )
 
 
-# --- discs ----------------------------------------------------------------------------------------------------------
-
-
-def contacts(pairs: int = 400, repeats: int = REPEATS) -> Table:
-    """Points against discs: what the still finger's whole contact gets, RMS over a radius of 5 mm."""
-    half_mm = HALF_SIZE_MM - CONTACT_RADIUS_MM
-    points_mm = np.random.default_rng(19).uniform(-half_mm, half_mm, (pairs, 2, 2))
-    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
-    gram = _gram(points_mm[:, 1], CONTACT_RADIUS_MM)
-    both = np.stack([np.zeros_like(gram), gram], axis=1)
-    solved: dict[str, Callable[[], Any]] = {
-        "point": lambda: [solve_fast(rows, ONE_STILL_UM, W_LIMIT_UM)[0] for rows in _pairs(phi)],
-        "disc": lambda: [
-            solve_fast((rows[0], principal_axis(xx, xy, yy)), ONE_STILL_UM, W_LIMIT_UM)[0]
-            for rows, ((xx, xy), (_, yy)) in zip(_pairs(phi), gram.tolist(), strict=True)
-        ],
-        "disc, solve with gram": lambda: [
-            solve(rows, ONE_STILL_UM, W_LIMIT_UM, gram=[np.zeros((2, 2)), disc]).modal_um
-            for rows, disc in zip(phi, gram, strict=True)
-        ],
-        "disc, solve_batch with gram": lambda: solve_batch(phi, ONE_STILL_UM, W_LIMIT_UM, gram=both),
-        "least leak for its amplitude": lambda: _least_leak(phi, gram),
-    }
-    times = compare({name: (way, pairs) for name, way in solved.items()}, repeats)
-    rows = []
-    for name, way in solved.items():
-        modal_um = np.array(way())
-        got_um = np.abs(np.einsum("knm,km->kn", phi, modal_um))
-        contact_um = np.sqrt(np.einsum("km,kml,kl->k", modal_um, gram, modal_um))
-        figures = {
-            **times[name].figures(),
-            "contact_leak_um": _rms(contact_um),
-            "point_leak_um": _rms(got_um[:, 1]),
-            "share_frac": float(np.mean(np.minimum(got_um[:, 0], 1.0))),
-            "leak_um_per_um": _rms(contact_um) / _rms(got_um[:, 0]),
-        }
-        rows.append((name, figures))
-    return Table(
-        name="contacts",
-        title=f"solver, contacts of {CONTACT_RADIUS_MM:g} mm radius: RMS over the still finger's, random pairs",
-        default="point",
-        rows=finite_rows(rows),
-        compared=("time_us", "contact_leak_um"),
-        time="time_us",
-        error="contact_leak_um",
-        notes=("least leak for its amplitude: W along G^-1 phi of the slipping finger, no zero anywhere",),
-    )
-
-
-def _gram(centres_mm: FloatArray, radius_mm: float) -> FloatArray:
-    """The mean of phi phi' over discs (K, 2, 2): seven rings of fourteen points of equal area."""
-    radii_mm = radius_mm * np.sqrt((np.arange(7) + 0.5) / 7)
-    angle = 2 * np.pi * (np.arange(14)[None] / 14 + np.arange(7)[:, None] / 3)
-    offsets_mm = np.stack([radii_mm[:, None] * np.cos(angle), radii_mm[:, None] * np.sin(angle)], axis=-1)
-    phi = PlateTruth().shapes(centres_mm[:, None] + offsets_mm.reshape(1, -1, 2))[..., : len(DRIVEN_MODES)]
-    return np.asarray(np.einsum("kpm,kpl->kml", phi, phi) / phi.shape[1])
-
-
-def _least_leak(phi: FloatArray, gram: FloatArray) -> list[FloatArray]:
-    told = []
-    for (slipping, _), disc in zip(phi, gram, strict=True):
-        modal_um = np.linalg.solve(disc, slipping)
-        modal_um *= ONE_STILL_UM[0] / (slipping @ modal_um)
-        told.append(modal_um / max(1.0, float(np.max(np.abs(modal_um) / W_LIMIT_UM))))
-    return told
-
-
-# --- sizes ----------------------------------------------------------------------------------------------------------
-
-
-def sizes(calls: int = 20, repeats: int = REPEATS) -> Table:
-    """What a solve takes with N fingers and M modes, one of three fingers still, half of them out of reach."""
-    random = np.random.default_rng(23)
-    ways: dict[str, tuple[Callable[[], object], int]] = {}
-    for fingers, modes in SIZES:
-        problems = [_pairs(random.uniform(-1, 1, (1, fingers, modes)))[0] for _ in range(calls)]
-        targets = tuple(0.0 if index % 3 == 2 else 0.5 + index % 2 * 3.0 for index in range(fingers))
-        limits = (2.0,) * modes
-        for policy in ("keep_zero", "priority"):
-            name = f"{policy}, {fingers} on {modes}"
-            ways[name] = partial(_solve_all, problems, targets, limits, policy), calls
-    times = compare(ways, repeats)
-    return Table(
-        name="sizes",
-        title="solver: time of a call with N fingers on M modes",
-        default="keep_zero, 2 on 2",
-        rows=finite_rows([(name, timing.figures()) for name, timing in times.items()]),
-        compared=("time_us",),
-    )
-
-
-def _solve_all(problems: Pairs, targets: tuple[float, ...], limits: tuple[float, ...], policy: str) -> None:
-    for rows in problems:
-        solve_fast(rows, targets, limits, None, policy)
-
-
 # --- figures --------------------------------------------------------------------------------------------------------
 
 
-def _pairs(phi: FloatArray) -> Pairs:
+def rows_of(phi: FloatArray) -> list[Rows]:
+    """Mode matrices (K, N, M) as the solver takes them, one by one."""
     return [tuple(map(tuple, rows)) for rows in phi.tolist()]
 
 
 def _times(
-    ways: dict[str, Way], tracks: Sequence[Pairs], wanted_um: tuple[float, ...], repeats: int
+    ways: dict[str, Way], tracks: Sequence[Track], wanted_um: tuple[float, ...], repeats: int
 ) -> dict[str, dict[str, float]]:
     def all_tracks(way: Way) -> None:
         for track in tracks:
@@ -312,7 +209,7 @@ def _times(
 
 
 def _error_um(phi: FloatArray, modal_um: Phasors, wanted_um: tuple[float, ...]) -> float:
-    return _rms(np.abs(np.einsum("sknm,skm->skn", phi, modal_um)) - np.array(wanted_um))
+    return rms(np.abs(np.einsum("sknm,skm->skn", phi, modal_um)) - np.array(wanted_um))
 
 
 def _sags_frac(phi: FloatArray, modal_um: Phasors) -> FloatArray:
@@ -324,5 +221,6 @@ def _sags_frac(phi: FloatArray, modal_um: Phasors) -> FloatArray:
     return np.asarray(np.where(lesser_um > 0.0, 1.0 - middle_um / np.maximum(lesser_um, 1e-12), 0.0))
 
 
-def _rms(values: FloatArray) -> float:
+def rms(values: FloatArray) -> float:
+    """Over all of them."""
     return float(np.sqrt(np.mean(values**2)))

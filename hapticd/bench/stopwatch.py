@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from .. import machine as machine_module
+from .. import board_peer
 from ..core import moment as moment_module
 from ..core import pipeline as pipeline_module
 from ..core.modes import ModeShapes
@@ -32,7 +32,7 @@ STAGES: dict[str, Sequence[tuple[Any, str]]] = {
     "solve": ((moment_module, "solve_fast"), (moment_module, "solve_phased_fast")),
     "gate": ((pipeline_module, "gate"),),
     "session": ((BoardSession, "reference"),),
-    "encode": ((machine_module, "encode"),),
+    "encode": ((board_peer, "encode"),),
 }
 
 

@@ -1,6 +1,6 @@
 """A touch's way from a trackpad frame to a reference polyline, in one pass and with no queue.
 
-    touch():  track the contacts, give each finger's predictor its sample
+    touch():  track the contacts, give each finger's predictor its sample (`core.fingers`)
     drive():  for each knot time: predict the positions, ask the scene what each finger should feel, evaluate the
               mode matrix there, solve for the modal amplitudes; then gate the polyline. There are as many knots as
               the tolerance asks for (`core.knots`)
@@ -14,29 +14,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
+from .fingers import Fingers, Predictor
 from .knots import SHORTEST_NS, Row, magnitude, parts, refine
 from .limits import gate, silence
 from .modes import ModeShapes
 from .moment import Key, Moment, MomentSolver, Place, interpolated_um, moved, points, settles_ns
 from .neighbours import Neighbours
-from .prediction import Predictor as KnownPredictor
 from .scene import Scene
-from .sensor_clock import SensorClock
-from .tracking import Tracker
-
-OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
-MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
-
-
-class Predictor(Protocol):
-    """Where a finger will be; see `core.prediction`."""
-
-    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None: ...
-
-    def predict(self, t_ns: int) -> tuple[float, float]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +68,12 @@ class PipelineCounters:
 
 
 class Pipeline:
-    """The touch path for one plate. Holds the fingers, their predictors and the reference that stands."""
+    """The touch path for one plate. Holds the fingers and the reference that stands."""
 
     def __init__(
         self, modes: ModeShapes, scene: Scene, settings: PipelineSettings, *, neighbours: Neighbours | None = None
     ) -> None:
         self.counters = PipelineCounters()
-        self.fingers: tuple[Finger, ...] = ()
         self._modes = modes
         self._scene = scene
         self._settings = settings
@@ -102,15 +87,9 @@ class Pipeline:
             neighbours=neighbours,
             contact_radius_mm=settings.contact_radius_mm,
         )
-        self._tracker = Tracker()
-        self._sensor_clock = SensorClock(settings.sensor_latency_ns)
-        self._predictors: dict[int, Predictor] = {}
-        self._released: set[int] = set()
-        self._t_stamp_ns: int | None = None
-        self._t_frame_ns = 0
-        self._old_in_a_row = 0
-        self._t_sample_ns = 0
-        self._t_read_ns = 0
+        self._fingers = Fingers(
+            settings.make_predictor, sensor_latency_ns=settings.sensor_latency_ns, silence_ns=settings.silence_ns
+        )
         self._steepness_1_mm = modes.steepest_1_mm()
         self._standing = silence(0, modes.M)
         self._standing_keys: list[Key] = []
@@ -118,6 +97,11 @@ class Pipeline:
         self._is_told = True
         self._t_settled_ns = 0
         self._standing_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
+
+    @property
+    def fingers(self) -> tuple[Finger, ...]:
+        """Those that are down, by the last report that counted."""
+        return self._fingers.down
 
     @property
     def modal_um(self) -> tuple[complex, ...]:
@@ -129,50 +113,25 @@ class Pipeline:
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
-        if frame.t_ns == self._t_stamp_ns:
-            return FingerFrame(frame.t_ns, self.fingers, ())  # a pad whose clock stands is as good as silent
-        self._t_stamp_ns = frame.t_ns
-        self._t_read_ns = t_read_ns
-        self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self._t_frame_ns else 0
-        if self._old_in_a_row == OLD_IN_A_ROW:
-            self.sensor_lost()
-        t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
-        tracked = self._tracker.update(frame)
-        for finger_id in tracked.lifted:
-            self._forget(finger_id)
-        if tracked.t_ns != frame.t_ns:
-            return tracked  # an old frame: it says nothing new
-        self._t_frame_ns = frame.t_ns
-        self._t_sample_ns = t_sample_ns
-        for finger_id, _, x_mm, y_mm, is_new in tracked.fingers:
-            if is_new:
-                self._predictors[finger_id] = self._settings.make_predictor()
-            _feed(self._predictors[finger_id], t_sample_ns, x_mm, y_mm)
-        self.fingers = tracked.fingers
-        return tracked
+        return self._fingers.touch(frame, t_read_ns)
 
     def sensor_lost(self) -> None:
         """The pad is gone or silent: every finger counts as lifted."""
-        for finger in self.fingers:
-            self._forget(finger.finger_id)
-        self.fingers = ()
-        self._tracker.reset()
-        self._sensor_clock.reset()
-        self._t_frame_ns = self._old_in_a_row = 0
+        self._fingers.lift_all()
 
     def sensor_is_silent(self, t_now_ns: int) -> bool:
         """Fingers are down and no report came for too long (then call `sensor_lost`)."""
-        return len(self.fingers) > 0 and t_now_ns - self._t_read_ns > self._settings.silence_ns
+        return self._fingers.are_silent(t_now_ns)
 
     def release(self, keys: Sequence[Key]) -> None:
         """Targets of these fingers ended: while such a finger stays down it is held at 0 um."""
-        self._released.update(key for key in keys if isinstance(key, int) and key in self._predictors)
+        self._fingers.release(keys)
 
     # --- to the plate ---
 
     def wanted(self, t_now_ns: int) -> list[Key]:
         """Fingers to solve for: those with a target, and those whose target ended while they are down."""
-        return self._scene.wanted(self._predictors, self._released, t_now_ns)
+        return self._scene.wanted(self._fingers.predictors, self._fingers.released, t_now_ns)
 
     def drive(self, t_now_ns: int, link_ns: int, keys: list[Key] | None = None) -> Tick:
         """One pass: the reference polyline that takes effect `link_ns` from now, or none where the last one stands.
@@ -207,7 +166,7 @@ class Pipeline:
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
         """Nobody wants anything, or nobody may have it: one zero frame, then none."""
-        if self.fingers:
+        if self._fingers.down:
             self.counters.skipped_no_target += 1
         else:
             self.counters.skipped_no_finger += 1
@@ -253,15 +212,13 @@ class Pipeline:
 
     def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
         """Where the fingers will be at an instant, and what each should feel there."""
-        scene, predictors = self._scene, self._predictors
-        t_latest_ns = self._t_sample_ns + MAX_HORIZON_NS
-        t_foreseen_ns = t_ns if t_ns < t_latest_ns else t_latest_ns
+        scene, fingers = self._scene, self._fingers
         places: list[Place] = []
         for key in keys:
             if isinstance(key, str):
                 x_mm, y_mm = scene.virtual_position_mm(key, t_ns)
             else:
-                x_mm, y_mm = _foretold_mm(predictors[key], t_foreseen_ns)
+                x_mm, y_mm = fingers.foretold_mm(key, t_ns)
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             places.append((x_mm, y_mm, 0.0 if target_um is None else target_um))
         return places
@@ -304,28 +261,8 @@ class Pipeline:
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool
     ) -> Tick:
-        t_sample_ns = self._t_sample_ns if self.fingers else t_now_ns
+        t_sample_ns = self._fingers.t_sample_ns if self._fingers.down else t_now_ns
         return Tick(t_now_ns, t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns, drive, points, limited)
-
-    def _forget(self, finger_id: int) -> None:
-        self._predictors.pop(finger_id, None)
-        self._released.discard(finger_id)
-
-
-# As machine code a class that is known is called in a tenth of the time that any other takes.
-
-
-def _feed(predictor: Predictor, t_ns: int, x_mm: float, y_mm: float) -> None:
-    if isinstance(predictor, KnownPredictor):
-        predictor.update(t_ns, x_mm, y_mm)
-    else:
-        predictor.update(t_ns, x_mm, y_mm)
-
-
-def _foretold_mm(predictor: Predictor, t_ns: int) -> tuple[float, float]:
-    if isinstance(predictor, KnownPredictor):
-        return predictor.predict(t_ns)
-    return predictor.predict(t_ns)
 
 
 def _moved_mm(before: Sequence[Place], after: Sequence[Place]) -> list[float]:

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from ..core.modes import ModeShapes
-from ..machine import Machine, Tap
+from ..machine import Machine
 from ..sim import lockstep
 from ..sim.lockstep import T_START_NS, Run, Settings
+from ..tap import Tap
 from .files import DirectRecording
 from .header import header_of
 from .records import pairs

@@ -22,7 +22,8 @@ from ..config_sections import Config
 from ..core.modes import ModeShapes
 from ..core.solver import solve
 from ..errors import SimulationError
-from ..machine import TIMER_NS, Machine, Tap
+from ..machine import TIMER_NS, Machine
+from ..tap import Tap
 from ..values import RawReport
 from .inforce import Passes
 from .plate import PlateSettings, PlateTruth

@@ -4,7 +4,8 @@
 
 `DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate: its core in
 this process, or with `--board` the whole program in QEMU or in a process of its own (`sim/emulator.py`).
-`DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet.
+`DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet
+(`rigplugs.py`).
 `DIRECTORY/modes.npz` is the cartography that was made of this plate, `plate.toml` with `neighbours.npz` what was
 measured of the modes beside the driven ones. `DIRECTORY/truth` tells the plate's true motion and `DIRECTORY/fingers`
 takes the fingers of a person in place of the scenario's (`rigsockets.py`).
@@ -21,16 +22,12 @@ other process; up to 2 ms of the link's delay then depend on when this one looks
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
-import pty
 import selectors
 import shutil
 import signal
-import socket
 import sys
 import time
-import tty
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -44,16 +41,15 @@ from .hands import Hands, Yielding
 from .outboard import Outboard
 from .plate import PlateSettings, PlateTruth
 from .rigfiles import write_measured
+from .rigplugs import READ_SIZE, BoardPlug, TrackpadPlug
 from .rigsockets import RigSockets
 from .scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from .sensor import Report, SensorModel, SensorSettings
 from .world import World
 
-LINK_S = 0.005
 STEP_S = 0.002  # the board's clock is looked at so often
 CHUNK_TICKS = 16  # 8 ms: so far ahead it is settled what a finger does; half as many cost 3 % more of a processor
 MAX_BEHIND_S = 0.5  # after a longer stall time is dropped, as a board that was stopped would
-READ_SIZE = 4096
 
 
 class Rig:
@@ -92,19 +88,13 @@ class Rig:
         self._sockets = RigSockets(directory)
         self._reports: deque[Report] = deque()
         self._t_scan_s = 0.0
-        self._to_board: deque[tuple[float, bytes]] = deque()
-        self._to_host: deque[tuple[float, bytes]] = deque()
-        self._pads: list[socket.socket] = []
-        self._board_link, self._pad_link = directory / "board", directory / "trackpad"
-        self._terminal: tuple[int, int] | None = None
-        self._listener: socket.socket | None = None
         self._selector = selectors.DefaultSelector()
-        self._replugs: deque[Callable[[], None]] = deque()
         self._stopping = False
         self.is_orphaned = False
         self.t_start_s = time.monotonic()
-        self._replug_board()
-        self._replug_trackpad()
+        self._board = BoardPlug(directory / "board", self._selector, self._now_s)
+        self._pad = TrackpadPlug(directory / "trackpad", self._selector)
+        self._replugs: deque[Callable[[], None]] = deque()
 
     # What a signal handler may call: the change itself is made between two steps.
 
@@ -114,11 +104,11 @@ class Rig:
 
     def replug_board(self) -> None:
         """Pull the board's plug soon, or put it back. Its firmware goes on."""
-        self._replugs.append(self._replug_board)
+        self._replugs.append(self._board.replug)
 
     def replug_trackpad(self) -> None:
         """Pull the trackpad's plug soon, or put it back."""
-        self._replugs.append(self._replug_trackpad)
+        self._replugs.append(self._pad.replug)
 
     def serve(self, owner: int | None = None) -> None:
         """Be the hardware, until `stop` or the end of the file `owner`."""
@@ -133,47 +123,14 @@ class Rig:
 
     def close(self) -> None:
         """Pull both plugs, and end a board that is another process."""
-        if self._terminal is not None:
-            self._replug_board()
-        if self._listener is not None:
-            self._replug_trackpad()
+        self._board.close()
+        self._pad.close()
         self._selector.close()
         self._sockets.close()
         for file in self._files:
             file.unlink(missing_ok=True)
         if isinstance(self.world, Outboard):
             self.world.close()
-
-    def _replug_board(self) -> None:
-        self._board_link.unlink(missing_ok=True)
-        if self._terminal is None:
-            master, slave = self._terminal = pty.openpty()  # our hold on the slave: a daemon that leaves is no hang-up
-            tty.setraw(slave)
-            os.set_blocking(master, False)
-            self._selector.register(master, selectors.EVENT_READ, lambda: self._from_host(master))
-            self._board_link.symlink_to(os.ttyname(slave))
-            return
-        self._selector.unregister(self._terminal[0])
-        for end in self._terminal:
-            os.close(end)
-        self._terminal = None
-        self._to_board.clear()
-        self._to_host.clear()
-
-    def _replug_trackpad(self) -> None:
-        self._pad_link.unlink(missing_ok=True)
-        if self._listener is None:
-            self._listener = listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            listener.setblocking(False)
-            listener.bind(str(self._pad_link))
-            listener.listen()
-            self._selector.register(listener, selectors.EVENT_READ, lambda: self._accept(listener))
-            return
-        self._selector.unregister(self._listener)
-        for endpoint in (*self._pads, self._listener):
-            endpoint.close()
-        self._pads.clear()
-        self._listener = None
 
     def _hear_owner(self, owner: int) -> None:
         if not os.read(owner, READ_SIZE):
@@ -188,25 +145,19 @@ class Rig:
         return now_s
 
     def _wait_s(self) -> float:
-        due_s = [self.world.t_s + STEP_S, *(report.t_arrive_s for report in self._reports)]
-        due_s += [queue[0][0] for queue in (self._to_board, self._to_host) if queue]
+        due_s = [self.world.t_s + STEP_S, *self._board.due_s(), *(report.t_arrive_s for report in self._reports)]
         return max(min(due_s) - self._now_s(), 0.0)
 
     def _advance(self, now_s: float) -> None:
         self._hold()
-        while self._to_board and self._to_board[0][0] <= now_s:
-            due_s, data = self._to_board.popleft()
-            self._run_to(due_s)
-            self.world.receive(data, due_s)
+        for t_s, data in self._board.arrived(now_s):
+            self._run_to(t_s)
+            self.world.receive(data, t_s)
         self._run_to(now_s)
-        while self._to_host and self._to_host[0][0] <= now_s:
-            said = self._to_host.popleft()[1]
-            if self._terminal is not None:
-                with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line loses it too
-                    os.write(self._terminal[0], said)
+        self._board.deliver(now_s)
         self._scan(now_s)
         while self._reports and self._reports[0].t_arrive_s <= now_s:
-            self._tell(self._reports.popleft().data)
+            self._pad.tell(self._reports.popleft().data)
         if self._sockets.wants_truth(now_s):
             self._tell_truth()
 
@@ -232,26 +183,7 @@ class Rig:
 
     def _run_to(self, t_s: float) -> None:
         while said := self.world.advance(t_s):
-            self._to_host.append((self.world.t_s + LINK_S, said))
-
-    def _from_host(self, master: int) -> None:
-        with contextlib.suppress(BlockingIOError):
-            self._to_board.append((self._now_s() + LINK_S, os.read(master, READ_SIZE)))
-
-    def _accept(self, listener: socket.socket) -> None:
-        endpoint, _ = listener.accept()
-        endpoint.setblocking(False)
-        self._pads.append(endpoint)
-
-    def _tell(self, report: bytes) -> None:
-        for endpoint in tuple(self._pads):
-            try:
-                endpoint.send(report)
-            except BlockingIOError:
-                continue  # a reader that stalls loses reports, as from the kernel's ring
-            except OSError:
-                endpoint.close()
-                self._pads.remove(endpoint)
+            self._board.say(said, self.world.t_s)
 
     def save(self, path: Path) -> None:
         """Write what the plate did, and what each finger that touched it got, as the arrays of `sim.run`; a person's

@@ -13,7 +13,19 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import firmware, knots, leak, modes, prediction, solver, solver_tracks, stability, tick
+from hapticd.bench import (
+    firmware,
+    knots,
+    leak,
+    modes,
+    prediction,
+    solver,
+    solver_contacts,
+    solver_sizes,
+    solver_tracks,
+    stability,
+    tick,
+)
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.stopwatch import STAGES, Stopwatch
 from hapticd.bench.tables import UNITS, Table, plain, render
@@ -28,7 +40,9 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "solver": lambda: (
         solver.run(problems=120, repeats=1, timed=5),
-        *solver_tracks.run(strokes=6, repeats=1, pairs=60, calls=1),
+        *solver_tracks.run(strokes=6, repeats=1),
+        solver_contacts.run(pairs=60, repeats=1),
+        solver_sizes.run(calls=1, repeats=1),
     ),
     "knots": lambda: knots.run(seconds=0.3, repeats=1),
     "stability": lambda: stability.run(problems=5, steps=10_000),
@@ -199,7 +213,7 @@ def test_outside_references_that_are_missing_are_left_out_by_name(monkeypatch: p
     for table in (
         modes.run(pairs=5, seeds=(1,), repeats=1, calls=1),
         solver.run(problems=5, repeats=1, timed=1),
-        solver_tracks.run(strokes=1, repeats=1, pairs=2, calls=1)[0],
+        solver_tracks.run(strokes=1, repeats=1)[0],
         stability.situations(1),
     ):
         assert table.skipped

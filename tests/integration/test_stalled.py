@@ -29,7 +29,7 @@ class TerminalBench(Bench):
         super().__init__(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY)
         self.is_stalled = False
         self._master = master
-        self.machine._write_board = link.write
+        self.machine.board.write = link.write
 
     def _step(self) -> None:
         super()._step()

@@ -8,12 +8,13 @@ import msgpack
 import pytest
 from machine_bench import MS, PLATE, SLIPPERY, START_NS, STICKY, Bench
 
-from hapticd.machine import Machine, Tap
+from hapticd.machine import Machine
 from hapticd.recording import simulated
 from hapticd.recording.files import DirectRecording
 from hapticd.recording.header import header_of
 from hapticd.sim.fingers import Path as Finger
 from hapticd.sim.lockstep import Settings
+from hapticd.tap import Tap
 
 SECONDS = 1.5
 

@@ -7,8 +7,8 @@ import pytest
 from machine_bench import SLIPPERY, Bench
 
 import hapticd_client
+from hapticd.client_peers import MAX_MARKERS
 from hapticd.errors import RequestError
-from hapticd.machine import MAX_MARKERS
 from hapticd.wire.client import MAX_MARKER_CHARACTERS, Marker, decode_request
 from hapticd_client.messages import decode_state
 
@@ -36,9 +36,9 @@ def test_markers_that_nobody_reads_do_not_pile_up() -> None:
     bench = Bench(SLIPPERY)
     for _ in range(2 * MAX_MARKERS):
         bench.ask("marker", client="study", text="again")
-    assert len(bench.machine.markers) == MAX_MARKERS
+    assert len(bench.machine.clients.markers) == MAX_MARKERS
     bench.run(60)
-    assert bench.machine.markers == []
+    assert bench.machine.clients.markers == []
 
 
 def test_a_marker_changes_nothing_of_what_its_client_holds() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd import machine as machine_module
+from hapticd import board_peer
 from hapticd.__main__ import main
 from hapticd.errors import RecordingError
 from hapticd.recording.framing import MAGIC, SYNC, Scanner, frame
@@ -80,7 +80,7 @@ def test_a_changed_byte_is_the_first_difference(tmp_path: Path, strokes: Path) -
 
 
 def test_another_core_differs(strokes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine_module, "START_COMPUTE_NS", machine_module.START_COMPUTE_NS + 1_000_000)
+    monkeypatch.setattr(board_peer, "START_COMPUTE_NS", board_peer.START_COMPUTE_NS + 1_000_000)
 
     outcome = replay(open_recording(strokes))
 
@@ -146,7 +146,7 @@ def test_the_command_says_identical_or_shows_the_difference(
     assert said.startswith("bit-identical: ")
     assert said.count("\n") == 1
 
-    monkeypatch.setattr(machine_module, "FRESH_START", b"")
+    monkeypatch.setattr(board_peer, "FRESH_START", b"")
     assert main(["replay", str(strokes)]) == 1
     said = capsys.readouterr().out
     assert said.startswith("first difference after 0 references, 0 lines to the board: at 0.000000 s")

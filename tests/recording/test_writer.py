@@ -11,7 +11,7 @@ import pytest
 from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
 from hapticd.errors import RecordingError
-from hapticd.machine import Machine, Tap
+from hapticd.machine import Machine
 from hapticd.recording import files, writer
 from hapticd.recording.files import RecordingFile
 from hapticd.recording.header import header_of
@@ -19,6 +19,7 @@ from hapticd.recording.reader import open_recording
 from hapticd.recording.replay import replay
 from hapticd.recording.stream import Stream
 from hapticd.recording.writer import Writer
+from hapticd.tap import Tap
 
 
 @pytest.fixture
