@@ -217,7 +217,7 @@ def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_servic
         assert service.machine.real_time["stays_awake"] is True
         service._reports([RawReport(now_ns(), b"")])
         assert wishes.read_bytes() == b""
-        service.machine.pipeline.fingers = (Finger(1, 0, 0.0, 0.0, True),)
+        service.machine.pipeline._fingers.down = (Finger(1, 0, 0.0, 0.0, True),)
         service._reports([RawReport(now_ns(), b"")])
         assert wishes.read_bytes() == bytes(4)
         await service.stop()
