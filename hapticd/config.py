@@ -33,7 +33,7 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> 
     sections: dict[str, Any] = {}
     for name, value in table.items():
         if name not in by_name:
-            raise ConfigError(f"{where}: unknown section [{name}]{nearest(name, by_name)}.")
+            raise ConfigError(f"{where}: unknown section [{name}]{nearest(name, by_name)}")
         if not isinstance(value, dict):
             raise ConfigError(f"{where}: {name} is a section: write [{name}] and its keys below.")
         section_type = cast(type, by_name[name].default_factory)
@@ -80,7 +80,7 @@ def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
     values = {}
     for name, value in table.items():
         if name not in by_name:
-            raise ConfigError(f"{where}.{name}: unknown key{nearest(name, by_name)}.")
+            raise ConfigError(f"{where}.{name}: unknown key{nearest(name, by_name)}")
         values[name] = checked(by_name[name], value, f"{where}.{name}")
     return section_type(**values)
 

@@ -61,8 +61,9 @@ def bounds_text(entry: Field[Any]) -> str:
 
 
 def nearest(name: str, valid: Mapping[str, Any]) -> str:
+    """How the sentence about an unknown name ends."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
-    return f", did you mean {close[0]}?" if close else f", valid are {', '.join(valid)}"
+    return f", did you mean {close[0]}?" if close else f", valid are {', '.join(valid)}."
 
 
 def toml(value: Any) -> str:

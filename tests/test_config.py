@@ -50,6 +50,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("[limits]\nw_limit = 3", "limits.w_limit: unknown key, did you mean w_limit_um?"),
+        ("[limits]\nstrength = 3", "limits.strength: unknown key, valid are w_limit_um"),
         ("[limts]\n", "unknown section [limts], did you mean limits?"),
         ("[device]\nbaud = 'fast'", "device.baud: must be a whole number, not 'fast'"),
         ("[device]\nbaud = 1.5", "device.baud: must be a whole number"),
@@ -92,7 +93,8 @@ def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_p
     message = str(caught.value)
     assert sentence in message
     assert "hapticd.toml" in message
-    assert message.endswith(".")
+    assert message.endswith("?" if "did you mean" in message else ".")
+    assert "?." not in message
     assert "\n" not in message
 
 

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.solver import solve_fast
-from ..design import ModeShape, free_plate_modes
+from ..design import ModeShape
+from ..sim import plate_shapes
 from ..sim.plate import DRIVEN_MODES
 from ..sim.scenarios import SCENARIOS, SPEED_MM_S
 from .modes import random_pairs_mm
@@ -27,10 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 Shapes = Callable[[FloatArray], FloatArray]  # points (N, 2) -> (N, M)
 
 DEFAULT = "X Y, peak over the plate"
-EDGE_MM = 10.0
 THIRD_MODES = ("9x6", "7x8", "11x1-1x11")
-_WAVELENGTH_MM = 27.0
-_GRID = 236
 
 
 def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, repeats: int = 3) -> Table:
@@ -54,36 +52,28 @@ def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: f
         time="time_us",
         error="limited_frac",
         notes=(
-            f"fingers' area: {EDGE_MM:g} mm from the edge; edge: the plate's greatest motion at the limit of one mode",
+            f"fingers' area: {plate_shapes.BEYOND_REACH_MM:g} mm from the edge; "
+            "edge: the plate's greatest motion at the limit of one mode",
         ),
     )
 
 
 def _alternatives() -> dict[str, tuple[Shapes, float]]:
     """By name the shapes, and what the plate moves at most, in um, when one mode is at its limit."""
-    theory = {shape.name: shape for _, shape in free_plate_modes()}
-    found: dict[str, tuple[Shapes, float]] = {"X Y as cosines (no edges)": (_cosines, LIMIT_UM)}
+    cosines = plate_shapes.shapes(plate_shapes.COSINES, DRIVEN_MODES)
+    found: dict[str, tuple[Shapes, float]] = {"X Y as cosines (no edges)": (_shapes(cosines), LIMIT_UM)}
     for third in (None, *THIRD_MODES):
         names = (*DRIVEN_MODES, *(() if third is None else (third,)))
-        chosen = [theory[name] for name in names]
+        chosen = plate_shapes.shapes(plate_shapes.FREE_PLATE, names)
         title = " ".join(("X Y", *names[2:]))
-        peaks = np.array([_peak_where_fingers_are(shape) for shape in chosen])
-        found[f"{title}, peak over the plate"] = (_shapes(chosen, np.ones(len(peaks))), LIMIT_UM)
+        peaks = np.array([plate_shapes.peak_at_fingers(name) for name in names])
+        found[f"{title}, peak over the plate"] = (_shapes(chosen), LIMIT_UM)
         found[f"{title}, peak at fingers"] = (_shapes(chosen, peaks), LIMIT_UM / float(peaks.min()))
     return found
 
 
-def _peak_where_fingers_are(shape: ModeShape) -> float:
-    axes = [np.linspace(EDGE_MM - edge_mm / 2.0, edge_mm / 2.0 - EDGE_MM, _GRID) for edge_mm in shape.size_mm]
-    return float(np.abs(shape.on_grid(*axes)).max())
-
-
-def _shapes(chosen: Sequence[ModeShape], peaks: FloatArray) -> Shapes:
-    return lambda points: np.stack([shape.evaluate(points) for shape in chosen], axis=-1) / peaks
-
-
-def _cosines(points: FloatArray) -> FloatArray:
-    return np.cos(2.0 * np.pi / _WAVELENGTH_MM * points)
+def _shapes(chosen: Sequence[ModeShape], peaks: FloatArray | float = 1.0) -> Shapes:
+    return lambda points: np.asarray(np.stack([shape.evaluate(points) for shape in chosen], axis=-1) / peaks)
 
 
 def _stroked_mm(seed: int, seconds: float, step_s: float = 0.05) -> FloatArray:

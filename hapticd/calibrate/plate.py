@@ -23,6 +23,7 @@ from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError
+from ..outputs import check_writable, write_text
 from . import picture
 from .modes import parse_size
 
@@ -35,6 +36,7 @@ DRAWN = 2  # pairs in the picture
 
 def run(options: argparse.Namespace) -> int:
     """Tables, and the files that were asked for. Raises HapticdError."""
+    check_writable(options.json, options.out, options.plot)
     size_mm = parse_size(options.size)
     try:
         pairs = _pairs(options, size_mm, find_material(options.material))
@@ -106,7 +108,7 @@ def _stamp_table(pair: ModePair, nodes: Sequence[Stamp], chosen: Sequence[Stamp]
     return "\n".join(lines)
 
 
-def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp], place: str) -> None:
+def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp], file: str) -> None:
     table: dict[str, Any] = {
         "pairs": [
             {
@@ -120,14 +122,7 @@ def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp
         "taken": pairs.index(pair) + 1,
         "stamps": [stamp._asdict() for stamp in nodes],
     }
-    text = json.dumps(table, indent=2) + "\n"
-    if place == "-":
-        sys.stdout.write(text)
-        return
-    try:
-        Path(place).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CalibrationError(f"{place}: cannot be written ({error.strerror}): choose another place.") from None
+    write_text(json.dumps(table, indent=2) + "\n", file)
 
 
 def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None:

@@ -44,9 +44,9 @@ def theory(name: str) -> tuple[float, ModeShape]:
     return _by_name()[name]
 
 
-def peak_at_fingers() -> float:
-    """The highest antinode of X that fingers reach, as a share of its peak over the plate."""
-    shape = theory(_REFERENCE)[1]
+def peak_at_fingers(name: str = _REFERENCE) -> float:
+    """The highest antinode of X, or of another mode, that fingers reach, as a share of its peak over the plate."""
+    shape = theory(name)[1]
     axes = [np.linspace(BEYOND_REACH_MM - mm / 2.0, mm / 2.0 - BEYOND_REACH_MM, _REACH_POINTS) for mm in shape.size_mm]
     return float(np.abs(shape.on_grid(*axes)).max())
 

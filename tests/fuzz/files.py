@@ -38,7 +38,7 @@ def in_file(name: str, data: bytes, read: Callable[[Path], None], error_type: ty
     except error_type as error:
         sentence = str(error)
         assert sentence.isprintable(), sentence
-        assert sentence.endswith("."), sentence
+        assert sentence.endswith((".", "?")), sentence
         assert len(sentence) <= LONGEST_SENTENCE
 
 
