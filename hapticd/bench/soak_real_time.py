@@ -19,10 +19,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from ..config_sections import Config
 from ..core.ledger import Ledger, LoopTiming
@@ -45,8 +45,10 @@ PRIORITY = 20  # as in systemd/hapticd.service
 SLIPPERY_UM, STICKY_UM = 1.0, 0.0
 ASK_EVERY_S, TTL_NS = 0.1, 2_000_000_000
 PATIENCE_S = 60.0
+SETTLE_S = 0.5  # what the programs' start brought about is over, and the board has told of it
 PAUSE_NS = 1_000_000  # a garbage collection that takes longer is counted
 
+Told = TypeVar("Told")
 Played = tuple[list[tuple[str, Counts]], tuple[str, ...]]  # rows by the spell's name, and notes
 
 
@@ -153,7 +155,7 @@ async def _watched(daemon: Daemon, seconds: float) -> Played:
     }
     try:
         await _driven(machine)
-        with witnesses(PRIORITY + 2) as beside:
+        async with _aside(witnesses(PRIORITY + 2)) as beside:
             rows = [(name, await _spell(watch, spell, seconds, beside)) for name, spell in spells.items()]
     finally:
         gc.callbacks.remove(watch.collected)
@@ -179,6 +181,16 @@ async def _ask(machine: Machine) -> None:
     await asyncio.sleep(ASK_EVERY_S)
 
 
+@contextlib.asynccontextmanager
+async def _aside(company: AbstractContextManager[Told]) -> AsyncIterator[Told]:
+    """Programs start and end in a thread: the loop, which is the service's, goes on meanwhile."""
+    told = await asyncio.to_thread(company.__enter__)
+    try:
+        yield told
+    finally:
+        await asyncio.to_thread(company.__exit__, None, None, None)
+
+
 async def _spell(
     watch: Watch,
     spell: Callable[[], AbstractContextManager[list[Counts]]],
@@ -187,15 +199,16 @@ async def _spell(
 ) -> Counts:
     """The counts of `seconds` in which `spell` is in force."""
     machine = watch.machine
-    with spell() as told:
-        stood_ms(beside)
+    async with _aside(spell()) as told:
+        await asyncio.to_thread(stood_ms, beside)
+        await asyncio.sleep(SETTLE_S)
         trips, lost = _trips(machine), machine.lost_messages()["too_fast"]
         watch.begin()
         t_end_s = time.monotonic() + seconds
         while time.monotonic() < t_end_s:
             await _ask(machine)
         counts = _counted(watch) | {"dead_man_trips_count": float(_trips(machine) - trips)}
-        counts["machine_stood_ms"] = stood_ms(beside)
+        counts["machine_stood_ms"] = await asyncio.to_thread(stood_ms, beside)
         lost = machine.lost_messages()["too_fast"] - lost
     for one in told:
         counts = counts | one | {"not_read_hz": lost / seconds}
