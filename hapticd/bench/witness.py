@@ -27,13 +27,13 @@ def main(processor: int, priority: int) -> None:
     while True:
         t_due_s = time.monotonic() + SLEEP_S
         asked, _, _ = select.select([sys.stdin], [], [], SLEEP_S)
+        late_s = max(late_s, time.monotonic() - t_due_s)  # asked or not: the question may come while all stands
         if not asked:
-            late_s = max(late_s, time.monotonic() - t_due_s)
-        elif not sys.stdin.readline():
+            continue
+        if not sys.stdin.readline():
             return
-        else:
-            print(late_s * 1e3, flush=True)
-            late_s = 0.0
+        print(late_s * 1e3, flush=True)
+        late_s = 0.0
 
 
 if __name__ == "__main__":

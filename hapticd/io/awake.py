@@ -25,7 +25,7 @@ class Awake:
     The constructor raises OSError where this user may not have one.
     """
 
-    def __init__(self, file: Path = LATENCY_FILE) -> None:
+    def __init__(self, file: Path) -> None:
         self._fd: int | None = os.open(file, os.O_WRONLY | os.O_CLOEXEC)
         self._is_held = False
         self._t_touched_ns = 0
