@@ -2,7 +2,8 @@
 
 It sleeps for 5 ms again and again, ahead of everybody else on its processor (SCHED_FIFO at PRIORITY, where that is
 granted). What keeps it asleep is no other program but the hypervisor or the kernel, and no priority helps against that.
-Each line on standard input is answered with the longest time, in ms, that a sleep took too long since the one before.
+Each line on standard input is answered with the longest time, in ms, by which one waking came too late after the one
+before it, since the last such line.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ def main(processor: int, priority: int) -> None:
         os.sched_setaffinity(0, {processor})
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    late_s, t_woke_s = 0.0, time.monotonic()
     print("ready", flush=True)
-    late_s = 0.0
     while True:
-        t_due_s = time.monotonic() + SLEEP_S
         asked, _, _ = select.select([sys.stdin], [], [], SLEEP_S)
-        late_s = max(late_s, time.monotonic() - t_due_s)  # asked or not: the question may come while all stands
+        t_asleep_s, t_woke_s = t_woke_s, time.monotonic()  # from waking to waking: no instant is outside
+        late_s = max(late_s, t_woke_s - t_asleep_s - SLEEP_S)  # asked or not: the question may come while all stands
         if not asked:
             continue
         if not sys.stdin.readline():
