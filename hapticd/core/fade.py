@@ -15,10 +15,11 @@ All modes are scaled together, so every zero stays. What is left out: the slope 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from .knots import Row, magnitude, parts
+from .modes import ModeShapes
 
 Slope = tuple[float, float, float]  # of one mode at one point: phi, dphi/dx, dphi/dy
 
@@ -69,11 +70,9 @@ def least_share(amplitudes_um: Sequence[float], targets_um: Sequence[float]) -> 
     return share
 
 
-def slopes_at(
-    at: Callable[[float, float], tuple[Slope, ...]], places: Sequence[tuple[float, float, float]]
-) -> list[tuple[Slope, ...]]:
+def slopes_at(modes: ModeShapes, places: Sequence[tuple[float, float, float]]) -> list[tuple[Slope, ...]]:
     """Shapes and slopes under the fingers that shall feel nothing; `places` are (x_mm, y_mm, target_um)."""
-    return [at(x_mm, y_mm) for x_mm, y_mm, target_um in places if target_um == 0.0]
+    return [modes.at_with_gradient(x_mm, y_mm) for x_mm, y_mm, target_um in places if target_um == 0.0]
 
 
 def _slope_um_mm(slopes: Sequence[Slope], modal_um: Row) -> float:

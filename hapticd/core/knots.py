@@ -10,6 +10,7 @@ is looked at in turn, down to the board's own pace.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -20,6 +21,7 @@ Solve = Callable[[int, Knot], Row]  # an instant after the first knot, and the k
 
 SHORTEST_NS: Final = 500_000  # the board's control tick: a finer polyline is never seen
 GRAIN_NS: Final = 4_000  # the wire's unit of time
+_LEAST_SQUARE: Final = 1e-280  # below it a square has lost digits
 _Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
 
 
@@ -31,8 +33,11 @@ def parts(w_um: complex) -> tuple[float, float]:
 
 
 def magnitude(w_d_um: float, w_q_um: float) -> float:
-    """|w| of both parts, as `abs` gives it."""
-    return abs(w_d_um) if w_q_um == 0.0 else abs(complex(w_d_um, w_q_um))
+    """|w| of both parts, to the last bit but one."""
+    if w_q_um == 0.0:
+        return abs(w_d_um)
+    square = w_d_um * w_d_um + w_q_um * w_q_um
+    return math.sqrt(square) if _LEAST_SQUARE < square < math.inf else math.hypot(w_d_um, w_q_um)
 
 
 def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, *, smooth: bool) -> list[Knot]:

@@ -63,8 +63,7 @@ class MomentSolver:
         neighbours: Neighbours | None = None,
         contact_radius_mm: float = 0.0,
     ) -> None:
-        self._at = modes.at
-        self._slopes_at = modes.at_with_gradient
+        self._modes = modes
         self._steepest_1_mm = modes.steepest_1_mm()
         self._w_limit_um = w_limit_um
         self._policy = policy
@@ -78,8 +77,7 @@ class MomentSolver:
 
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> Moment:
         """The moment with these places; `previous_um` (M,) is what the plate does `since_ns` before it."""
-        at = self._at
-        phi = tuple([at(x_mm, y_mm) for x_mm, y_mm, _ in places])
+        phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
         for _, _, target_um in places:
@@ -98,7 +96,7 @@ class MomentSolver:
                 served,
                 wanted,
                 self._w_limit_um,
-                tuple([parts(w_um)[0] for w_um in previous_um]),
+                tuple([w_um if isinstance(w_um, float) else w_um.real for w_um in previous_um]),
                 self._policy,
                 self._effort,
             )
@@ -132,7 +130,7 @@ class MomentSolver:
         if not limited and not self._is_near_node(phi, targets_um, modal_um):
             return modal_um
         share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um) if limited else 1.0
-        return faded(modal_um, share, slopes_at(self._slopes_at, places), self._fade, limited=limited)
+        return faded(modal_um, share, slopes_at(self._modes, places), self._fade, limited=limited)
 
     def _is_near_node(self, phi: tuple[tuple[float, ...], ...], targets_um: tuple[float, ...], modal_um: Row) -> bool:
         """Some still finger is."""

@@ -23,8 +23,11 @@ from typing import Final
 
 import numpy as np
 
-from .knots import Row
+from .knots import Row, magnitude, parts
 from .modes import ModeShapes
+
+Shapes = tuple[float, ...]  # of modes at one point
+Parts = tuple[list[float], list[float]]  # in phase with what is driven, and a quarter turn behind: (M,) each
 
 # Within a third of a millimetre of a common node the driven modes can hardly reach the still finger: less is taken
 # back there than it feels, for the amplitudes to stay small. It is the square of a shape.
@@ -53,59 +56,86 @@ class Neighbours:
         self.decay_1_s = tuple(decay_1_s)
         self.detuning_rad_s = tuple(detuning_rad_s)
         self.finger_decay_1_s = finger_decay_1_s
-        self._at = modes.at
-        self._um_per_um: list[complex] = [
+        um_per_um = [
             -finger_decay_1_s / complex(decay, -detuning)
             for decay, detuning in zip(decay_1_s, detuning_rad_s, strict=True)
         ]
+        self._d_um_per_um: Final = [share.real for share in um_per_um]
+        self._q_um_per_um: Final = [share.imag for share in um_per_um]
 
     def silenced(
         self,
-        places: Sequence[tuple[float, float, float]],
-        phi: Sequence[Sequence[float]],
+        places: list[tuple[float, float, float]],
+        phi: tuple[Shapes, ...],
         modal_um: Row,
-        w_limit_um: Sequence[float],
+        w_limit_um: tuple[float, ...],
     ) -> Row:
         """`modal_um` (M,) with what the still fingers among `places` (x_mm, y_mm, target_um) get of other modes taken
         back; phi (N, M) are the driven shapes there. All are scaled together where one would pass its limit."""
         still = [index for index, (_, _, target_um) in enumerate(places) if target_um == 0.0]
         if not still or len(still) == len(places):
             return modal_um
-        rows = self._rows(places, phi, still)
-        if len(rows) == 1:
-            (row,) = rows
-            felt_um = sum([shape * w_um for shape, w_um in zip(row, modal_um, strict=True)])
-            share = -felt_um / (sum([abs(shape) ** 2 for shape in row]) + NODE_SHAPE_SQUARED)
-            changed = [w_um + share * shape.conjugate() for w_um, shape in zip(modal_um, row, strict=True)]
-        else:
-            matrix, before_um = np.array(rows), np.array(modal_um)
-            known = matrix @ matrix.conj().T + NODE_SHAPE_SQUARED * np.eye(len(rows))
-            changed = (before_um - matrix.conj().T @ np.linalg.solve(known, matrix @ before_um)).tolist()
-        return _within(changed, w_limit_um)
+        shapes = [self.modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
+        felt = [self._felt(index, phi, shapes) for index in still]
+        changed_um = _zeroed(felt[0], modal_um) if len(felt) == 1 else _all_zeroed(felt, modal_um)
+        return _within(changed_um, w_limit_um)
 
-    def _rows(
-        self, places: Sequence[tuple[float, float, float]], phi: Sequence[Sequence[float]], still: Sequence[int]
-    ) -> list[list[complex]]:
-        """What each still finger feels of 1 um of each driven mode, by all modes: (still, M)."""
-        shapes = [self._at(x_mm, y_mm) for x_mm, y_mm, _ in places]
-        rows = []
-        for index in still:
-            felt: list[complex] = [complex(shape) for shape in phi[index]]
-            for row, near in zip(phi, shapes, strict=True):
-                coupled: complex = 0j
-                for um_per_um, here, there in zip(self._um_per_um, shapes[index], near, strict=True):
-                    coupled += um_per_um * here * there
-                for k, shape in enumerate(row):
-                    felt[k] += coupled * shape
-            rows.append(felt)
-        return rows
+    def _felt(self, finger: int, phi: tuple[Shapes, ...], shapes: list[Shapes]) -> Parts:
+        """What a finger feels of 1 um of each driven mode, by all modes; shapes (N, K): these modes under all fingers.
+
+        In parts: as machine code they are plain floats, where complex numbers would be objects.
+        """
+        in_phase, behind = list(phi[finger]), [0.0] * len(phi[finger])
+        own = shapes[finger]
+        for braking in range(len(shapes)):
+            there = shapes[braking]
+            coupled_d = coupled_q = 0.0
+            for mode in range(len(there)):
+                product = own[mode] * there[mode]
+                coupled_d += self._d_um_per_um[mode] * product
+                coupled_q += self._q_um_per_um[mode] * product
+            row = phi[braking]
+            for driven in range(len(row)):
+                in_phase[driven] += coupled_d * row[driven]
+                behind[driven] += coupled_q * row[driven]
+        return in_phase, behind
 
 
-def _within(modal_um: Sequence[complex], w_limit_um: Sequence[float]) -> Row:
+def _zeroed(felt: Parts, modal_um: Row) -> Parts:
+    """The nearest amplitudes of which one finger feels nothing."""
+    row_d, row_q = felt
+    felt_d_um = felt_q_um = 0.0
+    square = NODE_SHAPE_SQUARED
+    for mode in range(len(row_d)):
+        w_d_um, w_q_um = parts(modal_um[mode])
+        shape_d, shape_q = row_d[mode], row_q[mode]
+        felt_d_um += shape_d * w_d_um - shape_q * w_q_um
+        felt_q_um += shape_d * w_q_um + shape_q * w_d_um
+        square += shape_d * shape_d + shape_q * shape_q
+    share_d_um, share_q_um = felt_d_um / square, felt_q_um / square
+    changed_d_um, changed_q_um = [], []
+    for mode in range(len(row_d)):
+        w_d_um, w_q_um = parts(modal_um[mode])
+        shape_d, shape_q = row_d[mode], row_q[mode]
+        changed_d_um.append(w_d_um - (share_d_um * shape_d + share_q_um * shape_q))
+        changed_q_um.append(w_q_um - (share_q_um * shape_d - share_d_um * shape_q))
+    return changed_d_um, changed_q_um
+
+
+def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
+    """The same for several fingers at once."""
+    matrix, before_um = np.array([np.array(row_d) + 1j * np.array(row_q) for row_d, row_q in felt]), np.array(modal_um)
+    known = matrix @ matrix.conj().T + NODE_SHAPE_SQUARED * np.eye(len(felt))
+    changed_um = before_um - matrix.conj().T @ np.linalg.solve(known, matrix @ before_um)
+    return changed_um.real.tolist(), changed_um.imag.tolist()
+
+
+def _within(changed_um: Parts, w_limit_um: tuple[float, ...]) -> Row:
     """Scaled together to where no mode passes its limit: the zero stays."""
+    modal_d_um, modal_q_um = changed_um
     scale = 1.0
-    for w_um, limit_um in zip(modal_um, w_limit_um, strict=True):
-        bound_um = limit_um * WIRE_FRAC
-        if abs(w_um) * scale > bound_um:
-            scale = bound_um / abs(w_um)
-    return tuple(modal_um) if scale == 1.0 else tuple([w_um * scale for w_um in modal_um])
+    for mode in range(len(modal_d_um)):
+        amplitude_um, bound_um = magnitude(modal_d_um[mode], modal_q_um[mode]), w_limit_um[mode] * WIRE_FRAC
+        if amplitude_um * scale > bound_um:
+            scale = bound_um / amplitude_um
+    return tuple([complex(modal_d_um[mode] * scale, modal_q_um[mode] * scale) for mode in range(len(modal_d_um))])

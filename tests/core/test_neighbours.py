@@ -63,7 +63,7 @@ def test_several_still_fingers_share_the_least_change() -> None:
     phi = three.evaluate([place[:2] for place in places])
     still = np.linalg.svd(phi[1:])[2][-1]
     before = tuple((2.0 * still).tolist())
-    after = NEIGHBOURS.silenced(places, phi.tolist(), before, (4.0,) * 3)
+    after = NEIGHBOURS.silenced(places, tuple(map(tuple, phi.tolist())), before, (4.0,) * 3)
     near = OTHERS.evaluate([place[:2] for place in places])
     settled = -FINGER_DECAY_1_S / (np.array(DECAY_1_S) - 1j * np.array(DETUNING_RAD_S))
 
@@ -77,7 +77,7 @@ def test_several_still_fingers_share_the_least_change() -> None:
 def test_nothing_changes_where_all_slip_or_all_are_still() -> None:
     for targets in ((1.0, 1.0), (0.0, 0.0)):
         places = [(x_mm, y_mm, target) for (x_mm, y_mm, _), target in zip(PLACES, targets, strict=True)]
-        phi = DRIVEN.evaluate([place[:2] for place in places]).tolist()
+        phi = tuple(DRIVEN.at(x_mm, y_mm) for x_mm, y_mm, _ in places)
         assert NEIGHBOURS.silenced(places, phi, (1.0, -2.0), LIMIT_UM) == (1.0, -2.0)
 
 
