@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from ..config_sections import Config
 from ..core.modes import ModeShapes
+from ..core.neighbours import Neighbours
 from ..machine import Machine
 from ..sim.lockstep import T_START_NS, Settings, Simulation
-from ..sim.plate import PlateTruth
 from ..sim.scenarios import Actor
 
 LANDED_NS = T_START_NS + 800_000_000  # fingers are down, the board trusts the host
@@ -43,6 +43,7 @@ class Recording(NamedTuple):
     calls: tuple[Call, ...]
     timed: str
     modes: ModeShapes
+    neighbours: Neighbours | None
 
     def is_timed(self, call: Call) -> bool:
         """A pass that counts: made once everything has settled."""
@@ -64,13 +65,15 @@ def record(
     for name in _CALLS:
         setattr(simulation.machine, name, _noted(calls, name, getattr(simulation.machine, name)))
     simulation.run(seconds)
-    return Recording(tuple(calls), timed, PlateTruth(settings.plate).cartography(seed))
+    return Recording(tuple(calls), timed, simulation.modes, simulation.neighbours)
 
 
 def new_machine(recording: Recording, config: Config | None = None, publish: Publish | None = None) -> Machine:
     """A machine that has heard nothing yet; what it writes to its board is thrown away."""
     config = Config() if config is None else config
-    return Machine(config, recording.modes, write_board=lambda _: True, publish=publish)
+    return Machine(
+        config, recording.modes, write_board=lambda _: True, publish=publish, neighbours=recording.neighbours
+    )
 
 
 def play(

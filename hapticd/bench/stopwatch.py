@@ -13,6 +13,7 @@ from typing import Any
 
 from .. import board_peer
 from ..core import moment as moment_module
+from ..core import neighbours as neighbours_module
 from ..core import pipeline as pipeline_module
 from ..core.modes import ModeShapes
 from ..core.prediction import Predictor
@@ -30,6 +31,12 @@ STAGES: dict[str, Sequence[tuple[Any, str]]] = {
     "scene": ((Scene, "amplitude_um"), (Scene, "target_of"), (Scene, "virtual_names")),
     "modes": ((ModeShapes, "at"),),
     "solve": ((moment_module, "solve_fast"), (moment_module, "solve_phased_fast")),
+    "neighbours": (
+        (neighbours_module.Neighbours, "_felt"),
+        (neighbours_module, "_zeroed"),
+        (neighbours_module, "_all_zeroed"),
+        (neighbours_module, "_within"),
+    ),
     "gate": ((pipeline_module, "gate"),),
     "session": ((BoardSession, "reference"),),
     "encode": ((board_peer, "encode"),),

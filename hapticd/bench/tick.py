@@ -118,6 +118,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     return {
         DEFAULT: _Situation(strokes, config),
         "with telemetry": _Situation(strokes, config, lambda _: None),
+        "neighbours unknown": _Situation(strokes._replace(neighbours=None), config),
         "a single knot": _Situation(strokes, one_knot),
         f"all {config.solver.max_knots} knots": _Situation(strokes, all_knots),
         "a texture, 20 knots": _Situation(_textured(strokes), textured_knots),
