@@ -1,8 +1,8 @@
 """The daemon: one asyncio loop that carries bytes between trackpad, board and clients, with `machine` in the middle.
 
 Nothing on the loop blocks or computes for long. One event, one pass: reports, board bytes and client messages are
-handled when they come, a timer keeps the board alive, and SIGTERM or SIGINT end in a quiet plate. Each hand-over is
-timed for `status`, and the service manager hears that all is well only while passes succeed.
+handled when they come, and a timer keeps the board alive. Each hand-over is timed for `status`, and the service manager
+hears that all is well only while passes succeed. When it begins and ends, `serving` decides.
 """
 
 from __future__ import annotations
@@ -11,20 +11,18 @@ import asyncio
 import dataclasses
 import logging
 import secrets
-import signal
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from .board_values import ModeCalibration
 from .config_sections import Config
 from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
-from .errors import HapticdError
 from .io import awake
 from .io.device import SerialLink
-from .io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
+from .io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
 from .io.server import ClientServer
 from .io.sockets import Remote
 from .io.systemd import Notifier
@@ -42,8 +40,6 @@ AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
 COLLECT_EVERY_NS = 1_000_000_000
 SAY_MISSED_EVERY_NS = 10_000_000_000
-
-Again = TypeVar("Again")
 
 
 class Link(NamedTuple):
@@ -295,55 +291,6 @@ class Daemon:
     def _let_publish(self) -> None:
         """No subscriber: no telemetry is built."""
         self.machine.watch(self._server.publish if self._server.has_subscribers else None, now_ns())
-
-
-async def serve(
-    daemon: Daemon, modes: ModeShapes, reread: Callable[[], Awaitable[Again]] | None = None
-) -> Again | None:
-    """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate.
-
-    At SIGHUP `reread` is asked for what shall run instead; then the plate is left quiet and that is returned. Where it
-    raises HapticdError its sentence is logged, and all stays as it is.
-    """
-    loop = asyncio.get_running_loop()
-    asked: asyncio.Future[Again | None] = loop.create_future()
-    rereading: set[asyncio.Task[None]] = set()
-
-    async def read_again(reread: Callable[[], Awaitable[Again]]) -> None:
-        try:
-            again = await reread()
-        except HapticdError as error:
-            log.error("SIGHUP: %s The configuration in force stays.", error)
-            return
-        finally:
-            rereading.clear()
-        _answer(asked, again, "SIGHUP: the new configuration is taken, the plate is made quiet")
-
-    def on_hangup() -> None:
-        if reread is not None and not rereading:
-            rereading.add(loop.create_task(read_again(reread)))
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, _answer, asked, None, f"{number.name}: stopping, the plate is made quiet")
-    if reread is not None:
-        loop.add_signal_handler(signal.SIGHUP, on_hangup)
-    try:
-        daemon.start(loop, modes)
-        quiet_collector()
-        daemon.go_real_time()
-        log.info("serving clients in %s", daemon.runtime_dir)
-        daemon.ready()
-        return await asked
-    finally:
-        for task in rereading:
-            task.cancel()
-        await daemon.stop()
-
-
-def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) -> None:
-    if not asked.done():
-        log.info("%s", why)
-        asked.set_result(again)
 
 
 def _header(machine: Machine, is_whole: bool) -> Header:

@@ -21,11 +21,12 @@ from typing import TextIO
 
 from .config_sections import Config
 from .core.ledger import Histogram, LedgerLine
-from .daemon import Daemon, now_ns, serve
+from .daemon import Daemon, now_ns
 from .errors import HapticdError, UsageError, reason
 from .machine import Machine
 from .outputs import check_writable, write_text
 from .service import Prepared, Workshop
+from .serving import serve
 from .status import histogram_fields
 from .values import AmplitudeTarget, ClientTargets, Target
 

@@ -24,7 +24,7 @@ from .config import load
 from .config_sections import SIMULATED, Config
 from .core.modes import ModeShapes
 from .core.neighbours import Neighbours
-from .daemon import Daemon, serve
+from .daemon import Daemon
 from .errors import ConfigError, HapticdError
 from .io import keys
 from .io.replay import ReplayTrackpad
@@ -33,6 +33,7 @@ from .io.socketpad import SocketTrackpad
 from .io.sockets import Remote
 from .io.systemd import Notifier
 from .io.trackpad import HidTrackpad, TrackpadSource
+from .serving import serve
 from .sim.rigprocess import MODES_FILE, PLATE_FILE, RigProcess
 from .wiring import warm_up
 

@@ -18,13 +18,14 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.config_sections import Config
 from hapticd.core.modes import ModeShapes
-from hapticd.daemon import Daemon, now_ns, serve
+from hapticd.daemon import Daemon, now_ns
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io import awake
 from hapticd.io.socketpad import SocketTrackpad
 from hapticd.io.systemd import Notifier
 from hapticd.machine import TIMER_NS
 from hapticd.service import load_modes
+from hapticd.serving import serve
 from hapticd.values import Finger, RawReport, Tick
 from hapticd.wire import device
 from hapticd_client import Client

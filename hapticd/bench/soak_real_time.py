@@ -27,11 +27,12 @@ from typing import Any, TypeVar
 from ..config_sections import Config
 from ..core.ledger import Ledger, LoopTiming
 from ..core.modes import ModeShapes
-from ..daemon import Daemon, now_ns, serve
+from ..daemon import Daemon, now_ns
 from ..errors import HapticdError
 from ..io.realtime import go_real_time
 from ..machine import Machine
 from ..service import Workshop
+from ..serving import serve
 from ..sim.rigprocess import RigProcess
 from ..values import AmplitudeTarget, ClientTargets, Target
 from ..wire import protocol
