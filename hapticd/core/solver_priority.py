@@ -26,6 +26,7 @@ from .solver_polytope import descend
 FloatArray = npt.NDArray[np.float64]
 
 _EQUAL = 1e-12  # of the box's size: slices that serve a finger alike
+_LEAST_GAIN = 1e-150  # of a row's largest entry: what it could give is nothing, and its square is none
 _MOST_SLICES = 8  # each costs a walk a level; ties need symmetry, so several at once are exceptional
 
 
@@ -170,7 +171,7 @@ def _in_space(levels: Sequence[tuple[Row, float]], box: FloatArray) -> list[Row]
 def _served(one: Slice, phi: FloatArray, target: float, box: FloatArray) -> list[Slice]:
     """The slice at its best for one finger, for each sign of it."""
     gains = phi @ one.free
-    gains[np.abs(gains) <= 4 * NOISE * (np.abs(phi) @ np.abs(one.free))] = 0.0
+    gains[np.abs(gains) <= np.maximum(4 * NOISE * (np.abs(phi) @ np.abs(one.free)), _LEAST_GAIN)] = 0.0
     if not np.any(gains):
         return [one]
     given = float(phi @ one.modal)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.solver import solve, solve_fast
@@ -37,7 +37,19 @@ def problems(draw: st.DrawFn) -> dict[str, object]:
     }
 
 
+NEARLY_COINCIDENT = {
+    "rows": ((1.0, 0.0, 0.0, 5e-324), (1.0, 0.0, 0.0, 5e-324)),
+    "targets": (0.0, 1.0),
+    "limits": (4.0, 4.0, 4.0, 4.0),
+    "previous": None,
+    "policy": "priority",
+    "effort": 0.0,
+    "hysteresis": 0.0,
+}
+
+
 @settings(deadline=None, max_examples=300)
+@example(problem=NEARLY_COINCIDENT)
 @given(problem=problems())
 def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) -> None:
     modal, limited = solve_fast(**problem)  # type: ignore[arg-type]
