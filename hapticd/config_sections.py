@@ -115,6 +115,14 @@ class LimitsConfig:
     """What the amplifiers can give; held here and again by the firmware."""
 
     w_limit_um: tuple[float, ...] = key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
+    headroom_frac: float = key(
+        0.02, "share of each limit that no reference asks for: the plate may overshoot it by so much", low=0, high=0.5
+    )
+
+    @property
+    def reference_um(self) -> tuple[float, ...]:
+        """The largest amplitude of each mode that a reference may ask for."""
+        return tuple([limit_um * (1.0 - self.headroom_frac) for limit_um in self.w_limit_um])
 
 
 @dataclass(frozen=True, slots=True)

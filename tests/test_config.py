@@ -50,7 +50,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("[limits]\nw_limit = 3", "limits.w_limit: unknown key, did you mean w_limit_um?"),
-        ("[limits]\nstrength = 3", "limits.strength: unknown key, valid are w_limit_um"),
+        ("[limits]\nstrength = 3", "limits.strength: unknown key, valid are w_limit_um, headroom_frac"),
         ("[limts]\n", "unknown section [limts], did you mean limits?"),
         ("[device]\nbaud = 'fast'", "device.baud: must be a whole number, not 'fast'"),
         ("[device]\nbaud = 1.5", "device.baud: must be a whole number"),

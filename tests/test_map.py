@@ -20,7 +20,7 @@ PAIR = PlateTruth(PlateSettings()).cartography(1)
 def test_the_table_tells_both_wishes_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "--finger", "-30,20", "--cells", "21"]) == 0
     told = capsys.readouterr().out.splitlines()
-    assert told[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 4, 4 um"
+    assert told[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 3.92, 3.92 um"
     assert told[1] == "(1) the other finger still, while one at -30, 20 mm slips by 1 um"
     assert told[2] == "(2) the other finger slips by 1 um, while one at -30, 20 mm is still"
     shares = np.array([line.split()[-6:-4] for line in told[5:8]], float)

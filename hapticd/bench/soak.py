@@ -36,7 +36,6 @@ FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board behind a wrapped clock is notice
 LIFT_S, AT_REST_S = 28.8, 29.2
 QUIET_UM, DRIVEN_UM = 0.01, 0.3
 WARM_AFTER_RUNS = 24  # by then the simulation's caches are full: they keep 16 plates
-OVERSHOOT = 1.1  # of the plate beyond its reference, when that steps
 MOST_HOURS = 24.0
 
 
@@ -122,8 +121,8 @@ def _judge(findings: Findings, simulation: FaultySimulation, watch: Watch, fault
     findings.peak_plate_um = max(findings.peak_plate_um, float(level_um.max()))
     if watch.peak_um > w_limit_um:
         findings.wrong.append(f"{where}: a frame asked for {watch.peak_um:g} um of {w_limit_um:g}.")
-    if level_um.max() > OVERSHOOT * w_limit_um:
-        findings.wrong.append(f"{where}: the plate moved by {level_um.max():g} um.")
+    if level_um.max() > w_limit_um:
+        findings.wrong.append(f"{where}: the plate moved by {level_um.max():g} um of {w_limit_um:g}.")
     for fault in faults:
         name = fault.kind.name
         findings.faults[name] += 1
