@@ -1,7 +1,8 @@
 """What the slipping finger's share of its 1 um depends on: the shapes that W_LIM = 4 um counts in, and a third mode.
 
 Each kind of shapes (`sim.plate_shapes`) is the simulated plate's truth, scanned and fitted like the default one, with
-the board's amplifiers sized for it. A third mode, the first of the neighbouring pair, has an amplifier of its own.
+the board's amplifiers sized for it. A third mode, the first of the neighbouring pair, has an amplifier of its own. The
+fade (`core.fade`) gives amplitude away for less leak: without it the loop comes nearest to what the limits allow.
 Beside the whole loop stands perfect knowledge: true positions and shapes, an exact zero, no fade.
 """
 
@@ -20,16 +21,18 @@ W_LIMIT_UM = 4.0
 
 
 def alternatives() -> dict[str, Settings]:
-    """By name, the settings of a run for each kind of shapes with two modes and with three."""
+    """By name, the settings of a run for each kind of shapes, with two modes and with three, with and without fade."""
     ours = Settings()
+    fades: dict[str, dict[str, dict[str, object]]] = {"": {}, ", no fade": {"solver": {"fade": 0.0}}}
     return {
-        f"{kind}, {modes} modes": replace(
+        f"{kind}, {modes} modes{suffix}": replace(
             ours,
             plate=replace(ours.plate, shapes=kind, driven_modes=modes),
-            config=swapped(ours.config, {"limits": {"w_limit_um": (W_LIMIT_UM,) * modes}}),
+            config=swapped(ours.config, {"limits": {"w_limit_um": (W_LIMIT_UM,) * modes}, **changes}),
         )
         for kind in KINDS
         for modes in (2, 3)
+        for suffix, changes in fades.items()
     }
 
 
