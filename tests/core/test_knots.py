@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import sys
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.knots import GRAIN_NS, SHORTEST_NS, Row, refine
+from hapticd.core.knots import GRAIN_NS, SHORTEST_NS, Row, magnitude, refine
 from hapticd.values import Knot
 
 SPAN_NS = 17_000_000
@@ -101,3 +103,22 @@ def test_where_knots_are_short_the_worst_chord_is_mended_first() -> None:
 def test_what_is_not_finite_makes_no_knots_and_no_error(value: float) -> None:
     curve = Curve(lambda t_s: value if t_s > 0.008 else 0.0)
     assert len(refine(curve, curve.ends(), 0.01, 24, smooth=False)) <= 24
+
+
+# --- magnitudes ---
+
+floats = st.floats(allow_nan=False, allow_infinity=False) | st.sampled_from((5e-324, 1e-160, -1e-140, 1e154, 1.5e308))
+
+
+@given(floats, floats)
+def test_a_magnitude_is_right_to_the_last_bit_but_one_wherever_its_square_would_end(w_d: float, w_q: float) -> None:
+    with mpmath.workprec(200):
+        exact = mpmath.sqrt(mpmath.mpf(w_d) ** 2 + mpmath.mpf(w_q) ** 2)
+        if exact <= sys.float_info.max:
+            assert abs(magnitude(w_d, w_q) - exact) <= 2.0 * math.ulp(float(exact))
+
+
+def test_a_magnitude_of_no_number_is_none() -> None:
+    assert math.isnan(magnitude(math.nan, 0.0))
+    assert math.isnan(magnitude(1.0, math.nan))
+    assert magnitude(1.0, -math.inf) == math.inf
