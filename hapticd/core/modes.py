@@ -73,7 +73,9 @@ class ModeShapes:
         try:
             return cls(*read_grid(path))
         except ModesError as error:
-            raise error if str(path) in str(error) else ModesError(f"{path}: {error}") from error
+            if str(path) in str(error):
+                raise
+            raise ModesError(f"{path}: {error}") from error
 
     def save(self, path: str | Path) -> None:
         """Write the map as NPZ or CSV, by the file's suffix; `load` gives back the same numbers."""
