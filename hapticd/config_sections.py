@@ -120,7 +120,7 @@ class LimitsConfig:
     )
 
     @property
-    def reference_um(self) -> tuple[float, ...]:
+    def reference_limit_um(self) -> tuple[float, ...]:
         """The largest amplitude of each mode that a reference may ask for."""
         return tuple([limit_um * (1.0 - self.headroom_frac) for limit_um in self.w_limit_um])
 

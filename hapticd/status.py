@@ -79,7 +79,7 @@ def plate(machine: Machine) -> dict[str, object]:
     return {
         "size_mm": list(machine.config.plate.size_mm),
         "w_limit_um": list(machine.config.limits.w_limit_um),
-        "reference_um": list(machine.config.limits.reference_um),
+        "reference_limit_um": list(machine.config.limits.reference_limit_um),
         "drive_hz": None if hello is None else hello.drive_hz,
         "x_mm": modes.x_mm[columns].tolist(),
         "y_mm": modes.y_mm[rows].tolist(),

@@ -28,7 +28,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     }
     known = PREDICTORS[prediction.name].defaults  # not every predictor has a model of the noise
     return PipelineSettings(
-        w_limit_um=config.limits.reference_um,
+        w_limit_um=config.limits.reference_limit_um,
         make_predictor=partial(
             make_predictor, prediction.name, **{name: value for name, value in wanted.items() if name in known}
         ),

@@ -156,7 +156,7 @@ def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float]
 
     loaded = config.load(options.config) if options.config is not None else Config()
     width_mm, depth_mm = loaded.plate.size_mm
-    return load_modes(loaded), (width_mm, depth_mm), _limits(options.limit, loaded.limits.reference_um)
+    return load_modes(loaded), (width_mm, depth_mm), _limits(options.limit, loaded.limits.reference_limit_um)
 
 
 def _limits(text: str | None, usual_um: tuple[float, ...]) -> tuple[float, ...]:

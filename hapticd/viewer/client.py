@@ -44,7 +44,7 @@ class Plate:
         self.rig_dir = Path(simulated) if simulated and Path(simulated, "fingers").is_socket() else None
         self.modes = modes_of(body)
         self.size_mm = (float(body["size_mm"][0]), float(body["size_mm"][1]))
-        self.reference_um = tuple(map(float, body["reference_um"]))
+        self.reference_limit_um = tuple(map(float, body["reference_limit_um"]))
         self.grid = picture_grid(self.modes, self.size_mm)
         self.fingers: tuple[LayerFinger, ...] = ()  # those that are wanted now
         self.text = messages.plate(body, client, sorted(LAYERS), is_simulated=self.rig_dir is not None)

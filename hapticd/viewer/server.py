@@ -133,7 +133,7 @@ class Viewer:
             mover = messages.mover(request.query.get("finger", ""))
             async with self._layering:
                 levels = await asyncio.to_thread(
-                    layers.picture, name, plate.modes, fingers, plate.reference_um, plate.size_mm, mover
+                    layers.picture, name, plate.modes, fingers, plate.reference_limit_um, plate.size_mm, mover
                 )
         except RequestError as error:
             raise web.HTTPNotFound(text=f"{error}\n") from None

@@ -43,3 +43,4 @@ def test_every_kind_of_shapes_has_its_row_with_two_modes_and_with_three() -> Non
     for name, chosen in settings.items():
         assert name.startswith(chosen.plate.shapes)
         assert len(chosen.config.limits.w_limit_um) == chosen.plate.driven_modes
+        assert (chosen.config.solver.fade == 0.0) is name.endswith("no fade")
