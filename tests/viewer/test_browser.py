@@ -70,11 +70,22 @@ class Page:
 
     def brightness(self) -> float:
         """Of the plate's picture on average: a still plate is dark."""
+        return self.average("green")
+
+    def colourfulness(self) -> float:
+        """Of the plate's picture on average: the field is colourful however it moves, a layer over it is grey."""
+        return self.average("Math.max(red, green, blue) - Math.min(red, green, blue)")
+
+    def average(self, of_pixel: str) -> float:
         return float(
             self.browser.execute_script(
                 "const plate = document.getElementById('plate');"
                 "const { data } = plate.getContext('2d').getImageData(0, 0, plate.width, plate.height);"
-                "let sum = 0; for (let i = 1; i < data.length; i += 4) sum += data[i]; return sum / data.length * 4"
+                "let sum = 0;"
+                "for (let i = 0; i < data.length; i += 4) {"
+                f"  const [red, green, blue] = data.subarray(i, i + 3); sum += {of_pixel};"
+                "}"
+                "return sum / data.length * 4"
             )
         )
 
@@ -172,10 +183,10 @@ def test_a_layer_tells_where_another_finger_could_get_its_wish(page: Page) -> No
     lay_down(page, 150, 80)
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))
     page.until(lambda: "Light: where one more finger could be sticky" in page["layer-text"].text)
-    before = page.brightness()
+    page.until(lambda: page.colourfulness() < 30)
     page.lay("none")
     page.until(lambda: not page["layer-text"].is_displayed())
-    page.until(lambda: page.brightness() < before - 30)
+    page.until(lambda: page.colourfulness() > 60)
     page.lay("could be sticky")
     lay_down(page, -120, -30)
     page.until(lambda: "2 fingers" in page["state"].text)
