@@ -78,15 +78,8 @@ class SerialLink:
         self._watch(not is_resting)
 
     def read(self) -> None:
-        """Take what has come, if anything has: of an idle terminal a read would look like its end."""
-        if self._serial is None:
-            return
-        try:
-            is_waiting = self._serial.in_waiting > 0
-        except OSError as error:
-            self._lost(f"read failed: {error.strerror}")
-            return
-        if is_waiting:
+        """Take what has come, if anything has."""
+        if self._serial is not None:
             self._readable()
 
     async def drained(self, within_s: float) -> None:
@@ -112,7 +105,8 @@ class SerialLink:
     def _open(self) -> None:
         self._retry = None
         try:
-            self._serial = serial.Serial(self.port, self._baud, timeout=0, exclusive=True)
+            # No time between bytes means VMIN = 1: else of an idle terminal a read looks like its end.
+            self._serial = serial.Serial(self.port, self._baud, timeout=0, inter_byte_timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
             if not self._said_missing:
                 self._on_link(False, f"{self.port} cannot be opened: {_cause(error)}")

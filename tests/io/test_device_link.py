@@ -54,6 +54,11 @@ class Port:
         (count,) = struct.unpack("i", fcntl.ioctl(self.ends[1], termios.FIONREAD, bytes(4)))
         return int(count)
 
+    def taken(self) -> bytes:
+        """What another program reads in the link's place."""
+        assert self.ends is not None
+        return os.read(self.ends[1], 1 << 16)
+
     def heard(self) -> bytes:
         try:
             return os.read(self.master, 1 << 16)
@@ -242,6 +247,20 @@ def test_what_a_board_at_rest_says_waits_until_it_is_read_or_something_was_writt
         os.write(bench.port.master, b"!")
         bench.link.rest(False)
         await bench.until(lambda: bench.data == b"onetwolate!")
+
+    play(bench, story)
+
+
+def test_a_port_whose_bytes_somebody_else_took_is_not_lost(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        os.write(bench.port.master, b"taken")
+        assert bench.port.taken() == b"taken"
+        bench.link._readable()  # as if the loop had seen them first
+        assert [up for up, _ in bench.told] == [True]
+        os.write(bench.port.master, b"ours")
+        await bench.until(lambda: bench.data == b"ours")
 
     play(bench, story)
 
