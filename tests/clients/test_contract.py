@@ -235,6 +235,12 @@ def test_a_state_of_an_older_daemon_lacks_only_what_it_did_not_tell() -> None:
     assert state.modal_um == tuple(example["modal_um"])
 
 
+@pytest.mark.parametrize("fields", [{}, {"id": None}, {"id": "1", "ok": True}, {"id": True, "ok": True}])
+def test_a_reply_to_no_request_is_none_of_the_daemon_s(fields: dict[str, Any]) -> None:
+    with pytest.raises(HapticdError, match="does not speak"):
+        messages.read_reply(msgpack.packb(fields), 1)
+
+
 def test_a_late_reply_is_not_mistaken_for_another() -> None:
     assert messages.read_reply(wire.encode_reply(7, {"a": 1}), 8) is None
     assert messages.read_reply(wire.encode_error(7, "late"), 8) is None

@@ -13,6 +13,7 @@ from .errors import HapticdError, RefusedError
 
 PROTOCOL_VERSION = 1
 UNREAD_REQUEST_ID = 0  # of the reply to a request whose id the daemon could not read
+STRANGER = "What answers at this endpoint does not speak hapticd's protocol."
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +81,13 @@ def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) 
 
 
 def read_reply(payload: bytes, request_id: int) -> dict[str, Any] | None:
-    """The body of the reply to this request; None for a late reply to another. Raises RefusedError with the reason."""
+    """The body of the reply to this request; None for a late reply to another. Raises RefusedError with the reason,
+    and HapticdError where it is no reply."""
     reply = _unpacked(payload)
-    if reply.get("id") not in (request_id, UNREAD_REQUEST_ID):
+    reply_id = reply.get("id")
+    if type(reply_id) is not int:
+        raise HapticdError(STRANGER)
+    if reply_id not in (request_id, UNREAD_REQUEST_ID):
         return None
     if reply.get("ok") is True:
         body = reply.get("body")
@@ -142,5 +147,5 @@ def _unpacked(payload: bytes) -> dict[str, Any]:
     except (ValueError, msgpack.UnpackException):
         message = None
     if not isinstance(message, dict):
-        raise HapticdError("What answers at this endpoint does not speak hapticd's protocol.")
+        raise HapticdError(STRANGER)
     return message
