@@ -16,8 +16,8 @@ test: $(INSTALLED)
 
 # Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.
 coverage: $(INSTALLED)
-	HAPTICD_PURE=1 $(BIN)/coverage run -m pytest -p no:xdist tests/core/test_limits.py tests/core/test_supervisor.py tests/wire \
-	    tests/test_config.py tests/test_calibration.py tests/core/test_modes_file.py
+	HAPTICD_PURE=1 $(BIN)/coverage run -m pytest -p no:xdist tests/core/trajectory/test_gate.py tests/core/board/test_supervisor.py tests/wire \
+	    tests/config tests/files/test_calibration.py tests/files/test_mode_map.py
 	$(BIN)/coverage report
 
 # New inputs to every decoder and scripts to the firmware's core, FUZZ_SECONDS each; what is found goes to build/fuzz.
@@ -39,7 +39,7 @@ firmware:
 	$(MAKE) -C firmware
 
 # What is compiled at installation: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/wire/*.py hapticd/build_ext.py)
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/wire/*.py hapticd/compiled/build_ext.py)
 
 $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	@echo "Everything goes into $(VENV); compiling the touch path takes some minutes."
@@ -49,5 +49,5 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/wire/*.so hapticd/sim/*.so
+	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/core/*/*.so hapticd/wire/*.so hapticd/sim/board/*.so
 	$(MAKE) -C firmware clean

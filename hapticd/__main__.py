@@ -25,85 +25,89 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "demo": Command("cli.demo", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"),
-    "run": Command("cli.run", "run the service in the foreground", "--config hapticd.toml"),
+    "demo": Command(
+        "tools.demo.arguments", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"
+    ),
+    "run": Command("tools.run", "run the service in the foreground", "--config hapticd.toml"),
     "view": Command(
-        "viewer.arguments", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
+        "tools.view.arguments", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
     ),
     "simulate": Command(
-        "cli.simulate",
+        "tools.simulate",
         "play a scenario in virtual time and judge it",
         "strokes --seed 3 --json - --out strokes.npz",
     ),
     "calibrate": Command(
-        "calibrate.arguments",
+        "tools.calibrate.arguments",
         "measure plate, trackpad and delays step by step, each with a picture and a verdict",
         "all --sim --out DIR",
     ),
     "plate": Command(
-        "calibrate.arguments",
+        "tools.calibrate.arguments",
         "design a plate: pairs of modes near a frequency, their shapes, and where to glue it",
         "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
         "add_plate_arguments",
     ),
     "map": Command(
-        "cli.map",
+        "tools.map",
         "for a finger here, where another one can be still, or slip: a table and a picture",
         "--finger -30,20 --plot map.png",
     ),
     "record": Command(
-        "recording.commands",
+        "tools.record.commands",
         "record a running daemon: all that it hears, decides and writes",
         "session.hrec --seconds 60",
         "add_record_arguments",
     ),
     "replay": Command(
-        "recording.commands",
+        "tools.record.commands",
         "feed a recording through the same core: bit-identical, or the first difference",
         "session.hrec",
         "add_replay_arguments",
     ),
     "export": Command(
-        "recording.commands",
+        "tools.record.commands",
         "turn a recording into tables for pandas, MATLAB and others",
         "session.hrec --hdf5 session.h5",
         "add_export_arguments",
     ),
     "plot": Command(
-        "recording.commands",
+        "tools.record.commands",
         "draw a recording in the manner of the paper's figures",
         "session.hrec session.png --from 2 --to 6",
         "add_plot_arguments",
     ),
     "stream": Command(
-        "streams.arguments",
+        "tools.stream.arguments",
         "give states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
         "plotjuggler",
     ),
-    "study": Command("study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
+    "study": Command("tools.study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
     "firmware": Command(
-        "bringup.arguments",
+        "tools.firmware.arguments",
         "talk to the board: who it is, sweeps, telemetry, gains",
         "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     ),
     "latency": Command(
-        "cli.latency",
+        "tools.latency.arguments",
         "measure what each part of a touch's way takes, on the devices at hand",
         "--sim --seconds 10 --ledger frames.csv",
     ),
     "bench": Command(
-        "cli.bench",
+        "tools.bench",
         "compare the choices on a touch's path, error against run time",
         "all --json bench.json --plot bench.png",
     ),
-    "doctor": Command("cli.doctor", "look whether everything is there, and say what mends it", "--config hapticd.toml"),
+    "doctor": Command(
+        "tools.doctor.arguments", "look whether everything is there, and say what mends it", "--config hapticd.toml"
+    ),
     "keys": Command(
-        "keys",
+        "tools.keys",
         "make keys for clients on other machines, and say whose are let in",
         "make /etc/hapticd/keys",
     ),
     "install-service": Command(
-        "cli.install_service",
+        "tools.install_service",
         "put the service's unit, rules, users and configuration in place",
         "--print",
     ),

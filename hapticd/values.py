@@ -1,9 +1,9 @@
 """The vocabulary: every value that crosses a module, in the order of a touch's way.
 
 Units stand in the names. Instants are integer nanoseconds (`t_..._ns`) on the host's monotonic clock, unless the
-name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.clocksync`). Positions
-are millimetres in the plate frame: origin at the plate's centre, x to the right, y away from the user. Amplitudes
-are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is a phasor in the rotating frame
+name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.board.clock_sync`).
+Positions are millimetres in the plate frame: origin at the plate's centre, x to the right, y away from the user.
+Amplitudes are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is a phasor in the rotating frame
 w(t) = W_d cos(wt) - W_q sin(wt).
 
 Values are frozen and trusted inside: whoever makes one at the rim has validated it. Those that every pass makes are
@@ -86,7 +86,7 @@ class Contact(NamedTuple):
 class TouchFrame(NamedTuple):
     """All contacts of one report. `t_ns` is the device's own time stamp, unwrapped and laid on the host's axis.
 
-    The device clock drifts against the host's: `core.sensor_clock.SensorClock` turns `t_ns` into host time.
+    The device clock drifts against the host's: `core.touch.sensor_clock.SensorClock` turns `t_ns` into host time.
     """
 
     t_ns: int
@@ -227,7 +227,7 @@ class LimitReason(IntFlag):
 
 
 class SafeDrive(NamedTuple):
-    """A drive that passed `core.limits`: the only thing the encoder takes."""
+    """A drive that passed `core.trajectory.gate`: the only thing the encoder takes."""
 
     t_apply_ns: int
     knots: tuple[Knot, ...]

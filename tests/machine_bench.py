@@ -1,5 +1,5 @@
 """A machine in virtual time between a pad that sends genuine reports, a board that answers as the firmware does, and
-a client. For the tests of `hapticd.machine`."""
+a client. For the tests of `hapticd.daemon.machine`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from hapticd.board_values import ModeCalibration
-from hapticd.config_sections import Config
-from hapticd.core.modes import ModeShapes
-from hapticd.core.supervisor import State
-from hapticd.machine import TIMER_NS, Machine
-from hapticd.sim.fingers import Path, Rest, Touch
-from hapticd.sim.sensor import SensorModel, SensorSettings
-from hapticd.tap import Tap
+from hapticd.config.sections import Config
+from hapticd.core.board.supervisor import State
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon.machine import TIMER_NS, Machine
+from hapticd.daemon.observer import Observer
+from hapticd.sim.fingers.paths import Path, Rest, Touch
+from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
 from hapticd.values import RawReport
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
@@ -144,14 +144,14 @@ class Bench:
         *paths: Path,
         protocol_hash: int = protocol.PROTOCOL_HASH,
         calibration: Sequence[ModeCalibration] = (),
-        tap: Callable[[Machine], Tap] | None = None,
+        observer: Callable[[Machine], Observer] | None = None,
     ) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
         self.published: list[dict[str, Any]] = []
         self.machine = Machine(Config(), PLATE, write_board=self.board.write, instance=4, calibration=calibration)
-        self.machine.tap = None if tap is None else tap(self.machine)
+        self.machine.observer = None if observer is None else observer(self.machine)
         self.machine.trackpad_link(True, "a pad", self.t_ns)
         self.machine.board_link(True, "a board", self.t_ns)
         self._reports = self._sense(paths)

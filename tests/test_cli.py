@@ -16,9 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd import __version__, config, installation
+from hapticd import __version__
 from hapticd.__main__ import COMMANDS, main
 from hapticd.__main__ import parser as cli_parser
+from hapticd.config import loader as config
+from hapticd.tools import installation
 
 
 @pytest.fixture(autouse=True)
@@ -184,7 +186,7 @@ def test_the_package_runs_as_a_module() -> None:
 def test_the_service_carries_no_other_command() -> None:
     program = "import sys; from hapticd.__main__ import parser; parser('run'); print(*sys.modules)"
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
-    assert "hapticd.cli.run" in told
+    assert "hapticd.tools.run" in told
     others = {command.module for name, command in COMMANDS.items() if name != "run"}
     assert not {f"hapticd.{module}" for module in others} & set(told)
     assert not any(name.startswith(("hapticd.sim", "numpy")) for name in told)

@@ -18,8 +18,8 @@ import pytest
 from hapticd import compiled
 from hapticd.bench.recording import play, record
 from hapticd.compiled import SourceFinder, why_interpreted
-from hapticd.config_sections import Config
-from hapticd.machine import Machine
+from hapticd.config.sections import Config
+from hapticd.daemon.machine import Machine
 from hapticd.sim.scenarios import SCENARIOS
 
 ROOT = Path(__file__).parents[1]
@@ -70,11 +70,11 @@ def test_what_is_listed_is_compiled(name: str) -> None:
 
 
 def test_all_that_is_compiled_can_run_as_python() -> None:
-    assert {name.rpartition(".")[0] for name in MODULES} == {f"hapticd.{folder}" for folder in compiled.FOLDERS}
+    assert {name.split(".")[1] for name in MODULES} == {*compiled.FOLDERS}
 
 
 def test_what_reads_files_and_clients_messages_stays_python() -> None:
-    assert not {"hapticd.core.modes_file", "hapticd.wire.client", "hapticd.wire.board_messages"} & set(MODULES)
+    assert not {"hapticd.files.mode_map", "hapticd.wire.client", "hapticd.wire.board_messages"} & set(MODULES)
 
 
 @pytest.fixture
@@ -83,32 +83,37 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
     monkeypatch.setattr(compiled, "PROJECT", tmp_path / "pyproject.toml")
     monkeypatch.delenv("HAPTICD_PURE", raising=False)
-    for name in ("pyproject.toml", "core/knots.py", f"core/knots{EXTENSION_SUFFIXES[0]}", "core/clientele.py"):
+    for name in (
+        "pyproject.toml",
+        "core/trajectory/knots.py",
+        f"core/trajectory/knots{EXTENSION_SUFFIXES[0]}",
+        "core/targets/client_registry.py",
+    ):
         path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
         os.utime(path, ns=(1000, 1000))
     return tmp_path
 
 
 def test_machine_code_runs_where_it_is_as_new_as_its_source(checkout: Path) -> None:
-    os.utime(checkout / "core/clientele.py", ns=(2000, 2000))  # it is not compiled
+    os.utime(checkout / "core/targets/client_registry.py", ns=(2000, 2000))  # it is not compiled
     assert why_interpreted() == ""
 
 
 def test_a_source_edited_after_the_build_runs_as_python(checkout: Path) -> None:
-    os.utime(checkout / "core/knots.py", ns=(1001, 1001))
+    os.utime(checkout / "core/trajectory/knots.py", ns=(1001, 1001))
     assert "edited after the build" in why_interpreted()
 
 
 def test_an_installation_is_never_taken_for_stale(checkout: Path) -> None:
-    os.utime(checkout / "core/knots.py", ns=(1001, 1001))
+    os.utime(checkout / "core/trajectory/knots.py", ns=(1001, 1001))
     (checkout / "pyproject.toml").unlink()
     assert why_interpreted() == ""
 
 
 def test_without_machine_code_python_runs(checkout: Path) -> None:
-    (checkout / f"core/knots{EXTENSION_SUFFIXES[0]}").unlink()
+    (checkout / f"core/trajectory/knots{EXTENSION_SUFFIXES[0]}").unlink()
     assert "without mypyc" in why_interpreted()
 
 
@@ -121,9 +126,9 @@ def test_python_runs_where_it_is_asked_for(checkout: Path, monkeypatch: pytest.M
 
 
 def test_the_source_finder_leaves_other_modules_alone(checkout: Path) -> None:
-    found = SourceFinder().find_spec("hapticd.core.knots", None)
+    found = SourceFinder().find_spec("hapticd.core.trajectory.knots", None)
     assert found is not None
-    assert found.origin == str(checkout / "core/knots.py")
+    assert found.origin == str(checkout / "core/trajectory/knots.py")
     for other in ("hapticd.core.pipeline", "hapticd.wire.knots", "knots", "numpy.core.knots"):
         assert SourceFinder().find_spec(other, None) is None
 

@@ -9,24 +9,24 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.core.modes import ModeShapes
+from hapticd.core.plate.mode_shapes import ModeShapes
 
 START = """
 import sys
 from hapticd import __main__ as command
-from hapticd.cli.run import without_openssl
+from hapticd.tools.run import without_openssl
 with without_openssl():
-    from hapticd import service
-from hapticd import wiring
-from hapticd.config_sections import Config
+    from hapticd.daemon import service
+from hapticd.daemon import settings
+from hapticd.config.sections import Config
 command.parser("run")
-wiring.warm_up(Config())
+settings.warm_up(Config())
 print(*sorted(sys.modules))
 """
 
 NOT_NEEDED = (
     *("scipy", "matplotlib", "numpy.ma", "numpy.fft", "numpy.random", "numpy.polynomial"),
-    *("hapticd.design", "hapticd.bench", "hapticd.bringup", "hapticd.sim.lockstep", "hapticd.sim.plate"),
+    *("hapticd.design", "hapticd.bench", "hapticd.tools.firmware", "hapticd.sim.lockstep", "hapticd.sim.plate.truth"),
     *("email", "http", "xml", "unittest", "sqlite3", "multiprocessing", "ssl", "_ssl", "_hashlib"),
 )
 

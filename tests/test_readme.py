@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hapticd import config
 from hapticd.__main__ import main
-from hapticd.config_sections import Config
+from hapticd.config import loader as config
+from hapticd.config.sections import Config
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.plate import PlateTruth
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.plate.truth import PlateTruth
 from hapticd.sim.world import World
 
 STEP_TICKS = 4  # 2 ms

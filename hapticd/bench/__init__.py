@@ -1,1 +1,1 @@
-"""The benchmarks behind `hapticd bench`: error against run time."""
+"""Benchmarks of what is still open: error against run time for each part of the path."""

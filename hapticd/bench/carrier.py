@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from ..sim.carrier import SignalChain
+from ..sim.board.carrier import SignalChain
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare
 

@@ -13,14 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..sim.board import (
-    Board,
-    BoardConfig,
-    BoardTrace,
-    PlateModel,
-    reference_decay_1_s,
-    reference_gain_um_per_v_s,
-)
+from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel, reference_decay_1_s, reference_gain_um_per_v_s
 from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 

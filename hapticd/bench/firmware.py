@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..sim.board import BoardTrace
+from ..sim.board.board import BoardTrace
 from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 from . import lqg

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..core.modes import ModeShapes
-from ..core.solver_checks import Rows
-from ..sim.plate import PlateTruth
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.solver.checks import Rows
+from ..sim.plate.truth import PlateTruth
 from .modes import W_LIMIT_UM
 
 FloatArray = npt.NDArray[np.float64]

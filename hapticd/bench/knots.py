@@ -14,11 +14,11 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from ..core.modes import ModeShapes
 from ..core.pipeline import Pipeline, PipelineSettings
-from ..core.prediction import make_predictor
-from ..core.scene import Scene
-from ..sim.plate import PlateTruth
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.prediction.predictor import make_predictor
+from ..core.targets.scene import Scene
+from ..sim.plate.truth import PlateTruth
 from ..values import AmplitudeTarget, ClientTargets, GratingTarget, MapTarget, SafeDrive, Target, VirtualPath
 from ..wire import device
 from .tables import Table, finite_rows

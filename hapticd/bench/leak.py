@@ -61,7 +61,7 @@ def alternatives() -> dict[str, Settings]:
         "effort 0.02, no fade": {"solver": {"effort": 0.02, "fade": 0.0}},
     }
     told = {name: replace(ours, config=swapped(ours.config, swap)) for name, swap in swaps.items()}
-    return {**told, "neighbours unknown": replace(ours, neighbours_known=False), PAPER: paper(ours)}
+    return {**told, "neighbours unknown": replace(ours, parasitic_modes_known=False), PAPER: paper(ours)}
 
 
 def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequence[str] | None = None) -> Table:
@@ -117,7 +117,7 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
 
     Neighbouring modes are unknown to all rows, for a disc has no zero to bring them back to.
     """
-    ours = Settings(neighbours_known=False)
+    ours = Settings(parasitic_modes_known=False)
     chosen = {
         name: replace(ours, config=swapped(ours.config, {"solver": {"contact_radius_mm": radius_mm}}))
         for name, radius_mm in ((POINT, 0.0), ("a disc of 2.5 mm", RADIUS_MM / 2), ("a disc of 5 mm", RADIUS_MM))

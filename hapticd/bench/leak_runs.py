@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..config_sections import Config
+from ..config.sections import Config
 from ..sim.lockstep import Run, Settings, Simulation
 from ..sim.scenarios import SCENARIOS
 from ..sim.score import Score

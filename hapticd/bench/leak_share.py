@@ -1,9 +1,9 @@
 """What the slipping finger's share of its 1 um depends on: the shapes that W_LIM = 4 um counts in, and a third mode.
 
-Each kind of shapes (`sim.plate_shapes`) is the simulated plate's truth, scanned and fitted like the default one, with
+Each kind of shapes (`sim.plate.shapes`) is the simulated plate's truth, scanned and fitted like the default one, with
 the board's amplifiers sized for it. A third mode, the first of the neighbouring pair, has an amplifier of its own. The
-fade (`core.fade`) gives amplitude away for less leak: without it the loop comes nearest to what the limits allow.
-Beside the whole loop stands perfect knowledge: true positions and shapes, an exact zero, no fade.
+fade (`core.solver.derating`) gives amplitude away for less leak: without it the loop comes nearest to what the limits
+allow. Beside the whole loop stands perfect knowledge: true positions and shapes, an exact zero, no fade.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..sim.lockstep import Settings, perfect
-from ..sim.plate_shapes import FREE_PLATE, KINDS
+from ..sim.plate.shapes import FREE_PLATE, KINDS
 from .leak_runs import SCENARIO, SECONDS, SEEDS, Figures, Played, compared, swapped
 from .tables import Table, finite_rows
 

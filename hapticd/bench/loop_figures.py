@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.solver import solve_batch
-from ..sim.board import Board, BoardConfig, BoardTrace, PlateModel
-from ..sim.plate import PlateSettings, PlateTruth
+from ..core.solver.public import solve_batch
+from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from ..sim.plate.truth import PlateSettings, PlateTruth
 from ..sim.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
 from .closed_loop import Floats, Law, Phasors, Plate, follow, measure, step, step_trace, tracking_figures
 

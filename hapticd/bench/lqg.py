@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..sim.board import CHUNK_S, reference_decay_1_s, reference_gain_um_per_v_s
+from ..sim.board.board import CHUNK_S, reference_decay_1_s, reference_gain_um_per_v_s
 from .closed_loop import LANDED_DAMPING, LIMIT_V, NOISE_UM, PHASE_S, Phasors, Plate
 
 ERROR_UM = 0.02  # Bryson's rule: an error of that much weighs as much as all the voltage

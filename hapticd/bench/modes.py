@@ -15,11 +15,11 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from ..core.modes import ModeShapes
-from ..core.solver import solve_fast
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.solver.public import solve_fast
 from ..design import ModeShape, fit_cartography, free_plate_modes, sample_cartography
 from ..design.free_fit import FreePlateModes
-from ..sim.plate import DRIVEN_MODES, PlateSettings
+from ..sim.plate.truth import DRIVEN_MODES, PlateSettings
 from .modes_ways import Points, Shapes, Way, analytic, ways
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional

@@ -17,8 +17,8 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from ..core.modes import ModeShapes
-from ..core.modes_contact import ContactGram, disc_gram
+from ..core.plate.contact_gram import ContactGram, disc_gram
+from ..core.plate.mode_shapes import ModeShapes
 from ..design import free_plate_modes
 from .modes import driven_shapes, random_pairs_mm
 from .tables import Table, finite_rows

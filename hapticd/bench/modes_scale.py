@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver import solve_fast
+from ..core.solver.public import solve_fast
 from ..design import ModeShape
-from ..sim import plate_shapes
-from ..sim.plate import DRIVEN_MODES
+from ..sim.plate import shapes as plate_shapes
+from ..sim.plate.truth import DRIVEN_MODES
 from ..sim.scenarios import SCENARIOS, SPEED_MM_S
 from .modes import random_pairs_mm
 from .modes_contact import LEAST_APART_MM, LIMIT_UM

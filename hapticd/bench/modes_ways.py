@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
 
-from ..core.modes import ModeShapes
+from ..core.plate.mode_shapes import ModeShapes
 
 FloatArray = npt.NDArray[np.float64]
 Points = Sequence[tuple[float, float]]

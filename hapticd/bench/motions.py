@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..sim.fingers import Circle, Line, Path, Reach, Rest, Strokes
+from ..sim.fingers.paths import Circle, Line, Path, Reach, Rest, Strokes
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from functools import partial
 
 import numpy as np
 
-from ..core.prediction import PREDICTORS, Predictor, Recipe
-from ..core.prediction_motion import Sample
-from ..sim.fingers import Reach
+from ..core.prediction.motion import Sample
+from ..core.prediction.predictor import Predictor, PredictorFactory
+from ..sim.fingers.paths import Reach
+from .baselines import PREDICTORS
 from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, FloatArray, Motion, Touch, touch
 from .tables import Table, finite_rows
 from .timing import REPEATS, Timing, compare
@@ -81,18 +82,18 @@ def alternatives() -> dict[str, Make]:
         **PREDICTORS,
         "default, noise as given": partial(PREDICTORS[DEFAULT], noise_samples=0.0),
         "default, stamps as given": partial(PREDICTORS[DEFAULT], stamp_error_ms=0.0),
-        "numpy polyfit": Recipe.of(NumpyParabola),
+        "numpy polyfit": PredictorFactory.of(NumpyParabola),
     }
 
 
 def rms_mm(make: Make, motion: str, touches: Sequence[Touch], ahead_s: float = AHEAD_S) -> float:
     """RMS error over the touches, the motion's warm-up left out."""
     warm_up = MOTIONS[motion].warm_up
-    missed_mm = [(foretold_mm(make, one, ahead_s) - _truth_mm(one, ahead_s))[warm_up:] for one in touches]
+    missed_mm = [(predicted_mm(make, one, ahead_s) - _truth_mm(one, ahead_s))[warm_up:] for one in touches]
     return _rms_mm(missed_mm)
 
 
-def foretold_mm(make: Make, touched: Touch, ahead_s: float = AHEAD_S) -> FloatArray:
+def predicted_mm(make: Make, touched: Touch, ahead_s: float = AHEAD_S) -> FloatArray:
     """(T, 2): after each sample, where the finger is said to be `ahead_s` after the sample was truly taken."""
     predictor = make()
     foretold = []
@@ -109,7 +110,7 @@ def overshoot_mm(make: Make, touches: Sequence[Touch]) -> float:
         if not isinstance(one.path, Reach):
             raise TypeError("overshoot is defined for reaches")
         way_mm = np.subtract(one.path.end_mm, one.path.start_mm)
-        share = (foretold_mm(make, one) - one.path.start_mm) @ way_mm / (way_mm @ way_mm)
+        share = (predicted_mm(make, one) - one.path.start_mm) @ way_mm / (way_mm @ way_mm)
         cycle_s = one.path.duration_s + REST_AFTER_REACH_S
         legs = ((one.sampled_s + AHEAD_S) // cycle_s).astype(int)
         for leg in range(1, int(legs.max())):

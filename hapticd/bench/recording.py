@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ..config_sections import Config
-from ..core.modes import ModeShapes
-from ..core.neighbours import Neighbours
-from ..machine import Machine
+from ..config.sections import Config
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.plate.parasitic_modes import ParasiticModes
+from ..daemon.machine import Machine
 from ..sim.lockstep import T_START_NS, Settings, Simulation
 from ..sim.scenarios import Actor
 
@@ -43,7 +43,7 @@ class Recording(NamedTuple):
     calls: tuple[Call, ...]
     timed: str
     modes: ModeShapes
-    neighbours: Neighbours | None
+    parasitic_modes: ParasiticModes | None
 
     def is_timed(self, call: Call) -> bool:
         """A pass that counts: made once everything has settled."""
@@ -65,14 +65,14 @@ def record(
     for name in _CALLS:
         setattr(simulation.machine, name, _noted(calls, name, getattr(simulation.machine, name)))
     simulation.run(seconds)
-    return Recording(tuple(calls), timed, simulation.modes, simulation.neighbours)
+    return Recording(tuple(calls), timed, simulation.modes, simulation.parasitic_modes)
 
 
 def new_machine(recording: Recording, config: Config | None = None, publish: Publish | None = None) -> Machine:
     """A machine that has heard nothing yet; what it writes to its board is thrown away."""
     config = Config() if config is None else config
     return Machine(
-        config, recording.modes, write_board=lambda _: True, publish=publish, neighbours=recording.neighbours
+        config, recording.modes, write_board=lambda _: True, publish=publish, parasitic_modes=recording.parasitic_modes
     )
 
 

@@ -13,11 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..config_sections import Config
-from ..core.knots import Row
-from ..core.modes import ModeShapes
-from ..core.moment import MomentSolver
-from ..sim.plate import DRIVEN_MODES, PlateTruth
+from ..config.sections import Config
+from ..core.phasors import Row
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.solver.instant import InstantSolver, PointSolver
+from ..core.solver.policies import solve_fast
+from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from .baselines.paper_scheme import invert
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .solver_tracks import KNOTS, ONE_STILL_UM, strokes_mm
 from .tables import Table, finite_rows
@@ -36,8 +38,12 @@ def run(*, strokes: int = 40) -> Table:
     fade = Config().solver.fade
     points_mm = strokes_mm(strokes)
     modes = _true_map()
-    ways = {DEFAULT: ("keep_zero", fade), "no fade": ("keep_zero", 0.0), PAPER: ("paper", 0.0)}
-    walks = {name: _walked(modes, points_mm, policy, fade) for name, (policy, fade) in ways.items()}
+    ways: dict[str, tuple[PointSolver, float]] = {
+        DEFAULT: (solve_fast, fade),
+        "no fade": (solve_fast, 0.0),
+        PAPER: (invert, 0.0),
+    }
+    walks = {name: _walked(modes, points_mm, solve, fade) for name, (solve, fade) in ways.items()}
     return Table(
         name="singular",
         title=f"leak: the largest step at singular positions: one finger still, one at 1 um, {strokes} strokes",
@@ -59,13 +65,13 @@ def _true_map() -> ModeShapes:
     return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
 
 
-def _walked(modes: ModeShapes, points_mm: FloatArray, policy: str, fade: float) -> FloatArray:
+def _walked(modes: ModeShapes, points_mm: FloatArray, solve: PointSolver, fade: float) -> FloatArray:
     """Modal amplitudes (strokes, KNOTS, M), each stroke from a plate at rest."""
-    solver = MomentSolver(modes, W_LIMIT_UM, policy=policy, effort=0.0, fade=fade, phase_rotation=True)
+    solver = InstantSolver(modes, W_LIMIT_UM, fade=fade, phase_rotation=solve is not invert, solve=solve)
     return np.array([_stroke(solver, stroke) for stroke in points_mm.tolist()])
 
 
-def _stroke(solver: MomentSolver, knots_mm: Sequence[Sequence[tuple[float, float]]]) -> list[Row]:
+def _stroke(solver: InstantSolver, knots_mm: Sequence[Sequence[tuple[float, float]]]) -> list[Row]:
     modal_um: Row = (0.0,) * len(W_LIMIT_UM)
     walked = []
     for fingers_mm in knots_mm:

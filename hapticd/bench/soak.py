@@ -22,8 +22,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import HapticdError
-from ..sim.faulty import FaultySimulation
-from ..sim.fingers import Circle, Touch
+from ..sim.board.faulty import FaultySimulation
+from ..sim.fingers.paths import Circle, Touch
 from ..sim.lockstep import Settings
 from ..sim.scenarios import Actor
 from .soak_faults import KINDS, Kind, Watch

@@ -37,7 +37,7 @@ def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Po
 def witnesses(priority: int) -> AbstractContextManager[list[subprocess.Popen[str]]]:
     """One for each processor, with `priority` ahead of rig and service."""
     processors = sorted(os.sched_getaffinity(0))
-    return _processes([("-m", "hapticd.bench.witness", f"{number}", f"{priority}") for number in processors])
+    return _processes([("-m", "hapticd.bench.stall_monitor", f"{number}", f"{priority}") for number in processors])
 
 
 @contextlib.contextmanager

@@ -24,16 +24,16 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
-from ..config_sections import Config
-from ..core.ledger import Ledger, LoopTiming
-from ..core.modes import ModeShapes
-from ..daemon import Daemon, now_ns
+from ..config.sections import Config
+from ..core.board.ledger import Ledger, LoopTiming
+from ..core.plate.mode_shapes import ModeShapes
+from ..daemon.daemon import Daemon, now_ns
+from ..daemon.lifecycle import serve
+from ..daemon.machine import Machine
+from ..daemon.service import ConfigLoader
 from ..errors import HapticdError
 from ..io.realtime import go_real_time
-from ..machine import Machine
-from ..service import Workshop
-from ..serving import serve
-from ..sim.rigprocess import RigProcess
+from ..sim.rig.process import RigProcess
 from ..values import AmplitudeTarget, ClientTargets, Target
 from ..wire import protocol
 from ..wire.framing import FrameSplitter
@@ -55,7 +55,7 @@ Played = tuple[list[tuple[str, Counts]], tuple[str, ...]]  # rows by the spell's
 
 @dataclass
 class Watch:
-    """What is seen from inside the service, beside its histograms; the machine's tap."""
+    """What is seen from inside the service, beside its histograms; the machine's observer."""
 
     machine: Machine
     frames: int = 0
@@ -67,7 +67,7 @@ class Watch:
     _t_collecting_ns: int = 0
     _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(LONGEST_FRAME))
 
-    def tap(self, kind: str, t_ns: int, *values: Any) -> None:
+    def observer(self, kind: str, t_ns: int, *values: Any) -> None:
         """Every line that is written is read as the board would read it."""
         if kind != "written":
             return
@@ -107,7 +107,11 @@ def run(seconds: float) -> tuple[Table, ...]:
     if not 0.0 < seconds <= MOST_S:  # False for NaN
         raise HapticdError(f"--real-time: {seconds:g} s is out of bounds, it must be above 0 and at most {MOST_S:g}.")
     config = Config()
-    with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, RigProcess("circles", 1) as rig, Workshop() as shop:
+    with (
+        tempfile.TemporaryDirectory(prefix="hapticd-") as folder,
+        RigProcess("circles", 1) as rig,
+        ConfigLoader() as shop,
+    ):
         with contextlib.suppress(PermissionError):  # hardware is never preempted
             os.sched_setscheduler(rig.process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
         config = replace(
@@ -146,7 +150,7 @@ async def _watched(daemon: Daemon, seconds: float) -> Played:
     await asyncio.sleep(0)  # let it start
     machine = daemon.machine
     watch = Watch(machine)
-    machine.tap = watch.tap
+    machine.observer = watch.observer
     gc.callbacks.append(watch.collected)
     endpoint = f"ipc://{daemon.runtime_dir / 'targets'}"
     spells: dict[str, Callable[[], AbstractContextManager[list[Counts]]]] = {
@@ -160,7 +164,7 @@ async def _watched(daemon: Daemon, seconds: float) -> Played:
             rows = [(name, await _spell(watch, spell, seconds, beside)) for name, spell in spells.items()]
     finally:
         gc.callbacks.remove(watch.collected)
-        machine.tap = None
+        machine.observer = None
     return rows, _notes(machine)
 
 

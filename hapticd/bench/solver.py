@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compiled import why_interpreted
-from ..core.solver import solve, solve_batch, solve_fast, solve_phased_fast
-from ..sim.plate import DRIVEN_MODES, PlateTruth
+from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
+from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver import solve, solve_batch, solve_fast
-from ..core.solver_contact import principal_axis
-from ..sim.plate import DRIVEN_MODES, PlateTruth
+from ..core.solver.contacts import principal_axis
+from ..core.solver.public import solve, solve_batch, solve_fast
+from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .solver_tracks import ONE_STILL_UM, rms, rows_of
 from .tables import Table, finite_rows

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from ..core.solver import solve_fast
-from ..core.solver_policies import Rows
+from ..core.solver.policies import Rows
+from ..core.solver.public import solve_fast
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver import solve_fast, solve_phased_fast
-from ..core.solver_policies import Rows
-from ..sim.plate import DRIVEN_MODES, PlateTruth
+from ..core.solver.policies import Rows
+from ..core.solver.public import solve_fast, solve_phased_fast
+from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.limits import gate
-from ..core.solver import solve, solve_fast, solve_phased_fast
-from ..core.solver_checks import Rows
-from ..core.solver_policies import POLICIES
-from ..sim.plate import PlateTruth
+from ..core.solver.checks import Rows
+from ..core.solver.policies import POLICIES
+from ..core.solver.public import solve, solve_fast, solve_phased_fast
+from ..core.trajectory.gate import gate
+from ..sim.plate.truth import PlateTruth
 from ..values import Drive, Knot
 from ..wire.board_messages import FRAME_MAX
 from ..wire.device import encode_reference

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.modes import ModeShapes
-from ..core.modes_contact import ContactGram, disc_gram
+from ..core.plate.contact_gram import ContactGram, disc_gram
+from ..core.plate.mode_shapes import ModeShapes
 from ..design import ModeShape, free_plate_modes
-from ..sim.plate import DRIVEN_MODES
+from ..sim.plate.truth import DRIVEN_MODES
 from .timing import optional
 
 FloatArray = npt.NDArray[np.float64]

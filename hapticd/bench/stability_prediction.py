@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.prediction import PREDICTORS, Predictor, make_predictor
-from ..core.prediction_gains import MODELS, STEPS, kalman_gains, process_model
+from ..core.prediction.gains import MODELS, STEPS, kalman_gains, process_model
+from ..core.prediction.predictor import Predictor
+from .baselines import PREDICTORS, make_predictor
 from .motions import MOTIONS, Touch, touch
 from .timing import optional
 

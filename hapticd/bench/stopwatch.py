@@ -11,16 +11,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from .. import board_peer
-from ..core import moment as moment_module
-from ..core import neighbours as neighbours_module
 from ..core import pipeline as pipeline_module
-from ..core.modes import ModeShapes
-from ..core.prediction import Predictor
-from ..core.scene import Scene
-from ..core.sensor_clock import SensorClock
-from ..core.session import BoardSession
-from ..core.tracking import Tracker
+from ..core.board.session import BoardSession
+from ..core.plate import parasitic_modes as neighbours_module
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.prediction.predictor import Predictor
+from ..core.solver import instant as moment_module
+from ..core.targets.scene import Scene
+from ..core.touch.sensor_clock import SensorClock
+from ..core.touch.tracking import Tracker
+from ..daemon import board_gateway as board_gateway
 from ..wire.trackpad import Decoder
 
 # None of these calls another: every moment of a pass belongs to one stage at most.
@@ -32,14 +32,14 @@ STAGES: dict[str, Sequence[tuple[Any, str]]] = {
     "modes": ((ModeShapes, "at"),),
     "solve": ((moment_module, "solve_fast"), (moment_module, "solve_phased_fast")),
     "neighbours": (
-        (neighbours_module.Neighbours, "_felt"),
+        (neighbours_module.ParasiticModes, "_felt"),
         (neighbours_module, "_zeroed"),
         (neighbours_module, "_all_zeroed"),
         (neighbours_module, "_within"),
     ),
     "gate": ((pipeline_module, "gate"),),
     "session": ((BoardSession, "reference"),),
-    "encode": ((board_peer, "encode"),),
+    "encode": ((board_gateway, "encode"),),
 }
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError
-from ..outputs import check_writable, write_text
+from ..files.outputs import check_writable, write_text
 from . import (
     carrier,
     firmware,
@@ -26,7 +26,6 @@ from . import (
     modes_fit,
     modes_scale,
     prediction,
-    remains,
     singular,
     soak,
     soak_real_time,
@@ -36,6 +35,9 @@ from . import (
     solver_tracks,
     stability,
     tick,
+)
+from . import (
+    leak_budget as remains,
 )
 from .tables import Table, plain, render
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..compiled import why_interpreted
-from ..config_sections import Config
-from ..machine import Machine
+from ..config.sections import Config
+from ..daemon.machine import Machine
 from ..sim.lockstep import Settings
 from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
 from ..values import AmplitudeTarget, GratingTarget
@@ -124,7 +124,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     return {
         DEFAULT: _Situation(strokes, config),
         "with telemetry": _Situation(strokes, config, lambda _: None),
-        "neighbours unknown": _Situation(strokes._replace(neighbours=None), config),
+        "neighbours unknown": _Situation(strokes._replace(parasitic_modes=None), config),
         "a single knot": _Situation(strokes, one_knot),
         f"all {config.solver.max_knots} knots": _Situation(strokes, all_knots),
         "a texture, 20 knots": _Situation(_textured(strokes), textured_knots),

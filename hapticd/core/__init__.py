@@ -1,1 +1,1 @@
-"""The decisions: pure functions and small state, numbers in, numbers out, time as an argument."""
+"""The pure core: numbers in, numbers out; no clock, socket, file or log. Read `pipeline.py` from top to bottom."""

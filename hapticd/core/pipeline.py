@@ -1,9 +1,9 @@
 """A touch's way from a trackpad frame to a reference polyline, in one pass and with no queue.
 
-    touch():  track the contacts, give each finger's predictor its sample (`core.fingers`)
+    touch():  track the contacts, give each finger's predictor its sample (`core.touch.fingers`)
     drive():  for each knot time: predict the positions, ask the scene what each finger should feel, evaluate the
               mode matrix there, solve for the modal amplitudes; then gate the polyline. There are as many knots as
-              the tolerance asks for (`core.knots`)
+              the tolerance asks for (`core.trajectory.knots`)
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
 skipped and counted: no finger, no target, or fingers so still that the last reference stands.
@@ -16,13 +16,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
-from .fingers import Fingers, Predictor
-from .knots import SHORTEST_NS, Row, magnitude, parts, refine
-from .limits import gate, silence
-from .modes import ModeShapes
-from .moment import Key, Moment, MomentSolver, Place, interpolated_um, moved, points, settles_ns
-from .neighbours import Neighbours
-from .scene import Scene
+from .phasors import Row, magnitude, re_im
+from .plate.mode_shapes import ModeShapes
+from .plate.parasitic_modes import ParasiticModes
+from .solver.instant import (
+    InstantSolver,
+    Key,
+    ModalSolution,
+    Place,
+    PointSolver,
+    interpolated_um,
+    moved,
+    points,
+    settles_ns,
+)
+from .solver.policies import solve_fast
+from .targets.scene import Scene
+from .touch.fingers import Fingers, Predictor
+from .trajectory.gate import gate, silence
+from .trajectory.knots import SHORTEST_NS, refine
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +50,6 @@ class PipelineSettings:
 
     w_limit_um: tuple[float, ...]
     make_predictor: Callable[[], Predictor]
-    policy: str = "keep_zero"
-    effort: float = 0.0
     fade: float = 0.0
     phase_rotation: bool = True
     contact_radius_mm: float = 0.0
@@ -49,6 +59,7 @@ class PipelineSettings:
     loop_delay_ns: int = 0
     cover_ns: int = 17_000_000
     silence_ns: int = 40_000_000
+    solve: PointSolver = solve_fast
 
 
 @dataclass(slots=True)
@@ -71,21 +82,25 @@ class Pipeline:
     """The touch path for one plate. Holds the fingers and the reference that stands."""
 
     def __init__(
-        self, modes: ModeShapes, scene: Scene, settings: PipelineSettings, *, neighbours: Neighbours | None = None
+        self,
+        modes: ModeShapes,
+        scene: Scene,
+        settings: PipelineSettings,
+        *,
+        parasitic_modes: ParasiticModes | None = None,
     ) -> None:
         self.counters = PipelineCounters()
         self._modes = modes
         self._scene = scene
         self._settings = settings
-        self._solver = MomentSolver(
+        self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
-            policy=settings.policy,
-            effort=settings.effort,
             fade=settings.fade,
             phase_rotation=settings.phase_rotation,
-            neighbours=neighbours,
+            parasitic_modes=parasitic_modes,
             contact_radius_mm=settings.contact_radius_mm,
+            solve=settings.solve,
         )
         self._fingers = Fingers(
             settings.make_predictor, sensor_latency_ns=settings.sensor_latency_ns, silence_ns=settings.silence_ns
@@ -182,7 +197,9 @@ class Pipeline:
 
     # --- the steps of a pass ---
 
-    def _polyline(self, keys: list[Key], t_plate_ns: int, previous_um: Row) -> tuple[Moment, Moment, list[Knot]]:
+    def _polyline(
+        self, keys: list[Key], t_plate_ns: int, previous_um: Row
+    ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """The plate at the frame's beginning and end, and the knots from one to the other."""
         settings = self._settings
         first = self._moment(keys, t_plate_ns, previous_um, 0)
@@ -205,7 +222,7 @@ class Pipeline:
             knots.insert(piece, Knot(dt_ns, solve(dt_ns, knots[piece - 1])))
         return first, last, refine(solve, knots, settings.tolerance_um, settings.max_knots, smooth=smooth)
 
-    def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> Moment:
+    def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, ask the scene, evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
         return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns)
@@ -218,7 +235,7 @@ class Pipeline:
             if isinstance(key, str):
                 x_mm, y_mm = scene.virtual_position_mm(key, t_ns)
             else:
-                x_mm, y_mm = fingers.foretold_mm(key, t_ns)
+                x_mm, y_mm = fingers.predicted_mm(key, t_ns)
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             places.append((x_mm, y_mm, 0.0 if target_um is None else target_um))
         return places
@@ -238,7 +255,7 @@ class Pipeline:
         largest_um = 0.0
         for _, modal_um in ends:
             for w_um in modal_um:
-                w_d_um, w_q_um = parts(w_um)
+                w_d_um, w_q_um = re_im(w_um)
                 largest_um = max(largest_um, magnitude(w_d_um, w_q_um))
         change = self._steepness_1_mm * sum(moved_mm)
         return largest_um * (change * change) / 8.0

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.modes import ModeShapes
-from hapticd.core.solver import solve_batch
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.public import solve_batch
 
 from .legendre import FloatArray
 

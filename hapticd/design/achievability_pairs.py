@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hapticd.core.modes import ModeShapes
+from hapticd.core.plate.mode_shapes import ModeShapes
 
 from .achievability import FULL_FRAC, cell_centres, least_deviation, row_spaces
 from .legendre import FloatArray

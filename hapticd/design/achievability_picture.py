@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hapticd.core.modes import ModeShapes
+from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import HapticdError
 
 from .achievability import AchievabilityMap, Finger

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.modes import ModeShapes
+from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ModesError
 
 from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hapticd.core.modes import ModeShapes
+from hapticd.core.plate.mode_shapes import ModeShapes
 
 from . import legendre
 from .free_plate import free_plate_modes

@@ -1,1 +1,1 @@
-"""The thin rim: moves bytes between devices, sockets and the daemon, and decides nothing."""
+"""The thin rim: devices, sockets, the operating system. Moves bytes and decides nothing."""

@@ -19,7 +19,7 @@ LINGER_NS = 2_000_000_000  # the next stroke mostly follows
 _NEVER_SLEEP_US, _SLEEP_AS_YOU_LIKE_US = 0, 2_000_000_000  # the second is what the kernel takes for no wish
 
 
-class Awake:
+class CpuLatencyHold:
     """A wish to the kernel, from the constructor to `close`; none before the first touch.
 
     The constructor raises OSError where this user may not have one.

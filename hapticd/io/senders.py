@@ -64,7 +64,7 @@ class _Turn(Generic[Message]):
     waiting: deque[Message]
 
 
-class Turnstile(Generic[Message]):
+class RateLimiter(Generic[Message]):
     """Lets RATE_HZ messages of each source through, BURST at once. `lost` counts those that never came through.
 
     What comes too fast waits, `patience` messages of it; of more, the oldest give way. With a patience of 1 the newest

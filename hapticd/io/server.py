@@ -25,7 +25,7 @@ import zmq
 
 from ..errors import HapticdError
 from .runtime_dir import endpoint_path, locked, own_directory, runtime_directory
-from .senders import Sender, Turnstile, sender_of
+from .senders import RateLimiter, Sender, sender_of
 from .sockets import ENDPOINTS, MAX_MESSAGE_BYTES, AllowList, Remote, Socket, Sockets, bound
 
 __all__ = ["MAX_MESSAGE_BYTES", "ClientServer", "runtime_directory"]
@@ -67,8 +67,8 @@ class ClientServer:
         self._service: _Service | None = None
         self._breath: asyncio.TimerHandle | None = None
         self._is_subscribed = False
-        self._messages: Turnstile[Letter] = Turnstile(patience=1)
-        self._requests: Turnstile[Letter] = Turnstile(patience=REQUESTS_WAITING)
+        self._messages: RateLimiter[Letter] = RateLimiter(patience=1)
+        self._requests: RateLimiter[Letter] = RateLimiter(patience=REQUESTS_WAITING)
         self._lost_said = 0
         self._t_said_s: float | None = None
 
@@ -183,26 +183,26 @@ class ClientServer:
         self,
         loop: asyncio.AbstractEventLoop,
         socket: Socket,
-        turnstile: Turnstile[Letter],
+        rate_limiter: RateLimiter[Letter],
         shapes: tuple[int, ...],
         handle: Callable[[Sender, Parts], None],
     ) -> bool:
         """Handle what waits and may be; `shapes` are the numbers of parts that a message may have."""
         t_s = loop.time()
         t_end_s = t_s + BUDGET_S
-        for sender, parts in turnstile.due(t_s):
+        for sender, parts in rate_limiter.due(t_s):
             handle(sender, parts)
             if loop.time() >= t_end_s:
                 return True
         for _ in range(MAX_READS):
             frames = _received(socket)
             if frames is None:
-                return turnstile.is_waiting
+                return rate_limiter.is_waiting
             if not _has_shape(frames, shapes):
                 self.misshapen += 1
                 continue
             letter = sender_of(frames[-1], self._key_names), [frame.bytes for frame in frames]
-            if turnstile.admit(letter[0].source, letter, t_s):
+            if rate_limiter.admit(letter[0].source, letter, t_s):
                 handle(*letter)
             if loop.time() >= t_end_s:
                 return True

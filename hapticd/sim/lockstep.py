@@ -18,19 +18,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..config_sections import Config
-from ..core.modes import ModeShapes
-from ..core.solver import solve
+from ..bench.baselines.paper_scheme import paper_config, paper_pipeline
+from ..config.sections import Config
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.solver.public import solve
+from ..daemon.machine import TIMER_NS, Machine
+from ..daemon.observer import Observer
 from ..errors import SimulationError
-from ..machine import TIMER_NS, Machine
-from ..tap import Tap
 from ..values import RawReport
-from .inforce import Passes
-from .plate import PlateSettings, PlateTruth
+from .active_reference import Passes
+from .fingers.scripted import ScriptedClient, virtual_name
+from .fingers.sensor import SensorModel, SensorSettings
+from .plate.truth import PlateSettings, PlateTruth
 from .scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
 from .score import Score, score
-from .scripted import ScriptedClient, virtual_name
-from .sensor import SensorModel, SensorSettings
 from .world import World
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
@@ -52,7 +53,7 @@ class Settings:
     report_period_ms: float = 11.25
     sensor_latency_ms: float = 10.0
     link_ms: float = 5.0
-    neighbours_known: bool = True  # the laboratory measured the modes beside the driven ones as well
+    parasitic_modes_known: bool = True  # the laboratory measured the modes beside the driven ones as well
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)
 
@@ -96,7 +97,7 @@ def run(
     settings: Settings | Mapping[str, Any] | None = None,
     seed: int = 1,
     seconds: float | None = None,
-    tap: Callable[[Machine, ModeShapes], Tap] | None = None,
+    observer: Callable[[Machine, ModeShapes], Observer] | None = None,
 ) -> Run:
     """Play `scenario` for `seconds` of virtual time. The same arguments give the same arrays, byte for byte.
 
@@ -117,8 +118,8 @@ def run(
     except ValueError as error:
         raise SimulationError(f"{scenario} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
     simulation = Simulation(actors, chosen, seed)
-    if tap is not None:
-        simulation.machine.tap = tap(simulation.machine, simulation.modes)
+    if observer is not None:
+        simulation.machine.observer = observer(simulation.machine, simulation.modes)
     simulation.run(seconds)
     return simulation.result(scenario)
 
@@ -162,7 +163,7 @@ class Simulation:
             board_start_us=BOARD_START_US,
         )
         self.modes = plate.cartography(seed)
-        self.neighbours = plate.neighbours(seed) if settings.neighbours_known else None
+        self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(
             SensorSettings(
@@ -224,7 +225,9 @@ class Simulation:
             self.machine.want(message, t_ns)
 
     def _new_machine(self) -> Machine:
-        return Machine(self._config, self.modes, write_board=self._to_board, neighbours=self.neighbours)
+        if self.settings.scheme == "paper":
+            return Machine(self._config, self.modes, write_board=self._to_board, pipeline=paper_pipeline(self._config))
+        return Machine(self._config, self.modes, write_board=self._to_board, parasitic_modes=self.parasitic_modes)
 
     def _to_board(self, data: bytes) -> bool:
         self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)
@@ -295,12 +298,7 @@ def _scheme_config(settings: Settings) -> Config:
     """The daemon's configuration for a scheme; the paper's is its Matlab loop: hold, steps, plain PI, its formula."""
     config = settings.config
     if settings.scheme == "paper":
-        config = replace(
-            config,
-            prediction=replace(config.prediction, name="hold"),
-            solver=replace(config.solver, policy="paper", effort=0.0, fade=0.0, max_knots=1),
-            device=replace(config.device, controller="pi"),
-        )
+        config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..values import VirtualPath
-from .fingers import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
+from .fingers.paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0

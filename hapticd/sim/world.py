@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .board import Board, BoardConfig, BoardTrace, PlateModel
-from .fingers import Path
-from .plate import PlateTruth
+from .board.board import Board, BoardConfig, BoardTrace, PlateModel
+from .fingers.paths import Path
+from .plate.truth import PlateTruth
 
 CHUNK_TICKS = 500
 CONTROL_HZ = 2000.0

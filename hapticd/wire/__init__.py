@@ -1,1 +1,1 @@
-"""Bytes to values and back. Sans-I/O: nothing here opens, waits or decides."""
+"""Bytes to values and back, without I/O: trackpad reports, board frames, client messages."""

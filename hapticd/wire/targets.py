@@ -9,15 +9,7 @@ import math
 from collections.abc import Callable
 
 from ..errors import RequestError
-from ..values import (
-    AmplitudeTarget,
-    ClientTargets,
-    FrictionTarget,
-    GratingTarget,
-    MapTarget,
-    Target,
-    VirtualPath,
-)
+from ..values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, Target, VirtualPath
 from .fields import Fields, bounded, items, label, whole
 
 MAX_TARGETS = 16

@@ -26,13 +26,13 @@ from hapticd.bench import (
     stability,
     tick,
 )
+from hapticd.bench.baselines import PREDICTORS
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.stopwatch import STAGES, Stopwatch
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.compiled import why_interpreted
-from hapticd.config_sections import Config
-from hapticd.core.prediction import PREDICTORS
-from hapticd.machine import LOOK_EVERY_NS, TIMER_NS, Machine
+from hapticd.config.sections import Config
+from hapticd.daemon.machine import LOOK_EVERY_NS, TIMER_NS, Machine
 from hapticd.sim.scenarios import SCENARIOS
 
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {

@@ -8,7 +8,7 @@ import pytest
 
 from hapticd.bench.motions import MOTIONS, NOISE_MM, PERIOD_S, STAMP_ERROR_S, STEP_MM, Touch, touch
 from hapticd.bench.prediction import overshoot_mm, rms_mm
-from hapticd.core.prediction import make_predictor
+from hapticd.core.prediction.predictor import make_predictor
 
 # RMS in mm. The first six are what is asked for, the others what the models of constant jerk reach.
 GOALS_MM = {

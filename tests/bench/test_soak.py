@@ -8,9 +8,9 @@ import pytest
 from hapticd.bench import soak, soak_faults
 from hapticd.bench.soak import Findings
 from hapticd.bench.soak_faults import KINDS, Kind, Watch
-from hapticd.core.limits import gate
+from hapticd.core.trajectory.gate import gate
 from hapticd.errors import HapticdError
-from hapticd.sim.faulty import FaultySimulation
+from hapticd.sim.board.faulty import FaultySimulation
 from hapticd.sim.lockstep import Settings
 from hapticd.values import Drive, Knot
 from hapticd.wire import device

@@ -14,11 +14,11 @@ from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 from hapticd.bench import soak_real_time
 from hapticd.bench.soak_company import stood_ms
 from hapticd.bench.soak_real_time import Watch
-from hapticd.bench.witness import SLEEP_S
-from hapticd.config_sections import Config
-from hapticd.core.limits import gate
+from hapticd.bench.stall_monitor import SLEEP_S
+from hapticd.config.sections import Config
+from hapticd.core.trajectory.gate import gate
+from hapticd.daemon.machine import Machine
 from hapticd.errors import HapticdError
-from hapticd.machine import Machine
 from hapticd.values import Drive, Knot
 from hapticd.wire import device
 
@@ -44,9 +44,9 @@ def test_every_line_is_read_as_the_board_reads_it_and_a_spell_begins_at_zero() -
     watch = Watch(Machine(Config(), PLATE, write_board=lambda _: True))
     drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
     frame = device.encode_reference(1, drive, 1000)
-    watch.tap("written", 0, frame[:9], True)
-    watch.tap("status", 0, frame)
-    watch.tap("written", 0, frame[9:], True)
+    watch.observer("written", 0, frame[:9], True)
+    watch.observer("status", 0, frame)
+    watch.observer("written", 0, frame[9:], True)
     assert (watch.frames, watch.peak_um) == (1, pytest.approx(3.5, rel=1e-6))
     before = watch.machine.loop
     watch.begin()
@@ -60,14 +60,14 @@ def test_a_silence_longer_than_the_dead_man_waits_is_a_missed_keep_alive() -> No
     assert bench.machine.session.hello is not None
     deadman_ns = bench.machine.session.hello.deadman_ms * 1_000_000
     for t_ns, is_accepted in ((0, True), (deadman_ns, True), (deadman_ns + 5, False), (2 * deadman_ns + 1, True)):
-        watch.tap("written", t_ns, b"\0", is_accepted)
+        watch.observer("written", t_ns, b"\0", is_accepted)
     assert (watch.silences, watch.longest_silence_ns) == (1, deadman_ns + 1)
     watch.begin()
     assert (watch.silences, watch.longest_silence_ns) == (0, 0)
 
 
 def test_a_witness_tells_for_how_long_it_stood_and_forgets_it_then() -> None:
-    command = [sys.executable, "-m", "hapticd.bench.witness", "0", "0"]
+    command = [sys.executable, "-m", "hapticd.bench.stall_monitor", "0", "0"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as witness:
         assert witness.stdin is not None
         assert witness.stdout is not None

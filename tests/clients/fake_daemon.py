@@ -8,8 +8,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from hapticd.core.clientele import Clientele
-from hapticd.core.scene import Scene
+from hapticd.core.targets.client_registry import ClientRegistry
+from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
 from hapticd.io.server import ClientServer
 from hapticd.io.sockets import Remote
@@ -29,7 +29,7 @@ class FakeDaemon:
         self.protocol = wire.PROTOCOL_VERSION
         self.scene = Scene(w_limit_um=4.0)
         self.server = ClientServer(directory, remote)
-        self.clientele = Clientele()
+        self.client_registry = ClientRegistry()
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
@@ -45,7 +45,7 @@ class FakeDaemon:
         """Begin to serve, as a new instance with an empty scene."""
         self._instance += 1
         self.scene = Scene(w_limit_um=4.0)
-        self.clientele = Clientele()
+        self.client_registry = ClientRegistry()
         self.server = ClientServer(self.directory, self.remote)
         self._loop = asyncio.new_event_loop()
         ready = threading.Event()
@@ -100,7 +100,7 @@ class FakeDaemon:
 
     def _is_newest(self, message: ClientTargets | wire.Release, user: str) -> bool:
         self.stamps.append(message.stamp)
-        is_newest = self.clientele.is_newest(message.client, user, message.stamp, 0, time.monotonic_ns())
+        is_newest = self.client_registry.is_newest(message.client, user, message.stamp, 0, time.monotonic_ns())
         self.overtaken += not is_newest
         return is_newest
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core import clientele
+from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.io import senders, server, sockets
 from hapticd.wire import client as wire
@@ -96,8 +96,8 @@ def test_the_text_names_the_rates_and_limits_in_force() -> None:
         f"no more than {server.MAX_READS} messages, or for {server.BUDGET_S * 1e3:g} ms",
         f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
         f"{sockets.SEND_HIGH_WATER} states wait for a reader",
-        f"until {clientele.KEPT_NS * 1e-9:g} s after its last message",
-        f"At most {clientele.MAX_NAMES}\nnames are in use",
+        f"until {client_registry.KEPT_NS * 1e-9:g} s after its last message",
+        f"At most {client_registry.MAX_NAMES}\nnames are in use",
     ):
         assert " ".join(sentence.split()) in " ".join(TEXT.split())
 

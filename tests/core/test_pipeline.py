@@ -8,21 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hapticd.core.fade import LEAST_SHARE
-from hapticd.core.modes import ModeShapes
 from hapticd.core.pipeline import Pipeline, PipelineSettings
-from hapticd.core.prediction import make_predictor
-from hapticd.core.scene import Scene
-from hapticd.values import (
-    AmplitudeTarget,
-    ClientTargets,
-    Contact,
-    GratingTarget,
-    Target,
-    Tick,
-    TouchFrame,
-    VirtualPath,
-)
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.prediction.predictor import make_predictor
+from hapticd.core.solver.derating import LEAST_SHARE
+from hapticd.core.targets.scene import Scene
+from hapticd.values import AmplitudeTarget, ClientTargets, Contact, GratingTarget, Target, Tick, TouchFrame, VirtualPath
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.core.modes import ModeShapes
-from hapticd.core.solver import solve
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.public import solve
 from hapticd.design.achievability import Finger, achievability_map, achievable_share, reach_um
 from hapticd.design.achievability_pairs import pair_map
-from hapticd.sim.plate import PlateSettings, PlateTruth
+from hapticd.sim.plate.truth import PlateSettings, PlateTruth
 
 PAIR = PlateTruth(PlateSettings()).cartography(1)
 SIZE_MM = (137.5, 137.5)

@@ -8,13 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hapticd.design import (
-    CartographyFit,
-    ModeShape,
-    fit_cartography,
-    free_plate_modes,
-    sample_cartography,
-)
+from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes, sample_cartography
 from hapticd.errors import ModesError
 
 FINE_MM = np.linspace(-68.75, 68.75, 276)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.sim.faulty import FaultySimulation, Way
+from hapticd.sim.board.faulty import FaultySimulation, Way
 from hapticd.sim.lockstep import T_START_NS, Run, Settings
 from hapticd.sim.scenarios import SCENARIOS, Actor
 

@@ -10,7 +10,7 @@ import pytest
 from stand import LED_DOWN_MS, LINK_MS, SILENT_MS, T_FAULT_S, lines, simulate, tell, worst
 
 import hapticd
-from hapticd.sim.faulty import FaultySimulation
+from hapticd.sim.board.faulty import FaultySimulation
 
 HANDSHAKE_MS = 150.0  # greeting, four looks at its clock 20 ms apart, three zero frames, and the next report
 TTL_MS = 500.0
@@ -18,7 +18,11 @@ PERIOD_MS = 11.25
 TIMER_MS = 10.0
 PACKAGE = Path(hapticd.__file__).parent
 WALL_CLOCKS = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "datetime", "time.clock_gettime"}
-DATED = ("recording/dates.py", "doctor/bundle.py", "streams/plotjuggler.py")  # for people, and for other programs
+DATED = (
+    "files/recording/dates.py",
+    "tools/doctor/bundle.py",
+    "tools/stream/plotjuggler.py",
+)  # for people, and for other programs
 
 
 def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_on(

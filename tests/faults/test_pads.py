@@ -22,8 +22,8 @@ from stand import (
     worst,
 )
 
-from hapticd.sim.faulty import FaultySimulation
-from hapticd.sim.fingers import Path, Rest, Touch
+from hapticd.sim.board.faulty import FaultySimulation
+from hapticd.sim.fingers.paths import Path, Rest, Touch
 from hapticd.sim.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.wire.trackpad import STAMP_WRAP_MS
 

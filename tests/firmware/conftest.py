@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapticd.board_values import BoardMessage, BoardStatus
-from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd.sim import firmware
-from hapticd.sim.carrier import CHUNK, MID_RAIL, SAMPLE_HZ, SignalChain
+from hapticd.sim.board import firmware
+from hapticd.sim.board.carrier import CHUNK, MID_RAIL, SAMPLE_HZ, SignalChain
 
 TURN = 1 << 32
 ENTRIES, ONE = 8192, 16384

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hapticd.bench.closed_loop import Phasors, follow, settling_ms
-from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.carrier import SAMPLE_HZ, Converters
-from hapticd.sim.plate import PlateTruth
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.carrier import SAMPLE_HZ, Converters
+from hapticd.sim.plate.truth import PlateTruth
 
 DRIVE_HZ = 29205.0
 LAWS = ("pi", "pi_ff", "deadbeat")

@@ -19,9 +19,9 @@ from hapticd.bench.loop_figures import (
     stroke_figures,
 )
 from hapticd.board_values import BoardStatus
-from hapticd.sim.board import FLAG_LIVE, FLAG_SATURATED, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.board import reference_decay_1_s as decay_1_s
-from hapticd.sim.board import reference_gain_um_per_v_s as gain_um_per_v_s
+from hapticd.sim.board.board import FLAG_LIVE, FLAG_SATURATED, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
+from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
 from hapticd.wire import device
 
 DEADBEAT, PI_FF, PI = Law("deadbeat"), Law("pi_ff"), Law("pi")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapticd.board_values import BoardState, BoardStatus
-from hapticd.sim.board import FLAG_DEADMAN, FLAG_LIVE
+from hapticd.sim.board.board import FLAG_DEADMAN, FLAG_LIVE
 from hapticd.wire import device
 
 NewBench = Callable[..., Any]

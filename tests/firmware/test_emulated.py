@@ -17,14 +17,14 @@ import numpy as np
 import pytest
 
 from hapticd.board_values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime
-from hapticd.core.session import BoardSession
-from hapticd.core.solver import solve
+from hapticd.core.board.session import BoardSession
+from hapticd.core.solver.public import solve
 from hapticd.errors import DeviceError
 from hapticd.io.device import SerialLink
-from hapticd.sim import emulator
-from hapticd.sim.emulator import Emulator, find_program
-from hapticd.sim.plate import PlateTruth
-from hapticd.sim.rig import Rig
+from hapticd.sim.board import emulator
+from hapticd.sim.board.emulator import Emulator, find_program
+from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.rig.program import Rig
 from hapticd.tool_values import BoardVerdict
 from hapticd.wire import device
 from hapticd.wire.commands import encode

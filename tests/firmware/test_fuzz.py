@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.sim.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd.sim import firmware
+from hapticd.sim.board import firmware
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 UNTOUCHED, SCALED, NOT_FINITE = range(3)

@@ -26,16 +26,8 @@ from hapticd.board_values import (
     SetModel,
     TimeRequest,
 )
-from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.tool_values import (
-    ControllerRequest,
-    LogRequest,
-    RawVoltage,
-    SetGains,
-    SetTelemetry,
-    Stop,
-    Sweep,
-)
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import protocol
 from hapticd.wire.commands import encode

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hapticd.sim import firmware
+from hapticd.sim.board import firmware
 
 UNTOUCHED, SCALED, NOT_FINITE = range(3)
 Floats = npt.NDArray[np.float32]

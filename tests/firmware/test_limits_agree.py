@@ -1,4 +1,5 @@
-"""The two amplitude limits, `core/limits.py` and `firmware/core/limiter.c`: each alone sufficient, and of one mind."""
+"""The two amplitude limits, `core/trajectory/gate.py` and `firmware/core/limiter.c`: each alone sufficient, and of one
+mind."""
 
 from __future__ import annotations
 
@@ -10,8 +11,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.limits import gate
-from hapticd.sim import firmware
+from hapticd.core.trajectory.gate import gate
+from hapticd.sim.board import firmware
 from hapticd.values import Drive, Knot, LimitReason
 
 REASONS = (LimitReason.NONE, LimitReason.AMPLITUDE, LimitReason.NOT_FINITE)  # by the C limiter's result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import struct
 
-from hapticd.sim import firmware
+from hapticd.sim.board import firmware
 
 ENTRY = struct.Struct("<IIBBf")  # hd_wire_log_entry_t: t_board_us, boot_id, code, mode, value
 ENTRIES = 8

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
 from hapticd.board_values import ModeModel, SelectController, SetModel
-from hapticd.sim.firmware import load
+from hapticd.sim.board.firmware import load
 from hapticd.tool_values import LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.board_values import BoardHello, BoardState, BoardStatus, BoardTime, ModeModel
-from hapticd.sim import firmware
-from hapticd.sim.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board import firmware
+from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.tool_values import BoardController, BoardLog, BoardVerdict, RawVoltage, Sweep, Verdict
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import board_messages, device, protocol

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step_trace
 from hapticd.bench.lqg import hold
-from hapticd.sim import firmware
-from hapticd.sim.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.board import reference_decay_1_s as decay_1_s
-from hapticd.sim.board import reference_gain_um_per_v_s as gain_um_per_v_s
+from hapticd.sim.board import firmware
+from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
+from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
 
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.board_values import BoardStatus
-from hapticd.sim.board import FLAG_LIMITED, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import FLAG_LIMITED, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import encode_frame
 

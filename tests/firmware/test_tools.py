@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapticd.board_values import BoardState, KeepAlive, ModeModel, SelectController, SetModel
-from hapticd.sim.board import RESET_POWER, BoardTrace
+from hapticd.sim.board.board import RESET_POWER, BoardTrace
 from hapticd.tool_values import (
     BoardController,
     BoardLog,

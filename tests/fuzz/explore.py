@@ -24,14 +24,14 @@ MEMORY_MB = 1024
 MAX_KEPT_BYTES = 512  # of an input in the corpus that is not a seed
 MISSING = 77
 INSTRUMENTED = [
-    "hapticd.calibration",
-    "hapticd.config",
-    "hapticd.config_keys",
-    "hapticd.core.modes",
-    "hapticd.core.modes_file",
+    "hapticd.files.calibration",
+    "hapticd.config.loader",
+    "hapticd.config.keys",
+    "hapticd.core.plate.mode_shapes",
+    "hapticd.files.mode_map",
     "hapticd.io.replay",
-    "hapticd.recording",
-    "hapticd.toml_file",
+    "hapticd.files.recording",
+    "hapticd.files.toml_file",
     "hapticd.wire",
     "hapticd_client.messages",
     "tomllib",

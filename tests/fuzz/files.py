@@ -14,15 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from fuzz.target import Cost, Target
-from hapticd import calibration, config
 from hapticd.board_values import ModeCalibration
-from hapticd.config_sections import Config
-from hapticd.core.modes import ModeShapes
-from hapticd.core.modes_file import MAX_BYTES, MAX_LINES, encode_grid
+from hapticd.config import loader as config
+from hapticd.config.sections import Config
+from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ConfigError, HapticdError, ModesError, TrackpadError
+from hapticd.files import calibration
+from hapticd.files.mode_map import MAX_BYTES, MAX_LINES, encode_grid
+from hapticd.files.toml_file import MAX_BYTES as MAX_TOML_BYTES
 from hapticd.io.replay import MODELS, read_recording, write_recording
 from hapticd.io.trackpad import REPORT_BYTES
-from hapticd.toml_file import MAX_BYTES as MAX_TOML_BYTES
 from hapticd.values import RawReport
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters

@@ -14,14 +14,14 @@ import numpy as np
 
 from fuzz.files import in_file
 from fuzz.target import Cost, Target
-from hapticd.config_sections import Config
-from hapticd.core.modes import ModeShapes
+from hapticd.config.sections import Config
+from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
-from hapticd.recording.framing import MAGIC, MAX_BODY_BYTES, SYNC, frame
-from hapticd.recording.header import FORMAT, Header, encode_header
-from hapticd.recording.reader import open_recording
-from hapticd.recording.records import HEARD, KINDS, body_of
-from hapticd.recording.tables import tables
+from hapticd.files.recording.framing import MAGIC, MAX_BODY_BYTES, SYNC, frame
+from hapticd.files.recording.header import FORMAT, Header, encode_header
+from hapticd.files.recording.reader import open_recording
+from hapticd.files.recording.records import HEARD, KINDS, body_of
+from hapticd.tools.record.tables import tables
 from hapticd.values import Finger, Knot, LimitReason, RawReport, SafeDrive, Tick, TouchPoint
 
 MAX_ROWS_PER_BYTE = 2

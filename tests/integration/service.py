@@ -39,7 +39,7 @@ class Rig:
     """The simulated rig as a process, in a directory that outlives it."""
 
     def __init__(self, directory: Path, scenario: str, record: Path | None) -> None:
-        command = [sys.executable, "-m", "hapticd.sim.rig", str(directory), "--scenario", scenario, "--owned"]
+        command = [sys.executable, "-m", "hapticd.sim.rig.program", str(directory), "--scenario", scenario, "--owned"]
         if record is not None:
             command += ["--record", str(record)]
         self._record = record

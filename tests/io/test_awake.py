@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.io.awake import LINGER_NS, Awake
+from hapticd.io.awake import LINGER_NS, CpuLatencyHold
 
 T0_NS = 1 << 53
 KERNELS_OWN_US = 2_000_000_000
@@ -26,7 +26,7 @@ def wishes_us(file: Path) -> list[int]:
 
 
 def test_nobody_touching_keeps_no_processor_awake(file: Path) -> None:
-    awake = Awake(file)
+    awake = CpuLatencyHold(file)
     for step in range(5):
         awake.look(False, T0_NS + step * LINGER_NS)
     awake.close()
@@ -34,7 +34,7 @@ def test_nobody_touching_keeps_no_processor_awake(file: Path) -> None:
 
 
 def test_a_touch_keeps_them_awake_at_once_and_for_a_moment_after_the_last(file: Path) -> None:
-    awake = Awake(file)
+    awake = CpuLatencyHold(file)
     for t_ns, is_touched, written in (
         (0, True, [0]),
         (10, True, [0]),
@@ -49,7 +49,7 @@ def test_a_touch_keeps_them_awake_at_once_and_for_a_moment_after_the_last(file: 
 
 
 def test_closed_it_writes_no_more_and_may_be_closed_again(file: Path) -> None:
-    awake = Awake(file)
+    awake = CpuLatencyHold(file)
     awake.close()
     awake.close()
     awake.look(True, T0_NS)
@@ -58,13 +58,13 @@ def test_closed_it_writes_no_more_and_may_be_closed_again(file: Path) -> None:
 
 def test_who_may_not_wish_hears_it_at_once(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        Awake(tmp_path / "none")
+        CpuLatencyHold(tmp_path / "none")
 
 
 def test_a_kernel_that_takes_no_wish_is_no_reason_to_fail() -> None:
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full here")
-    awake = Awake(full)
+    awake = CpuLatencyHold(full)
     awake.look(True, T0_NS)
     awake.close()

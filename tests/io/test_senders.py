@@ -7,7 +7,7 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.io.senders import BURST, MAX_SENDERS, RATE_HZ, Sender, Turnstile, sender_of
+from hapticd.io.senders import BURST, MAX_SENDERS, RATE_HZ, RateLimiter, Sender, sender_of
 
 KEYS = {"Z" * 40: "study-7"}
 
@@ -41,44 +41,44 @@ def test_the_kernel_names_local_senders_and_the_key_names_remote_ones(frame: zmq
 
 
 def test_a_pause_earns_a_burst_and_no_more() -> None:
-    turnstile: Turnstile[int] = Turnstile(patience=1)
+    rate_limiter: RateLimiter[int] = RateLimiter(patience=1)
     for t_s in (5.0, 1e6):
-        assert [turnstile.admit("a", n, t_s) for n in range(BURST + 2)] == [True] * BURST + [False] * 2
-        assert list(turnstile.due(t_s + 1.5 / RATE_HZ)) == [BURST + 1]
+        assert [rate_limiter.admit("a", n, t_s) for n in range(BURST + 2)] == [True] * BURST + [False] * 2
+        assert list(rate_limiter.due(t_s + 1.5 / RATE_HZ)) == [BURST + 1]
 
 
 def test_the_newest_of_a_flood_is_handled_in_the_end_and_the_others_are_counted() -> None:
-    turnstile: Turnstile[int] = Turnstile(patience=1)
-    admitted = [n for n in range(1000) if turnstile.admit("a", n, 0.0)]
-    assert turnstile.is_waiting
-    assert admitted + list(turnstile.due(60.0)) == [*range(BURST), 999]
-    assert turnstile.lost == 1000 - BURST - 1
-    assert not turnstile.is_waiting
+    rate_limiter: RateLimiter[int] = RateLimiter(patience=1)
+    admitted = [n for n in range(1000) if rate_limiter.admit("a", n, 0.0)]
+    assert rate_limiter.is_waiting
+    assert admitted + list(rate_limiter.due(60.0)) == [*range(BURST), 999]
+    assert rate_limiter.lost == 1000 - BURST - 1
+    assert not rate_limiter.is_waiting
 
 
 def test_what_waits_is_handled_before_what_comes_later() -> None:
-    turnstile: Turnstile[int] = Turnstile(patience=4)
+    rate_limiter: RateLimiter[int] = RateLimiter(patience=4)
     for n in range(BURST + 2):
-        turnstile.admit("a", n, 0.0)
-    assert not turnstile.admit("a", BURST + 2, 60.0)
-    assert list(turnstile.due(60.0)) == [BURST, BURST + 1, BURST + 2]
+        rate_limiter.admit("a", n, 0.0)
+    assert not rate_limiter.admit("a", BURST + 2, 60.0)
+    assert list(rate_limiter.due(60.0)) == [BURST, BURST + 1, BURST + 2]
 
 
 def test_a_flood_costs_nobody_else_a_turn() -> None:
-    turnstile: Turnstile[str] = Turnstile(patience=1)
+    rate_limiter: RateLimiter[str] = RateLimiter(patience=1)
     for _ in range(10 * BURST):
-        turnstile.admit("rude", "spam", 0.0)
-    assert turnstile.admit("polite", "please", 0.0)
+        rate_limiter.admit("rude", "spam", 0.0)
+    assert rate_limiter.admit("polite", "please", 0.0)
 
 
 def test_invented_senders_are_bounded_and_what_waited_for_the_forgotten_is_counted() -> None:
-    turnstile: Turnstile[int] = Turnstile(patience=8)
+    rate_limiter: RateLimiter[int] = RateLimiter(patience=8)
     for n in range(BURST + 3):
-        turnstile.admit("first", n, 0.0)
+        rate_limiter.admit("first", n, 0.0)
     for n in range(MAX_SENDERS):
-        turnstile.admit(f"invented {n}", n, 0.0)
-    assert turnstile.lost == 3
-    assert not turnstile.is_waiting
+        rate_limiter.admit(f"invented {n}", n, 0.0)
+    assert rate_limiter.lost == 3
+    assert not rate_limiter.is_waiting
 
 
 @given(
@@ -89,17 +89,17 @@ def test_invented_senders_are_bounded_and_what_waited_for_the_forgotten_is_count
 def test_no_sender_exceeds_its_rate_keeps_its_order_and_every_loss_is_counted(
     arrivals: list[tuple[str, float]], patience: int, t_s: float
 ) -> None:
-    turnstile: Turnstile[tuple[str, int]] = Turnstile(patience)
+    rate_limiter: RateLimiter[tuple[str, int]] = RateLimiter(patience)
     handled: list[tuple[str, int]] = []
     t_start_s = t_s
     for n, (source, wait_s) in enumerate(arrivals):
         t_s += wait_s
-        handled += turnstile.due(t_s)
-        if turnstile.admit(source, (source, n), t_s):
+        handled += rate_limiter.due(t_s)
+        if rate_limiter.admit(source, (source, n), t_s):
             handled.append((source, n))
     for source in "abc":
         mine = [n for sender, n in handled if sender == source]
         assert mine == sorted(mine)
         assert len(mine) <= BURST + (t_s - t_start_s) * RATE_HZ + 1
-    handled += turnstile.due(t_s + 3600.0)
-    assert len(handled) + turnstile.lost == len(arrivals)
+    handled += rate_limiter.due(t_s + 3600.0)
+    assert len(handled) + rate_limiter.lost == len(arrivals)

@@ -1,4 +1,5 @@
-"""Which mutants live: `python tests/mutation/trial.py host` for core/limits.py, `board` for the firmware's limiter.
+"""Which mutants live: `python tests/mutation/trial.py host` for core/trajectory/gate.py, `board` for the firmware's
+limiter.
 
 Every mutant meets the limiter's own tests in a process of its own, so that one that crashes, or never ends, is dead
 and harms nobody. The answer is JSON: how many there were, and those that no test killed, as `text of the line: change`.
@@ -28,13 +29,13 @@ from hypothesis import is_hypothesis_test
 sys.path.insert(0, str(Path(__file__).parents[1]))
 os.environ["HAPTICD_PURE"] = "1"  # mutants are of the Python, and what calls them must not be machine code
 
-import hapticd.core
-from hapticd.core import limits
-from hapticd.sim import firmware
+import hapticd.core.trajectory
+from hapticd.core.trajectory import gate as limits
+from hapticd.sim.board import firmware
 from mutation import c_mutants, python_mutants
 
 ROOT = Path(__file__).parents[2]
-HOST_TESTS = ("tests/core/test_limits.py",)
+HOST_TESTS = ("tests/core/trajectory/test_gate.py",)
 BOARD_TESTS = (
     "tests/firmware/test_limiter_bits.py",
     "tests/firmware/test_limits_agree.py",
@@ -56,12 +57,12 @@ def host_trial() -> tuple[int, list[str]]:
 
 
 def install_host(path: Path, source: str) -> None:
-    mutant = types.ModuleType("hapticd.core.limits")
-    mutant.__package__ = "hapticd.core"
+    mutant = types.ModuleType("hapticd.core.trajectory.gate")
+    mutant.__package__ = "hapticd.core.trajectory"
     mutant.__file__ = str(path)
     exec(compile(source, path, "exec"), mutant.__dict__)
     sys.modules[mutant.__name__] = mutant
-    hapticd.core.limits = mutant  # type: ignore[attr-defined]
+    hapticd.core.trajectory.gate = mutant  # type: ignore[attr-defined]
     run_tests(HOST_TESTS)
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from hapticd.errors import SimulationError
 from hapticd.sim import lockstep
-from hapticd.sim.board import FLAG_LIMITED
+from hapticd.sim.board.board import FLAG_LIMITED
 from hapticd.sim.lockstep import Run, Settings
-from hapticd.sim.plate import PlateTruth
+from hapticd.sim.plate.truth import PlateTruth
 from hapticd.sim.report import ARRAYS
 from hapticd.sim.scenarios import LAND_S, SCENARIOS
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hapticd.config_sections import Config
+from hapticd.config.sections import Config
 from hapticd.sim import lockstep
 from hapticd.sim.lockstep import Run
 from hapticd.sim.report import step_response

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hapticd.core.paths import Walk
-from hapticd.sim.plate import PlateTruth
+from hapticd.core.targets.virtual_paths import Walk
+from hapticd.sim.plate.truth import PlateTruth
 from hapticd.sim.scenarios import (
     LAND_AGAIN_S,
     LAND_S,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from hapticd import config
-from hapticd.config_sections import SIMULATED, Config
+from hapticd.config import loader as config
+from hapticd.config.sections import SIMULATED, Config
 from hapticd.errors import ConfigError
 from hapticd.io.awake import LATENCY_FILE
 from hapticd.io.trackpad import PADS

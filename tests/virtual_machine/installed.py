@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from hapticd.compiled import why_interpreted
-from hapticd.core.modes import ModeShapes
-from hapticd.installation import HIDDEN_BY_UNIT
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.tools.installation import HIDDEN_BY_UNIT
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[1]

@@ -22,7 +22,7 @@ from typing import Any
 
 import installed
 
-from hapticd.sim.rigprocess import RigProcess
+from hapticd.sim.rig.process import RigProcess
 
 QEMU = "qemu-system-x86_64"
 FOLDER = Path(__file__).parent

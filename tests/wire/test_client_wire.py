@@ -14,14 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
-from hapticd.values import (
-    AmplitudeTarget,
-    ClientTargets,
-    FrictionTarget,
-    GratingTarget,
-    MapTarget,
-    VirtualPath,
-)
+from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
 from hapticd.wire import client, targets
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES
 

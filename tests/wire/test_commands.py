@@ -17,7 +17,7 @@ from hapticd.board_values import (
     SetModel,
     TimeRequest,
 )
-from hapticd.core.limits import silence
+from hapticd.core.trajectory.gate import silence
 from hapticd.tool_values import (
     ControllerRequest,
     LogRequest,

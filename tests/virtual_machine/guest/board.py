@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapticd.sim.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 
 TICK_NS = 500_000
 STEP_TICKS = 8  # 4 ms

@@ -8,7 +8,7 @@ import time
 from bluetooth import BluetoothPad
 from cable import CablePad
 
-from hapticd.sim.sensor import Record, encode_mt2
+from hapticd.sim.fingers.sensor import Record, encode_mt2
 
 PERIOD_S = 0.01125
 Point = tuple[int, int]

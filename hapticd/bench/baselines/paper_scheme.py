@@ -1,0 +1,55 @@
+"""The founding paper's control scheme: hold the last position, invert Phi, no sign freedom, one step per report.
+
+Its plain PI loop is the firmware's law "pi". The simulation runs it beside hapticd on the same fingers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+from ...config import Config
+from ...core.pipeline import PipelineSettings
+from ...core.solver.arithmetic import Row, within
+from ...core.solver.policies import Rows, solve_fast
+from ...daemon.settings import FILTERED_STAMP_ERROR_MS, pipeline_settings
+from .predictors import make_predictor
+
+
+def paper_pipeline(config: Config) -> PipelineSettings:
+    """Return the pipeline's settings under the paper's scheme."""
+    return replace(
+        pipeline_settings(config),
+        make_predictor=partial(
+            make_predictor, "hold", period_ms=config.prediction.period_ms, stamp_error_ms=FILTERED_STAMP_ERROR_MS
+        ),
+        solve=invert,
+        fade=0.0,
+        phase_rotation=False,
+        max_knots=1,
+    )
+
+
+def paper_config(config: Config) -> Config:
+    """Return the configuration of board and daemon under the paper's scheme: its plain PI law."""
+    return replace(config, device=replace(config.device, controller="pi"))
+
+
+def invert(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+    """Modal amplitudes by the inverse of Phi, scaled into the limits (paper, section IV.B), and `limited`.
+
+    Defined for two fingers on two modes; any other number is solved as hapticd does, without continuity.
+    """
+    del previous
+    if len(rows) != 2 or len(limits) != 2:
+        return solve_fast(rows, targets, limits)
+    (a, b), (c, d) = rows
+    determinant = a * d - b * c
+    x, y = d * targets[0] - b * targets[1], a * targets[1] - c * targets[0]
+    if not (0.0 < abs(determinant) < math.inf and abs(x) < math.inf and abs(y) < math.inf):
+        return (0.0, 0.0), False
+    excess = max(abs(x) / limits[0], abs(y) / limits[1])
+    limited = excess > abs(determinant)
+    divisor = math.copysign(excess, determinant) if limited else determinant
+    return within((x / divisor, y / divisor), (limits[0], limits[1])), limited

@@ -1,0 +1,175 @@
+"""The configuration: TOML in, frozen values out, validated as a whole before anything is opened.
+
+The default configuration runs the simulated plate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, cast
+
+from ..errors import ConfigError
+from ..files.toml_file import read_table
+from .keys import bounds_text, checked, nearest, toml
+from .sections import SIMULATED, ClientConfig, Config
+
+MAX_PORT = 65535
+MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
+
+
+def load(path: Path) -> Config:
+    """The configuration in the TOML file at `path`; keys not given keep their defaults. Raises ConfigError."""
+    table = read_table(path, "check the path given to --config")
+    return from_table(table, where=str(path), folder=path.parent)
+
+
+def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> Config:
+    """Validate a parsed table. `where` names it in errors; relative file names are taken from `folder`. Without one
+    the files that it names are not looked for: they may be another machine's."""
+    by_name = {section.name: section for section in fields(Config)}
+    sections: dict[str, Any] = {}
+    for name, value in table.items():
+        if name not in by_name:
+            raise ConfigError(f"{where}: unknown section [{name}]{nearest(name, by_name)}")
+        if not isinstance(value, dict):
+            raise ConfigError(f"{where}: {name} is a section: write [{name}] and its keys below.")
+        section_type = cast(type, by_name[name].default_factory)
+        sections[name] = _section(section_type, value, f"{where}: {name}")
+    config = Config(**sections)
+    _check_together(config, where)
+    return config if folder is None else _with_files(config, where, folder)
+
+
+def simulated(config: Config) -> Config:
+    """The same on the simulated plate: its own mode shapes, the firmware's own models of them, the pad centred."""
+    return replace(
+        config,
+        plate=replace(config.plate, modes_file="", parasitic_modes_file=""),
+        trackpad=replace(
+            config.trackpad,
+            source=SIMULATED,
+            model="auto",
+            offset_mm=(0.0, 0.0),
+            rotation_deg=0.0,
+            scale=(1.0, 1.0),
+            matrix=(),
+        ),
+        device=replace(config.device, port=SIMULATED, calibration_file=""),
+    )
+
+
+def render(config: Config) -> str:
+    """The configuration as TOML with the meaning and bounds of each key: what is in force."""
+    lines = []
+    for section in fields(Config):
+        value = getattr(config, section.name)
+        lines.append(f"[{section.name}]  # {(value.__doc__ or '').rstrip('.')}")
+        for entry in fields(value):
+            bounds = bounds_text(entry)
+            comment = entry.metadata["doc"] + (f" ({bounds})" if bounds else "")
+            lines.append(f"{entry.name} = {toml(getattr(value, entry.name))}  # {comment}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
+    by_name = {entry.name: entry for entry in fields(section_type)}
+    values = {}
+    for name, value in table.items():
+        if name not in by_name:
+            raise ConfigError(f"{where}.{name}: unknown key{nearest(name, by_name)}")
+        values[name] = checked(by_name[name], value, f"{where}.{name}")
+    return section_type(**values)
+
+
+def _check_together(config: Config, where: str) -> None:
+    """What no single key can tell."""
+    for name, value, length in (
+        ("plate.size_mm", config.plate.size_mm, 2),
+        ("trackpad.offset_mm", config.trackpad.offset_mm, 2),
+        ("trackpad.scale", config.trackpad.scale, 2),
+    ):
+        if len(value) != length:
+            raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
+    _check_matrix(config.trackpad.matrix, where)
+    if not 1 <= len(config.limits.w_limit_um) <= 8:
+        raise ConfigError(f"{where}: limits.w_limit_um: needs one number for each mode (1 .. 8).")
+    curve = config.plate.friction_curve
+    if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
+        raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, the first of them 0.")
+    plate = config.plate
+    if plate.parasitic_modes_file and not len(plate.parasitic_detuning_hz) == len(plate.parasitic_decay_1_s) > 0:
+        raise ConfigError(
+            f"{where}: plate.parasitic_modes_file: needs parasitic_detuning_hz and parasitic_decay_1_s too, "
+            "a number for each of its modes."
+        )
+    if config.client.tcp:
+        _check_tcp(config.client, where)
+    if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
+        raise ConfigError(
+            f'{where}: trackpad.source: simulated fingers may not drive a real board: set it to "hid" or "replay", '
+            f'or device.port to "{SIMULATED}".'
+        )
+    if config.device.port != SIMULATED and not config.plate.modes_file:
+        raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode shapes (NPZ or CSV).")
+
+
+def _check_matrix(matrix: tuple[float, ...], where: str) -> None:
+    """Empty, or a map of the pad onto the plate that loses no direction."""
+    if len(matrix) not in (0, 4):
+        raise ConfigError(f"{where}: trackpad.matrix: needs 4 numbers, xx, xy, yx, yy, not {len(matrix)}.")
+    if matrix and not abs(matrix[0] * matrix[3] - matrix[1] * matrix[2]) >= MIN_DETERMINANT:
+        raise ConfigError(f"{where}: trackpad.matrix: lays the pad on a line: measure it again.")
+
+
+def _check_tcp(client: ClientConfig, where: str) -> None:
+    """An address and three ports to bind, and never without keys."""
+    host, _, port = client.tcp.rpartition(":")
+    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT - 2):
+        raise ConfigError(
+            f"{where}: client.tcp: must be an address and the first of three ports, such as "
+            f'"192.168.7.1:7410", not {client.tcp!r}.'
+        )
+    if not client.keys_dir:
+        raise ConfigError(
+            f"{where}: client.tcp: nobody is served over TCP without keys: make some with `hapticd keys make`, and "
+            "name their directory in client.keys_dir."
+        )
+
+
+def _with_files(config: Config, where: str, folder: Path) -> Config:
+    """The same with file names made absolute, each file seen to be there."""
+    for section, key in _file_keys():
+        name = getattr(getattr(config, section), key)
+        if not name:
+            continue
+        path = (folder / name).resolve()
+        if not _is_file(path):
+            raise ConfigError(f"{where}: {section}.{key}: there is no file {path}.")
+        config = replace(config, **{section: replace(getattr(config, section), **{key: str(path)})})
+    if config.client.keys_dir:
+        config = replace(
+            config, client=replace(config.client, keys_dir=str((folder / config.client.keys_dir).resolve()))
+        )
+    if config.record.file:
+        config = replace(config, record=replace(config.record, file=str((folder / config.record.file).resolve())))
+    if config.trackpad.source == "replay" and not config.trackpad.replay_file:
+        raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
+    return config
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # no file system takes such a name
+        return False
+
+
+def _file_keys() -> Iterator[tuple[str, str]]:
+    for section in fields(Config):
+        for entry in fields(cast(type, section.default_factory)):
+            if entry.name.endswith("_file"):
+                yield section.name, entry.name

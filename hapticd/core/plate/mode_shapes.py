@@ -1,0 +1,244 @@
+"""Mode shapes as the daemon uses them: from a measured map to the mode matrix Phi at the fingers (paper eq. 1-3).
+
+A map is values on a rectangular grid; between its points the shapes are bicubic splines. Two ways in: `at` and
+`at_with_gradient` give one point in plain Python floats, for the tick; `evaluate` and `gradient` take arrays of points.
+Both do the same operations in the same order, so they agree to the last bit. Of the interpolators compared in `hapticd
+bench modes` this is the cheapest whose own error does not show: read from a fitted map the reference plate's still
+finger gets 0.011 um per um at the other, of which 1e-5 is interpolation (bilinear: 5e-3, and a tenth of its slopes).
+
+Outside the map the shapes are those of the nearest edge point, and `inside` says so; a NaN position gives zeros.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.plate.bicubic import BicubicSurfaces, FloatArray, Patch, fill_gaps
+from hapticd.errors import ModesError
+from hapticd.files.mode_map import FORMATS, MAX_BYTES, MAX_LINES, MAX_POSITION_MM, Grid, decode_grid, encode_grid
+
+__all__ = ["BicubicSurfaces", "ModeShapes", "read_grid"]
+
+Row = tuple[float, ...]  # of M shapes at one point
+Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
+
+_MIN_POINTS = 4  # what a cubic through a line of the grid needs
+_MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
+_MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
+_MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # beyond is a damaged file, and could overflow
+_FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
+
+
+class ModeShapes:
+    """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only."""
+
+    __slots__ = (
+        *("M", "shapes", "x_mm", "y_mm"),
+        *("_cells", "_columns", "_columns_per_mm", "_rows_per_mm", "_steepest_1_mm", "_surfaces"),
+        *("_x_knots", "_y_knots", "_zeros"),
+    )
+
+    def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
+        """See `from_grid`."""
+        self.x_mm, self.y_mm = _axis(x_mm, "x_mm"), _axis(y_mm, "y_mm")
+        self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
+        self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
+        self.M = int(self.shapes.shape[0])
+        self._cells: list[tuple[Patch, ...] | None] = [None] * len(self._surfaces.patches)
+        self._columns = int(self.x_mm.size) - 1
+        self._columns_per_mm = self._columns / float(self.x_mm[-1] - self.x_mm[0])
+        self._rows_per_mm = (int(self.y_mm.size) - 1) / float(self.y_mm[-1] - self.y_mm[0])
+        self._x_knots: tuple[float, ...] = tuple(self.x_mm.tolist())
+        self._y_knots: tuple[float, ...] = tuple(self.y_mm.tolist())
+        self._zeros = (0.0,) * self.M
+        self._steepest_1_mm: float | None = None
+
+    @classmethod
+    def from_grid(cls, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> ModeShapes:
+        """Interpolate `shapes` (M, ny, nx) over increasing axes `x_mm` (nx,), `y_mm` (ny,), at least 4 points each.
+
+        The values are kept as they are: neither smoothed nor scaled, which is the work of `design.fit_cartography`.
+        Up to a quarter of a mode's points may be NaN; they are filled as smoothly as their neighbours allow.
+        Raises ModesError when this is not a map.
+        """
+        return cls(x_mm, y_mm, shapes)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ModeShapes:
+        """Read a map from an NPZ or CSV file (`files.mode_map` tells the formats); raises ModesError."""
+        try:
+            return cls(*read_grid(path))
+        except ModesError as error:
+            if str(path) in str(error):
+                raise
+            raise ModesError(f"{path}: {error}") from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as NPZ or CSV, by the file's suffix; `load` gives back the same numbers."""
+        data = encode_grid((self.x_mm, self.y_mm, self.shapes), _suffix(Path(path)))
+        try:
+            Path(path).write_bytes(data)
+        except OSError as error:
+            raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+
+    def at(self, x_mm: float, y_mm: float) -> Row:
+        """All M shapes at one point: the tick's way, plain floats only. Clamped outside; zeros for NaN."""
+        cell, u, v = self._located(x_mm, y_mm)
+        return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
+
+    def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
+        """Of all M shapes at one point (phi, dphi/dx, dphi/dy), in 1 and 1/mm: `at` and `gradient` in one pass."""
+        if not self._is_on_map(x_mm, y_mm):
+            return self._beyond_with_gradient(x_mm, y_mm)
+        cell, u, v = self._located(x_mm, y_mm)
+        return tuple([patch.slope(u, v) for patch in self._patches(cell)])
+
+    def _is_on_map(self, x_mm: float, y_mm: float) -> bool:
+        """False for NaN."""
+        x_knots, y_knots = self._x_knots, self._y_knots
+        return x_knots[0] <= x_mm <= x_knots[-1] and y_knots[0] <= y_mm <= y_knots[-1]
+
+    def _located(self, x_mm: float, y_mm: float) -> tuple[int, float, float]:
+        """The cell of the nearest point on the map, and the distances to its lower left corner; cell -1 for NaN."""
+        x_knots, y_knots = self._x_knots, self._y_knots
+        if not self._is_on_map(x_mm, y_mm):
+            if x_mm != x_mm or y_mm != y_mm:
+                return -1, 0.0, 0.0
+            x_mm = min(max(x_mm, x_knots[0]), x_knots[-1])
+            y_mm = min(max(y_mm, y_knots[0]), y_knots[-1])
+        column = _interval(x_knots, self._columns_per_mm, x_mm)
+        row = _interval(y_knots, self._rows_per_mm, y_mm)
+        return row * self._columns + column, x_mm - x_knots[column], y_mm - y_knots[row]
+
+    def _patches(self, cell: int) -> tuple[Patch, ...]:
+        """The cell's surfaces, made when a finger first comes there."""
+        patches = self._cells[cell]
+        if patches is None:
+            patches = self._cells[cell] = tuple([Patch(row) for row in self._surfaces.patches[cell].tolist()])
+        return patches
+
+    def _beyond_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
+        """Outside the map: the edge's shapes, which do not change across it."""
+        if x_mm != x_mm or y_mm != y_mm:
+            return ((0.0, 0.0, 0.0),) * self.M
+        edge_x_mm = min(max(x_mm, self._x_knots[0]), self._x_knots[-1])
+        edge_y_mm = min(max(y_mm, self._y_knots[0]), self._y_knots[-1])
+        is_on_x, is_on_y = edge_x_mm == x_mm, edge_y_mm == y_mm
+        slopes = self.at_with_gradient(edge_x_mm, edge_y_mm)
+        return tuple([(phi, dx if is_on_x else 0.0, dy if is_on_y else 0.0) for phi, dx, dy in slopes])
+
+    def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """The mode matrix (N, M) at `points_mm` (N, 2). Raises ValueError for any other form."""
+        points = _points(points_mm)
+        if len(points) <= _FEW_POINTS:
+            return np.array([self.at(x_mm, y_mm) for x_mm, y_mm in points.tolist()], float).reshape(-1, self.M)
+        return self._surfaces.evaluate(points)
+
+    def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """d(evaluate)/dx and /dy, (N, M, 2) in 1/mm, at `points_mm` (N, 2): outside the map, along its edge only."""
+        points = _points(points_mm)
+        if len(points) <= _FEW_POINTS:
+            rows = [self.at_with_gradient(x_mm, y_mm) for x_mm, y_mm in points.tolist()]
+            return np.array(rows, float).reshape(-1, self.M, 3)[..., 1:]
+        return self._surfaces.gradient(points)
+
+    def steepest_1_mm(self) -> float:
+        """The greatest slope of any mode, in 1/mm, seen at the map's points and halfway between them; looked for once,
+        for that takes 50 ms."""
+        if self._steepest_1_mm is None:
+            self._steepest_1_mm = self._found_steepest_1_mm()
+        return self._steepest_1_mm
+
+    def _found_steepest_1_mm(self) -> float:
+        x, y = (np.sort(np.concatenate((knots, (knots[1:] + knots[:-1]) / 2.0))) for knots in (self.x_mm, self.y_mm))
+        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return float(np.hypot(*np.moveaxis(self._surfaces.gradient(points), -1, 0)).max())
+
+    def inside(self, points_mm: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether each of `points_mm` (N, 2) lies on the map, edge included (N,): if not, its shapes are clamped."""
+        x, y = _points(points_mm).T
+        on_x = (x >= self.x_mm[0]) & (x <= self.x_mm[-1])
+        return np.asarray(on_x & (y >= self.y_mm[0]) & (y <= self.y_mm[-1]), np.bool_)
+
+
+def read_grid(path: str | Path) -> Grid:
+    """`x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) of a map file, NaN where it has no value.
+
+    This is what a fit wants to see: `ModeShapes.load` mends the gaps instead. Raises ModesError.
+    """
+    path = Path(path)
+    suffix = _suffix(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
+    if len(data) > MAX_BYTES:
+        raise ModesError(f"{path}: has more than {MAX_BYTES >> 20} MiB; measure on a coarser grid.")
+    try:
+        return decode_grid(data, suffix)
+    except ModesError as error:
+        raise ModesError(f"{path}: {error}") from error
+
+
+def _suffix(path: Path) -> str:
+    if path.suffix.lower() not in FORMATS:
+        raise ModesError(f"{path}: the suffix tells no known format; name the file {' or '.join(FORMATS)}.")
+    return path.suffix.lower()
+
+
+def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:
+    """Between which knots a position lies that is not outside: on an even grid found at once, on others searched."""
+    last = len(knots) - 1
+    guess = min(int((position_mm - knots[0]) * per_mm), last - 1)
+    if knots[guess] <= position_mm < knots[guess + 1]:
+        return guess
+    return bisect_right(knots, position_mm, 1, last) - 1
+
+
+def _points(points_mm: npt.ArrayLike) -> FloatArray:
+    points = np.asarray(points_mm, np.float64)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
+    return points
+
+
+def _axis(values_mm: npt.ArrayLike, name: str) -> FloatArray:
+    axis = np.array(values_mm, np.float64)
+    if axis.ndim != 1 or not _MIN_POINTS <= axis.size <= MAX_LINES:
+        raise ModesError(
+            f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} and at most {MAX_LINES} positions."
+        )
+    if not (np.isfinite(axis).all() and (np.diff(axis) > 0.0).all()):
+        raise ModesError(f"{name} does not increase from each position to the next; sort it and remove doubles.")
+    if not (np.abs(axis).max() <= MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
+        raise ModesError(f"{name} holds positions that no plate has; check that they are in mm.")
+    axis.setflags(write=False)
+    return axis
+
+
+def _whole_shapes(x_mm: FloatArray, y_mm: FloatArray, values: npt.ArrayLike) -> FloatArray:
+    shapes = np.array(values, np.float64)
+    if shapes.ndim != 3 or shapes.shape[0] < 1 or shapes.shape[1:] != (y_mm.size, x_mm.size):
+        raise ModesError(
+            f"the shapes are {shapes.shape} where the axes ask for (modes, {y_mm.size}, {x_mm.size}); "
+            "order them as mode, y, x."
+        )
+    if shapes.size > _MAX_VALUES:
+        raise ModesError(f"the shapes have {shapes.size} values, more than {_MAX_VALUES}; measure on a coarser grid.")
+    if (np.abs(shapes) > _MAX_VALUE).any():
+        raise ModesError("a shape is infinite or absurdly large somewhere; measure that point again or leave it empty.")
+    missing_frac = np.isnan(shapes).mean(axis=(1, 2))
+    worst = int(np.argmax(missing_frac))
+    if missing_frac[worst] > _MAX_MISSING_FRAC:
+        raise ModesError(
+            f"mode {worst + 1} has no value at {100.0 * missing_frac[worst]:.0f} % of its points, more than can be "
+            f"filled in; measure them again or fit the map first."
+        )
+    shapes = fill_gaps(x_mm, y_mm, shapes)
+    shapes.setflags(write=False)
+    return shapes

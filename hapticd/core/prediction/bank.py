@@ -1,0 +1,283 @@
+"""The default motion model: seven fixed-gain Kalman filters, weighted by how well each foresaw the last samples.
+
+One filter holds still (a random walk), three assume constant acceleration disturbed by white jerk, three constant jerk
+disturbed by white snap; their densities (`prediction_gains.MODELS`) lie so far apart that one of them always fits:
+rest, a straight slide, a change of speed, a stop, and, which is what the jerk is for, arcs and sines. Weights follow
+the interacting-multiple-model recursion (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988) with two
+simplifications that save the matrix arithmetic and lose nothing on the bench: covariances are not mixed, so the gains
+are those of the single filters and precomputed; both axes share gains and weights.
+
+How noisy the pad is decides how far the filters trust a sample. It is measured while the finger moves
+(`prediction_noise`), and the gains of the nearest of a few noises are used.
+
+The arithmetic is written out on floats: at this size numpy would spend its time on calls, not on numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from .gains import MODELS, Gain, bank_gains
+from .motion import Sample, checked
+from .noise_meter import NoiseMeter
+
+# No finger on a plate is faster or changes speed faster than this; a model that says so has seen a bad sample.
+MAX_SPEED_MM_S: Final = 4e3
+MAX_ACCELERATION_MM_S2: Final = 2e5
+
+_STAY: Final = 0.994  # probability that the model that fits this sample fits the next
+_SWITCH: Final = (1.0 - _STAY) / (len(MODELS) - 1)  # to each of the others
+_STAMP_VAR_S2: Final = 0.2e-3**2  # jitter left in the filtered stamps: at speed it excuses part of an innovation
+_ACCELERATION_DAMPING: Final = 0.58  # fingers do not accelerate for long: the best constant share to extrapolate
+
+# On an arc and in a sine the jerk opposes the velocity: j = -omega^2 v. A jerk along the velocity begins a motion or
+# ends it and is soon over; believed, it would carry the prediction 0.15 mm beyond the end of a reach, not 0.10.
+_JERK_KEPT_ALONG: Final = 0.3  # from sample to sample
+
+# Gains belong to an interval, not to a pad: with those of 11 ms, samples 22 ms apart (every other report lost) would
+# make the fastest filter unstable. They are kept for intervals a quarter octave apart, from half a period to the
+# longest gap; gains an eighth off their interval cost less than 1 % of accuracy.
+_INTERVALS_PER_OCTAVE: Final = 4
+_SHORTEST_INDEX: Final = -4
+_LONGEST_INDEX: Final = 10
+
+# And to a noise: kept for half octaves about the one expected. Trusting a noise a quarter octave off costs 2 %.
+_LEVELS_PER_OCTAVE: Final = 2
+_QUIETEST_LEVEL: Final = -4
+_LOUDEST_LEVEL: Final = 2
+_SAMPLES_PER_CHOICE: Final = 8
+_LEAST_CHANGE: Final = 1.0  # levels: more than a measurement strays by chance, and gains do not change to and fro
+
+_State = tuple[float, float, float, float, float, float, float, float]  # x, y in mm, then velocity, acceleration, jerk
+
+
+class ModelBank:
+    """`period_ms` is the nominal sample period, `noise_mm` the standard error of one position on one axis.
+
+    That noise holds until enough of the touch was seen; then the last `noise_samples` samples tell it, from a
+    quarter to twice of what was expected; 0 keeps it. Making the first bank of a given (period, noise) computes its
+    gain tables, some 0.2 s; later ones share them.
+    """
+
+    __slots__ = (
+        *("_ax", "_ay", "_vx", "_vy", "_x", "_y"),
+        *("_filters", "_level", "_mean", "_meter", "_noise_mm", "_period_s", "_samples", "_tables"),
+    )
+
+    def __init__(self, *, period_ms: float, noise_mm: float = 0.053, noise_samples: float = 128.0) -> None:
+        self._x = self._y = self._vx = self._vy = self._ax = self._ay = math.nan
+        self._noise_mm = checked("noise_mm", noise_mm, 1e-4, 10.0)
+        samples = round(checked("noise_samples", noise_samples, 0.0, 1e4))
+        self._meter = NoiseMeter(samples) if samples > 0 else None
+        self._period_s = 1e-3 * period_ms
+        intervals_s = tuple(
+            self._period_s * 2.0 ** (index / _INTERVALS_PER_OCTAVE)
+            for index in range(_SHORTEST_INDEX, _LONGEST_INDEX + 1)
+        )
+        levels = range(_QUIETEST_LEVEL, _LOUDEST_LEVEL + 1) if samples > 0 else (0,)
+        self._level = 0
+        self._tables = {
+            level: bank_gains(intervals_s, self._noise_mm * 2.0 ** (level / _LEVELS_PER_OCTAVE)) for level in levels
+        }
+
+    def start(self, x_mm: float, y_mm: float) -> None:
+        """Take the first sample of a touch; earlier ones are dropped."""
+        still = (x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._samples = 1
+        self._filters = [_FILTERS[order](still) for order, _ in MODELS]
+        if self._meter is not None:
+            self._meter.restart()
+            self._meter.update(x_mm, y_mm, 1.0)
+        self._settle(still)
+
+    def step(self, sample: Sample) -> None:
+        """Take the next sample."""
+        interval_s, period_s, x_mm, y_mm = sample
+        gains = self._gains_after(interval_s)
+        self._samples += 1
+        mean = self._mean
+        for index, model in enumerate(self._filters):
+            prior = _SWITCH + (_STAY - _SWITCH) * model.weight
+            own_share = (_STAY - _SWITCH) * model.weight / prior
+            model.follow(mean, own_share, gains[index], interval_s, x_mm, y_mm)
+            model.weight = prior / model.spread
+        _weigh(self._filters)
+        self._settle(_weighted_mean(self._filters))
+        if self._meter is not None:
+            self._meter.update(x_mm, y_mm, interval_s / period_s)
+            if self._samples % _SAMPLES_PER_CHOICE == 0:
+                self._choose_level(self._meter.noise_mm(self._noise_mm))
+
+    def position(self, ahead_s: float) -> tuple[float, float]:
+        """Position in mm, `ahead_s` >= 0 after the last sample; NaN before the first."""
+        half = 0.5 * ahead_s
+        return (
+            self._x + ahead_s * (self._vx + half * self._ax),
+            self._y + ahead_s * (self._vy + half * self._ay),
+        )
+
+    def velocity(self, ahead_s: float) -> tuple[float, float]:
+        """Velocity in mm/s at the same instant."""
+        return self._vx + ahead_s * self._ax, self._vy + ahead_s * self._ay
+
+    def _gains_after(self, interval_s: float) -> tuple[Gain, ...]:
+        index = round(_INTERVALS_PER_OCTAVE * math.log2(interval_s / self._period_s))
+        rows = self._tables[self._level][min(max(index, _SHORTEST_INDEX), _LONGEST_INDEX) - _SHORTEST_INDEX]
+        return rows[min(self._samples, len(rows)) - 1]
+
+    def _choose_level(self, noise_mm: float) -> None:
+        level = _LEVELS_PER_OCTAVE * math.log2(max(noise_mm / self._noise_mm, 1e-3))
+        if abs(level - self._level) > _LEAST_CHANGE:
+            self._level = min(max(round(level), _QUIETEST_LEVEL), _LOUDEST_LEVEL)
+
+    def _settle(self, mean: _State) -> None:
+        self._mean = mean
+        x, y, vx, vy, full_ax, full_ay, _, _ = mean
+        ax, ay = _ACCELERATION_DAMPING * full_ax, _ACCELERATION_DAMPING * full_ay
+        self._x, self._y = x, y
+        self._vx, self._vy = vx, vy
+        self._ax, self._ay = ax, ay
+        if not (vx * vx + vy * vy <= MAX_SPEED_MM_S**2 and ax * ax + ay * ay <= MAX_ACCELERATION_MM_S2**2):
+            self._vx, self._vy = shortened(vx, vy, MAX_SPEED_MM_S)
+            self._ax, self._ay = shortened(ax, ay, MAX_ACCELERATION_MM_S2)
+
+
+def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
+    """(x, y) scaled to a length of at most `longest`."""
+    length = math.hypot(x, y)
+    return (x, y) if length <= longest else (x * (longest / length), y * (longest / length))
+
+
+class _Filter:
+    """A model of the bank: its state, its weight in the bank, and how well it foresaw the last sample.
+
+    `misfit` is chi^2 / 2, `spread` the variance (mm^2) that was expected of the innovation on one axis.
+    """
+
+    __slots__ = ("misfit", "spread", "state", "weight")
+
+    def __init__(self, state: _State) -> None:
+        self.state = state
+        self.weight = 1.0 / len(MODELS)
+        self.misfit, self.spread = 0.0, 1.0
+
+    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
+        """Take a sample `d` seconds after the last: mix in the bank's mean, predict, correct."""
+        raise NotImplementedError
+
+
+class _Rest(_Filter):
+    """No motion: how much time has passed does not matter."""
+
+    __slots__ = ()
+
+    def follow(self, mean: _State, own_share: float, gain: Gain, _d: float, x_mm: float, y_mm: float) -> None:
+        x, y, _, _, _, _, _, _ = self.state
+        mean_x, mean_y, _, _, _, _, _, _ = mean
+        k, _, _, _, spread = gain
+        x = mean_x + own_share * (x - mean_x)
+        y = mean_y + own_share * (y - mean_y)
+        ex = x_mm - x
+        ey = y_mm - y
+        self.state = (x + k * ex, y + k * ey, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
+
+
+class _Slide(_Filter):
+    """Constant acceleration."""
+
+    __slots__ = ()
+
+    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
+        half_d = 0.5 * d
+        x, y, vx, vy, ax, ay, _, _ = self.state
+        mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, _, _ = mean
+        k_x, k_v, k_a, _, spread = gain
+
+        ax = mean_ax + own_share * (ax - mean_ax)
+        ay = mean_ay + own_share * (ay - mean_ay)
+        vx = mean_vx + own_share * (vx - mean_vx)
+        vy = mean_vy + own_share * (vy - mean_vy)
+        x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * ax)
+        y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * ay)
+        vx += d * ax
+        vy += d * ay
+
+        ex = x_mm - x
+        ey = y_mm - y
+        spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
+        self.state = (x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey, ax + k_a * ex, ay + k_a * ey, 0.0, 0.0)
+        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
+
+
+class _Bend(_Filter):
+    """Constant jerk."""
+
+    __slots__ = ()
+
+    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
+        half_d, third_d = 0.5 * d, d / 3.0
+        x, y, vx, vy, ax, ay, jx, jy = self.state
+        mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, mean_jx, mean_jy = mean
+        k_x, k_v, k_a, k_j, spread = gain
+
+        jx = mean_jx + own_share * (jx - mean_jx)
+        jy = mean_jy + own_share * (jy - mean_jy)
+        ax = mean_ax + own_share * (ax - mean_ax)
+        ay = mean_ay + own_share * (ay - mean_ay)
+        vx = mean_vx + own_share * (vx - mean_vx)
+        vy = mean_vy + own_share * (vy - mean_vy)
+        if jx * vx + jy * vy > 0.0:
+            jx *= _JERK_KEPT_ALONG
+            jy *= _JERK_KEPT_ALONG
+        x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * (ax + third_d * jx))
+        y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * (ay + third_d * jy))
+        vx += d * (ax + half_d * jx)
+        vy += d * (ay + half_d * jy)
+        ax += d * jx
+        ay += d * jy
+
+        ex = x_mm - x
+        ey = y_mm - y
+        spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
+        self.state = (
+            x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey,
+            ax + k_a * ex, ay + k_a * ey, jx + k_j * ex, jy + k_j * ey,
+        )  # fmt: skip
+        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
+
+
+_FILTERS: dict[int, type[_Filter]] = {1: _Rest, 3: _Slide, 4: _Bend}  # by a model's order
+
+
+def _weigh(filters: list[_Filter]) -> None:
+    """Posterior weights: fit * exp(-misfit), normalised; the best misfit is taken out, so they cannot all underflow.
+
+    One may: `_SWITCH` gives even a model of no weight its chance at the next sample.
+    """
+    best = math.inf
+    for model in filters:
+        best = min(best, model.misfit)
+    total = 0.0
+    for model in filters:
+        model.weight *= math.exp(best - model.misfit)
+        total += model.weight
+    for model in filters:
+        model.weight /= total
+
+
+def _weighted_mean(filters: list[_Filter]) -> _State:
+    x = y = vx = vy = ax = ay = jx = jy = 0.0
+    for model in filters:
+        weight = model.weight
+        model_x, model_y, model_vx, model_vy, model_ax, model_ay, model_jx, model_jy = model.state
+        x += weight * model_x
+        y += weight * model_y
+        vx += weight * model_vx
+        vy += weight * model_vy
+        ax += weight * model_ax
+        ay += weight * model_ay
+        jx += weight * model_jx
+        jy += weight * model_jy
+    return x, y, vx, vy, ax, ay, jx, jy

@@ -1,0 +1,244 @@
+"""What every finger should feel: the targets of all clients, who owns which finger and until when.
+
+A finger has one owner from the message that first asked for it until that client's time to live runs out or it gives
+the finger up. Nothing outlives its owner: a client that falls silent leaves a still plate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator
+from dataclasses import dataclass
+
+from ...values import AmplitudeTarget, ClientTargets, FrictionTarget, Target, VirtualPath
+from .textures import DEFAULT_FRICTION_CURVE, NO_DETAIL, Detail, FrictionCurve, Texture, detail, highest_um, texture
+from .virtual_paths import Walk
+
+__all__ = ["DEFAULT_FRICTION_CURVE", "MAX_CLIENTS", "MAX_VIRTUALS", "FrictionCurve", "Scene", "Virtual"]
+
+Key = int | str  # a finger's id, or a virtual finger's name
+
+MAX_CLIENTS = 16  # names are free to invent: what they may occupy is not
+MAX_VIRTUALS = 16  # each takes part in every solve
+
+
+@dataclass(frozen=True, slots=True)
+class Virtual:
+    """A virtual finger in the scene: who made it, and since when it walks its path."""
+
+    name: str
+    owner: str
+    t_start_ns: int
+
+
+@dataclass(slots=True)
+class _Held:
+    """One finger and what its owner wants for it. `target` is None for a virtual finger that only walks."""
+
+    owner: str
+    t_expires_ns: int
+    target: Target | None
+    texture: Texture | None
+    detail: Detail
+    walk: Walk | None
+
+
+_UNHELD = _Held(owner="", t_expires_ns=0, target=None, texture=None, detail=NO_DETAIL, walk=None)
+
+
+class Scene:
+    """The targets in force. Instants are arguments in ns on one monotonic axis; amplitudes um, positions plate mm."""
+
+    def __init__(
+        self,
+        w_limit_um: float,
+        friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
+        plate_size_mm: tuple[float, float] = (137.5, 137.5),
+    ) -> None:
+        self._w_limit_um = w_limit_um
+        self._curve = friction_curve
+        self._plate_size_mm = plate_size_mm
+        self._held: dict[Key, _Held] = {}
+        self._released: dict[Key, None] = {}  # in the order in which they were released
+
+    # --- what clients ask ---
+
+    def apply(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
+        """Put this in place of all that the client wanted before. Returns a sentence for each finger refused it."""
+        self._drop_expired(t_ns)
+        wanted: dict[Key, _Held] = {}
+        refusals: list[str] = []
+        room = self._room_for_virtuals(message.client)
+        for key in dict.fromkeys((*message.virtuals, *message.targets)):
+            refusal = self._refusal(message, key, room)
+            if refusal is not None:
+                refusals.append(refusal)
+                continue
+            wanted[key] = self._hold(message, key, t_ns)
+            room -= isinstance(key, str)
+        self._drop([key for key in self._keys_of(message.client) if key not in wanted])
+        for key, held in wanted.items():
+            self._held[key] = held
+            self._released.pop(key, None)
+        return tuple(refusals)
+
+    def release(self, client: str, key: Key) -> bool:
+        """The client gives up one finger; False where it did not hold it."""
+        held = self._held.get(key)
+        if held is None or held.owner != client:
+            return False
+        self._drop((key,))
+        return True
+
+    def release_client(self, client: str) -> None:
+        """The client gives up all its fingers."""
+        self._drop(self._keys_of(client))
+
+    def expire(self, t_ns: int) -> tuple[Key, ...]:
+        """Release what has run out by `t_ns`. Returns all fingers released since the last call, however that was."""
+        if not self._held and not self._released:
+            return ()
+        self._drop_expired(t_ns)
+        released = tuple(self._released)
+        self._released.clear()
+        return released
+
+    # --- what the touch path reads ---
+
+    @property
+    def next_expiry_ns(self) -> int | None:
+        """When `expire` next has something to do; None while nothing is held."""
+        return min((held.t_expires_ns for held in self._held.values()), default=None)
+
+    def target_of(self, key: Key) -> Target | None:
+        """What is wanted for a finger, or None."""
+        held = self._held.get(key)
+        return None if held is None else held.target
+
+    def owner_of(self, key: Key) -> str | None:
+        """The client that holds a finger, or None."""
+        held = self._held.get(key)
+        return None if held is None else held.owner
+
+    def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
+        """The amplitude wanted under a finger at this position; None where nobody wants anything for it."""
+        held = self._held.get(key)
+        return None if held is None or held.texture is None else held.texture(x_mm, y_mm)
+
+    def detail(self, key: Key) -> Detail:
+        """How closely a finger's texture must be looked at."""
+        held = self._held.get(key)
+        return NO_DETAIL if held is None else held.detail
+
+    def virtuals(self, t_ns: int) -> tuple[Virtual, ...]:
+        """The virtual fingers at `t_ns`, in the order in which they came."""
+        return tuple(
+            Virtual(name, held.owner, walk.t_start_ns)
+            for name, held, walk in self._walking()
+            if t_ns < held.t_expires_ns
+        )
+
+    def virtual_names(self, t_ns: int) -> tuple[str, ...]:
+        """The names of `virtuals`."""
+        return tuple(name for name, held, _ in self._walking() if t_ns < held.t_expires_ns)
+
+    def wanted(self, finger_ids: Iterable[int], released: Container[Key], t_ns: int) -> list[Key]:
+        """Whom to solve for at `t_ns`: of these fingers those with a target or released from one, and the virtual
+        fingers with a target, in the order in which they came."""
+        held = self._held
+        keys: list[Key] = []
+        for finger_id in finger_ids:
+            mine = held.get(finger_id)
+            if (mine is not None and mine.target is not None) or finger_id in released:
+                keys.append(finger_id)
+        if len(held) > len(keys):
+            for name, virtual, _ in self._walking():
+                if virtual.target is not None and t_ns < virtual.t_expires_ns:
+                    keys.append(name)
+        return keys
+
+    def virtual_position_mm(self, name: str, t_ns: int) -> tuple[float, float]:
+        """Where a virtual finger is at any instant, also one to come. Raises KeyError where there is none."""
+        return self._walk_of(name).position_mm(t_ns)
+
+    # --- ownership ---
+
+    def _refusal(self, message: ClientTargets, key: Key, room: int) -> str | None:
+        """Why the client cannot have this finger as it asks, if so."""
+        owner = self.owner_of(key)
+        if owner is None and self._is_crowded(message.client):
+            return f"{_spoken(key)}: {MAX_CLIENTS} clients hold fingers already, one must release its own first."
+        if owner is not None and owner != message.client:
+            return f"{_spoken(key)} is held by {owner!r}: wait until that client releases it."
+        if isinstance(key, str) and key not in message.virtuals:
+            return f"{_spoken(key)} has a target but no path: send its path in the same message."
+        if isinstance(key, str) and room <= 0:
+            return f"{_spoken(key)} is one too many: the plate serves {MAX_VIRTUALS} virtual fingers at once."
+        return self._refusal_of_target(key, message.targets.get(key))
+
+    def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
+        if target is None or isinstance(target, FrictionTarget):
+            return None  # a friction asks for as much as the plate can do, not for an amplitude
+        asked_um = highest_um(target, self._curve)
+        if asked_um <= self._w_limit_um:
+            return None
+        return f"{_spoken(key)} cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
+
+    def _hold(self, message: ClientTargets, key: Key, t_ns: int) -> _Held:
+        """The finger in its client's hands; what did not change goes on, so that a refreshed walk keeps its phase."""
+        before = self._held.get(key, _UNHELD)
+        target = message.targets.get(key)
+        path = message.virtuals.get(key) if isinstance(key, str) else None
+        return _Held(
+            owner=message.client,
+            t_expires_ns=t_ns + message.ttl_ns,
+            target=target,
+            texture=before.texture if before.target == target else self._texture(target),
+            detail=detail(target, self._plate_size_mm),
+            walk=_walk(path, t_ns, before.walk),
+        )
+
+    def _texture(self, target: Target | None) -> Texture | None:
+        if target is None:
+            return None
+        if isinstance(target, FrictionTarget):
+            target = AmplitudeTarget(min(highest_um(target, self._curve), self._w_limit_um))
+        return texture(target, self._curve, self._plate_size_mm)
+
+    def _room_for_virtuals(self, client: str) -> int:
+        return MAX_VIRTUALS - sum(held.owner != client for _, held, _ in self._walking())
+
+    def _is_crowded(self, client: str) -> bool:
+        owners = {held.owner for held in self._held.values()}
+        return len(owners) >= MAX_CLIENTS and client not in owners
+
+    def _walking(self) -> Iterator[tuple[str, _Held, Walk]]:
+        for key, held in self._held.items():
+            if isinstance(key, str) and held.walk is not None:
+                yield key, held, held.walk
+
+    def _walk_of(self, name: str) -> Walk:
+        walk = self._held[name].walk
+        if walk is None:
+            raise KeyError(name)
+        return walk
+
+    def _keys_of(self, client: str) -> list[Key]:
+        return [key for key, held in self._held.items() if held.owner == client]
+
+    def _drop_expired(self, t_ns: int) -> None:
+        self._drop([key for key, held in self._held.items() if t_ns >= held.t_expires_ns])
+
+    def _drop(self, keys: Iterable[Key]) -> None:
+        for key in keys:
+            del self._held[key]
+            self._released[key] = None
+
+
+def _walk(path: VirtualPath | None, t_ns: int, before: Walk | None) -> Walk | None:
+    if path is None:
+        return None
+    return before if before is not None and before.path == path else Walk(path, t_ns)
+
+
+def _spoken(key: Key) -> str:
+    return f"finger {key}" if isinstance(key, int) else f"virtual finger {key!r}"

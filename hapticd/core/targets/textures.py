@@ -1,0 +1,188 @@
+"""What a finger should feel at a place: targets turned into functions of the position, and friction into amplitude.
+
+A function is made once, when a client asks, and called at every knot: it is plain arithmetic, about a microsecond.
+It is finite and within the target's two amplitudes for every finite position; NaN and positions far from any plate
+give what silence would.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+from ...values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
+
+Texture = Callable[[float, float], float]
+
+FAR_MM = 1e6  # no plate is that large: beyond, a grating's phase is rounding noise
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionCurve:
+    """Amplitude in um that gives a friction, piecewise linear through (friction_frac, amplitude_um) knots.
+
+    Friction 1 is bare glass, so the last knot is (1, 0); friction 0 is the most slippery the plate can usefully do.
+    The amplitude falls strictly from knot to knot. Raises ValueError otherwise.
+    """
+
+    knots: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(friction) and math.isfinite(amplitude) for friction, amplitude in self.knots):
+            raise ValueError("friction curve: every knot needs two finite numbers, friction and amplitude.")
+        if len(self.knots) < 2 or self.knots[0][0] != 0.0 or self.knots[-1] != (1.0, 0.0):
+            raise ValueError("friction curve: knots must run from friction 0 to friction 1, where it is 0 um.")
+        for (friction, amplitude), (next_friction, next_amplitude) in pairwise(self.knots):
+            if not (friction < next_friction and amplitude > next_amplitude):
+                raise ValueError("friction curve: from knot to knot friction must rise and amplitude must fall.")
+
+    @classmethod
+    def from_amplitudes(cls, amplitudes_um: Sequence[float]) -> FrictionCurve:
+        """Amplitudes at equally spaced frictions 1 .. 0, as a calibration sweeps them: rising from 0 um."""
+        last = len(amplitudes_um) - 1
+        if last < 1:
+            raise ValueError("friction curve: needs two or more amplitudes.")
+        return cls(tuple((1.0 - index / last, float(amplitudes_um[index])) for index in range(last, -1, -1)))
+
+    @classmethod
+    def exponential(cls, full_um: float = 2.0, decay_um: float = 0.7, intervals: int = 16) -> FrictionCurve:
+        """Friction that decays exponentially with amplitude, reaching its floor at `full_um`.
+
+        The fast-then-slow fall is what is measured on vibrating glass (Biet, Giraud and Lemaire-Semail 2007;
+        Wiertlewski, Fenton Friesen and Colgate 2016). The two numbers are only a start: fingers, glass and
+        frequency change them, so calibrate before trusting a friction value.
+        """
+        floor = math.exp(-full_um / decay_um)
+        amplitudes_um = [full_um * index / intervals for index in range(intervals - 1, 0, -1)]
+        inner = tuple(((math.exp(-a_um / decay_um) - floor) / (1.0 - floor), a_um) for a_um in amplitudes_um)
+        return cls(((0.0, full_um), *inner, (1.0, 0.0)))
+
+    def amplitude_um(self, friction_frac: float) -> float:
+        """The amplitude for a friction; beyond 0 .. 1 that of the nearer end, for NaN 0 um."""
+        if not friction_frac < 1.0:
+            return 0.0
+        if friction_frac <= 0.0:
+            return self.knots[0][1]
+        right = bisect_right(self.knots, friction_frac, key=lambda knot: knot[0])
+        (friction, amplitude), (next_friction, next_amplitude) = self.knots[right - 1 : right + 1]
+        share = (friction_frac - friction) / (next_friction - friction)
+        return amplitude * (1.0 - share) + next_amplitude * share
+
+
+DEFAULT_FRICTION_CURVE = FrictionCurve.exponential()
+
+
+class Detail(NamedTuple):
+    """How closely a texture must be looked at along a path: corners hide at no more than `finest_mm` from each other,
+    and where it is not `smooth`, it has some."""
+
+    finest_mm: float
+    smooth: bool
+
+
+NO_DETAIL = Detail(math.inf, True)
+_PIECES_PER_WAVE = 4.0  # a smooth wave shows its curvature in the middle of a quarter of it
+
+
+def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
+    """What a target's texture holds between two places."""
+    match target:
+        case GratingTarget(period_mm, duty_frac=0.0):
+            return Detail(period_mm / _PIECES_PER_WAVE, True)
+        case GratingTarget(period_mm, duty_frac=duty_frac):
+            return Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
+        case MapTarget(width, height):
+            return Detail(min(plate_size_mm[0] / max(width - 1, 1), plate_size_mm[1] / max(height - 1, 1)), False)
+        case _:
+            return NO_DETAIL
+
+
+def highest_um(target: Target, curve: FrictionCurve) -> float:
+    """The largest amplitude that a target can ask for anywhere."""
+    match target:
+        case AmplitudeTarget(amplitude_um):
+            return amplitude_um
+        case FrictionTarget(friction_frac):
+            return curve.amplitude_um(friction_frac)
+        case GratingTarget() | MapTarget():
+            return max(target.low_um, target.high_um)
+
+
+def texture(target: Target, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> Texture:
+    """The target as amplitude in um over plate position in mm."""
+    match target:
+        case AmplitudeTarget() | FrictionTarget():
+            constant_um = highest_um(target, curve)
+            return lambda _x_mm, _y_mm: constant_um
+        case GratingTarget(duty_frac=0.0):
+            return _sine_grating(target)
+        case GratingTarget():
+            return _square_grating(target)
+        case MapTarget():
+            return _image(target, plate_size_mm)
+
+
+def _sine_grating(grating: GratingTarget) -> Texture:
+    along_x, along_y = math.cos(grating.angle_rad), math.sin(grating.angle_rad)
+    mean_um = 0.5 * (grating.low_um + grating.high_um)
+    half_um = 0.5 * (grating.high_um - grating.low_um)
+    wavenumber = 2.0 * math.pi / grating.period_mm
+    low_um, cos = grating.low_um, math.cos
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        along_mm = x_mm * along_x + y_mm * along_y
+        if not -FAR_MM <= along_mm <= FAR_MM:
+            return low_um
+        return mean_um + half_um * cos(wavenumber * along_mm)
+
+    return amplitude_um
+
+
+def _square_grating(grating: GratingTarget) -> Texture:
+    along_x, along_y = math.cos(grating.angle_rad), math.sin(grating.angle_rad)
+    period_mm, half_crest_mm = grating.period_mm, 0.5 * grating.duty_frac * grating.period_mm
+    low_um, high_um, remainder = grating.low_um, grating.high_um, math.remainder
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        along_mm = x_mm * along_x + y_mm * along_y
+        if not -FAR_MM <= along_mm <= FAR_MM:
+            return low_um
+        return high_um if abs(remainder(along_mm, period_mm)) <= half_crest_mm else low_um
+
+    return amplitude_um
+
+
+def _image(image: MapTarget, plate_size_mm: tuple[float, float]) -> Texture:
+    """Bilinear between pixel centres; the outermost lie on the plate's edges and reach beyond them."""
+    width, height, levels = image.width, image.height, image.levels
+    last_column, last_row = float(width - 1), float(height - 1)
+    left_mm, top_mm = -0.5 * plate_size_mm[0], 0.5 * plate_size_mm[1]
+    columns_per_mm, rows_per_mm = last_column / plate_size_mm[0], last_row / plate_size_mm[1]
+    low_um, high_um = image.low_um, image.high_um
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        column = (x_mm - left_mm) * columns_per_mm
+        row = (top_mm - y_mm) * rows_per_mm
+        if not column > 0.0:  # NaN too
+            column = 0.0
+        elif column > last_column:
+            column = last_column
+        if not row > 0.0:
+            row = 0.0
+        elif row > last_row:
+            row = last_row
+        left, upper = int(column), int(row)
+        right_share, lower_share = column - left, row - upper
+        here = upper * width + left
+        beside = 1 if left < last_column else 0
+        below = here + width if upper < last_row else here
+        top_level = levels[here] + (levels[here + beside] - levels[here]) * right_share
+        bottom_level = levels[below] + (levels[below + beside] - levels[below]) * right_share
+        share = (top_level + (bottom_level - top_level) * lower_share) / 255.0
+        return low_um * (1.0 - share) + high_um * share
+
+    return amplitude_um

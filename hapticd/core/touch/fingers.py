@@ -1,0 +1,111 @@
+"""The fingers on the pad: who is down, and where each of them will be.
+
+A report's contacts become fingers (`tracking`), its stamp an instant of the host (`sensor_clock`), and every finger has
+a predictor of its own (`prediction`) from its landing until it is lifted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from ...values import Finger, FingerFrame, TouchFrame
+from ..prediction.predictor import Predictor as KnownPredictor
+from .sensor_clock import SensorClock
+from .tracking import Tracker
+
+OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
+MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
+
+
+class Predictor(Protocol):
+    """Where a finger will be; see `core.prediction.predictor`."""
+
+    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None: ...
+
+    def predict(self, t_ns: int) -> tuple[float, float]: ...
+
+
+class Fingers:
+    """All that is known of a touch from the trackpad's side."""
+
+    def __init__(self, make_predictor: Callable[[], Predictor], *, sensor_latency_ns: int, silence_ns: int) -> None:
+        """The pad's own latency, and after how long without a report it counts as silent."""
+        self.down: tuple[Finger, ...] = ()
+        self.predictors: dict[int, Predictor] = {}  # of those that are down, by finger id
+        self.released: set[int] = set()  # those whose target ended while they were down
+        self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
+        self.make_predictor = make_predictor
+        self._silence_ns = silence_ns
+        self._tracker = Tracker()
+        self._sensor_clock = SensorClock(sensor_latency_ns)
+        self._t_stamp_ns: int | None = None
+        self._t_frame_ns = 0
+        self._t_read_ns = 0
+        self._old_in_a_row = 0
+
+    def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
+        """Take one report: track its contacts and feed the predictors, on the host's time axis."""
+        if frame.t_ns == self._t_stamp_ns:
+            return FingerFrame(frame.t_ns, self.down, ())  # a pad whose clock stands is as good as silent
+        self._t_stamp_ns = frame.t_ns
+        self._t_read_ns = t_read_ns
+        self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self._t_frame_ns else 0
+        if self._old_in_a_row == OLD_IN_A_ROW:
+            self.lift_all()
+        t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
+        tracked = self._tracker.update(frame)
+        for finger_id in tracked.lifted:
+            self._forget(finger_id)
+        if tracked.t_ns != frame.t_ns:
+            return tracked  # an old frame: it says nothing new
+        self._t_frame_ns = frame.t_ns
+        self.t_sample_ns = t_sample_ns
+        for finger_id, _, x_mm, y_mm, is_new in tracked.fingers:
+            if is_new:
+                self.predictors[finger_id] = self.make_predictor()
+            _feed(self.predictors[finger_id], t_sample_ns, x_mm, y_mm)
+        self.down = tracked.fingers
+        return tracked
+
+    def lift_all(self) -> None:
+        """The pad is gone or silent: nobody is known to touch, and its clock is strange."""
+        for finger in self.down:
+            self._forget(finger.finger_id)
+        self.down = ()
+        self._tracker.reset()
+        self._sensor_clock.reset()
+        self._t_frame_ns = self._old_in_a_row = 0
+
+    def are_silent(self, t_now_ns: int) -> bool:
+        """Some are down and no report came for too long."""
+        return len(self.down) > 0 and t_now_ns - self._t_read_ns > self._silence_ns
+
+    def release(self, keys: Sequence[int | str]) -> None:
+        """The targets of these ended: it is remembered of each that is down, until it is lifted."""
+        self.released.update(key for key in keys if isinstance(key, int) and key in self.predictors)
+
+    def predicted_mm(self, finger_id: int, t_ns: int) -> tuple[float, float]:
+        """Where a finger that is down will be at an instant; from MAX_HORIZON_NS on it is taken to stay."""
+        t_latest_ns = self.t_sample_ns + MAX_HORIZON_NS
+        return _predicted_mm(self.predictors[finger_id], t_ns if t_ns < t_latest_ns else t_latest_ns)
+
+    def _forget(self, finger_id: int) -> None:
+        self.predictors.pop(finger_id, None)
+        self.released.discard(finger_id)
+
+
+# As machine code a class that is known is called in a tenth of the time that any other takes.
+
+
+def _feed(predictor: Predictor, t_ns: int, x_mm: float, y_mm: float) -> None:
+    if isinstance(predictor, KnownPredictor):
+        predictor.update(t_ns, x_mm, y_mm)
+    else:
+        predictor.update(t_ns, x_mm, y_mm)
+
+
+def _predicted_mm(predictor: Predictor, t_ns: int) -> tuple[float, float]:
+    if isinstance(predictor, KnownPredictor):
+        return predictor.predict(t_ns)
+    return predictor.predict(t_ns)

@@ -1,0 +1,115 @@
+"""The clients as the machine meets them: their messages become wishes of the scene, their requests get an answer.
+
+Who sends targets waits for no answer: what was wrong with them is counted, and so is what a newer message of the same
+client has overtaken. What only the machine can say or do, it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Protocol
+
+from .. import __version__
+from ..core.targets.client_registry import ClientRegistry
+from ..core.targets.scene import Scene
+from ..errors import RequestError
+from ..values import ClientTargets
+from ..wire import client as client_wire
+from .observer import Observer
+
+MAX_MARKERS = 64  # told in one state; a client that sends more between two passes has lost count itself
+
+
+class Host(Protocol):
+    """What clients need of the machine that they talk to."""
+
+    def wake_if_resting(self, t_now_ns: int) -> None:
+        """Targets have come into force."""
+
+    def clear_fault(self, t_now_ns: int) -> None:
+        """Have the board leave its fault. Raises RequestError where it cannot be asked."""
+
+    def report_status(self, t_now_ns: int) -> Mapping[str, object]:
+        """The answer to `status`."""
+
+    def describe_plate(self) -> Mapping[str, object]:
+        """The answer to `plate`."""
+
+
+class ClientGateway:
+    """All clients together: who they are stands in each message, and in the user that the socket knows."""
+
+    def __init__(self, scene: Scene, instance: int, host: Host) -> None:
+        """`instance` tells clients one start of the host from the next."""
+        self.refused = 0
+        self.last_refusal = ""
+        self.overtaken = 0
+        self.markers: list[client_wire.Marker] = []  # that telemetry has not told yet
+        self.observer: Observer | None = None
+        self._scene = scene
+        self._instance = instance
+        self._host = host
+        self._client_registry = ClientRegistry()
+
+    def targets(self, payload: bytes, t_now_ns: int, user: str) -> None:
+        """A message of the targets socket; what is wrong with it is counted and kept for `status`."""
+        try:
+            message = client_wire.decode_targets(payload)
+            refusals = self.want(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
+        except RequestError as error:
+            refusals = (str(error),)
+        if refusals:
+            self.refused += 1
+            self.last_refusal = refusals[0]
+
+    def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
+        """Put a client's targets in force; sentences for what it may not have."""
+        refusals = self._scene.apply(message, t_now_ns)
+        self._host.wake_if_resting(t_now_ns)
+        return refusals
+
+    def request(self, payload: bytes, t_now_ns: int, user: str) -> bytes:
+        """The answer to a message of the control socket."""
+        return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
+
+    def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
+        if isinstance(request.body, client_wire.Marker):
+            return self._mark(replace(request.body, t_ns=t_now_ns))
+        if request.body is not None and not self._is_newest(request.body, user, t_now_ns):
+            raise RequestError("A newer message of this client came before this one: nothing was changed.")
+        if isinstance(request.body, ClientTargets):
+            refusals = self.want(request.body, t_now_ns)
+            if refusals:
+                raise RequestError(" ".join(refusals))
+            return {}
+        if isinstance(request.body, client_wire.Release):
+            return {"released": self._release(request.body)}
+        if request.op == "clear_fault":
+            self._host.clear_fault(t_now_ns)
+            return {}
+        if request.op == "status":
+            return self._host.report_status(t_now_ns)
+        if request.op == "plate":
+            return self._host.describe_plate()
+        return {"version": __version__, "instance": self._instance, **client_wire.CAPABILITIES}
+
+    def _is_newest(self, message: ClientTargets | client_wire.Release, user: str, t_now_ns: int) -> bool:
+        """False where a newer message of the same client came first. Raises RequestError for another user's name."""
+        ttl_ns = message.ttl_ns if isinstance(message, ClientTargets) else 0
+        is_newest = self._client_registry.is_newest(message.client, user, message.stamp, ttl_ns, t_now_ns)
+        self.overtaken += not is_newest
+        return is_newest
+
+    def _mark(self, marker: client_wire.Marker) -> Mapping[str, object]:
+        if self.observer is not None:
+            self.observer("marker", marker.t_ns, marker.client, marker.text)
+        if len(self.markers) < MAX_MARKERS:
+            self.markers.append(marker)
+        return {"t_ns": marker.t_ns}
+
+    def _release(self, release: client_wire.Release) -> bool:
+        if release.finger is None:
+            self._scene.release_client(release.client)
+            return True
+        return self._scene.release(release.client, release.finger)

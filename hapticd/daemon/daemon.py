@@ -1,0 +1,302 @@
+"""The daemon: one asyncio loop that carries bytes between trackpad, board and clients, with `machine` in the middle.
+
+Nothing on the loop blocks or computes for long. One event, one pass: reports, board bytes and client messages are
+handled when they come, and a timer keeps the board alive. Each hand-over is timed for `status`, and the service manager
+hears that all is well only while passes succeed. When it begins and ends, `serving` decides.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import logging
+import secrets
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ..board_values import ModeCalibration
+from ..config.sections import Config
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.plate.parasitic_modes import ParasiticModes
+from ..files.recording.dates import utc_now
+from ..files.recording.header import Header, header_of
+from ..io import awake
+from ..io.device import SerialLink
+from ..io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
+from ..io.server import ClientServer
+from ..io.sockets import Remote
+from ..io.systemd import Notifier
+from ..io.trackpad import TrackpadSource
+from ..values import RawReport
+from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
+from .recorder import Recorders
+
+log = logging.getLogger("hapticd")
+
+QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
+AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
+SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
+COLLECT_EVERY_NS = 1_000_000_000
+SAY_MISSED_EVERY_NS = 10_000_000_000
+
+
+class Link(NamedTuple):
+    """What was last heard of a device."""
+
+    is_up: bool
+    reason: str
+
+
+class Daemon:
+    """Everything that `hapticd run` opens, from `start` to `stop`."""
+
+    def __init__(
+        self,
+        config: Config,
+        runtime_dir: Path,
+        *,
+        board_port: str,
+        trackpad: TrackpadSource,
+        calibration: Sequence[ModeCalibration] = (),
+        parasitic_modes: ParasiticModes | None = None,
+        notifier: Notifier | None = None,
+        remote: Remote | None = None,
+    ) -> None:
+        self._config = config
+        self._notifier = Notifier({}) if notifier is None else notifier
+        self._calibration = calibration
+        self._parasitic_modes = parasitic_modes
+        self.runtime_dir = runtime_dir
+        self._server = ClientServer(runtime_dir, remote)
+        self._link = SerialLink(board_port, config.device.baud)
+        self._trackpad = trackpad
+        self._timer: PeriodicTimer | None = None
+        self._pauses: Pauses | None = None
+        self._t_written_ns = self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
+        self._said_missed = 0
+        self._machine: Machine | None = None
+        self._pad_link: Link | None = None
+        self._board_link: Link | None = None
+        self._recorders: Recorders | None = None
+        self._awake: awake.CpuLatencyHold | None = None
+
+    @property
+    def machine(self) -> Machine:
+        """The daemon's inside; from `start` on."""
+        assert self._machine is not None, "start() comes first"
+        return self._machine
+
+    def start(self, loop: asyncio.AbstractEventLoop, modes: ModeShapes) -> None:
+        """Serve clients first (it takes the lock that a second daemon stumbles over), then open the devices."""
+        self._loop = loop
+        self._modes = modes
+        self._machine = self._new_machine()
+        self._server.start(
+            loop,
+            on_message=self._message,
+            on_request=self._request,
+            on_listener=self._listener,
+        )
+        self._recorders = Recorders(self._machine, self._config.record, self.runtime_dir, _header)
+        self._recorders.start(loop)
+        self._link.start(
+            loop,
+            on_bytes=lambda data: self.machine.board_bytes(data, now_ns()),
+            on_link=lambda up, reason: self._on_board_link(Link(up, reason)),
+        )
+        self._trackpad.start(
+            loop,
+            on_reports=self._reports,
+            on_link=lambda up, reason: self._on_pad_link(Link(up, reason)),
+        )
+        self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
+
+    def _new_machine(self) -> Machine:
+        machine = Machine(
+            self._config,
+            self._modes,
+            write_board=self._write,
+            instance=secrets.randbits(31),
+            calibration=self._calibration,
+            parasitic_modes=self._parasitic_modes,
+        )
+        machine.lost_messages = lambda: self._server.counters
+        return machine
+
+    def _restart_core(self, t_now_ns: int) -> None:
+        """Nobody uses the machine: another takes over, for a recorder to hear it from its first moment on. Devices and
+        sockets stay open; the board is greeted anew, and clients see another instance."""
+        assert self._recorders is not None
+        log.info("a recorder came: the core begins anew, nobody touches")
+        machine, before = self._new_machine(), self.machine
+        machine.real_time = before.real_time
+        self._machine = machine
+        self._said_missed = 0
+        self._recorders.begin(machine, t_now_ns)
+        if self._pad_link is not None:
+            self._on_pad_link(self._pad_link)
+        if self._board_link is not None:
+            self._on_board_link(self._board_link)
+
+    def _on_pad_link(self, link: Link) -> None:
+        self._pad_link = link
+        self.machine.trackpad_link(link.is_up, link.reason, now_ns(), model=self._trackpad.model)
+
+    def _on_board_link(self, link: Link) -> None:
+        self._board_link = link
+        self.machine.board_link(link.is_up, link.reason, now_ns())
+
+    @property
+    def tick_period_ns(self) -> int:
+        """How often the timer comes now; from `start` on."""
+        assert self._timer is not None, "start() comes first"
+        return self._timer.period_ns
+
+    def go_real_time(self) -> None:
+        """Ask the kernel for what the configuration wants, and say what it did not give."""
+        wanted = self._config.realtime
+        granted = go_real_time(
+            fifo_priority=wanted.fifo_priority, processor=wanted.processor, lock_memory=wanted.lock_memory
+        )
+        refused = list(granted.refused)
+        if wanted.stay_awake:
+            try:
+                self._awake = awake.CpuLatencyHold(awake.LATENCY_FILE)
+            except OSError as error:
+                refused.append(f"{awake.LATENCY_FILE}: {error.strerror}")
+        for refusal in refused:
+            log.warning("real time: not granted: %s", refusal)
+        told = {"stays_awake": self._awake is not None, "refused": tuple(refused)}
+        self.machine.real_time = dataclasses.asdict(granted) | told
+
+    def ready(self) -> None:
+        """The start is over: ticks and pauses count from now, and the service manager hears that clients are served."""
+        assert self._timer is not None
+        self._pauses = Pauses(lambda span_ns: self.machine.loop.paused(span_ns), clock_ns=now_ns)
+        self._timer.set_period(TIMER_NS)
+        self._t_said_ns = now_ns()
+        self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
+
+    async def stop(self) -> None:
+        """Quiet the plate, then close: clients, trackpad, and the board last."""
+        if self._timer is not None:
+            self._timer.close()
+        if self._pauses is not None:
+            self._pauses.close()
+        if self._awake is not None:
+            self._awake.close()
+        if self._machine is not None:
+            self._machine.stop(now_ns())
+        await self._trackpad.close()
+        await self._link.drained(QUIET_WITHIN_S)
+        if self._machine is not None and self._machine.session.hello is not None:
+            await asyncio.sleep(AT_REST_AFTER_S)
+            self._machine.disconnect(now_ns())
+            await self._link.drained(QUIET_WITHIN_S)
+        self._link.close()
+        if self._recorders is not None:
+            self._recorders.close(now_ns())
+        self._server.close()
+
+    def _reports(self, batch: Sequence[RawReport]) -> None:
+        self._let_publish()
+        machine, t_begin_ns = self.machine, now_ns()
+        machine.reports(batch, t_begin_ns)
+        tick = machine.last_tick
+        age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
+        if self._t_written_ns > t_begin_ns and tick is not None and tick.drive is not None:
+            machine.loop.wrote(batch[-1].t_host_ns, self._t_written_ns)
+        machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
+        self._set_pace(after_reports=True)
+        if machine.trackpad.needs_enable:
+            self._trackpad.request_enable()
+        self._look_after(t_begin_ns)
+
+    def _write(self, line: bytes) -> bool:
+        is_accepted = self._link.write(line)
+        self._t_written_ns = now_ns()
+        return is_accepted
+
+    def _message(self, payload: bytes, user: str) -> None:
+        self.machine.targets(payload, now_ns(), user)
+        self._set_pace()
+
+    def _request(self, payload: bytes, user: str) -> bytes:
+        answer = self.machine.request(payload, now_ns(), user)
+        self._set_pace()
+        return answer
+
+    def _listener(self) -> None:
+        """Who begins to listen need not wait for a tick."""
+        self._let_publish()
+        self.machine.timer(now_ns())
+        self._set_pace()
+
+    def _on_timer(self, late_ns: int, missed: int) -> None:
+        self._let_publish()
+        if self.machine.session.is_resting:
+            self._link.read()
+        machine, t_now_ns = self.machine, now_ns()
+        machine.loop.ticked(late_ns, missed)
+        machine.timer(t_now_ns)
+        self._set_pace()
+        self._look_after(t_now_ns)
+
+    def _look_after(self, t_now_ns: int) -> None:
+        """What is due beside the touch, whether the timer or, while they come, reports bring it about."""
+        assert self._recorders is not None
+        if not self.machine.is_failing:
+            self._notifier.feed_watchdog(t_now_ns)
+        if self._awake is not None:
+            self._awake.look(not self.machine.is_idle, t_now_ns)
+        if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
+            self._t_swept_ns = t_now_ns
+            self._server.sweep()
+            self._recorders.sweep()
+            if self._recorders.is_due(t_now_ns) and self.machine.is_unused:
+                self._restart_core(t_now_ns)
+        if self.machine.is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
+            self._t_collected_ns = t_now_ns
+            collect_when_idle()
+        if t_now_ns - self._t_said_ns >= SAY_MISSED_EVERY_NS:
+            self._t_said_ns = t_now_ns
+            self._say_missed()
+
+    def _set_pace(self, *, after_reports: bool = False) -> None:
+        """Tick as often as the machine needs it now: reports do what ticks would, while they come. And hear a board at
+        rest as seldom."""
+        self._link.rest(self.machine.session.is_resting)
+        if self._timer is None:
+            return
+        period_ns = self.machine.timer_period_ns
+        if after_reports:
+            self._timer.set_period(period_ns, max(period_ns, REPORTS_ENDED_NS))
+        elif self._timer.period_ns != period_ns:
+            self._timer.set_period(period_ns)
+
+    def _say_missed(self) -> None:
+        loop, ledger = self.machine.loop, self.machine.session.ledger
+        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered
+        if missed > self._said_missed:
+            self._said_missed = missed
+            log.warning(
+                "timing since the start: %d ticks missed, %d frames late, %d unanswered (`status` says how late)",
+                loop.missed_ticks,
+                ledger.late_frames,
+                ledger.unanswered,
+            )
+
+    def _let_publish(self) -> None:
+        """No subscriber: no telemetry is built."""
+        self.machine.watch(self._server.publish if self._server.has_subscribers else None, now_ns())
+
+
+def _header(machine: Machine, is_whole: bool) -> Header:
+    return header_of(machine, machine.modes, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
+
+
+def now_ns() -> int:
+    """The host's monotonic clock: the axis of all `t_..._ns`."""
+    return time.monotonic_ns()

@@ -1,0 +1,67 @@
+"""A daemon's life, from its start to a signal: SIGTERM and SIGINT leave a quiet plate, at SIGHUP it begins anew."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+from ..core.plate.mode_shapes import ModeShapes
+from ..errors import HapticdError
+from ..io.realtime import quiet_collector
+from .daemon import Daemon
+
+log = logging.getLogger("hapticd")
+
+Again = TypeVar("Again")
+
+
+async def serve(
+    daemon: Daemon, modes: ModeShapes, reread: Callable[[], Awaitable[Again]] | None = None
+) -> Again | None:
+    """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate.
+
+    At SIGHUP `reread` is asked for what shall run instead; then the plate is left quiet and that is returned. Where it
+    raises HapticdError its sentence is logged, and all stays as it is.
+    """
+    loop = asyncio.get_running_loop()
+    asked: asyncio.Future[Again | None] = loop.create_future()
+    rereading: set[asyncio.Task[None]] = set()
+
+    async def read_again(reread: Callable[[], Awaitable[Again]]) -> None:
+        try:
+            again = await reread()
+        except HapticdError as error:
+            log.error("SIGHUP: %s The configuration in force stays.", error)
+            return
+        finally:
+            rereading.clear()
+        _answer(asked, again, "SIGHUP: the new configuration is taken, the plate is made quiet")
+
+    def on_hangup() -> None:
+        if reread is not None and not rereading:
+            rereading.add(loop.create_task(read_again(reread)))
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, _answer, asked, None, f"{number.name}: stopping, the plate is made quiet")
+    if reread is not None:
+        loop.add_signal_handler(signal.SIGHUP, on_hangup)
+    try:
+        daemon.start(loop, modes)
+        quiet_collector()
+        daemon.go_real_time()
+        log.info("serving clients in %s", daemon.runtime_dir)
+        daemon.ready()
+        return await asked
+    finally:
+        for task in rereading:
+            task.cancel()
+        await daemon.stop()
+
+
+def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) -> None:
+    if not asked.done():
+        log.info("%s", why)
+        asked.set_result(again)

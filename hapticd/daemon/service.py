@@ -1,0 +1,243 @@
+"""`hapticd run`: from a configuration to a running daemon, with the simulated rig beside it where that is asked for.
+
+What can be wrong is found before anything is opened: files are read and judged first. At SIGHUP another process does
+that, for a second thread in this one would keep the loop from its work, and the board waits 50 ms. Only once it has
+found all sound is the plate left quiet, and what runs replaced.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..board_values import ModeCalibration
+from ..config.loader import load
+from ..config.sections import SIMULATED, Config
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.plate.parasitic_modes import ParasiticModes
+from ..errors import ConfigError, HapticdError
+from ..files import calibration
+from ..io import keys
+from ..io.replay import ReplayTrackpad
+from ..io.server import runtime_directory
+from ..io.socketpad import SocketTrackpad
+from ..io.sockets import Remote
+from ..io.systemd import Notifier
+from ..io.trackpad import HidTrackpad, TrackpadSource
+from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
+from .daemon import Daemon
+from .lifecycle import serve
+from .settings import warm_up
+
+log = logging.getLogger("hapticd")
+
+SIGN_OF_LIFE_S = 0.2  # for the service manager, while a configuration is prepared
+JUDGE_WITHIN_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A configuration with all that it names: read, whole, and nothing opened but the simulated rig."""
+
+    config: Config
+    modes: ModeShapes
+    parasitic_modes: ParasiticModes | None
+    calibration: tuple[ModeCalibration, ...]
+    trackpad: TrackpadSource
+    board_port: str
+    runtime_dir: Path
+    remote: Remote | None
+
+    def daemon(self, notifier: Notifier | None = None) -> Daemon:
+        """The daemon for it, not yet started."""
+        return Daemon(
+            self.config,
+            self.runtime_dir,
+            board_port=self.board_port,
+            trackpad=self.trackpad,
+            calibration=self.calibration,
+            parasitic_modes=self.parasitic_modes,
+            notifier=notifier,
+            remote=self.remote,
+        )
+
+
+class ConfigLoader:
+    """Prepares configurations, and keeps the simulated rigs that they asked for until it is closed."""
+
+    def __init__(self) -> None:
+        self._rigs: dict[tuple[str, int], RigProcess] = {}
+
+    def __enter__(self) -> ConfigLoader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for rig in self._rigs.values():
+            rig.close()
+
+    def prepare(self, config: Config) -> Prepared:
+        """Read what the configuration names. Raises HapticdError in one sentence."""
+        measured = config.device.calibration_file
+        rig_dir = self._rig_directory(config)
+        if rig_dir != Path():
+            config = _on_rig(config, rig_dir)
+        modes = load_modes(config, rig_dir)
+        warm_up(config)
+        return Prepared(
+            config,
+            modes,
+            load_parasitic_modes(config),
+            tuple(calibration.load(Path(measured), modes.M)) if measured else (),
+            _trackpad(config, rig_dir),
+            str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
+            Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ),
+            _remote(config),
+        )
+
+    def _rig_directory(self, config: Config) -> Path:
+        """Where the simulated rig is: one that runs already, or one of our own; "." where none is asked for."""
+        if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
+            return Path(config.sim.rig_dir)
+        key = config.sim.scenario, config.sim.seed
+        if key not in self._rigs:
+            self._rigs[key] = RigProcess(*key)
+        return self._rigs[key].directory
+
+
+def check(config: Config) -> None:
+    """What `hapticd run --check` does. Raises HapticdError in one sentence where something is wrong."""
+    with ConfigLoader() as config_loader:
+        config_loader.prepare(config)
+
+
+def run(config: Config, reread: Callable[[], Config] | None = None, judge: Sequence[str] = ()) -> None:
+    """What `hapticd run` does, until SIGTERM or SIGINT; `reread` gives the configuration again at SIGHUP, after the
+    command `judge` has found nothing wrong with it."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
+    signal.signal(signal.SIGHUP, lambda *_: None)  # until then there is nothing to read again
+    with ConfigLoader() as config_loader, contextlib.closing(Notifier()) as notifier:
+        asyncio.run(_serve(config_loader, config_loader.prepare(config), notifier, reread, judge))
+
+
+async def _serve(
+    config_loader: ConfigLoader,
+    prepared: Prepared,
+    notifier: Notifier,
+    reread: Callable[[], Config] | None,
+    judge: Sequence[str] = (),
+) -> None:
+    async def read_again() -> Config:
+        assert reread is not None
+        await _judged(judge)
+        return reread()
+
+    while True:
+        wanted = await serve(prepared.daemon(notifier), prepared.modes, read_again if reread else None)
+        if wanted is None:
+            break
+        prepared = await _prepared(config_loader, wanted, prepared.config, notifier)
+    notifier.tell(stopping=1)
+
+
+async def _judged(command: Sequence[str]) -> None:
+    """Have another process prepare what shall run. Raises HapticdError with what it says, if it fails."""
+    if not command:
+        return
+    judge = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
+    try:
+        _, said = await asyncio.wait_for(judge.communicate(), JUDGE_WITHIN_S)
+    except TimeoutError:
+        raise HapticdError(f"The configuration could not be judged within {JUDGE_WITHIN_S:g} s.") from None
+    finally:
+        if judge.returncode is None:
+            judge.kill()
+    if judge.returncode != 0:
+        lines = said.decode(errors="replace").strip().splitlines()
+        raise HapticdError(lines[-1].removeprefix("hapticd: ") if lines else "The configuration could not be judged.")
+
+
+async def _prepared(config_loader: ConfigLoader, wanted: Config, before: Config, notifier: Notifier) -> Prepared:
+    """What shall run now that the plate is quiet; the configuration before, if since its judgement a file has gone."""
+    preparing = asyncio.create_task(asyncio.to_thread(config_loader.prepare, wanted))
+    while not (await asyncio.wait({preparing}, timeout=SIGN_OF_LIFE_S))[0]:
+        notifier.tell(watchdog=1)
+    try:
+        return preparing.result()
+    except HapticdError as error:
+        log.error("SIGHUP: %s The configuration in force stays.", error)
+        return config_loader.prepare(before)
+
+
+def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
+    """The configured mode shapes; for the simulated plate the rig's own cartography, computed here where no rig has
+    written one. Raises ModesError, ConfigError."""
+    if config.plate.modes_file:
+        modes = ModeShapes.load(config.plate.modes_file)
+    elif rig_dir is not None and (rig_dir / MODES_FILE).is_file():
+        modes = ModeShapes.load(rig_dir / MODES_FILE)
+    else:
+        from ..sim.plate.truth import PlateSettings, PlateTruth  # half the memory of a daemon that does not need it
+
+        modes = PlateTruth(PlateSettings()).cartography(config.sim.seed)
+    if len(config.limits.w_limit_um) != modes.M:
+        raise ConfigError(
+            f"limits.w_limit_um: has {len(config.limits.w_limit_um)} limits for a plate of {modes.M} modes: "
+            "give one for each mode."
+        )
+    return modes
+
+
+def load_parasitic_modes(config: Config) -> ParasiticModes | None:
+    """The modes that only fingers drive, where the configuration names them. Raises ModesError, ConfigError."""
+    plate = config.plate
+    if not plate.parasitic_modes_file:
+        return None
+    detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.parasitic_detuning_hz]
+    modes = ModeShapes.load(plate.parasitic_modes_file)
+    try:
+        return ParasiticModes(modes, plate.parasitic_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
+    except ValueError as error:
+        raise ConfigError(f"plate.parasitic_modes_file: {error}") from None
+
+
+def _on_rig(config: Config, rig_dir: Path) -> Config:
+    """The same with what was measured of the rig's plate, unless it names a plate's neighbouring modes itself."""
+    config = replace(config, sim=replace(config.sim, rig_dir=str(rig_dir)))
+    file = rig_dir / PLATE_FILE
+    if config.plate.parasitic_modes_file or config.device.port != SIMULATED or not file.is_file():
+        return config
+    found = load(file).plate
+    return replace(
+        config,
+        plate=replace(
+            config.plate,
+            parasitic_modes_file=found.parasitic_modes_file,
+            parasitic_detuning_hz=found.parasitic_detuning_hz,
+            parasitic_decay_1_s=found.parasitic_decay_1_s,
+            finger_decay_1_s=found.finger_decay_1_s,
+        ),
+    )
+
+
+def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
+    if config.trackpad.source == "hid":
+        return HidTrackpad(config.trackpad.model)
+    if config.trackpad.source == "replay":
+        return ReplayTrackpad(config.trackpad.replay_file)
+    return SocketTrackpad(rig_dir / "trackpad", "mt2-usb")
+
+
+def _remote(config: Config) -> Remote | None:
+    """Where clients connect over TCP, if anywhere. Raises HapticdError where it would be without keys."""
+    if not config.client.tcp:
+        return None
+    host, _, port = config.client.tcp.rpartition(":")
+    return Remote(host, int(port), keys.load(Path(config.client.keys_dir)))

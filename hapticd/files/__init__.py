@@ -1,0 +1,1 @@
+"""File formats: mode maps, calibrations, configuration syntax, recordings, and where outputs may be written."""

@@ -1,0 +1,88 @@
+"""What sweeps found of the plate's modes, as a TOML file that a person can read and correct.
+
+`hapticd firmware sweep --save FILE` writes it; the service reads the one that `device.calibration_file` names, and
+tells the board.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..board_values import ModeCalibration
+from ..errors import ConfigError
+from ..wire import protocol
+from .toml_file import read_table, shown
+
+# Key of the file, lower and upper bound.
+KEYS = {
+    "frequency_hz": (1000.0, 1e6),
+    "q_factor": (1.0, 1e5),
+    "gain_um_per_v_s": (0.001, 1e4),
+    "loop_phase_deg": (-360.0, 360.0),
+}
+HEADER = """\
+# Modes of the plate, measured by `hapticd firmware sweep`. The plate moves by gain_um_per_v_s for each volt and second;
+# loop_phase_deg is what amplifier, electrodes and sensor add to the loop.
+"""
+
+
+def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
+    """The calibrated modes in the file at `path`, at most one for each of `modes`. Raises ConfigError."""
+    table = read_table(path, "check device.calibration_file")
+    entries = table.pop("mode", None)
+    if table or not isinstance(entries, list):
+        raise ConfigError(f"{path}: must hold [[mode]] tables and nothing else: measure with `hapticd firmware sweep`.")
+    found = [_mode(entry, f"{path}: [[mode]] {place}") for place, entry in enumerate(entries, 1)]
+    for place, calibration in enumerate(found, 1):
+        if not 0 <= calibration.mode < modes:
+            raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is not one of the plate's {modes}.")
+        if calibration.mode in [earlier.mode for earlier in found[: place - 1]]:
+            raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} stands there twice: delete one.")
+    return tuple(found)
+
+
+def save(path: Path, calibrations: Sequence[ModeCalibration]) -> None:
+    """Writes the file anew, modes in order. Raises ConfigError."""
+    text = HEADER + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode))
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror}): name a file in a folder of yours.") from None
+
+
+def _text(calibration: ModeCalibration) -> str:
+    return (
+        f"\n[[mode]]\nmode = {calibration.mode}\nfrequency_hz = {calibration.frequency_hz:.3f}\n"
+        f"q_factor = {calibration.q_factor:.2f}\ngain_um_per_v_s = {calibration.gain_um_per_v_s:.5g}\n"
+        f"loop_phase_deg = {math.degrees(calibration.loop_phase_rad):.2f}\n"
+    )
+
+
+def _mode(entry: Any, where: str) -> ModeCalibration:
+    if not isinstance(entry, dict):
+        raise ConfigError(f"{where}: must be a table: write [[mode]] and its keys below.")
+    unknown = set(entry) - {"mode", *KEYS}
+    missing = {"mode", *KEYS} - set(entry)
+    if unknown or missing:
+        wrong = f"unknown key {min(unknown)}" if unknown else f"{min(missing)} is missing"
+        raise ConfigError(f"{where}: {wrong}: the keys are mode, {', '.join(KEYS)}.")
+    mode = entry["mode"]
+    if isinstance(mode, bool) or not isinstance(mode, int):
+        raise ConfigError(f"{where}.mode: must be a whole number, 0 for the first mode, not {shown(mode)}.")
+    for key, (low, high) in KEYS.items():
+        value = entry[key]
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            raise ConfigError(f"{where}.{key}: {shown(value)} is out of bounds, it must be {low:g} .. {high:g}.")
+    decay_1_s = math.pi * entry["frequency_hz"] / entry["q_factor"]
+    if not protocol.is_within(decay_1_s, protocol.DECAY_1_S):
+        raise ConfigError(f"{where}.q_factor: {entry['q_factor']:g} makes no resonance of it: measure again.")
+    return ModeCalibration(
+        mode=mode,
+        frequency_hz=float(entry["frequency_hz"]),
+        q_factor=float(entry["q_factor"]),
+        gain_um_per_v_s=float(entry["gain_um_per_v_s"]),
+        loop_phase_rad=math.radians(entry["loop_phase_deg"]),
+    )

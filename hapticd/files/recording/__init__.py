@@ -1,0 +1,1 @@
+"""Recordings: everything that the daemon receives and decides, in one file."""

@@ -1,0 +1,46 @@
+"""What a client wants, put back into the message that it would have sent: simulated clients speak in values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+
+from ...values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, Target, VirtualPath
+from ...wire.client import PROTOCOL_VERSION
+
+
+def payload_of(message: ClientTargets) -> bytes:
+    """A message of the `targets` socket that means the same."""
+    stamp = {} if message.stamp is None else {"stamp": message.stamp}
+    return bytes(
+        msgpack.packb(
+            {
+                "v": PROTOCOL_VERSION,
+                "client": message.client,
+                "ttl_s": message.ttl_ns * 1e-9,
+                **stamp,
+                "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
+                "virtuals": [_virtual(name, path) for name, path in message.virtuals.items()],
+            }
+        )
+    )
+
+
+def _target(target: Target) -> dict[str, Any]:
+    match target:
+        case AmplitudeTarget(amplitude_um):
+            return {"amplitude_um": amplitude_um}
+        case FrictionTarget(friction_frac):
+            return {"friction": friction_frac}
+        case GratingTarget():
+            names = ("period_mm", "angle_rad", "low_um", "high_um", "duty_frac")
+            return {"grating": {name: getattr(target, name) for name in names}}
+        case MapTarget():
+            names = ("width", "height", "levels", "low_um", "high_um")
+            return {"map": {name: getattr(target, name) for name in names}}
+
+
+def _virtual(name: str, path: VirtualPath) -> dict[str, Any]:
+    points = [list(point) for point in path.points_mm]
+    return {"name": name, "path_mm": points, "speed_mm_s": path.speed_mm_s, "loop": path.loop}

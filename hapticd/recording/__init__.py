@@ -1,1 +1,0 @@
-"""Recordings: all that a machine heard, wrote and decided, in one file that explains itself. See README.md here."""

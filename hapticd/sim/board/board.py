@@ -1,0 +1,291 @@
+"""The board in the loop: the firmware's own C core with a plate behind its amplifiers, in virtual time.
+
+Nothing here reads a clock or draws from a global generator: the same calls give the same bytes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .carrier import Converters
+from .firmware import Setup, doubles, load
+from .rows import BoardTrace, Rows
+
+__all__ = [
+    "CHUNK_S",
+    "FLAG_DEADMAN",
+    "FLAG_LIMITED",
+    "FLAG_LIVE",
+    "FLAG_SATURATED",
+    "PLATE_MODES_MAX",
+    "RESET_POWER",
+    "RESET_WATCHDOG",
+    "Board",
+    "BoardConfig",
+    "BoardTrace",
+    "PlateModel",
+]
+
+FLAG_SATURATED: Final = 0x01
+FLAG_LIMITED: Final = 0x02
+FLAG_LIVE: Final = 0x04
+FLAG_DEADMAN: Final = 0x08
+
+PLATE_MODES_MAX: Final = 8
+
+CHUNK_S: Final = 50e-6  # from a tick to its voltage on the plate: HD_CHUNK of firmware/core/carrier.h
+RESET_POWER: Final = 1
+RESET_WATCHDOG: Final = 4
+
+_LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
+_TRANSMIT_BYTES: Final = 512  # all pending messages of three modes together need less
+
+
+@dataclass(frozen=True, slots=True)
+class PlateModel:
+    """The simulated truth: P plate modes driven by M amplifiers and seen by M sensors.
+
+    `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode against the drive, `gain_um_per_v_s` (P, M) of each amplifier
+    on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick,
+    `loop_phase_rad` (M,) the constant phase of each loop, none if left out.
+    """
+
+    decay_1_s: npt.NDArray[np.float64]
+    detuning_rad_s: npt.NDArray[np.float64]
+    gain_um_per_v_s: npt.NDArray[np.float64]
+    sensor: npt.NDArray[np.float64]
+    noise_um: float
+    amplifier_limit_v: float
+    loop_phase_rad: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        p, m = self.plate_modes, self.modes
+        if not 1 <= p <= PLATE_MODES_MAX:
+            raise ValueError(f"A plate model has 1 to {PLATE_MODES_MAX} modes, not {p}.")
+        shapes = {"detuning_rad_s": (p,), "gain_um_per_v_s": (p, m), "sensor": (m, p)}
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"{name} has shape {np.shape(getattr(self, name))}, not {shape}.")
+        for name in ("decay_1_s", *shapes, "noise_um", "amplifier_limit_v"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise ValueError(f"{name} is not finite.")
+        if len(self.loop_phase_rad) not in (0, m) or not np.all(np.isfinite(self.loop_phase_rad)):
+            raise ValueError(f"loop_phase_rad is {self.loop_phase_rad}: give {m} finite numbers, or none.")
+        if not (np.all(self.decay_1_s > 0) and self.noise_um >= 0 and self.amplifier_limit_v > 0):
+            raise ValueError("Decay rates and the amplifier limit are positive, the noise is not negative.")
+
+    @property
+    def plate_modes(self) -> int:
+        return int(np.shape(self.decay_1_s)[0])
+
+    @property
+    def modes(self) -> int:
+        return int(np.shape(self.gain_um_per_v_s)[1])
+
+
+def reference_decay_1_s(quality: float = 500.0) -> tuple[float, float]:
+    """sigma = pi f0 / Q of the reference plate's two modes, 29 195 and 29 215 Hz."""
+    return math.pi * 29195.0 / quality, math.pi * 29215.0 / quality
+
+
+def reference_gain_um_per_v_s(quality: float = 500.0) -> float:
+    """g of the reference plate: 150 V hold 4 um, 10 Hz beside the resonance."""
+    return 4.0 / 150.0 * math.hypot(math.pi * 29205.0 / quality, 2.0 * math.pi * 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BoardConfig:
+    """What the board believes and allows; the defaults are the reference plate's, Q = 500.
+
+    `controller` "pi" is the founding paper's four independent PI, "pi_ff" adds coupling compensation and feed-forward,
+    "deadbeat" plans with what an observer tells; gains left at None are the firmware's tested ones. `loop_phase_rad` is
+    the calibration of the loops, none if left out.
+    """
+
+    w_limit_um: tuple[float, ...] = (4.0, 4.0)
+    v_limit_v: float = 150.0
+    control_hz: float = 2000.0
+    drive_hz: float = 29205.0
+    decay_1_s: tuple[float, ...] = field(default_factory=reference_decay_1_s)
+    detuning_rad_s: tuple[float, ...] = (-20.0 * math.pi, 20.0 * math.pi)
+    gain_um_per_v_s: tuple[float, ...] = field(default_factory=lambda: (reference_gain_um_per_v_s(),) * 2)
+    loop_phase_rad: tuple[float, ...] = ()
+    controller: str = "deadbeat"
+    bandwidth_1_s: float | None = None
+    integral_time_s: float | None = None
+    latch_repeated_trips: bool = False
+    reset_cause: int = RESET_POWER
+
+    def __post_init__(self) -> None:
+        m = len(self.w_limit_um)
+        for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s"):
+            if len(getattr(self, name)) != m:
+                raise ValueError(f"{name} has {len(getattr(self, name))} values for {m} modes.")
+        if len(self.loop_phase_rad) not in (0, m):
+            raise ValueError(f"loop_phase_rad has {len(self.loop_phase_rad)} values for {m} modes.")
+        if self.controller not in _LAWS:
+            raise ValueError(f"controller is {self.controller!r}, not one of {', '.join(_LAWS)}.")
+
+
+class Board:
+    """A running board. It stands at an instant, the last tick's; `run` moves it on.
+
+    `t_start_us` is the instant of its boot on a clock that does not wrap, one tick before its first tick; what the
+    board sees and says is that clock modulo 2^32. With `converters` the carrier is simulated too, sample by sample; the
+    model's `noise_um` and `loop_phase_rad` are then replaced by what the converters do.
+    """
+
+    def __init__(
+        self,
+        model: PlateModel,
+        *,
+        config: BoardConfig | None = None,
+        seed: int = 0,
+        boot_id: int = 1,
+        t_start_us: int = 0,
+        converters: Converters | None = None,
+    ) -> None:
+        config = BoardConfig() if config is None else config
+        if len(config.w_limit_um) != model.modes:
+            raise ValueError(
+                f"The board is configured for {len(config.w_limit_um)} modes, its plate has {model.modes}."
+            )
+        if converters is not None and any(model.loop_phase_rad):
+            raise ValueError("A simulated carrier has the loop phase of its converters: leave loop_phase_rad out.")
+        self.model = model
+        self.config = config
+        self._library = load(model.modes)
+        self._board = self._library.hd_board_new(
+            ctypes.byref(_setup(model, config, seed, boot_id, t_start_us, converters))
+        )
+        if not self._board:
+            raise ValueError(
+                "The firmware refuses its configuration: rates, limits and gains are positive and bounded"
+                + (
+                    ", and a carrier drives at 20 to 125 kHz with ticks of 1 to 40 chunks of 50 us."
+                    if converters
+                    else "."
+                )
+            )
+        self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
+        self._rows: Rows | None = None
+
+    def __del__(self) -> None:
+        if getattr(self, "_board", None):
+            self._library.hd_board_free(self._board)
+
+    @property
+    def unwrapped_us(self) -> int:
+        """The instant of the last tick on a clock that never wraps."""
+        return int(self._library.hd_board_t_us(self._board))
+
+    @property
+    def t_us(self) -> int:
+        """The same on the board's own 32-bit clock."""
+        return self.unwrapped_us & 0xFFFFFFFF
+
+    @property
+    def t_ns(self) -> int:
+        return self.unwrapped_us * 1000
+
+    def reset(self, boot_id: int, cause: int = RESET_WATCHDOG) -> None:
+        """The processor starts anew now: another boot, a clock from 0, no voltage. The plate rings down by itself."""
+        self._library.hd_board_reset(self._board, boot_id, cause)
+
+    def receive(self, data: bytes, at_us: int | None = None) -> None:
+        """Bytes come in now, or at an instant `at_us` before the next tick."""
+        self._library.hd_board_receive(self._board, data, len(data), self.unwrapped_us if at_us is None else at_us)
+
+    def transmit(self, at_us: int | None = None) -> bytes:
+        """The bytes that the board wants to send, taken from it now or at `at_us`, which its messages then bear."""
+        t_us = self.unwrapped_us if at_us is None else at_us
+        n = self._library.hd_board_transmit(self._board, self._out, _TRANSMIT_BYTES, t_us)
+        return ctypes.string_at(self._out, n) if n > 0 else b""
+
+    def run(
+        self,
+        ticks: int,
+        phi: npt.NDArray[np.float64],
+        contact_decay_1_s: npt.NDArray[np.float64],
+        out: BoardTrace,
+        offset: int = 0,
+        *,
+        stop_on_transmit: bool = False,
+    ) -> int:
+        """Performs up to `ticks` ticks and writes their rows from `offset` on; returns how many were performed.
+
+        Row i of `phi` (T, F, P) and `contact_decay_1_s` (T, F) holds for the time that leads to row i of `out`; a
+        finger that does not touch has decay 0, whatever its shapes. With `stop_on_transmit` the run ends after the
+        tick that has something to send.
+        """
+        rows = self._rows
+        if rows is None or not (rows.phi is phi and rows.contact_decay_1_s is contact_decay_1_s and rows.out is out):
+            rows = self._rows = Rows.of(phi, contact_decay_1_s, out, self.model.modes, self.model.plate_modes)
+        if not 0 <= offset <= offset + ticks <= rows.length:
+            raise ValueError(f"Rows {offset} to {offset + ticks} do not fit arrays of {rows.length} rows.")
+        return int(
+            self._library.hd_board_run(
+                self._board,
+                ticks,
+                rows.fingers,
+                rows.phi_at + offset * phi.strides[0],
+                rows.contact_decay_at + offset * contact_decay_1_s.strides[0],
+                rows.trace,
+                offset,
+                stop_on_transmit,
+            )
+        )
+
+    def estimate(self) -> npt.NDArray[np.float64]:
+        """Decay (1/s) and detuning (rad/s) of each mode (M, 2) as the board's observer has learned them."""
+        learned = np.zeros((self.model.modes, 2))
+        self._library.hd_board_estimate(self._board, learned.ctypes.data)
+        return learned
+
+    def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
+        """From now on the sensors say `measured_um` (M,), which may be NaN; None lets them see the plate again."""
+        if measured_um is None:
+            self._library.hd_board_fake_measurement(self._board, None)
+            return
+        values = np.ascontiguousarray(measured_um, dtype=np.complex128)
+        if values.shape != (self.model.modes,):
+            raise ValueError(f"measured_um has shape {values.shape}, not {(self.model.modes,)}.")
+        self._library.hd_board_fake_measurement(self._board, values.ctypes.data)
+
+
+def _setup(
+    model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int, converters: Converters | None
+) -> Setup:
+    return Setup(
+        plate_modes=model.plate_modes,
+        decay_1_s=doubles(model.decay_1_s),
+        detuning_rad_s=doubles(model.detuning_rad_s),
+        gain_um_per_v_s=doubles(model.gain_um_per_v_s),
+        sensor=doubles(model.sensor),
+        loop_phase_rad=doubles(model.loop_phase_rad or (0.0,) * model.modes),
+        noise_um=model.noise_um,
+        amplifier_limit_v=model.amplifier_limit_v,
+        seed=seed,
+        converters=None if converters is None else ctypes.pointer(converters.setup()),
+        t_start_us=t_start_us,
+        boot_id=boot_id,
+        control_hz=config.control_hz,
+        drive_hz=config.drive_hz,
+        v_limit_v=config.v_limit_v,
+        w_limit_um=doubles(config.w_limit_um),
+        nominal_decay_1_s=doubles(config.decay_1_s),
+        nominal_detuning_rad_s=doubles(config.detuning_rad_s),
+        nominal_gain_um_per_v_s=doubles(config.gain_um_per_v_s),
+        nominal_loop_phase_rad=doubles(config.loop_phase_rad or (0.0,) * model.modes),
+        law=_LAWS[config.controller],
+        bandwidth_1_s=0.0 if config.bandwidth_1_s is None else config.bandwidth_1_s,
+        integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,
+        latch_repeated_trips=config.latch_repeated_trips,
+        reset_cause=config.reset_cause,
+    )

@@ -1,0 +1,215 @@
+"""The firmware's whole program as a process, with a plate of its own inside: in QEMU or on this computer.
+
+    qemu   firmware/build/qemu.elf, the program for the Cortex-M4, in QEMU's netduinoplus2
+    host   firmware/build/hapticd-board, the same program compiled for this computer
+
+Either runs main.c, the signal chain at 1 MHz and a plate sample by sample; `firmware/boards/emulated` says what that
+plate leaves out: above all fingers, the neighbouring modes and noise. Two byte streams lead out: the line, as behind a
+serial port, and the bench, which sees the plate's truth. A board started `stepped` stands still but for `step`: then
+same bytes in, same bytes out.
+"""
+
+from __future__ import annotations
+
+import selectors
+import shutil
+import socket
+import struct
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ...errors import DeviceError
+
+BOARDS: Final = ("qemu", "host")
+QEMU: Final = "qemu-system-arm"
+CHUNK_US: Final = 50
+MODES: Final = 2
+
+_FIRMWARE = Path(__file__).parents[3] / "firmware"  # in a source checkout; a wheel has no firmware to run
+_PROGRAMS = {"qemu": _FIRMWARE / "build" / "qemu.elf", "host": _FIRMWARE / "build" / "hapticd-board"}
+_OPTIONS_ADDRESS = 0x20000000  # hd_emulation_options_t in firmware/boards/qemu/link.ld
+_OPTIONS = struct.Struct("<III")
+_STEP = struct.Struct("<IH")
+_REPORT = struct.Struct(f"<IIH{2 * MODES}f")
+_ANSWER_WITHIN_S = 30.0
+_READ_SIZE = 1 << 16
+_SEND_BUFFER = 1 << 20  # QEMU writes bytes one by one, and each takes its place in the kernel as a packet
+
+
+@dataclass(frozen=True, slots=True)
+class BenchReport:
+    """What the bench saw at `t_us` of the board's clock: how many bytes the board had written to the line by then, how
+    many steps it had ended, and the plate's amplitudes (M,) in the frame of the nominal drive."""
+
+    t_us: int
+    line_bytes: int
+    steps: int
+    plate_um: tuple[complex, ...]
+
+
+def find_program(board: str, given: Path | None = None) -> Path:
+    """The program of `board`: `given`, or the source checkout's. Raises DeviceError, with what to do, if it lacks."""
+    if board == "qemu" and shutil.which(QEMU) is None:
+        raise DeviceError(
+            f"{QEMU} is not installed, so no board can be emulated: install it (Debian: apt install {QEMU})."
+        )
+    program = given if given is not None else _PROGRAMS[board]
+    if program.is_file():
+        return program
+    if given is not None:
+        raise DeviceError(f"{given}: there is no such image of the firmware: build one with `make -C firmware`.")
+    needs = "gcc-arm-none-eabi and libnewlib-arm-none-eabi" if board == "qemu" else "gcc"
+    raise DeviceError(
+        f"{program}: the firmware is not built: in a source checkout, with {needs} installed, run `make -C firmware`."
+    )
+
+
+class Emulator:
+    """A running board. `line` and `bench` are non-blocking sockets; whoever steps it uses `step` instead.
+
+    Somebody has to read both: an emulated serial port waits for its reader, and the board with it.
+    """
+
+    def __init__(
+        self, board: str, program: Path, *, boot_id: int = 1, t_start_us: int = 0, stepped: bool = False
+    ) -> None:
+        self.line, line_end = _pair()
+        self.bench, bench_end = _pair()
+        options = (boot_id & 0xFFFFFFFF, t_start_us & 0xFFFFFFFF, int(stepped))
+        make = _qemu_command if board == "qemu" else _host_command
+        ends = (line_end.fileno(), bench_end.fileno())
+        try:
+            self.process = subprocess.Popen(
+                make(program, *ends, options), stdin=subprocess.DEVNULL, pass_fds=ends, start_new_session=True
+            )
+        except OSError as error:
+            self.line.close()
+            self.bench.close()
+            raise DeviceError(
+                f"{program}: cannot be run ({error.strerror}): name what `make -C firmware` built."
+            ) from None
+        finally:
+            line_end.close()
+            bench_end.close()
+        self._half_a_report = b""
+        self._steps = self._sent = self._heard = 0
+        self._wait_until_it_runs()
+
+    def __enter__(self) -> Emulator:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the board. It has nothing to save, and QEMU would say that it was asked to end."""
+        self.process.kill()
+        self.process.wait()
+        self.line.close()
+        self.bench.close()
+
+    def write(self, data: bytes) -> None:
+        """Bytes for the line; what it does not take is lost, as on a wire."""
+        try:
+            self._sent += self.line.send(data)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise self._ended() from error
+
+    def read(self) -> bytes:
+        """What the board wrote to the line since, without waiting. Raises DeviceError if the board has ended."""
+        data = self._receive(self.line)
+        self._heard += len(data)
+        return data
+
+    def reports(self) -> list[BenchReport]:
+        """What the bench saw since, without waiting."""
+        data = self._half_a_report + self._receive(self.bench)
+        whole = len(data) - len(data) % _REPORT.size
+        self._half_a_report = data[whole:]
+        return [_report(values) for values in _REPORT.iter_unpack(data[:whole])]
+
+    def step(self, data: bytes, chunks: int) -> tuple[list[BenchReport], bytes]:
+        """Give a stepped board `data` over the line, then let it run `chunks` of 50 us; what the bench saw and what the
+        board answered meanwhile."""
+        self.write(data)
+        self._steps += 1
+        self.bench.sendall(_STEP.pack(self._sent & 0xFFFFFFFF, chunks))
+        seen: list[BenchReport] = []
+        said = b""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self.line, selectors.EVENT_READ)
+            selector.register(self.bench, selectors.EVENT_READ)
+            while not self._stepped(seen):
+                if not selector.select(_ANSWER_WITHIN_S):
+                    raise DeviceError("The emulated board does not answer: its program may have crashed.")
+                said += self.read()
+                seen += self.reports()
+        return seen, said
+
+    def _wait_until_it_runs(self) -> None:
+        """The first report says that the ports are open: what comes before is lost."""
+        try:
+            self.bench.settimeout(_ANSWER_WITHIN_S)
+            self._half_a_report = self.bench.recv(_READ_SIZE)
+            self.bench.setblocking(False)
+        except OSError:
+            self._half_a_report = b""
+        if not self._half_a_report:
+            self.close()
+            raise DeviceError("The emulated board did not start: its own message above says why.")
+
+    def _stepped(self, seen: list[BenchReport]) -> bool:
+        """The step has ended and everything that was said in it has been heard."""
+        if not seen or seen[-1].steps != self._steps & 0xFFFF:
+            return False
+        return seen[-1].line_bytes == self._heard & 0xFFFFFFFF
+
+    def _receive(self, port: socket.socket) -> bytes:
+        try:
+            data = port.recv(_READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._ended() from error
+        if not data:
+            raise self._ended()
+        return data
+
+    def _ended(self) -> DeviceError:
+        return DeviceError("The emulated board ended by itself: its own message above says why.")
+
+
+def _pair() -> tuple[socket.socket, socket.socket]:
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+    return ours, theirs
+
+
+def _qemu_command(program: Path, line: int, bench: int, options: tuple[int, int, int]) -> list[str]:
+    # QEMU does not mind its ports being closed: this ends it with whoever started it, however that ends.
+    leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
+    command = [*leash, QEMU, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(program)]
+    for name, descriptor in (("line", line), ("bench", bench)):
+        command += ["-chardev", f"socket,id={name},fd={descriptor}", "-serial", f"chardev:{name}"]
+    for index, value in enumerate(options):
+        address = _OPTIONS_ADDRESS + 4 * index
+        command += ["-device", f"loader,addr={address:#x},data={value:#x},data-len=4"]
+    return command
+
+
+def _host_command(program: Path, line: int, bench: int, options: tuple[int, int, int]) -> list[str]:
+    boot_id, t_start_us, stepped = options
+    command = [str(program), "--line", str(line), "--bench", str(bench)]
+    command += ["--boot-id", str(boot_id), "--start-us", str(t_start_us)]
+    return command + ["--stepped"] * stepped
+
+
+def _report(values: tuple[float, ...]) -> BenchReport:
+    t_us, line_bytes, steps, *parts = values
+    plate_um = tuple(complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True))
+    return BenchReport(int(t_us), int(line_bytes), int(steps), plate_um)

@@ -1,0 +1,116 @@
+"""The firmware's shared library, as `firmware/boards/host/lockstep.h` declares it.
+
+It is built from `firmware/core` and `firmware/boards/host` when the package is installed, once per number of modes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+_DOUBLES = ctypes.POINTER(ctypes.c_double)
+
+
+class ConverterSetup(ctypes.Structure):
+    """`hd_converter_setup_t` of firmware/boards/host/lockstep.h."""
+
+    _fields_ = [
+        ("volts_per_lsb", ctypes.c_double),
+        ("um_per_lsb", ctypes.c_double),
+        ("offset_lsb", ctypes.c_double),
+        ("noise_lsb", ctypes.c_double),
+        ("amplifier_lag_us", ctypes.c_double),
+    ]
+
+
+class Setup(ctypes.Structure):
+    """`hd_board_setup_t` of firmware/boards/host/lockstep.h."""
+
+    _fields_ = [
+        ("plate_modes", ctypes.c_int32),
+        ("decay_1_s", _DOUBLES),
+        ("detuning_rad_s", _DOUBLES),
+        ("gain_um_per_v_s", _DOUBLES),
+        ("sensor", _DOUBLES),
+        ("loop_phase_rad", _DOUBLES),
+        ("noise_um", ctypes.c_double),
+        ("amplifier_limit_v", ctypes.c_double),
+        ("seed", ctypes.c_uint64),
+        ("converters", ctypes.POINTER(ConverterSetup)),
+        ("t_start_us", ctypes.c_uint64),
+        ("boot_id", ctypes.c_uint32),
+        ("control_hz", ctypes.c_double),
+        ("drive_hz", ctypes.c_double),
+        ("v_limit_v", ctypes.c_double),
+        ("w_limit_um", _DOUBLES),
+        ("nominal_decay_1_s", _DOUBLES),
+        ("nominal_detuning_rad_s", _DOUBLES),
+        ("nominal_gain_um_per_v_s", _DOUBLES),
+        ("nominal_loop_phase_rad", _DOUBLES),
+        ("law", ctypes.c_int32),
+        ("bandwidth_1_s", ctypes.c_double),
+        ("integral_time_s", ctypes.c_double),
+        ("latch_repeated_trips", ctypes.c_int32),
+        ("reset_cause", ctypes.c_int32),
+    ]
+
+
+class Trace(ctypes.Structure):
+    """`hd_board_trace_t` of firmware/boards/host/lockstep.h."""
+
+    _fields_ = [
+        ("reference_um", ctypes.c_void_p),
+        ("measured_um", ctypes.c_void_p),
+        ("plate_um", ctypes.c_void_p),
+        ("voltage_v", ctypes.c_void_p),
+        ("flags", ctypes.c_void_p),
+    ]
+
+
+@cache
+def load(modes: int) -> ctypes.CDLL:
+    """The host build of the firmware for this number of modes; raises RuntimeError if it was not built."""
+    name = "hapticd.sim.board._firmware" if modes == 2 else f"hapticd.sim.board._firmware_{modes}modes"
+    spec = importlib.util.find_spec(name)
+    if spec is None or spec.origin is None:
+        raise RuntimeError(
+            f"The firmware for {modes} modes ({name}) is not built: "
+            f"install a C compiler, then hapticd with `pip install -e .`."
+        )
+    library = ctypes.CDLL(spec.origin)
+    board, size = ctypes.c_void_p, ctypes.c_size_t
+    signatures: dict[str, tuple[type | None, list[type]]] = {
+        "hd_board_modes": (ctypes.c_int32, []),
+        "hd_board_setup_size": (size, []),
+        "hd_board_new": (board, [ctypes.POINTER(Setup)]),
+        "hd_board_free": (None, [board]),
+        "hd_board_reset": (None, [board, ctypes.c_uint32, ctypes.c_int32]),
+        "hd_board_t_us": (ctypes.c_uint64, [board]),
+        "hd_board_receive": (None, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
+        "hd_board_transmit": (size, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
+        "hd_board_run": (
+            size,
+            [board, size, ctypes.c_int32, board, board, ctypes.POINTER(Trace), size, ctypes.c_int32],
+        ),
+        "hd_board_estimate": (None, [board, ctypes.c_void_p]),
+        "hd_board_fake_measurement": (None, [board, ctypes.c_void_p]),
+        "hd_carrier_init": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
+        "hd_carrier_listen": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
+    }
+    for function, (result, arguments) in signatures.items():
+        getattr(library, function).restype = result
+        getattr(library, function).argtypes = arguments
+    if library.hd_board_modes() != modes or library.hd_board_setup_size() != ctypes.sizeof(Setup):
+        raise RuntimeError(
+            f"{spec.origin} was built from other sources: install hapticd again with `pip install -e .`."
+        )
+    return library
+
+
+def doubles(values: npt.ArrayLike) -> ctypes.Array[ctypes.c_double]:
+    flat = np.ravel(np.asarray(values, dtype=np.float64))
+    return (ctypes.c_double * len(flat))(*flat)

@@ -1,0 +1,70 @@
+"""The simulated person: knows which finger is whose, and asks for what each should feel, as a client would."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...values import AmplitudeTarget, ClientTargets, Target
+from ..scenarios import Actor
+
+TTL_NS = 500_000_000
+REFRESH_S = 0.15
+ABSENT_MM = 1e9  # how far an actor that is not on the plate is from any finger: still nearer than a virtual one
+
+
+def virtual_name(actor: int) -> str:
+    """What the virtual finger of an actor is called."""
+    return f"virtual-{actor}"
+
+
+class ScriptedClient:
+    """Turns the daemon's finger ids into actors (by place, when an id is first seen) and actors' wants into targets.
+
+    `actor_of` maps finger ids and virtual names to actors.
+    """
+
+    def __init__(self, actors: Sequence[Actor]) -> None:
+        self._actors = actors
+        self._virtuals = {
+            virtual_name(index): actor.virtual for index, actor in enumerate(actors) if actor.virtual is not None
+        }
+        self.actor_of: dict[int | str, int] = {
+            virtual_name(index): index for index, actor in enumerate(actors) if actor.virtual is not None
+        }
+        self._last: dict[int | str, Target] = {}
+        self._t_last_s = -math.inf
+
+    def wants(
+        self, t_s: float, t_sampled_s: float, fingers: Sequence[tuple[int, float, float]]
+    ) -> ClientTargets | None:
+        """The message to send now, if something changed or the last one is getting old.
+
+        `fingers` are the daemon's (id, x_mm, y_mm), sampled at `t_sampled_s`.
+        """
+        for finger_id, x_mm, y_mm in fingers:
+            if finger_id not in self.actor_of:
+                self.actor_of[finger_id] = self._nearest(x_mm, y_mm, t_sampled_s)
+        targets: dict[int | str, Target] = {}
+        keys: list[int | str] = [*self._virtuals, *(finger_id for finger_id, _, _ in fingers)]
+        for key in keys:
+            amplitude_um = self._actors[self.actor_of[key]].wants_at_um(t_s)
+            if amplitude_um is not None:
+                targets[key] = AmplitudeTarget(amplitude_um)
+        if targets == self._last and t_s - self._t_last_s < REFRESH_S:
+            return None
+        self._last, self._t_last_s = targets, t_s
+        return ClientTargets("scenario", TTL_NS, targets, self._virtuals)
+
+    def _nearest(self, x_mm: float, y_mm: float, t_s: float) -> int:
+        def distance_mm(index: int) -> float:
+            path = self._actors[index].path
+            if path is None:
+                return math.inf
+            position = path.position_mm(np.array([t_s]))[0]
+            away_mm = math.hypot(position[0] - x_mm, position[1] - y_mm)
+            return away_mm if math.isfinite(away_mm) else ABSENT_MM
+
+        return min(range(len(self._actors)), key=distance_mm)

@@ -1,0 +1,257 @@
+"""The simulated trackpad: finger paths to the raw reports a real one would send, with its errors.
+
+Reports are genuine: the layouts of `wire.trackpad`, positions rounded to the pad's units, the device's 21-bit
+millisecond stamp, contact ids 1..15 of which a landing finger gets the lowest free one, and the end of a contact
+that drivers describe (Magic Trackpad 2: state 7, then 0, then a frame without it). While nothing touches, the pad is
+silent. What a finger's ellipse and pressure look like is that of an index finger in public captures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count, takewhile
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...values import AffineMap
+from ...wire.trackpad import GEOMETRY, MAX_RECORDS, RECORD, STAMP_WRAP_MS
+from .paths import Path
+
+__all__ = ["Record", "Report", "Scan", "SensorModel", "SensorSettings", "encode_mt1", "encode_mt2"]
+
+Array = npt.NDArray[np.float64]
+
+_TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
+BLOCK = 64  # frames whose positions are asked for at once, where they are known so far ahead
+_OFF_PAD_MM = 3.0  # a finger's centre may lie a little beyond the declared range and still be felt
+_MAX_RAW = 4095
+_PRESSURE_RISE = (0.4, 0.7, 1.0)  # of the first frames of a contact
+_CENTRED = AffineMap()
+
+
+class Record(NamedTuple):
+    """One contact record in raw units. `orientation` is 0..7 on the Magic Trackpad 2, 0..63 on the first."""
+
+    contact_id: int
+    x: int
+    y: int
+    state: int = _TOUCHING
+    major: int = 98
+    minor: int = 85
+    size: int = 40
+    pressure: int = 28
+    orientation: int = 4
+    finger: int = 2
+
+
+class Report(NamedTuple):
+    """A raw report, when the pad sampled the fingers for it, and when the host gets it (s)."""
+
+    t_sample_s: float
+    t_arrive_s: float
+    data: bytes
+
+
+class Scan(NamedTuple):
+    """One scan of the pad, and what the host gets of it: nothing, a report, or the same report twice."""
+
+    t_sample_s: float
+    reports: tuple[Report, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSettings:
+    """The pad and its errors.
+
+    `noise_mm` is the standard deviation of white noise on each axis, `stamp_jitter_ms` the half width of the stamp's
+    uniform error before it is rounded to whole milliseconds. `plate_from_pad` is where the pad truly lies: the same
+    value as the decoder's where that is calibrated. `t_device_start_ms` is the device's clock at time 0; None takes
+    one from the seed that wraps within the first ten seconds.
+    """
+
+    model: str = "mt2-usb"
+    period_s: float = 0.01125
+    latency_s: float = 0.010
+    noise_mm: float = 0.05
+    stamp_jitter_ms: float = 1.0
+    lost_frac: float = 0.0
+    duplicate_frac: float = 0.0
+    plate_from_pad: AffineMap = _CENTRED
+    t_device_start_ms: int | None = None
+
+
+_DEFAULT = SensorSettings()
+
+
+def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool = False) -> bytes:
+    """A Magic Trackpad 2 report, 0x02 or 0x31. ValueError if a field does not fit."""
+    stamp_ms = t_ms % STAMP_WRAP_MS
+    header = bytes((0x31, stamp_ms << 3 & 0xF8 | button, stamp_ms >> 5 & 0xFF, stamp_ms >> 13))
+    prefix = bytes((0x02, button, 0, 0, 0, 0, 0, bool(records))) if usb else b""
+    return prefix + header + b"".join(map(_mt2_record, _fitting(records, orientations=8)))
+
+
+def encode_mt1(t_ms: int, records: Sequence[Record], *, button: bool = False) -> bytes:
+    """A Magic Trackpad 1 report, 0x28. It has no pressure and no finger; ValueError if a field does not fit."""
+    header = bytes((0x28, (t_ms & 63) << 2 | button, t_ms >> 6 & 0xFF, t_ms >> 14 & 0xFF))
+    return header + b"".join(map(_mt1_record, _fitting(records, orientations=64)))
+
+
+def _fitting(records: Sequence[Record], *, orientations: int) -> Sequence[Record]:
+    if len(records) > MAX_RECORDS:
+        raise ValueError(f"a report holds at most {MAX_RECORDS} records, not {len(records)}")
+    limits = Record(16, 4096, 4096, 8, 256, 256, 256, 256, orientations, 8)
+    for record in records:
+        for name, value, limit in zip(Record._fields, record, limits, strict=True):
+            if not (-limit if name in "xy" else 0) <= value < limit:
+                raise ValueError(f"{name} {value} does not fit in a contact record: it must be below {limit}")
+    return records
+
+
+def _mt2_record(record: Record) -> bytes:
+    word = _position_word(record) | record.finger << 26 | record.state << 29
+    last = record.contact_id | record.orientation << 5
+    return RECORD.pack(word, record.major, record.minor, record.size, record.pressure, last)
+
+
+def _mt1_record(record: Record) -> bytes:
+    size_and_id = min(record.size, 63) | (record.contact_id & 3) << 6
+    id_and_angle = record.contact_id >> 2 | record.orientation << 2
+    return RECORD.pack(_position_word(record), record.major, record.minor, size_and_id, id_and_angle, record.state << 4)
+
+
+def _position_word(record: Record) -> int:
+    return record.x & 0x1FFF | (record.y & 0x1FFF) << 13
+
+
+class SensorModel:
+    """Reports of one pad for the given finger paths (at most 15). Same settings, seed and paths: same bytes.
+
+    `block` is for how many frames at once the paths are asked; the noise depends on it. ValueError if the model is
+    unknown or `plate_from_pad` cannot be inverted.
+    """
+
+    def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0, *, block: int = BLOCK) -> None:
+        if settings.model not in GEOMETRY:
+            raise ValueError(f"unknown trackpad model {settings.model!r}: use one of {', '.join(GEOMETRY)}")
+        self.settings = settings
+        self.seed = seed
+        self._block = block
+        affine = settings.plate_from_pad
+        self._pad_from_plate = np.linalg.inv(
+            ((affine.xx, affine.xy), (affine.yx, affine.yy))
+        )  # LinAlgError: ValueError
+        self._offset_mm = np.array((affine.offset_x_mm, affine.offset_y_mm))
+
+    def reports(self, paths: Sequence[Path], t_end_s: float) -> list[Report]:
+        """All reports sampled before `t_end_s`, in the order in which they arrive."""
+        scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths))
+        return [report for scan in scans for report in scan.reports]
+
+    def stream(self, paths: Sequence[Path]) -> Iterator[Report]:
+        """Reports for ever. Until a finger lands there is no next one: to keep time meanwhile, use `scans`."""
+        if not paths:
+            raise ValueError("a pad without fingers never reports: use scans")
+        return (report for scan in self.scans(paths) for report in scan.reports)
+
+    def scans(self, paths: Sequence[Path]) -> Iterator[Scan]:
+        """Every scan of the pad, for ever: silent ones and lost ones have no report, a duplicated one has two."""
+        if len(paths) > MAX_RECORDS:
+            raise ValueError(f"a pad senses at most {MAX_RECORDS} fingers, not {len(paths)}")
+        return self._scan(paths, np.random.default_rng([self.seed, len(paths)]))
+
+    def _scan(self, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[Scan]:
+        settings = self.settings
+        is_mt1 = settings.model == "mt1"
+        contacts = _Contacts([_look(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
+        start_ms = settings.t_device_start_ms
+        if start_ms is None:
+            start_ms = STAMP_WRAP_MS - int(rng.integers(1, 10_000))
+        first = rng.random()  # the pad's scans and the run begin independently
+        size = self._block
+        for block in count(step=size):
+            t_s: Array = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
+            stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
+            points, copies = self._raw_points(paths, t_s, rng), self._copies(rng)
+            for i, t_sample_s in enumerate(t_s.tolist()):
+                records = contacts.scan([path_points[i] for path_points in points])
+                if records is None:
+                    yield Scan(t_sample_s, ())
+                    continue
+                data = self._encode(int(stamps_ms[i]), records)
+                yield Scan(t_sample_s, (Report(t_sample_s, t_sample_s + settings.latency_s, data),) * copies[i])
+
+    def _raw_points(
+        self, paths: Sequence[Path], t_s: Array, rng: np.random.Generator
+    ) -> list[list[tuple[int, int] | None]]:
+        """By path and time the position in raw units, None where the pad does not feel a finger."""
+        pad = GEOMETRY[self.settings.model]
+        half_mm = np.array((pad.width_mm, pad.height_mm)) / 2 + _OFF_PAD_MM
+        points: list[list[tuple[int, int] | None]] = []
+        for path in paths:
+            pad_mm = (path.position_mm(t_s) - self._offset_mm) @ self._pad_from_plate.T
+            is_felt = np.all(np.abs(pad_mm) <= half_mm, axis=1)  # False for NaN
+            noisy_mm = np.nan_to_num(pad_mm) + rng.normal(0, 1, pad_mm.shape) * self.settings.noise_mm
+            raw = np.clip(np.rint(noisy_mm * pad.units_per_mm + pad.centre_raw), -_MAX_RAW, _MAX_RAW).astype(int)
+            points.append([(x, y) if felt else None for (x, y), felt in zip(raw.tolist(), is_felt, strict=True)])
+        return points
+
+    def _copies(self, rng: np.random.Generator) -> list[int]:
+        """How often the report of each scan of a block is delivered."""
+        is_lost, is_duplicated = rng.random((2, self._block)) < [
+            [self.settings.lost_frac],
+            [self.settings.duplicate_frac],
+        ]
+        copies: list[int] = np.where(is_lost, 0, 1 + is_duplicated).tolist()
+        return copies
+
+    def _encode(self, stamp_ms: int, records: Sequence[Record]) -> bytes:
+        if self.settings.model == "mt1":
+            return encode_mt1(stamp_ms, records)
+        return encode_mt2(stamp_ms, records, usb=self.settings.model.endswith("-usb"))
+
+
+class _Contacts:
+    """The pad's own book of contacts: which id a finger has, and how a contact begins and ends."""
+
+    def __init__(self, looks: Sequence[Record], *, is_mt1: bool) -> None:
+        self._looks = looks
+        self._states = (_MT1_START, _TOUCHING) if is_mt1 else (_TOUCHING, _TOUCHING)
+        self._down: dict[int, tuple[int, Record]] = {}  # by path: frames down and the last record
+        self._ending: list[Record] = []
+        self._was_silent = True
+
+    def scan(self, points: Sequence[tuple[int, int] | None]) -> list[Record] | None:
+        """The records of the next frame for the fingers' raw positions; None where the pad stays silent."""
+        self._ending = [record._replace(state=_NONE) for record in self._ending if record.state == _OUT_OF_RANGE]
+        lifted = [self._down.pop(path)[1] for path in tuple(self._down) if points[path] is None]
+        self._ending += [record._replace(state=_OUT_OF_RANGE, pressure=0) for record in lifted]
+        for path, point in enumerate(points):
+            if point is not None:
+                self._touch(path, *point)
+        records = [record for _, record in self._down.values()] + self._ending
+        is_silent, self._was_silent = self._was_silent and not records, not records
+        return None if is_silent else records
+
+    def _touch(self, path: int, x: int, y: int) -> None:
+        age, record = self._down.get(path, (0, self._looks[path]))
+        if age == 0:
+            taken = {other.contact_id for _, other in self._down.values()} | {r.contact_id for r in self._ending}
+            contact_id = next((i for i in range(1, MAX_RECORDS + 1) if i not in taken), None)
+            if contact_id is None:
+                return  # every id is in use: the finger is felt once one is free
+            record = record._replace(contact_id=contact_id)
+        pressure = round(self._looks[path].pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
+        state = self._states[min(age, 1)]
+        self._down[path] = (age + 1, record._replace(x=x, y=y, state=state, pressure=pressure))
+
+
+def _look(rng: np.random.Generator, *, is_mt1: bool) -> Record:
+    """An index finger's ellipse and pressure, none like another; its axis points away from the user."""
+    orientation = int(rng.integers(28, 37) if is_mt1 else rng.integers(3, 6))
+    major, minor = int(rng.integers(90, 107)), int(rng.integers(76, 90))
+    size, pressure = int(rng.integers(34, 47)), int(rng.integers(20, 37))
+    return Record(1, 0, 0, _TOUCHING, major, minor, size, pressure, orientation)

@@ -1,0 +1,1 @@
+"""The simulated rig in real time: a board and a trackpad that the daemon opens like real devices."""

@@ -1,7 +1,0 @@
-"""What a machine and its parts tell of themselves while they work: to a recorder, or to nobody."""
-
-from __future__ import annotations
-
-from collections.abc import Callable
-
-Tap = Callable[..., None]  # (kind, t_ns, *values): what was heard, written or found; `recording.records` has all kinds

@@ -1,0 +1,1 @@
+"""What people run: one module or package for each command of `hapticd`."""

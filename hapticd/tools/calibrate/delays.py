@@ -1,0 +1,114 @@
+"""Step 4: how long each part of a touch's way takes, and with it how far ahead fingers are predicted.
+
+The service measures the horizon itself, frame by frame; what it cannot know at its start is told here: the link's delay
+and the pad's report period. The sensor's own delay, from the finger's position to the report, shows in no clock of
+ours: `trackpad.latency_ms` stays as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...config import loader as config
+from ...config.sections import SIMULATED, Config
+from ...errors import CalibrationError
+from ..latency import program as latency
+from ..latency.program import STAGES, Measured
+from . import picture
+from .folder import CONFIG_FILE
+from .verdict import Figure, Finding, Outcome, Verdict, judge
+
+PICTURE_FILE, LEDGER_FILE = "latency.png", "latency.csv"
+STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # of the frames that come late or are never applied
+PERIOD_WORTH_FRAC = 0.03  # a report period nearer to the configured one is the same
+LEAST_FRAMES = 50
+SPREAD_WORTH_MS = 3.0  # of the link, from the median to the 95th percentile
+
+
+def run(options: argparse.Namespace) -> Verdict:
+    """The whole step on the devices of the configuration. Raises HapticdError."""
+    picture.require()
+    configured = _configuration(options)
+    is_simulated = SIMULATED in (configured.device.port, configured.trackpad.source)
+    if is_simulated and not options.sim:
+        raise CalibrationError(
+            "The configuration names simulated devices: calibrate the real ones first, or add --sim."
+        )
+    measured = latency.measure(configured, options.seconds)
+    latency.draw(measured, options.out / PICTURE_FILE)
+    latency.write_ledger(measured.lines, options.out / LEDGER_FILE)
+    return verdict(measured, configured, is_simulated=options.sim)
+
+
+def _configuration(options: argparse.Namespace) -> Config:
+    """--config, or what the steps before have made, or the simulated plate."""
+    made: Path = options.out / CONFIG_FILE
+    if options.config is not None:
+        named: Path = options.config
+        return config.simulated(config.load(named)) if options.sim else config.load(named)
+    if made.exists():
+        return config.load(made)
+    if options.sim:
+        return Config()
+    raise CalibrationError(f"No devices are named: give --config, or do the steps before, which make {made}.")
+
+
+def verdict(measured: Measured, configured: Config, *, is_simulated: bool) -> Verdict:
+    """What the frames say of the way, and what the service is to start from."""
+    figures = tuple(
+        Figure(f"{what}, {percent} %", measured.stages[name].percentile_ns(percent) * 1e-6, "ms")
+        for name, what in STAGES.items()
+        for percent in (50, 95, 99)
+    )
+    lost_frac = _lost_frac(measured)
+    period_ms = report_period_ms(measured)
+    figures += (Figure("report period", period_ms, "ms"), Figure("frames late or lost", 100.0 * lost_frac, "%"))
+    outcome, sentence = judge(
+        _findings(measured, lost_frac),
+        f"Fingers are predicted {measured.stages['horizon'].percentile_ns(50) * 1e-6:.1f} ms ahead, "
+        f"{measured.stages['link'].percentile_ns(50) * 1e-6:.1f} of them for the link.",
+    )
+    settings: dict[str, dict[str, Any]] = {
+        "device": {"link_ms": round(min(measured.stages["link"].percentile_ns(50) * 1e-6, 40.0), 2)}
+    }
+    if abs(period_ms / configured.prediction.period_ms - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
+        settings["prediction"] = {"period_ms": round(period_ms, 2)}
+    return Verdict("latency", outcome, sentence, figures, settings, is_simulated)
+
+
+def report_period_ms(measured: Measured) -> float:
+    """The median time between samples that made frames; NaN where there were fewer than two."""
+    samples_ns = np.unique([line.t_sample_ns for line in measured.lines])
+    return float(np.median(np.diff(samples_ns))) * 1e-6 if len(samples_ns) > 1 else float("nan")
+
+
+def _lost_frac(measured: Measured) -> float:
+    counts = measured.counts
+    return (counts["frames late"] + counts["frames unanswered"]) / max(
+        counts["frames"] + counts["frames unanswered"], 1
+    )
+
+
+def _findings(measured: Measured, lost_frac: float) -> list[Finding]:
+    link = measured.stages["link"]
+    spread_ms = (link.percentile_ns(95) - link.percentile_ns(50)) * 1e-6
+    findings: list[Finding] = []
+    if lost_frac > USABLE_FRAC:
+        findings.append(
+            (Outcome.FAIL, f"{100 * lost_frac:.0f} % of the frames come late or are lost: look at the link.")
+        )
+    elif lost_frac > STEADY_FRAC:
+        findings.append(
+            (Outcome.LOOK, f"{100 * lost_frac:.1f} % of the frames come late or are lost: is the machine busy?")
+        )
+    if len(measured.lines) < LEAST_FRAMES:
+        findings.append((Outcome.LOOK, f"Only {len(measured.lines)} frames: move two fingers, for longer."))
+    if spread_ms > SPREAD_WORTH_MS:
+        findings.append(
+            (Outcome.LOOK, f"The link's delay varies by {spread_ms:.1f} ms: see [realtime], and the cable.")
+        )
+    return findings

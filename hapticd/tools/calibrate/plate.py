@@ -1,0 +1,166 @@
+"""`hapticd plate`: what a plate of a size, thickness and material could be driven with, and where it may be held.
+
+Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, its frequencies differ
+by some per cent, and its modes are measured (`hapticd calibrate modes`); the mode file is for trying before there is
+one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.plate.mode_shapes import ModeShapes
+from ...design import free_plate_modes
+from ...design.materials import Material, find_material
+from ...design.pairs import ModePair, mode_pairs
+from ...design.stamps import Stamp, common_nodes, four_stamps
+from ...errors import CalibrationError, ModesError
+from ...files.outputs import check_writable, write_text
+from . import picture
+from .modes import parse_size
+
+SPAN_FRAC = 0.05  # of the frequency, to either side, where pairs are looked for
+ROWS = 10  # of the tables
+MAP_STEP_MM = 1.375
+MOST_UM = 20.0  # of a mode, as in the service's configuration
+DRAWN = 2  # pairs in the picture
+
+
+def run(options: argparse.Namespace) -> int:
+    """Tables, and the files that were asked for. Raises HapticdError."""
+    check_writable(options.json, options.out, options.plot)
+    size_mm = parse_size(options.size)
+    try:
+        pairs = _pairs(options, size_mm, find_material(options.material))
+    except ValueError as error:
+        raise CalibrationError(f"This plate cannot be designed: {error}") from None
+    if not 1 <= options.pair <= len(pairs):
+        raise CalibrationError(_no_pair(options, len(pairs)))
+    if not 0.0 <= options.stamp_mm <= min(size_mm) / 4.0:
+        raise CalibrationError(f"--stamp is {options.stamp_mm:g}: give a radius of 0 mm up to a quarter of the plate.")
+    if not 0.0 <= options.amplitude_um <= MOST_UM:
+        raise CalibrationError(f"--amplitude is {options.amplitude_um:g}: give 0 to {MOST_UM:g} um.")
+    pair = pairs[options.pair - 1]
+    nodes = common_nodes(pair.shapes, options.stamp_mm)
+    chosen = four_stamps(nodes, size_mm)
+    out = sys.stderr if options.json == "-" else sys.stdout
+    print(_pair_table(pairs, options.pair), file=out)
+    print(_stamp_table(pair, nodes, chosen, options), file=out)
+    if options.json is not None:
+        _write_json(pairs, pair, nodes, options.json)
+    if options.out is not None:
+        _write_map(pair, size_mm, options.out)
+    if options.plot is not None:
+        draw(pairs[:DRAWN] if pair in pairs[:DRAWN] else (pair,), pair, nodes, chosen, options.plot)
+    return 0
+
+
+def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Material) -> tuple[ModePair, ...]:
+    if not 0.0 < options.near_hz < math.inf:
+        raise ValueError(f"--near is {options.near_hz:g}; give a frequency in Hz.")
+    if not 0.0 <= options.splitting_hz < math.inf:
+        raise ValueError(f"--splitting is {options.splitting_hz:g}; give 0 Hz or more.")
+    band_hz = (options.near_hz * (1.0 - SPAN_FRAC), options.near_hz * (1.0 + SPAN_FRAC))
+    modes = free_plate_modes(size_mm, options.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz)
+    return mode_pairs(modes, options.near_hz, options.splitting_hz)
+
+
+def _no_pair(options: argparse.Namespace, pairs: int) -> str:
+    if pairs == 0:
+        near = (
+            f"within {100 * SPAN_FRAC:g} % of {options.near_hz:g} Hz no two modes lie {options.splitting_hz:g} Hz apart"
+        )
+        return f"No pair: {near}: give another --near, or more --splitting."
+    return f"--pair is {options.pair}: there are {pairs}, the first is 1."
+
+
+def _pair_table(pairs: Sequence[ModePair], taken: int) -> str:
+    lines = ["   pair                         centre Hz  split Hz  next mode Hz"]
+    for place, pair in enumerate(pairs[: max(ROWS, taken)], 1):
+        mark = "*" if place == taken else " "
+        lines.append(
+            f"{mark}{place:>2} {pair.name:<28} {pair.centre_hz:9.1f} {pair.splitting_hz:9.1f} {pair.next_hz:13.1f}"
+        )
+    if len(pairs) > ROWS:
+        lines.append(f"   and {len(pairs) - ROWS} more, farther away")
+    return "\n".join(lines)
+
+
+def _stamp_table(pair: ModePair, nodes: Sequence[Stamp], chosen: Sequence[Stamp], options: argparse.Namespace) -> str:
+    if not nodes:
+        return f"\n{pair.name}: no common node has room for a stamp of {options.stamp_mm:g} mm."
+    um = options.amplitude_um
+    lines = [
+        f"\n{pair.name}: {len(nodes)} common nodes. With both modes at {um:g} um a stamp of {options.stamp_mm:g} mm "
+        f"radius is moved by {um * nodes[0].moved_frac:.2f} to {um * nodes[-1].moved_frac:.2f} um.",
+        "Four to glue, the calmest of each quadrant:" if len(chosen) == 4 else "Not every quadrant has one:",
+        "     x mm    y mm  moved um",
+    ]
+    lines += [f"  {stamp.x_mm:7.2f} {stamp.y_mm:7.2f} {um * stamp.moved_frac:9.3f}" for stamp in chosen]
+    return "\n".join(lines)
+
+
+def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp], file: str) -> None:
+    table: dict[str, Any] = {
+        "pairs": [
+            {
+                "modes": [shape.name for shape in one.shapes],
+                "frequency_hz": list(one.frequency_hz),
+                "splitting_hz": one.splitting_hz,
+                "next_hz": one.next_hz if math.isfinite(one.next_hz) else None,
+            }
+            for one in pairs
+        ],
+        "taken": pairs.index(pair) + 1,
+        "stamps": [stamp._asdict() for stamp in nodes],
+    }
+    write_text(json.dumps(table, indent=2) + "\n", file)
+
+
+def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None:
+    """A mode file as `plate.modes_file` wants it: peaks of 1, edge to edge."""
+    x_mm, y_mm = (
+        np.linspace(-edge_mm / 2, edge_mm / 2, math.ceil(edge_mm / max(MAP_STEP_MM, edge_mm / 300)) + 1)
+        for edge_mm in size_mm
+    )
+    try:
+        ModeShapes.from_grid(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in pair.shapes])).save(path)
+    except ModesError as error:
+        raise CalibrationError(str(error)) from None
+
+
+def draw(
+    pairs: Sequence[ModePair], taken: ModePair, nodes: Sequence[Stamp], chosen: Sequence[Stamp], path: Path
+) -> None:
+    """Both shapes of each pair, and of the taken one the common nodes over where it moves. Raises CalibrationError."""
+    rows = len(pairs)
+    figure, axes = picture.canvas(3, rows, width_in=7.5, height_in=2.5 * rows)
+    width_mm, depth_mm = taken.shapes[0].size_mm
+    x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, 161) for edge_mm in (width_mm, depth_mm))
+    extent = (-width_mm / 2, width_mm / 2, -depth_mm / 2, depth_mm / 2)
+    for row, pair in zip(axes, pairs, strict=True):
+        grids = [shape.on_grid(x_mm, y_mm) for shape in pair.shapes]
+        for plot, grid, shape, hz in zip(row, grids, pair.shapes, pair.frequency_hz, strict=False):
+            plot.imshow(grid, origin="lower", extent=extent, cmap="RdBu", vmin=-1, vmax=1)
+            plot.set_title(f"{shape.name}: {hz:.0f} Hz", fontsize=9)
+        row[2].imshow(abs(grids[0]) + abs(grids[1]), origin="lower", extent=extent, cmap="Greys", vmin=0, vmax=2)
+        if pair is taken:
+            row[2].scatter([one.x_mm for one in nodes], [one.y_mm for one in nodes], s=6, color="tab:blue")
+            row[2].scatter(
+                [one.x_mm for one in chosen],
+                [one.y_mm for one in chosen],
+                s=60,
+                facecolors="none",
+                edgecolors="tab:red",
+            )
+        row[2].set_title("both at once; stamps" if pair is taken else "both at once", fontsize=9)
+        row[0].set_ylabel("y, mm")
+    picture.save(figure, path)

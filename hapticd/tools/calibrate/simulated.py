@@ -1,0 +1,70 @@
+"""What the simulated plate gives the steps to measure, where no process with a board is needed for it.
+
+Its truth is that of `sim.plate.truth`: the scan is of the driven modes with noise of 2 % of the peak, 3 % of the points
+lost, 1 % wrong, and the phase of a drive; the pad lies as the rig's pad does; and friction falls as the scene's
+built-in curve says. Left out: a scan that lies turned, fingers that miss their mark, friction that drifts as a finger
+dries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ...core.targets.textures import DEFAULT_FRICTION_CURVE
+from ...design import free_plate_modes, sample_scan
+from ...sim.fingers.paths import Rest, Touch, Touches
+from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
+from ...sim.plate.truth import DRIVEN_MODES
+
+SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
+DRIVE_PHASES_RAD = (0.4, -1.1)  # of the vibrometer's readings: the drive's, not the plate's
+
+HOLD_S, AWAY_S = 0.9, 0.5  # how long a finger stays on a mark, and between two
+TREMOR_MM = 0.05
+
+BARE_FRICTION, FLOOR_FRICTION = 0.8, 0.25  # coefficients of a dry finger on glass, still and levitated
+FRICTION_NOISE = 0.02
+REPEATS = 5  # readings at each amplitude
+SLIPS = 3  # readings in which the finger stuck
+
+Array = npt.NDArray[np.float64]
+
+
+def scan(seed: int) -> tuple[Array, npt.NDArray[np.complex128]]:
+    """Points (N, 2) and complex readings (N, M) of the driven modes."""
+    shapes = {shape.name: shape for _, shape in free_plate_modes()}
+    return sample_scan(
+        [shapes[name] for name in DRIVEN_MODES],
+        noise_frac=SCAN_NOISE_FRAC,
+        seed=seed,
+        missing_frac=SCAN_MISSING_FRAC,
+        dropout_frac=SCAN_DROPOUT_FRAC,
+        scale=np.exp(1j * np.array(DRIVE_PHASES_RAD)).tolist(),
+    )
+
+
+def touch_reports(
+    marks_mm: Sequence[tuple[float, float]], seed: int, settings: SensorSettings | None = None
+) -> list[Report]:
+    """The pad's reports while one finger after the other rests on each mark."""
+    touches = tuple(
+        Touch(Rest(mark, TREMOR_MM, seed + place), place * (HOLD_S + AWAY_S), place * (HOLD_S + AWAY_S) + HOLD_S)
+        for place, mark in enumerate(marks_mm)
+    )
+    model = SensorModel(SensorSettings() if settings is None else settings, seed)
+    return model.reports([Touches(touches)], len(marks_mm) * (HOLD_S + AWAY_S))
+
+
+def friction_readings(seed: int) -> tuple[Array, Array]:
+    """Amplitudes in um and coefficients of friction (N,), some of them wrong."""
+    random = np.random.default_rng(seed)
+    amplitude_um = np.repeat(np.linspace(0.0, 3.0, 25), REPEATS)
+    curve_um, fractions = zip(*((um, frac) for frac, um in DEFAULT_FRICTION_CURVE.knots), strict=True)
+    share = np.interp(amplitude_um, curve_um[::-1], fractions[::-1])
+    friction = FLOOR_FRICTION + (BARE_FRICTION - FLOOR_FRICTION) * share
+    friction += FRICTION_NOISE * random.standard_normal(len(friction))
+    friction[random.choice(len(friction), SLIPS, replace=False)] += 0.3
+    return amplitude_um, friction

@@ -1,0 +1,193 @@
+"""Step 3: a finger touches marks on the plate, and where the pad lies under it follows.
+
+The pad is read as the service reads it, so the service must not run. On the simulated plate the fingers' reports are
+played in virtual time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import CalibrationError
+from ...io.trackpad import MODELS, HidTrackpad, TrackpadSource
+from ...values import RawReport
+from ...wire.trackpad import Decoder
+from . import picture, simulated
+from .affine import MIN_MARKS, AffineFit, fit_affine, placement
+from .touches import APART_MM, Point, TouchedMarks
+from .verdict import Figure, Finding, Outcome, Verdict, judge
+
+PICTURE_FILE = "trackpad.png"
+SIMULATED_MODEL = "mt2-usb"
+FARTHEST_MM = 500.0  # a mark on the largest plate there can be
+
+GOOD_MM, USABLE_MM = 1.0, 3.0  # of the residual left out: a fingertip aims to about half a millimetre
+TURNED_DEG = 45.0  # more is hardly meant
+SCALE = (0.9, 1.1)  # of a pad's own millimetres: they are good to some per cent
+ENLARGED = 20.0  # the residuals in the picture
+
+
+def run(options: argparse.Namespace) -> Verdict:
+    """The whole step. Raises HapticdError."""
+    picture.require()
+    marks_mm = parse_marks(options.marks)
+    if options.sim:
+        model, touches_mm = SIMULATED_MODEL, _played(marks_mm, options.seed)
+    else:
+        model, touches_mm = asyncio.run(_touched(_pad(options.model), marks_mm, options.within))
+    found = fit_affine(touches_mm, marks_mm)
+    draw(marks_mm, touches_mm, found, options.out / PICTURE_FILE)
+    return verdict(found, {} if options.sim else {"source": "hid", "model": model}, is_simulated=options.sim)
+
+
+def parse_marks(text: str) -> list[Point]:
+    """Marks "x,y x,y ..." in plate mm. Raises CalibrationError."""
+    try:
+        marks = [(float(x), float(y)) for x, y in (mark.split(",") for mark in text.split())]
+    except ValueError:
+        raise CalibrationError(f"--marks is {text!r}: write each mark as X,Y, with blanks between them.") from None
+    if not all(abs(position) <= FARTHEST_MM for mark in marks for position in mark):  # NaN fails this, as it must
+        raise CalibrationError(f"--marks is {text!r}: positions are millimetres from the plate's centre.")
+    if len(marks) < MIN_MARKS or any(math.dist(*pair) <= 2 * APART_MM for pair in combinations(marks, 2)):
+        raise CalibrationError(f"--marks needs {MIN_MARKS} marks or more, {2 * APART_MM:g} mm or more from each other.")
+    return marks
+
+
+def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
+    """What the simulated pad tells of the marks."""
+    decoder, touched = Decoder(SIMULATED_MODEL), TouchedMarks()
+    for report in simulated.touch_reports(marks_mm, seed):
+        for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
+            touched.update(frame)
+    if len(touched.rests_mm) < len(marks_mm):
+        missing = marks_mm[len(touched.rests_mm)]
+        raise CalibrationError(f"The simulated pad does not reach the mark {missing}: choose marks nearer the centre.")
+    return touched.rests_mm
+
+
+def _pad(model: str) -> HidTrackpad:
+    if model not in ("auto", *MODELS):
+        raise CalibrationError(f"--model is {model!r}: it is auto or one of {', '.join(MODELS)}.")
+    return HidTrackpad(model)
+
+
+async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[str, list[Point]]:
+    """The pad's model, and where it felt the marks; a person is told which one is next."""
+    if not 0.0 < within_s < math.inf:
+        raise CalibrationError(f"--within is {within_s:g}: give a time above 0 s.")
+    touched, decoders = TouchedMarks(), dict[str, Decoder]()
+    done = asyncio.Event()
+
+    def on_link(is_up: bool, reason: str) -> None:
+        print(f"trackpad: {reason}", flush=True)
+        if is_up and pad.model is not None:
+            decoders.setdefault(pad.model, Decoder(pad.model)).reset()
+            _ask(marks_mm, len(touched.rests_mm))
+
+    def on_reports(reports: Sequence[RawReport]) -> None:
+        if pad.model is None or done.is_set():
+            return
+        decoder = decoders[pad.model]
+        for report in reports:
+            for frame in decoder.decode(report.data, report.t_host_ns):
+                if len(touched.rests_mm) < len(marks_mm) and touched.update(frame) is not None:
+                    _ask(marks_mm, len(touched.rests_mm))
+        if decoder.needs_enable:
+            pad.request_enable()
+        if len(touched.rests_mm) == len(marks_mm):
+            done.set()
+
+    pad.start(asyncio.get_running_loop(), on_reports, on_link)
+    try:
+        await asyncio.wait_for(done.wait(), within_s)
+    except TimeoutError:
+        raise CalibrationError(
+            f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
+            "for half a second, lift it in between, and stop the service first if nothing is felt."
+        ) from None
+    finally:
+        await pad.close()
+    assert pad.model is not None
+    return pad.model, touched.rests_mm
+
+
+def _ask(marks_mm: Sequence[Point], place: int) -> None:
+    if place < len(marks_mm):
+        x_mm, y_mm = marks_mm[place]
+        print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm, and hold", flush=True)
+
+
+def verdict(found: AffineFit, device: dict[str, str], *, is_simulated: bool) -> Verdict:
+    """Whether the marks agree, and whether a pad can lie like this."""
+    here, where = found.plate_from_pad, placement(found.plate_from_pad)
+    figures = (
+        Figure("pad's centre x", here.offset_x_mm, "mm"),
+        Figure("pad's centre y", here.offset_y_mm, "mm"),
+        Figure("rotation", where.rotation_deg, "degrees"),
+        Figure("scale x", where.scale_x, ""),
+        Figure("scale y", where.scale_y, ""),
+        Figure("shear", where.shear, ""),
+        Figure("marks", float(len(found.left_out_mm)), ""),
+        Figure("residual, RMS", float(np.sqrt((found.residual_mm**2).sum(axis=1).mean())), "mm"),
+        Figure("residual of a mark left out, RMS", found.left_out_rms_mm, "mm"),
+        Figure("residual of a mark left out, largest", float(found.left_out_mm.max()), "mm"),
+    )
+    matrix = [round(value, 6) for value in (here.xx, here.xy, here.yx, here.yy)]
+    offset_mm = [round(here.offset_x_mm, 4), round(here.offset_y_mm, 4)]
+    outcome, sentence = judge(
+        _findings(found), f"{len(found.left_out_mm)} marks agree to {found.left_out_rms_mm:.2f} mm."
+    )
+    settings = {"trackpad": {**device, "offset_mm": offset_mm, "matrix": matrix}}
+    return Verdict("trackpad", outcome, sentence, figures, settings, is_simulated)
+
+
+def _findings(found: AffineFit) -> list[Finding]:
+    where = placement(found.plate_from_pad)
+    worst = int(np.argmax(found.left_out_mm)) + 1
+    findings: list[Finding] = []
+    if where.scale_y < 0.0:
+        findings.append(
+            (Outcome.FAIL, "The pad seems mirrored: were the marks touched in their order? x is right, y is away.")
+        )
+    elif abs(where.rotation_deg) > TURNED_DEG:
+        turned = f"The pad seems turned by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
+        findings.append((Outcome.LOOK, f"{turned}: is that how it lies, or were the marks touched in another order?"))
+    if found.left_out_rms_mm > USABLE_MM:
+        findings.append((Outcome.FAIL, f"The marks disagree by {found.left_out_rms_mm:.1f} mm: touch them again."))
+    elif found.left_out_rms_mm > GOOD_MM:
+        findings.append(
+            (
+                Outcome.LOOK,
+                f"The marks disagree by {found.left_out_rms_mm:.1f} mm, mark {worst} most: touch them again.",
+            )
+        )
+    if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
+        findings.append((Outcome.LOOK, "The pad's millimetres are far from the plate's: are the marks where you say?"))
+    return findings
+
+
+def draw(marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path) -> None:
+    """Marks, touches where the map puts them, and their difference enlarged. Raises CalibrationError."""
+    figure, axes = picture.canvas(1, width_in=5.5, height_in=4.5)
+    (plot,) = axes[0]
+    marks = np.array(marks_mm)
+    mapped = np.array([found.plate_from_pad.apply(*touch) for touch in touches_mm])
+    plot.plot(*marks.T, "s", markersize=9, fillstyle="none", label="marks")
+    plot.plot(*mapped.T, "+", markersize=9, label="touches, mapped")
+    for mark, residual_mm in zip(marks, found.residual_mm, strict=True):
+        tip = mark - ENLARGED * residual_mm
+        plot.plot([mark[0], tip[0]], [mark[1], tip[1]], color="tab:red", linewidth=1.5)
+    for place, mark in enumerate(marks, 1):
+        plot.annotate(str(place), mark, xytext=(8, 8), textcoords="offset points")
+    plot.plot([], [], color="tab:red", label=f"difference, {ENLARGED:g} times")
+    plot.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"left out: {found.left_out_rms_mm:.3f} mm RMS")
+    plot.margins(0.2)
+    plot.legend(fontsize=8, loc="center")
+    picture.save(figure, path)

@@ -1,0 +1,1 @@
+"""`hapticd firmware`: the board at the bench, while the service is stopped."""

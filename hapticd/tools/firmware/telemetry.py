@@ -1,0 +1,65 @@
+"""`hapticd firmware telemetry`: control ticks as they happen, as CSV or as one JSON map on each line."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+
+from ...errors import UsageError
+from ...tool_values import ModeSample, SetTelemetry, TelemetrySample
+from . import text
+from .conversation import Conversation
+
+FIRST_WITHIN_S = 2.0  # at the slowest rate
+PHASORS = ("reference_um", "measured_um", "voltage_v")
+FIGURES = ("decay_1_s", "detuning_rad_s")
+
+
+async def run(board: Conversation, options: argparse.Namespace) -> None:
+    """Stream for as long as asked; then say how many samples came and how many were dropped."""
+    if options.rate < 1:
+        raise UsageError(f"--rate is {options.rate}: a stream has at least 1 sample a second.")
+    if not options.seconds > 0.0:
+        raise UsageError(f"--seconds is {options.seconds:g}: a stream lasts for some time.")
+    if not options.json:
+        print(header(board.hello.modes))
+    loop = asyncio.get_running_loop()
+    samples, dropped, t_first_us = 0, 0, None
+    await board.demand(SetTelemetry(options.rate))
+    end_s = loop.time() + options.seconds
+    while (left_s := end_s - loop.time()) > 0.0:
+        sample = await board.wait_for(TelemetrySample, max(left_s, FIRST_WITHIN_S if samples == 0 else 0.0))
+        if sample is None:
+            break
+        t_first_us = sample.t_board_us if t_first_us is None else t_first_us
+        t_s = ((sample.t_board_us - t_first_us) & 0xFFFFFFFF) / 1e6
+        samples, dropped = samples + 1, sample.dropped
+        print(json.dumps({"t_s": t_s} | text.plain(sample)) if options.json else row(t_s, sample))
+    await board.demand(SetTelemetry(0))
+    damaged = board.damaged_frames
+    print(f"{samples} samples, {dropped} dropped by the board, {damaged} frames damaged", file=sys.stderr)
+
+
+def header(modes: int) -> str:
+    """Names of the columns."""
+    names = ["t_s", "t_board_us", "state", "saturated", "limited", "dropped"]
+    for k in range(modes):
+        names += [f"mode{k}_{name}_{axis}" for name in PHASORS for axis in "dq"]
+        names += [f"mode{k}_{name}" for name in FIGURES]
+    return ",".join(names)
+
+
+def row(t_s: float, sample: TelemetrySample) -> str:
+    """One line of the table."""
+    cells = [f"{t_s:.6f}", str(sample.t_board_us), sample.state.name, str(int(sample.saturated))]
+    cells += [str(int(sample.limited)), str(sample.dropped)]
+    for mode in sample.modes:
+        cells += _cells(mode)
+    return ",".join(cells)
+
+
+def _cells(mode: ModeSample) -> list[str]:
+    parts = [part for name in PHASORS for w in [getattr(mode, name)] for part in (w.real, w.imag)]
+    return [f"{part:.7g}" for part in (*parts, *(getattr(mode, name) for name in FIGURES))]

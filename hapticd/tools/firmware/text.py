@@ -1,0 +1,119 @@
+"""What the board said, for a person to read."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from enum import Enum
+from typing import Any
+
+from ...board_values import BoardHello, BoardState, BoardStatus
+from ...design.resonance import Resonance
+from ...tool_values import BoardController, BoardLog, LogEntry, SweepPoint
+from ...wire import protocol
+
+STATES = {
+    BoardState.QUIET: "quiet",
+    BoardState.LIVE: "live: it follows references",
+    BoardState.FAULT: "fault",
+    BoardState.TOOL: "busy with a sweep or a raw voltage",
+}
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: dataclasses become maps, complex numbers pairs, states their names."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {name: plain(item) for name, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [plain(item) for item in value]
+    if isinstance(value, Enum):
+        return value.name
+    return [value.real, value.imag] if isinstance(value, complex) else value
+
+
+def as_json(value: Any) -> str:
+    """The same as text on several lines."""
+    return json.dumps(plain(value), indent=2)
+
+
+def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
+    """Who the board is and how it is."""
+    limits = ", ".join(f"{limit_um:g}" for limit_um in hello.w_limit_um)
+    state = STATES[status.state]
+    if status.state is BoardState.FAULT:
+        state += f": {protocol.FAULTS.get(status.fault_code, f'code {status.fault_code}')}"
+    rows = (
+        ("firmware", f"{hello.firmware_version}, protocol {hello.protocol_version} ({hello.protocol_hash:08x})"),
+        ("boot", f"{hello.boot_id:08x}, {status.t_board_us / 1e6:.1f} s on its clock of 71.6 minutes"),
+        ("state", state),
+        ("modes", f"{hello.modes}, limits {limits} um and {hello.v_limit_v:g} V"),
+        ("rates", f"control {hello.control_hz:g} Hz, drive {hello.drive_hz:g} Hz, dead-man {hello.deadman_ms} ms"),
+        (
+            "link",
+            f"{round_trip_ms:.1f} ms there and back, {status.bad_frames} bad and {status.late_frames} late frames",
+        ),
+        ("trips", f"{status.deadman_trips} of the dead-man"),
+    )
+    return "\n".join(f"{name:<9} {text}" for name, text in rows)
+
+
+def controller(found: BoardController) -> str:
+    """Law, gains and what it believes of each mode."""
+    lines = [
+        f"law       {found.law or 'unknown to this hapticd'}, bandwidth {found.bandwidth_1_s:g} 1/s, "
+        f"integral time {1e3 * found.integral_time_s:g} ms"
+    ]
+    for k, model in enumerate(found.models):
+        phase_deg = math.degrees(math.atan2(model.loop.imag, model.loop.real))
+        offset_hz = model.detuning_rad_s / (2 * math.pi)
+        lines.append(
+            f"mode {k}    decay {model.decay_1_s:.1f} 1/s, {offset_hz:+.2f} Hz from the drive, "
+            f"gain {model.gain_um_per_v_s:.4g} um/(V s), loop phase {phase_deg:+.1f} degrees"
+        )
+    return "\n".join(lines)
+
+
+def log(found: BoardLog, boot_id: int) -> str:
+    """The last reset and what went wrong."""
+    cause = protocol.RESET_CAUSES.get(found.reset_cause, f"code {found.reset_cause}")
+    lines = [f"reset     {cause}", f"events    {found.events} logged"]
+    return "\n".join(lines + [f"  {_entry(entry, boot_id)}" for entry in found.entries])
+
+
+def _entry(entry: LogEntry, boot_id: int) -> str:
+    boot = "this boot" if entry.boot_id == boot_id else f"boot {entry.boot_id:08x}"
+    what = protocol.FAULTS.get(entry.code) or protocol.EVENTS.get(entry.code) or f"code {entry.code}"
+    mode = "" if entry.mode is None else f", mode {entry.mode}"
+    value = "" if entry.value == 0.0 else f" ({entry.value:g})"
+    return f"{boot}, at {entry.t_board_us / 1e6:.3f} s{mode}: {what}{value}"
+
+
+def sweep_head(modes: int) -> str:
+    """The table's first line."""
+    return "      Hz  " + "  ".join(f"  |W{k}| um   degrees" for k in range(modes))
+
+
+def sweep_row(point: SweepPoint) -> str:
+    """One line of the table: amplitude and phase of each mode against the voltage."""
+    cells = [f"{abs(w):9.5f} {math.degrees(math.atan2(w.imag, w.real)):9.2f}" for w in point.measured_um]
+    return f"{point.frequency_hz:9.2f} " + "  ".join(cells)
+
+
+def resonance(mode: int, found: Resonance, points: Sequence[SweepPoint]) -> str:
+    """What the fit makes of a sweep."""
+    driven = max(abs(point.measured_um[mode]) for point in points)
+    others = [abs(w) for point in points for k, w in enumerate(point.measured_um) if k != mode]
+    rows = (
+        ("mode", f"{mode}, {len(points)} points"),
+        ("resonance", f"{found.frequency_hz:.2f} Hz"),
+        ("quality", f"{found.q_factor:.1f}"),
+        ("gain", f"{found.gain_um_per_v_s:.4g} um/(V s)"),
+        ("phase", f"{math.degrees(found.loop_phase_rad):+.2f} degrees of the loop"),
+        ("residual", f"{100 * found.residual_frac:.2f} % of the largest answer"),
+        ("others", f"{100 * max(others, default=0.0) / driven:.1f} % of it in other modes, at most"),
+    )
+    return "\n".join(f"{name:<9} {text}" for name, text in rows)

@@ -1,0 +1,1 @@
+"""`hapticd latency`: what each part of the path from report to board takes."""

@@ -1,0 +1,223 @@
+"""`hapticd latency`: serve the devices at hand for a while as `hapticd run` does, and tell how long each part of a
+touch's way takes: as percentiles, as a picture of each distribution, and frame by frame.
+
+Every finger that comes down is asked for a vibration, the first for AMPLITUDE_UM and the others for none, so that each
+report makes a frame. Clients are not served meanwhile.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
+from typing import TextIO
+
+from ...config.sections import Config
+from ...core.board.ledger import Histogram, LedgerLine
+from ...daemon.daemon import Daemon, now_ns
+from ...daemon.lifecycle import serve
+from ...daemon.machine import Machine
+from ...daemon.service import ConfigLoader, Prepared
+from ...daemon.status import histogram_fields
+from ...errors import HapticdError, UsageError, reason
+from ...files.outputs import check_writable, write_text
+from ...values import AmplitudeTarget, ClientTargets, Target
+
+AMPLITUDE_UM = 0.5
+ASK_EVERY_S = 0.1  # also how often the ledger is copied, long before its 512 lines are full
+TTL_NS = 500_000_000
+
+_FROM_MS, _DECADES, _COLUMNS_PER_DECADE = 0.001, 5, 10  # the picture's axis, logarithmic: 1 us .. 100 ms
+_BARS = " ▁▂▃▄▅▆▇█"
+
+STAGES = {
+    "read_age": "sample to reading",
+    "wait": "reading to pass",
+    "wire": "reading to wire",
+    "compute": "pass and after",
+    "link": "writing to board",
+    "late": "later than planned",
+    "total": "sample to plate",
+    "horizon": "predicted ahead",
+    "tick_late": "timer late",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a run found: the frames that the board applied, histograms of the stages, what was late or missed, and how
+    much of one processor it took, since the first of them; NaN where that was not measured."""
+
+    lines: tuple[LedgerLine, ...]
+    stages: Mapping[str, Histogram]
+    counts: Mapping[str, int]
+    processor_percent: float = math.nan
+
+
+def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path | None, plot: Path | None) -> None:
+    """Measure for `seconds` and print; `json_file` takes the figures, `ledger` the frames as CSV, `plot` a picture.
+
+    Raises HapticdError where no frame was answered.
+    """
+    check_writable(json_file, ledger, plot)
+    measured = measure(config, seconds)
+    print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
+    if json_file is not None:
+        write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
+    if ledger is not None:
+        write_ledger(measured.lines, ledger)
+    if plot is not None:
+        draw(measured, plot)
+
+
+def measure(config: Config, seconds: float) -> Measured:
+    """Serve the configured devices for `seconds`. Raises HapticdError where no frame was answered."""
+    if not 0.0 < seconds < math.inf:
+        raise UsageError(f"latency: {seconds:g} s is no time to measure in: give --seconds above 0.")
+    with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
+        config = replace(config, client=replace(config.client, runtime_dir=folder))
+        measured = asyncio.run(_measure(config_loader.prepare(config), seconds))
+    if not measured.lines:
+        raise HapticdError(
+            "latency: no frame reached the board: lay two fingers on the pad, move them, and read above."
+        )
+    return measured
+
+
+async def _measure(prepared: Prepared, seconds: float) -> Measured:
+    daemon = prepared.daemon()
+    serving = asyncio.create_task(serve(daemon, prepared.modes))
+    watching = asyncio.create_task(_watch(daemon, seconds))
+    await asyncio.wait((serving, watching), return_when=asyncio.FIRST_COMPLETED)
+    for task in (watching, serving):
+        task.cancel()
+    await asyncio.wait((serving, watching))
+    if not serving.cancelled() and (error := serving.exception()) is not None:
+        raise error
+    return Measured((), {}, {}) if watching.cancelled() else watching.result()
+
+
+async def _watch(daemon: Daemon, seconds: float) -> Measured:
+    """Ask for what the fingers shall get, and copy the ledger, until the time is over."""
+    await asyncio.sleep(0)  # let it start
+    machine, lines = daemon.machine, list[LedgerLine]()
+    t_end_ns = now_ns() + round(seconds * 1e9)
+    t_from_ns, computed_ns = now_ns(), time.process_time_ns()
+    while now_ns() < t_end_ns:
+        if not lines:
+            t_from_ns, computed_ns = now_ns(), time.process_time_ns()
+        machine.want(_wishes(machine), now_ns())
+        t_last_ns = lines[-1].t_sent_ns if lines else -1
+        lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
+        await asyncio.sleep(ASK_EVERY_S)
+    share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
+    return replace(gather(machine, lines), processor_percent=100.0 * share)
+
+
+def _wishes(machine: Machine) -> ClientTargets:
+    fingers = [finger.finger_id for finger in machine.pipeline.fingers]
+    wishes: dict[int | str, Target] = {
+        finger: AmplitudeTarget(AMPLITUDE_UM if finger == fingers[0] else 0.0) for finger in fingers
+    }
+    return ClientTargets("latency", TTL_NS, wishes, {})
+
+
+def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
+    """The machine's histograms, with that of the whole way from the frames of `lines`."""
+    loop, ledger = machine.loop, machine.session.ledger
+    total = Histogram()
+    for line in lines:
+        total.add(line.t_applied_ns - line.t_sample_ns)
+    counts = {
+        "frames": ledger.late.count,
+        "frames late": ledger.late_frames,
+        "frames unanswered": ledger.unanswered,
+        "reports joined": loop.joined_reports,
+        "ticks missed": loop.missed_ticks,
+    }
+    stages = {
+        "read_age": loop.read_age,
+        "wait": loop.wait,
+        "wire": loop.wire,
+        "compute": loop.compute,
+        "link": ledger.link,
+        "late": ledger.late,
+        "total": total,
+        "horizon": ledger.horizon,
+        "tick_late": loop.tick_late,
+    }
+    return Measured(tuple(lines), stages, counts)
+
+
+def figures(measured: Measured) -> dict[str, object]:
+    """All of it as plain data, in ms."""
+    stages = {name: histogram_fields(histogram) for name, histogram in measured.stages.items()}
+    percent = measured.processor_percent if math.isfinite(measured.processor_percent) else None
+    return {"stages": stages, "counts": dict(measured.counts), "processor_percent": percent}
+
+
+def print_table(measured: Measured, out: TextIO) -> None:
+    """Percentiles of each stage in ms, its distribution beside them on one logarithmic axis, and the counts."""
+    edges = [f"{_FROM_MS * 10**decade:g}" for decade in range(_DECADES)]
+    axis = "".join(f"{edge:<{_COLUMNS_PER_DECADE}}" for edge in edges)
+    print(f"{'ms':<20}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}  {axis}100", file=out)
+    for name, what in STAGES.items():
+        histogram = measured.stages[name]
+        spans_ns = [*map(histogram.percentile_ns, (50, 95, 99)), histogram.longest_ns]
+        row = "".join(f"{span_ns * 1e-6:>8.3f}" for span_ns in spans_ns)
+        print(f"{what:<20}{row}  {sparkline(histogram)}".rstrip(), file=out)
+    print(", ".join(f"{count} {what}" for what, count in measured.counts.items()), file=out)
+    if math.isfinite(measured.processor_percent):
+        print(f"{measured.processor_percent:.1f} % of one processor, all threads, since the first frame", file=out)
+
+
+def sparkline(histogram: Histogram) -> str:
+    """A distribution as a line of bars over the table's axis; what lies beyond it is shown at its ends."""
+    columns = [0] * (_DECADES * _COLUMNS_PER_DECADE)
+    for from_ns, below_ns, count in histogram.buckets():
+        place = math.log10(max((from_ns + below_ns) * 0.5e-6 / _FROM_MS, 1.0)) * _COLUMNS_PER_DECADE
+        columns[min(int(place), len(columns) - 1)] += count
+    highest = max(columns)
+    return "".join(_BARS[-(-count * (len(_BARS) - 1) // highest)] if highest else " " for count in columns)
+
+
+def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
+    """The frames as CSV, a line each; the columns are `LedgerLine`'s. Raises HapticdError."""
+    try:
+        with path.open("w", newline="", encoding="ascii") as file:
+            writer = csv.writer(file)
+            writer.writerow([field.name for field in fields(LedgerLine)])
+            writer.writerows(map(astuple, lines))
+    except OSError as error:
+        raise HapticdError(f"{path}: cannot be written ({error.strerror}): choose another place.") from None
+
+
+def draw(measured: Measured, path: Path) -> None:
+    """The share of each stage's spans below t, over t. Needs matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise HapticdError("Pictures need matplotlib: run `pip install 'hapticd[plot]'`.") from None
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot(xscale="log", xlabel="ms", ylabel="share of frames below", ylim=(0, 1.02))
+    for name, what in STAGES.items():
+        histogram = measured.stages[name]
+        below_ms, share, seen = [_FROM_MS], [0.0], 0
+        for _, edge_ns, count in histogram.buckets():
+            seen += count
+            below_ms.append(max(edge_ns * 1e-6, _FROM_MS))
+            share.append(seen / histogram.count)
+        axes.step(below_ms, share, where="post", label=what)
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(fontsize=8)
+    try:
+        figure.savefig(path, dpi=120)
+    except (OSError, ValueError) as error:
+        raise HapticdError(f"{path}: cannot be drawn ({reason(error)}): name a .png in a folder of yours.") from None

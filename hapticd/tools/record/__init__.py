@@ -1,0 +1,1 @@
+"""`hapticd record`, `replay`, `export` and `plot`."""

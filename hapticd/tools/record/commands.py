@@ -1,0 +1,117 @@
+"""`hapticd record | replay | export | plot`. Light: what they set going is imported when it is called."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+
+def add_record_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is written, how long, and whose daemon it is."""
+    parser.add_argument(
+        "out", type=Path, metavar="OUT", help="file to write, such as session.hrec; where it exists, session-2.hrec"
+    )
+    parser.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
+    parser.add_argument(
+        "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"
+    )
+    parser.add_argument("--runtime-dir", type=Path, metavar="DIR", help="the daemon's (default: as clients find it)")
+    parser.set_defaults(command=_record)
+
+
+def _record(options: argparse.Namespace) -> None:
+    from .attach import record
+
+    print(record(options.out, options.runtime_dir, options.seconds, is_now=options.now))
+
+
+def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
+    """The recording, and what shall be otherwise."""
+    parser.epilog = (
+        f"{parser.epilog}\n         hapticd replay session.hrec --set prediction.noise_mm=0.1 --set solver.fade=0"
+    )
+    _add_files(parser)
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="show what this would have changed, such as prediction.noise_mm=0.1; may be given again",
+    )
+    parser.set_defaults(command=_replay)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from ...files.recording.reader import open_recording
+    from .replay import replay, report
+
+    logging.getLogger("hapticd").addHandler(logging.NullHandler())  # its lines were said when it was recorded
+    recording = open_recording(options.files)
+    if options.set:
+        from .whatif import compare, table
+
+        print(table(*compare(recording, options.set)))
+        return 0
+    outcome = replay(recording)
+    print(report(recording, outcome))
+    return 0 if outcome.is_identical else 1
+
+
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    """The recording, and the form of its tables."""
+    _add_files(parser)
+    forms = parser.add_mutually_exclusive_group(required=True)
+    forms.add_argument("--csv", type=Path, metavar="DIR", help="a folder with one CSV file for each table")
+    forms.add_argument("--hdf5", type=Path, metavar="F.h5", help="one HDF5 file with all tables")
+    forms.add_argument("--parquet", type=Path, metavar="DIR", help="a folder with one Parquet file for each table")
+    parser.set_defaults(command=_export)
+
+
+def _export(options: argparse.Namespace) -> None:
+    from ...files.recording.reader import open_recording
+    from . import export
+    from .tables import tables
+
+    recording = open_recording(options.files)
+    found, beside = tables(recording), export.described(recording)
+    if options.csv is not None:
+        written = export.to_csv(found, beside, options.csv)
+    elif options.hdf5 is not None:
+        written = export.to_hdf5(found, beside, options.hdf5)
+    else:
+        written = export.to_parquet(found, beside, options.parquet)
+    for name, table in found.items():
+        print(f"{name:<12} {len(table['t_ns']):>9} rows: {', '.join(table)}")
+    print(f"written: {', '.join(map(str, written))}")
+    _say_losses(recording.losses.told())
+
+
+def add_plot_arguments(parser: argparse.ArgumentParser) -> None:
+    """The recording, the picture, and from when to when."""
+    parser.add_argument("files", nargs=1, type=Path, metavar="F.hrec", help="the recording")
+    parser.add_argument("out", type=Path, metavar="OUT.png", help="the picture")
+    parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="in s from its begin")
+    parser.add_argument("--to", dest="end_s", type=float, metavar="S", help="default: its end")
+    parser.set_defaults(command=_plot)
+
+
+def _plot(options: argparse.Namespace) -> None:
+    from ...files.recording.reader import open_recording
+    from .picture import draw
+    from .tables import tables
+
+    recording = open_recording(options.files)
+    draw(tables(recording), options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
+    _say_losses(recording.losses.told())
+
+
+def _add_files(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="F.hrec", help="the recording; of one in parts all of them, in order"
+    )
+
+
+def _say_losses(told: str) -> None:
+    if told:
+        print(f"not whole: {told}")

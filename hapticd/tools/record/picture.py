@@ -1,0 +1,168 @@
+"""A recording as a picture in the manner of the paper's figures 9 to 12: where the fingers were, what each mode should
+do and did, what each finger should get and got; markers stand as lines through all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import RecordingError
+from ...sim.picture import FINGER_COLOURS, MODE_COLOURS
+from .tables import Column
+
+Table = Mapping[str, Column]
+MODE_NAMES = "XYZ"
+MORE_MODES = ("tab:olive", "tab:cyan", "tab:pink")
+
+
+def draw(
+    tables: Mapping[str, Table], path: Path, *, title: str = "", start_s: float = 0.0, end_s: float | None = None
+) -> None:
+    """Write a PNG of the part between two instants. Raises RecordingError where there is nothing in it to draw."""
+    if "passes" not in tables:
+        raise RecordingError("The recording holds no passes: there is nothing to draw.")
+    last_s = float(tables["passes"]["t_s"][-1])
+    end_s = last_s if end_s is None else end_s
+    if not (math.isfinite(start_s) and math.isfinite(end_s) and start_s < end_s and start_s < last_s):
+        raise RecordingError(f"From {start_s:g} s to {end_s:.4g} s there is nothing: it ends at {last_s:.1f} s.")
+    part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
+    figure, axes = _canvas()
+    axes[0].set_title(_plain(title), loc="left")
+    _draw_positions(axes[0:2], part)
+    _draw_modes(axes[2], part)
+    _draw_fingers(axes[3], part)
+    _draw_markers(axes, part)
+    axes[3].set_xlim(start_s, end_s)
+    axes[3].set_xlabel("time, s")
+    try:
+        figure.savefig(path, dpi=110, format="png")
+    except OSError as error:
+        raise RecordingError(f"The picture cannot be written to {path}: {error.strerror or error}.") from None
+
+
+def _between(table: Table, start_s: float, end_s: float) -> Table:
+    part = (table["t_s"] >= start_s) & (table["t_s"] <= end_s)
+    return {name: column[part] for name, column in table.items()}
+
+
+def _canvas() -> tuple[Any, Any]:
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise RecordingError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
+    figure = Figure(figsize=(9.0, 10.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1.6, 1.6))
+
+
+def _draw_positions(axes: Any, tables: Mapping[str, Table]) -> None:
+    """Samples as dots, at the instants they were taken; where each pass took the finger to be as a line."""
+    begin_s = _begin_s(tables)
+    for axis, name in zip(axes, ("x_mm", "y_mm"), strict=True):
+        for colour, key in _coloured(tables):
+            predicted = _of(tables.get("predictions"), "finger", key)
+            if predicted:
+                axis.plot(_seconds(predicted["t_plate_ns"], begin_s), predicted[name], color=colour, lw=0.9)
+            seen = _of(tables.get("fingers"), "finger_id", int(key) if key.isdigit() else -1)
+            if seen:
+                axis.plot(_seconds(seen["t_sample_ns"], begin_s), seen[name], ".", color=colour, ms=2.5)
+        axis.set_ylabel(f"{name[0]}, mm")
+    axes[0].plot([], [], ".", color="grey", ms=4, label="samples")
+    axes[0].plot([], [], color="grey", lw=0.9, label="predicted")
+    _legend(axes[0])
+
+
+def _draw_modes(axis: Any, tables: Mapping[str, Table]) -> None:
+    """References dashed; what the plate did as a line: by its truth where the recording has it, else by the board."""
+    begin_s = _begin_s(tables)
+    did, name = (tables["truth_modes"], "plate") if "truth_modes" in tables else (tables.get("modes"), "measured")
+    references = tables.get("references")
+    modes = sorted({int(mode) for table in (did, references) if table for mode in table["mode"]})
+    for mode in modes:
+        colour = (*MODE_COLOURS, *MORE_MODES)[mode % (len(MODE_COLOURS) + len(MORE_MODES))]
+        label = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode + 1)
+        found = _of(did, "mode", mode)
+        if found:
+            axis.plot(found["t_s"], found[f"{name}_d_um"], color=colour, lw=1.1, label=f"$W_{{{label}d}}$ {name}")
+        wanted = _of(references, "mode", mode)
+        if wanted:
+            first = wanted["knot"] == 0
+            at_s = _seconds(wanted["t_knot_ns"][first], begin_s)
+            axis.plot(at_s, wanted["reference_d_um"][first], "--", color="black", lw=0.7)
+    axis.plot([], [], "--", color="black", lw=0.7, label="references")
+    axis.set_ylabel("modal amplitude, µm")
+    _legend(axis)
+
+
+def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
+    """Targets dashed; the amplitude at each finger as a line: the truth, else what the solved modes give it."""
+    for colour, key in _coloured(tables):
+        table = _of(tables.get("targets"), "finger", key)
+        if not table:
+            continue
+        axis.plot(table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
+        if "truth" not in tables:
+            label = f"$|W|$, finger {_plain(key)}: solved"
+            axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=label)
+    truth = tables.get("truth")
+    for finger in sorted(set(truth["finger"].tolist())) if truth else []:
+        felt = _of(truth, "finger", finger)
+        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
+        amplitude_um = np.hypot(felt["plate_d_um"], felt["plate_q_um"])
+        axis.plot(felt["t_s"], amplitude_um, color=colour, lw=1.0, label=f"$|W_{finger + 1}|$ of the plate")
+    axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
+    axis.set_ylabel("at the finger, µm")
+    _legend(axis)
+
+
+def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
+    markers = tables.get("markers")
+    if not markers:
+        return
+    for t_s, text in zip(markers["t_s"], markers["text"], strict=True):
+        for axis in axes:
+            axis.axvline(t_s, color="grey", lw=0.8, ls=":")
+        said, place = _plain(text[:24]), ("data", "axes fraction")
+        axes[0].annotate(said, (t_s, 1.0), xycoords=place, rotation=45, fontsize="x-small", va="bottom")
+
+
+def _coloured(tables: Mapping[str, Table]) -> list[tuple[str, str]]:
+    """The fingers in the order in which they came, each with its colour."""
+    keys: dict[str, None] = {}
+    for name, column in (("fingers", "finger_id"), ("targets", "finger")):
+        if name in tables:
+            keys |= dict.fromkeys(map(str, tables[name][column].tolist()))
+    return [(FINGER_COLOURS[index % len(FINGER_COLOURS)], key) for index, key in enumerate(keys)]
+
+
+def _of(table: Table | None, column: str, value: object) -> Table:
+    """The rows with this value; empty where there is no such table or no such row."""
+    if table is None:
+        return {}
+    part = table[column] == value
+    return {name: values[part] for name, values in table.items()} if part.any() else {}
+
+
+def _plain(text: str) -> str:
+    """A text of somebody else's, not to be set as a formula."""
+    return text.replace("$", r"\$")
+
+
+def _begin_s(tables: Mapping[str, Table]) -> float:
+    passes = tables["passes"]
+    return float(passes["t_ns"][0]) * 1e-9 - float(passes["t_s"][0]) if len(passes["t_s"]) else 0.0
+
+
+def _seconds(t_ns: Column, begin_s: float) -> npt.NDArray[np.float64]:
+    return t_ns * 1e-9 - begin_s
+
+
+def _legend(axis: Any) -> None:
+    """Above the axes, on the right: nothing is hidden."""
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=5, frameon=False, borderpad=0.1)

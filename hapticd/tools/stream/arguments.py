@@ -1,0 +1,126 @@
+"""The arguments of `hapticd stream`. Light: what they set going is imported when it is called."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from ...errors import HapticdError, UsageError
+
+PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
+PROMETHEUS_PORT = 9873
+FINGERS, MAX_FINGERS = 5, 16
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The actions plotjuggler, prometheus and lsl."""
+    parser.epilog = (
+        "example: hapticd stream plotjuggler\n"
+        f"         hapticd stream prometheus --port {PROMETHEUS_PORT}\n"
+        "         hapticd stream lsl --fingers 2"
+    )
+    actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
+    plotjuggler = _action(actions, "plotjuggler", "publish each state as a flat MessagePack map over ZeroMQ", "")
+    plotjuggler.add_argument(
+        "--bind",
+        default=PLOTJUGGLER_ADDRESS,
+        metavar="ADDRESS",
+        help=f"where to publish (default {PLOTJUGGLER_ADDRESS})",
+    )
+    _add_fingers(plotjuggler)
+    plotjuggler.set_defaults(command=_plotjuggler)
+
+    prometheus = _action(actions, "prometheus", "serve the daemon's status as metrics over HTTP", " --port 9100")
+    prometheus.add_argument("--host", default="127.0.0.1", help="address to serve at (default 127.0.0.1)")
+    prometheus.add_argument(
+        "--port", type=int, default=PROMETHEUS_PORT, help=f"0: any free one (default {PROMETHEUS_PORT})"
+    )
+    prometheus.set_defaults(command=_prometheus)
+
+    lsl = _action(actions, "lsl", "offer fingers, modes and markers as Lab Streaming Layer outlets", " --fingers 2")
+    _add_fingers(lsl)
+    lsl.set_defaults(command=_lsl)
+
+
+def _action(actions: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = actions.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.",
+        epilog=f"example: hapticd stream {name}{example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--endpoint", metavar="DIR", help="the daemon's runtime directory (default: found)")
+    return parser
+
+
+def _add_fingers(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--fingers",
+        type=int,
+        default=FINGERS,
+        metavar="N",
+        help=f"how many have curves of their own (default {FINGERS})",
+    )
+
+
+def _plotjuggler(options: argparse.Namespace) -> None:
+    from .plotjuggler import run
+
+    fingers = _checked_fingers(options)
+    _streaming(lambda: run(options.endpoint, options.bind, fingers))
+
+
+def _prometheus(options: argparse.Namespace) -> None:
+    if not 0 <= options.port <= 65535:
+        raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
+    try:
+        import prometheus_client  # noqa: F401
+    except ImportError:
+        raise HapticdError(
+            'Metrics are served with prometheus-client: install it with `pip install "hapticd[streams]"`.'
+        ) from None
+    from .prometheus import run
+
+    _streaming(lambda: run(options.endpoint, options.host, options.port, threading.Event().wait))
+
+
+def _lsl(options: argparse.Namespace) -> None:
+    fingers = _checked_fingers(options)
+    try:
+        import pylsl
+    except (ImportError, RuntimeError, OSError) as error:  # the latter two where pylsl finds no liblsl to load
+        raise HapticdError(
+            f"The Lab Streaming Layer is not to be had ({_first_line(error)}): "
+            'install it with `pip install "hapticd[lsl]"`.'
+        ) from None
+    from .lsl import run
+
+    _streaming(lambda: run(pylsl, options.endpoint, fingers))
+
+
+def _streaming(run: Callable[[], None]) -> None:
+    """Until Ctrl-C or SIGTERM; what the client library says becomes a sentence of ours."""
+    try:
+        import hapticd_client
+    except ImportError:
+        raise HapticdError("A stream is a client too: install it with `pip install clients/python`.") from None
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        run()
+    except hapticd_client.HapticdError as error:
+        raise UsageError(str(error)) from None
+
+
+def _checked_fingers(options: argparse.Namespace) -> int:
+    if not 1 <= options.fingers <= MAX_FINGERS:
+        raise UsageError(f"--fingers: {options.fingers} is out of bounds, it must be 1 .. {MAX_FINGERS}.")
+    return int(options.fingers)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or ["no reason given"])[0].rstrip(".")

@@ -1,0 +1,1 @@
+"""`hapticd study`: the paper's evaluation with people."""

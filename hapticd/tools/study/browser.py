@@ -1,0 +1,167 @@
+"""The panel in a browser: a page with big buttons on this machine alone, served while a session is held.
+
+Only the page itself is let in: the address carries a secret, the Host must be ours (a foreign name that resolves to
+this machine is not), and what is pressed must come from our Origin. Nothing is loaded from elsewhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import queue
+import secrets
+import threading
+from collections.abc import Awaitable, Callable
+from importlib import resources
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from ...errors import HapticdError
+from .panel import Key, Screen
+from .protocol import StudyError
+
+if TYPE_CHECKING:
+    from aiohttp import web
+
+ADDRESS = "127.0.0.1"
+MAX_PRESS_BYTES = 256
+START_WITHIN_S = 10.0
+TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+Handler = Callable[["web.Request"], Awaitable["web.StreamResponse"]]
+
+
+class Browser:
+    """Serves the page from a thread of its own, as a context manager; `url` is what to open. Port 0: any free one.
+
+    Raises HapticdError where aiohttp is missing, StudyError where the port is taken.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        self._web = _aiohttp_web()
+        self._port = port
+        self._secret = secrets.token_urlsafe(12)
+        # The screen and its number, replaced as one: a press on a screen that is gone does not count.
+        self._shown = (0, Screen("One moment", "The session is about to begin.", {}))
+        self._note = ""
+        self._presses: queue.SimpleQueue[tuple[int, Key]] = queue.SimpleQueue()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="study page")
+
+    @property
+    def url(self) -> str:
+        """The page's address, with its secret."""
+        return f"http://{ADDRESS}:{self._port}/{self._secret}/"
+
+    def __enter__(self) -> Browser:
+        self._thread.start()
+        try:
+            asyncio.run_coroutine_threadsafe(self._start(), self._loop).result(START_WITHIN_S)
+        except OSError as error:
+            self._end()
+            raise StudyError(f"port {self._port}: cannot be served on ({error.strerror}): choose another.") from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        asyncio.run_coroutine_threadsafe(self._runner.cleanup(), self._loop).result(START_WITHIN_S)
+        self._end()
+
+    def show(self, screen: Screen) -> None:
+        number, before = self._shown
+        if screen != before:
+            self._shown, self._note = (number + 1, screen), ""
+
+    def note(self, text: str) -> None:
+        self._note = text
+
+    def pressed(self) -> Key | None:
+        while not self._presses.empty():
+            pressed_on, key = self._presses.get()
+            number, screen = self._shown
+            if pressed_on == number and key in screen.keys:
+                return key
+        return None
+
+    async def _start(self) -> None:
+        application = self._web.Application(client_max_size=MAX_PRESS_BYTES)
+        root = f"/{self._secret}"
+        application.router.add_get(f"{root}/", self._ours(self._page))
+        application.router.add_get(f"{root}/{{name}}", self._ours(self._page))
+        application.router.add_get(f"{root}/now/screen", self._ours(self._now))
+        application.router.add_post(f"{root}/press", self._ours(self._press))
+        self._runner = self._web.AppRunner(application, access_log=None)
+        await self._runner.setup()
+        site = self._web.TCPSite(self._runner, ADDRESS, self._port)
+        try:
+            await site.start()
+        except OSError:
+            await self._runner.cleanup()
+            raise
+        self._port = self._runner.addresses[0][1]
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def _ours(self, handler: Handler) -> Handler:
+        """The same for our own page; whoever else asks is refused."""
+
+        async def guarded(request: web.Request) -> web.StreamResponse:
+            hosts = {f"{name}:{self._port}" for name in (ADDRESS, "localhost")}
+            origin = request.headers.get("Origin")
+            is_foreign = request.host not in hosts or origin not in {None, *(f"http://{host}" for host in hosts)}
+            if is_foreign or (request.method == "POST" and origin is None):
+                raise self._web.HTTPForbidden(text="This page is for the browser on this machine.")
+            response = await handler(request)
+            response.headers.update(HEADERS)
+            return response
+
+        return guarded
+
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info.get("name", "page.html")
+        if name not in TYPES:
+            raise self._web.HTTPNotFound
+        text = resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+        response: web.StreamResponse = self._web.Response(text=text, content_type=TYPES[name])
+        return response
+
+    async def _now(self, _: web.Request) -> web.StreamResponse:
+        number, screen = self._shown
+        response: web.StreamResponse = self._web.json_response(
+            {
+                "number": number,
+                "heading": screen.heading,
+                "text": screen.text,
+                "keys": {str(key): what for key, what in screen.keys.items()},
+                "note": self._note,
+            }
+        )
+        return response
+
+    async def _press(self, request: web.Request) -> web.StreamResponse:
+        try:
+            body = await request.json()
+            number, key = body["number"], Key(body["key"])
+        except (ValueError, LookupError, TypeError, RecursionError):
+            raise self._web.HTTPBadRequest(text="A press is a screen's number and a key.") from None
+        self._presses.put((number, key))
+        response: web.StreamResponse = self._web.json_response({})
+        return response
+
+
+def _aiohttp_web() -> Any:
+    try:
+        from aiohttp import web
+    except ImportError:
+        raise HapticdError('A page needs aiohttp: install it with `pip install "hapticd[study]"`.') from None
+    return web

@@ -1,0 +1,90 @@
+"""What is asked, of whom and in which order: the paper's evaluation study (section IV.C), as plain values.
+
+A trial presents one of the paper's two combinations, and the participant says whether the glass had high or low
+friction. Combination 1: the participant's finger slips and the virtual one sticks; combination 2: the other way round.
+(The paper's sentence calls both fingers of combination 1 "low friction"; its W1 = 1 um and W2 = 0 tell what is meant.)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ...errors import HapticdError
+
+MAX_TRIALS = 1000
+MAX_AMPLITUDE_UM = 20.0
+Point = tuple[float, float]
+
+
+class StudyError(HapticdError):
+    """A study that cannot be begun, continued or judged as asked."""
+
+    exit_code = 2
+
+
+class Friction(StrEnum):
+    """What the participant's finger is given in a trial, and what the participant answers."""
+
+    LOW = "low"
+    HIGH = "high"
+
+    @property
+    def combination(self) -> int:
+        """The paper's number."""
+        return 1 if self is Friction.LOW else 2
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """What all trials of a session have in common. Raises StudyError for what cannot be one.
+
+    The number of trials and `slippery_um` (W1; W2 is 0) are the paper's. It says neither where the virtual finger's
+    straight line lies nor how fast it walks: `line_mm` crosses the plate beside the middle, at a slow hand's
+    `line_speed_mm_s`.
+    """
+
+    trials: int = 20
+    slippery_um: float = 1.0
+    line_mm: tuple[Point, Point] = ((-40.0, 25.0), (40.0, -15.0))
+    line_speed_mm_s: float = 40.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.trials <= MAX_TRIALS:
+            raise StudyError(f"trials: {self.trials} is out of bounds, give 1 .. {MAX_TRIALS}.")
+        if not 0 < self.slippery_um <= MAX_AMPLITUDE_UM:
+            raise StudyError(f"slippery_um: {self.slippery_um:g} is out of bounds, give 0 .. {MAX_AMPLITUDE_UM:g}.")
+        if not all(math.isfinite(value) for point in self.line_mm for value in point):
+            raise StudyError("line_mm: the ends of the virtual finger's line must be finite numbers.")
+        if not 0 < self.line_speed_mm_s < math.inf:
+            raise StudyError(f"line_speed_mm_s: {self.line_speed_mm_s:g} must be finite and above 0.")
+
+    def amplitudes_um(self, friction: Friction) -> tuple[float, float]:
+        """What the participant's finger and the virtual one get."""
+        return (self.slippery_um, 0.0) if friction is Friction.LOW else (0.0, self.slippery_um)
+
+
+def presented(seed: int, trials: int) -> tuple[Friction, ...]:
+    """The combinations of a session in their order: as many of either (an odd one is drawn), shuffled by the seed.
+
+    The order is that of SHA-256 digests, so that a session goes on as it began under any version of Python.
+    """
+    halves = [Friction.LOW, Friction.HIGH] * (trials // 2)
+    odd = [Friction.LOW if _digest(seed, 0)[0] % 2 else Friction.HIGH] * (trials % 2)
+    keys = {trial: _digest(seed, trial + 1) for trial in range(trials)}
+    pool = halves + odd
+    return tuple(pool[trial] for trial in sorted(keys, key=keys.__getitem__))
+
+
+def participant_name(name: str) -> str:
+    """A participant's name, which also names the file. Raises StudyError."""
+    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", name):
+        return name
+    raise StudyError(f"participant: {name!r} must be 1 .. 32 letters, digits, - or _, such as P03.")
+
+
+def _digest(seed: int, number: int) -> bytes:
+    return hashlib.sha256(f"{seed}:{number}".encode()).digest()

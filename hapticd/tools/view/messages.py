@@ -1,0 +1,208 @@
+"""What page and server say to each other over the websocket, as JSON. Pure.
+
+page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all that are held on the simulated pad
+                 {"op": "set", "finger": 3, "amplitude_um": 1.0}         what a finger shall feel
+                 {"op": "release", "finger": 3}                          nothing more of this page's
+                 {"op": "clear_fault"}
+server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
+                 {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ...errors import RequestError
+from ...sim.fingers.hands import MAX_POSITION_MM, Point
+from ...wire.fields import Fields, bounded, items, label, whole
+
+if TYPE_CHECKING:
+    from hapticd_client import FingerState, PlateState
+
+    from .rig import Truth
+
+MAX_MESSAGE_BYTES = 4096
+MAX_FINGERS = 16
+MAX_AMPLITUDE_UM = 1000.0
+MAX_ID = 2**32 - 1
+LATENCIES = ("age", "compute", "link", "horizon")  # of the daemon's histograms, those that the page draws
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """These fingers are held on the simulated pad, and no others of this page's."""
+
+    points_mm: dict[str, Point]
+
+
+@dataclass(frozen=True, slots=True)
+class Want:
+    """A finger shall feel this amplitude; None gives it up."""
+
+    finger: int | str
+    amplitude_um: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ClearFault:
+    """Leave a latched fault."""
+
+
+def read(text: str) -> Hold | Want | ClearFault:
+    """A message of the page's. Raises RequestError."""
+    try:
+        fields = Fields(json.loads(text))
+    except (ValueError, RecursionError):
+        raise RequestError("The page's message is not JSON.") from None
+    op = fields.take("op")
+    message: Hold | Want | ClearFault
+    if op == "fingers":
+        message = Hold(_points(fields.take("fingers")))
+    elif op == "set":
+        message = Want(_key(fields.take("finger")), fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
+    elif op == "release":
+        message = Want(_key(fields.take("finger")), None)
+    elif op == "clear_fault":
+        message = ClearFault()
+    else:
+        raise RequestError("op: must be fingers, set, release or clear_fault.")
+    fields.end()
+    return message
+
+
+def mover(text: str) -> int | str | None:
+    """The finger that a layer is asked for, as JSON; empty is none. Raises RequestError."""
+    if not text:
+        return None
+    try:
+        return _key(json.loads(text))
+    except (ValueError, RecursionError):
+        raise RequestError("finger: is not JSON.") from None
+
+
+def _key(value: object) -> int | str:
+    return label(value, "finger") if isinstance(value, str) else whole(value, 1, MAX_ID, "finger")
+
+
+def _points(value: object) -> dict[str, Point]:
+    if not isinstance(value, dict) or len(value) > MAX_FINGERS:
+        raise RequestError(f"fingers: must be at most {MAX_FINGERS} fingers with their places.")
+    return {label(name, "fingers"): _point(place) for name, place in value.items()}
+
+
+def _point(value: object) -> Point:
+    place = items(value, 2, "fingers")
+    if len(place) != 2:
+        raise RequestError("fingers: a place has two numbers, x and y.")
+    x_mm, y_mm = (bounded(number, -MAX_POSITION_MM, MAX_POSITION_MM, "fingers") for number in place)
+    return x_mm, y_mm
+
+
+# --- to the page --------------------------------------------------------------------------------------------------
+
+
+def frame(state: PlateState, truth: Truth | None) -> str:
+    """One instant of the plate: what the daemon told, and on a simulated plate the truth about it."""
+    return _text(
+        {
+            "kind": "frame",
+            "t_s": state.t_ns * 1e-9,
+            "instance": state.instance,
+            "state": state.state,
+            "fingers": [_finger(finger) for finger in state.fingers],
+            "modal_um": _pairs(complex(d, q) for d, q in _phasors(state)),
+            "measured_um": _pairs(state.measured_um),
+            "limited": state.limited,
+            "age_ms": _finite(state.age_ms),
+            "horizon_ms": _finite(state.horizon_ms),
+            "truth": None
+            if truth is None
+            else {
+                "fingers_mm": truth.fingers_mm,
+                "modal_um": _pairs(truth.modal_um),
+                "truth_um": _pairs(truth.truth_um),
+            },
+        }
+    )
+
+
+def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], *, is_simulated: bool) -> str:
+    """What the page must know once: sizes, limits, who we are, and whether the plate can be touched from here."""
+    return _text(
+        {
+            "kind": "plate",
+            "size_mm": body["size_mm"],
+            "w_limit_um": body["w_limit_um"],
+            "drive_hz": body["drive_hz"],
+            "modes": body["modes"],
+            "client": client,
+            "layers": list(layers),
+            "simulated": is_simulated,
+        }
+    )
+
+
+def status(body: Mapping[str, Any]) -> str:
+    """Of the daemon's status what the page shows."""
+    timing, board = body["timing"], body["board"]
+    histograms = timing["histograms"]
+    return _text(
+        {
+            "kind": "status",
+            "latency": {name: histograms[name] for name in LATENCIES if name in histograms},
+            "board": {
+                name: board.get(name)
+                for name in ("ready", "state", "fault_code", "saturated", "limited", "deadman_trips", "late_frames")
+            },
+            "refused": board.get("refused"),
+            "why": body["state_changes"][0]["why"] if body["state_changes"] else "",
+            "missed_ticks": timing["missed_ticks"],
+            "late_frames": timing["late_frames"],
+            "frames_hz": body["latency_ms"].get("frames_hz"),
+        }
+    )
+
+
+def gone(sentence: str) -> str:
+    """No daemon answers."""
+    return _text({"kind": "gone", "sentence": sentence})
+
+
+def refused(sentence: str) -> str:
+    """What the page asked for was not done."""
+    return _text({"kind": "refused", "sentence": sentence})
+
+
+def _finger(finger: FingerState) -> dict[str, object]:
+    return {
+        "id": finger.id,
+        "seen_mm": [_finite(finger.x_mm), _finite(finger.y_mm)],
+        "predicted_mm": None
+        if finger.predicted_x_mm is None or finger.predicted_y_mm is None
+        else [finger.predicted_x_mm, finger.predicted_y_mm],
+        "target_um": finger.target_um,
+        "achieved_um": finger.achieved_um,
+        "virtual": finger.virtual,
+        "owner": finger.owner,
+    }
+
+
+def _phasors(state: PlateState) -> list[tuple[float, float]]:
+    imaginary = state.modal_q_um or (0.0,) * len(state.modal_um)
+    return list(zip(state.modal_um, imaginary, strict=False))
+
+
+def _pairs(phasors: Any) -> list[list[float | None]]:
+    return [[_finite(w_um.real), _finite(w_um.imag)] for w_um in phasors]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _text(message: Mapping[str, object]) -> str:
+    return json.dumps(message, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,99 @@
+"""`hapticd view`: serves the page until it is interrupted, with --sim on a simulated plate of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+import webbrowser
+from pathlib import Path
+
+from ...config.sections import SCENARIO_NAMES
+from ...errors import HapticdError, UsageError
+from ...sim.rig.process import RigProcess
+from ..daemon_process import DaemonProcess
+
+SCENARIO = "hands"
+HOST = "127.0.0.1"
+PATIENT = "[trackpad]\nsilence_ms = 1000\n"  # a browser that takes the processor must not make old fingers new ones
+
+
+def run(
+    *, simulate: bool, scenario: str | None, seed: int, endpoint: str | None, port: int, open_browser: bool
+) -> None:
+    """Serve until SIGTERM or SIGINT. Raises HapticdError in one sentence."""
+    _check(simulate=simulate, scenario=scenario, endpoint=endpoint, port=port)
+    listener = _listener(port)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: what was started ends too
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(listener)
+        if simulate:
+            print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
+            rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
+            endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
+        asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
+
+
+def _check(*, simulate: bool, scenario: str | None, endpoint: str | None, port: int) -> None:
+    try:
+        import aiohttp  # noqa: F401
+    except ImportError:
+        raise HapticdError('The page is served with aiohttp: install it with `pip install "hapticd[view]"`.') from None
+    try:
+        import hapticd_client  # noqa: F401
+    except ImportError:
+        raise HapticdError("The viewer is a client too: install it with `pip install clients/python`.") from None
+    if not 0 <= port <= 65535:
+        raise UsageError(f"--port: {port} is out of bounds, it must be 0 .. 65535.")
+    if simulate and endpoint is not None:
+        raise UsageError("--sim starts a service of its own: leave --endpoint away.")
+    if scenario is not None and not simulate:
+        raise UsageError("--scenario is for a simulated plate: give --sim as well.")
+    if scenario is not None and scenario not in SCENARIO_NAMES:
+        raise UsageError(f"--scenario: there is no {scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
+    if endpoint is not None and not Path(endpoint.removeprefix("ipc://")).is_dir():
+        raise UsageError(f"--endpoint: {endpoint} is no directory: name the service's runtime directory.")
+
+
+def _listener(port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HOST, port))
+    except OSError as error:
+        listener.close()
+        raise HapticdError(
+            f"Port {port} of this computer cannot be had ({error.strerror}): choose another with --port, or 0 for any."
+        ) from None
+    return listener
+
+
+async def _serve(listener: socket.socket, endpoint: str | None, *, open_browser: bool) -> None:
+    from aiohttp import web
+
+    from .server import Viewer
+
+    viewer = Viewer(endpoint)
+    viewer.port = listener.getsockname()[1]
+    runner = web.AppRunner(viewer.app(), access_log=None, handle_signals=False)
+    await runner.setup()
+    try:
+        await web.SockSite(runner, listener, shutdown_timeout=1.0).start()
+        ended = asyncio.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, ended.set)
+        address = f"http://{HOST}:{viewer.port}/?key={viewer.key}"
+        print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
+        if open_browser and has_screen():
+            await asyncio.to_thread(webbrowser.open, address)
+        await ended.wait()
+    finally:
+        await runner.cleanup()
+
+
+def has_screen() -> bool:
+    """Without one, `webbrowser` could open a text browser in this terminal."""
+    return sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

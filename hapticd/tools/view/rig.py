@@ -1,0 +1,83 @@
+"""The simulated rig from a viewer's side: it hears the plate's truth, and holds a person's fingers on the pad."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import zmq
+
+from ...sim.fingers.hands import Point
+
+FRESH_NS = 100_000_000  # an older truth is of a rig that stands still
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the plate does: where the fingers are, its modes' phasors, and the displacement under each finger."""
+
+    t_ns: int
+    fingers_mm: tuple[tuple[float, float], ...]
+    modal_um: tuple[complex, ...]
+    truth_um: tuple[complex, ...]
+
+
+def decode_truth(payload: bytes) -> Truth | None:
+    """A message of the rig's `truth` socket; None where it is none."""
+    try:
+        fields: Any = msgpack.unpackb(payload)
+        return Truth(
+            t_ns=int(fields["t_ns"]),
+            fingers_mm=tuple((float(x_mm), float(y_mm)) for x_mm, y_mm in fields["fingers"]),
+            modal_um=tuple(complex(d_um, q_um) for d_um, q_um in fields["modal_um"]),
+            truth_um=tuple(complex(d_um, q_um) for d_um, q_um in fields["truth_um"]),
+        )
+    except (ValueError, TypeError, KeyError, OverflowError, msgpack.UnpackException):
+        return None
+
+
+class TruthEar:
+    """Hears the newest truth. Of one thread."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
+        self._last: Truth | None = None
+        self._socket = context.socket(zmq.SUB)
+        self._socket.linger = 0
+        self._socket.conflate = True
+        self._socket.subscribe(b"")
+        self._socket.connect(f"ipc://{directory / 'truth'}")
+
+    def newest(self, t_ns: int) -> Truth | None:
+        """The last that was told, if it is of now."""
+        while self._socket.poll(0):
+            self._last = decode_truth(self._socket.recv())
+        return self._last if self._last is not None and t_ns - self._last.t_ns < FRESH_NS else None
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._socket.close()
+
+
+class PadHand:
+    """Holds fingers on the simulated pad. Of one thread; what nobody takes is dropped, for it would be late."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
+        self._socket = context.socket(zmq.PUSH)
+        self._socket.linger = 0
+        self._socket.immediate = True
+        self._socket.sndhwm = 4
+        self._socket.connect(f"ipc://{directory / 'fingers'}")
+
+    def hold(self, points_mm: Mapping[str, Point]) -> None:
+        """All fingers that are held now."""
+        try:
+            self._socket.send(msgpack.packb({"fingers": dict(points_mm)}), zmq.NOBLOCK)
+        except zmq.Again:
+            return
+
+    def close(self) -> None:
+        """Let go: the rig notices the silence."""
+        self._socket.close()

@@ -1,0 +1,172 @@
+"""A configuration is checked as a whole, and each error is one sentence that says where and what to do."""
+
+from __future__ import annotations
+
+import contextlib
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd.config import loader as config
+from hapticd.config.sections import (
+    SCENARIO_NAMES,
+    SIMULATED,
+    Config,
+    DeviceConfig,
+    PlateConfig,
+    TrackpadConfig,
+)
+from hapticd.errors import ConfigError
+from hapticd.sim.scenarios import SCENARIOS
+
+
+def load(text: str, tmp_path: Path) -> Config:
+    path = tmp_path / "hapticd.toml"
+    path.write_text(text, encoding="utf-8")
+    return config.load(path)
+
+
+def test_an_empty_file_is_the_default_and_the_default_is_the_simulated_plate(tmp_path: Path) -> None:
+    loaded = load("", tmp_path)
+    assert loaded == Config()
+    assert loaded.trackpad.source == loaded.device.port == SIMULATED
+
+
+def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
+    changed = load('[limits]\nw_limit_um = [3.5, 2]\n[log]\nlevel = "debug"\n[sim]\nseed = 7\n', tmp_path)
+    assert load(config.render(changed), tmp_path) == changed
+    assert load("[solver]\nphase_rotation = false", tmp_path).solver.phase_rotation is False
+    assert changed.limits.w_limit_um == (3.5, 2.0)
+    assert changed.limits.reference_limit_um == (3.5 * 0.98, 2.0 * 0.98)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[limits]\nw_limit = 3", "limits.w_limit: unknown key, did you mean w_limit_um?"),
+        ("[limits]\nstrength = 3", "limits.strength: unknown key, valid are w_limit_um, headroom_frac"),
+        ("[limts]\n", "unknown section [limts], did you mean limits?"),
+        ("[device]\nbaud = 'fast'", "device.baud: must be a whole number, not 'fast'"),
+        ("[device]\nbaud = 1.5", "device.baud: must be a whole number"),
+        ("[device]\nbaud = true", "device.baud: must be a whole number"),
+        ("[device]\nport = 3", "device.port: must be a text in quotes"),
+        ("[device]\nlink_ms = 400", "device.link_ms: 400 is out of bounds, it must be 0 .. 40"),
+        ("[device]\nlink_ms = nan", "device.link_ms: nan is out of bounds"),
+        ("[limits]\nw_limit_um = [4, 400]", "limits.w_limit_um: 400 is out of bounds, it must be 0.01 .. 20"),
+        ("[limits]\nw_limit_um = 4", "limits.w_limit_um: must be a list of numbers, such as [4.0, 4.0]"),
+        ("[limits]\nw_limit_um = []", "limits.w_limit_um: needs one number for each mode"),
+        ("[trackpad]\nsource = 'mouse'", "'mouse' is none of sim, hid, replay"),
+        ("[trackpad]\nsource = 'replay'", "trackpad.replay_file"),
+        ("[trackpad]\noffset_mm = [1]", "trackpad.offset_mm: needs 2 numbers, not 1"),
+        ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
+        ("[device]\ncalibration_file = 'gone.toml'", "device.calibration_file: there is no file"),
+        ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
+        ("[plate]\nneighbours_file = 'n.npz'", "plate.parasitic_modes_file: needs parasitic_detuning_hz and"),
+        ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
+        ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
+        ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
+        ("[realtime]\nfifo_priority = true", "realtime.fifo_priority: must be a whole number, not True"),
+        ("[client]\ntcp = '10.0.0.1:7410'", "client.tcp: nobody is served over TCP without keys"),
+        ("[client]\ntcp = '10.0.0.1'\nkeys_dir = 'k'", "client.tcp: must be an address and the first of three ports"),
+        ("[client]\ntcp = ':7410'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:65534'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:0'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
+        ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
+        ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
+        ("[solver]\nphase_rotation = 1", "solver.phase_rotation: must be true or false, not 1"),
+        ("[solver]\nmax_knots = true", "solver.max_knots: must be a whole number"),
+        ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
+        ("limits = 3", "limits is a section"),
+        ("[limits", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(text, tmp_path)
+    message = str(caught.value)
+    assert sentence in message
+    assert "hapticd.toml" in message
+    assert message.endswith("?" if "did you mean" in message else ".")
+    assert "?." not in message
+    assert "\n" not in message
+
+
+def test_the_names_that_it_accepts_are_those_that_exist() -> None:
+    assert set(SCENARIO_NAMES) == set(SCENARIOS)
+
+
+def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        config.load(tmp_path / "none.toml")
+
+
+def test_file_names_are_taken_from_the_configurations_own_folder(tmp_path: Path) -> None:
+    (tmp_path / "modes.npz").write_bytes(b"x")
+    assert load("[plate]\nmodes_file = 'modes.npz'", tmp_path).plate.modes_file == str(tmp_path / "modes.npz")
+
+
+@given(st.text(max_size=200))
+def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return
+    with contextlib.suppress(ConfigError):
+        config.from_table(table, where="x", folder=Path("/nonexistent"))
+
+
+def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
+    loaded = load('[client]\ntcp = "[::1]:7410"\nkeys_dir = "keys"\n', tmp_path)
+    assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")
+
+
+def test_a_recording_goes_where_the_file_is_that_asks_for_it(tmp_path: Path) -> None:
+    assert load('[record]\nfile = "all.hrec"\n', tmp_path).record.file == str(tmp_path.resolve() / "all.hrec")
+
+
+def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:
+    delays_ms = {
+        law: DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms for law in ("pi", "pi_ff", "deadbeat")
+    }
+    assert delays_ms == {"pi": 1.5, "pi_ff": 0.5, "deadbeat": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[sim]\nseed = 9223372036854775808\n", "beyond 64 bits"),
+        ("[limits]\nw_limit_um = [1" + "0" * 400 + "]\n", "beyond 64 bits"),
+        ("[sim]\nseed = " + "9" * 5000, "not valid TOML"),
+        ("a = " + "[" * 5000, "nests too deeply"),
+        ("a" + ".a" * 16 + " = 1", "16 dots or more"),
+        ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
+        ("#" * 65537, "more than 65536 bytes"),
+        ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
+        ('[solver]\neffort = "much"\n', "must be a number"),
+    ],
+)
+def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=sentence) as refused:
+        load(text, tmp_path)
+    assert str(refused.value).isprintable()
+
+
+def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
+    real = Config(
+        plate=PlateConfig(modes_file="a.npz"),
+        trackpad=TrackpadConfig(source="hid", offset_mm=(1.0, 2.0), matrix=(1.0, 0.1, 0.0, 1.0)),
+        device=DeviceConfig(port="/dev/ttyACM0"),
+    )
+    assert config.simulated(real) == Config()
+
+
+def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:
+    told = load("[trackpad]\nmatrix = [0.0, -1.0, 1.0, 0.0]\n", tmp_path)
+    assert told.trackpad.matrix == (0.0, -1.0, 1.0, 0.0)
+    for text, sentence in (("[1.0, 0.0]", "needs 4 numbers"), ("[1.0, 1.0, 1.0, 1.0]", "lays the pad on a line")):
+        with pytest.raises(ConfigError, match=sentence):
+            load(f"[trackpad]\nmatrix = {text}\n", tmp_path)

@@ -1,0 +1,366 @@
+"""Three clocks on one axis: accuracy under jitter and drift, steps, wraps, hostile answers."""
+
+from __future__ import annotations
+
+import random
+import statistics
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.board_values import BoardTime
+from hapticd.core.board.clock_sync import BoardClock, LinkLatency
+from hapticd.core.rolling_quantile import RollingQuantile
+from hapticd.core.touch.sensor_clock import SensorClock
+
+US, MS, S = 1_000, 1_000_000, 1_000_000_000
+WRAP_US = 2**32
+
+
+# --- the trackpad's clock -----------------------------------------------------------------------------------------
+
+
+class Pad:
+    """A trackpad that samples every 11.25 ms; its reports take `latency_ns` and up to `late_ms` more, or more rarely
+    `tail_ms` more, on average."""
+
+    def __init__(
+        self,
+        *,
+        stamp_ms: float = 1.0,
+        late_ms: float = 2.0,
+        tail_ms: float = 0.0,
+        ppm: float = 0.0,
+        origin_ns: int = 0,
+        seed: int = 1,
+    ) -> None:
+        self.random = random.Random(seed)
+        self.stamp_ms, self.late_ms, self.tail_ms, self.ppm = stamp_ms, late_ms, tail_ms, ppm
+        self.origin_ns = origin_ns
+        self.latency_ns = 10 * MS
+        self.device_offset_ns = 777 * S
+        self.t_ns = 0
+
+    def report(self) -> tuple[int, int, int, int]:
+        """Stamp, arrival, the true sampling instant, and the stamp without its error."""
+        self.t_ns += 11_250_000
+        exact = round(self.t_ns * (1 + self.ppm * 1e-6)) + self.device_offset_ns
+        stamp = exact + round(self.random.uniform(-self.stamp_ms, self.stamp_ms) * MS)
+        sampled = self.origin_ns + self.t_ns
+        late_ms = self.random.uniform(0, self.late_ms) + self.tail_ms * self.random.expovariate(1.0)
+        arrival = sampled + self.latency_ns + round(late_ms * MS)
+        return stamp, arrival, sampled, exact
+
+
+def settled_errors_ms(pad: Pad, clock: SensorClock, reports: int = 3000, after: int = 300) -> list[float]:
+    """How far an exact stamp would be mapped from its true instant, once the window is full or `after` reports."""
+    errors = []
+    for index in range(reports):
+        stamp, arrival, sampled, exact = pad.report()
+        clock.update(stamp, arrival)
+        if index > after:
+            errors.append((exact + clock.offset_ns - sampled) / MS)
+    return errors
+
+
+@pytest.mark.parametrize("ppm", [0.0, 200.0, -200.0])
+def test_under_jitter_and_drift_the_sampling_instants_are_nearly_free_of_bias(ppm: float) -> None:
+    clock = SensorClock(10 * MS)
+    errors = settled_errors_ms(Pad(ppm=ppm), clock)
+    assert abs(statistics.mean(errors)) < 0.25
+    assert statistics.pstdev(errors) < 0.2
+    assert clock.relocks == 0
+
+
+@pytest.mark.parametrize("stamp_ms", [1.0, 2.0])
+@pytest.mark.parametrize(
+    ("late_ms", "tail_ms"), [(0.0, 0.0), (0.125, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 0.3), (0.0, 1.0)]
+)
+def test_whatever_makes_reports_late_and_stamps_err_the_bias_stays_near_a_tenth_of_a_millisecond(
+    stamp_ms: float, late_ms: float, tail_ms: float
+) -> None:
+    pad = Pad(stamp_ms=stamp_ms, late_ms=late_ms, tail_ms=tail_ms)
+    assert abs(statistics.mean(settled_errors_ms(pad, SensorClock(10 * MS)))) < 0.12
+
+
+def test_a_clock_of_half_a_second_is_nearly_free_of_bias_whatever_its_first_stamps_were() -> None:
+    early = []
+    for seed in range(40):
+        pad, clock = Pad(late_ms=0.0, seed=seed), SensorClock(10 * MS)
+        errors = settled_errors_ms(pad, clock, reports=45, after=20)
+        early.append(statistics.mean(errors))
+    assert abs(statistics.mean(early)) < 0.15
+    assert statistics.pstdev(early) < 0.25
+
+
+def test_a_host_that_stalls_at_every_other_report_does_not_move_the_clock_far() -> None:
+    pad, clock = Pad(late_ms=0.0), SensorClock(10 * MS)
+    errors: list[float] = []
+    for index in range(1000):
+        stamp, arrival, sampled, exact = pad.report()
+        clock.update(stamp, arrival + 4 * MS * (index % 2))
+        errors.append((exact + clock.offset_ns - sampled) / MS)
+    assert max(map(abs, errors[300:])) < 0.5
+
+
+def test_exact_stamps_cost_a_fifth_of_a_millisecond_at_most() -> None:
+    errors = settled_errors_ms(Pad(stamp_ms=0.0), SensorClock(10 * MS))
+    assert 0.0 <= statistics.mean(errors) < 0.2
+
+
+def test_the_first_report_is_usable_and_nothing_was_sampled_after_it_was_read() -> None:
+    pad, clock = Pad(), SensorClock(10 * MS)
+    for _ in range(300):
+        stamp, arrival, sampled, _ = pad.report()
+        t_sample_ns = clock.update(stamp, arrival)
+        assert abs(t_sample_ns - sampled) < 4 * MS
+        assert t_sample_ns <= arrival - 10 * MS
+
+
+@pytest.mark.parametrize("origin_ns", [0, 10**18, -(10**15)])
+def test_the_sensor_clock_has_no_origin(origin_ns: int) -> None:
+    here, there = SensorClock(5 * MS), SensorClock(5 * MS)
+    pad, moved = Pad(), Pad(origin_ns=origin_ns)
+    moved.device_offset_ns += 2 * origin_ns
+    for _ in range(200):
+        stamp, arrival, _, _ = pad.report()
+        moved_stamp, moved_arrival, _, _ = moved.report()
+        assert there.update(moved_stamp, moved_arrival) - origin_ns == here.update(stamp, arrival)
+
+
+@pytest.mark.parametrize("step_ns", [-700 * S, -100 * MS, 40 * MS, 3600 * S])
+def test_a_step_of_the_device_clock_is_followed_at_once(step_ns: int) -> None:
+    pad, clock = Pad(), SensorClock(10 * MS)
+    settled_errors_ms(pad, clock, 400)
+    pad.device_offset_ns += step_ns
+    for _ in range(50):
+        stamp, arrival, sampled, _ = pad.report()
+        assert abs(clock.update(stamp, arrival) - sampled) < 4 * MS
+    assert clock.relocks >= 1
+
+
+def test_after_a_gap_in_which_the_device_clock_stood_the_lock_is_new() -> None:
+    pad, clock = Pad(), SensorClock(10 * MS)
+    settled_errors_ms(pad, clock, 400)
+    pad.origin_ns += 3 * S  # the host went on, the pad slept with its clock
+    stamp, arrival, sampled, _ = pad.report()
+    assert abs(clock.update(stamp, arrival) - sampled) < 4 * MS
+    assert clock.relocks == 1
+
+
+def test_a_slow_clock_step_is_found_after_some_reports_and_a_stalled_host_is_not_one() -> None:
+    pad, clock = Pad(), SensorClock(10 * MS)
+    settled_errors_ms(pad, clock, 400)
+    stamp, arrival, sampled, _ = pad.report()
+    assert abs(clock.update(stamp, arrival + 60 * MS) - sampled) < 2 * MS  # read late, sampled in time
+    assert clock.relocks == 0
+    pad.device_offset_ns -= 8 * MS  # not seen in the stamps' order
+    for _ in range(8):
+        stamp, arrival, sampled, _ = pad.report()
+        t_sample_ns = clock.update(stamp, arrival)
+    assert abs(t_sample_ns - sampled) < 4 * MS
+
+
+def test_after_a_long_pause_old_reports_do_not_count() -> None:
+    pad, clock = Pad(stamp_ms=0.0, late_ms=0.0, ppm=200.0), SensorClock(10 * MS)
+    settled_errors_ms(pad, clock, 400)
+    pad.t_ns += 20 * S  # 4 ms of drift: less than a step
+    stamp, arrival, sampled, _ = pad.report()
+    assert abs(clock.update(stamp, arrival) - sampled) < 10 * US
+
+
+def test_a_reset_sensor_clock_locks_on_the_next_report() -> None:
+    clock = SensorClock(2 * MS)
+    clock.update(5 * S, 9 * S)
+    clock.reset()
+    assert clock.update(1 * S, 20 * S) == 20 * S - 2 * MS
+    assert clock.relocks == 0
+
+
+@settings(deadline=None, max_examples=100)
+@given(values=st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=40), size=st.integers(1, 9))
+def test_the_rolling_quantile_is_that_of_the_last_values(values: list[int], size: int) -> None:
+    rolling = RollingQuantile(size, 0.5)
+    for index, value in enumerate(values):
+        rolling.push(value)
+        window = sorted(values[max(0, index + 1 - size) : index + 1])
+        assert rolling.value == window[(len(window) - 1) // 2]
+
+
+# --- the board's clock --------------------------------------------------------------------------------------------
+
+
+class Link:
+    """A board whose counter is about to wrap, behind a link with a random delay each way."""
+
+    def __init__(self, *, ppm: float = 0.0, delay_ms: float = 0.3, jitter_ms: float = 0.5, start_us: int = -5 * 10**6):
+        self.random = random.Random(2)
+        self.ppm, self.delay_ms, self.jitter_ms = ppm, delay_ms, jitter_ms
+        self.start_us = start_us
+        self.t_boot_ns = 10**12
+        self.t_ns = 10**12
+
+    def board_us(self, t_ns: int) -> int:
+        ticked_ns = (t_ns - self.t_boot_ns) * (1 + self.ppm * 1e-6)
+        return (self.start_us + int(ticked_ns / 1000)) % WRAP_US
+
+    def delay_ns(self) -> int:
+        return round((self.delay_ms + self.random.expovariate(1.0) * self.jitter_ms) * MS)
+
+    def ask(self, clock: BoardClock, after_ns: int = 500 * MS) -> bool:
+        """One exchange; the link's time is then that of the answer's receipt."""
+        self.t_ns += after_ns
+        sent_ns = clock.request(self.t_ns)
+        arrived_ns = sent_ns + self.delay_ns()
+        left_ns = arrived_ns + 50 * US
+        self.t_ns = left_ns + self.delay_ns()
+        return clock.update(BoardTime(sent_ns, self.board_us(arrived_ns), self.board_us(left_ns)), self.t_ns)
+
+    def error_us(self, clock: BoardClock, ahead_ns: int = 20 * MS) -> int:
+        off_us = clock.to_board_us(self.t_ns + ahead_ns) - self.board_us(self.t_ns + ahead_ns)
+        return (off_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
+
+
+@pytest.mark.parametrize("ppm", [0.0, 100.0, -100.0])
+def test_the_board_clock_holds_through_jitter_drift_and_the_wrap(ppm: float) -> None:
+    link, clock = Link(ppm=ppm), BoardClock()
+    errors = []
+    for index in range(200):
+        assert link.ask(clock)
+        assert clock.ready == (index >= 3)
+        if index >= 20:
+            errors.append(link.error_us(clock))
+            assert abs(errors[-1]) * US < clock.error_ns
+    assert abs(statistics.mean(errors)) < 20
+    assert max(map(abs, errors)) < 150
+    assert clock.rate_ppm == pytest.approx(ppm, abs=15)
+    assert clock.relocks == 0
+
+
+@settings(deadline=None, max_examples=100)
+@given(ahead_ns=st.integers(-30 * 60 * S, 30 * 60 * S), start_us=st.integers(0, WRAP_US - 1))
+def test_there_and_back_is_the_same_instant_however_the_counter_stands(ahead_ns: int, start_us: int) -> None:
+    link, clock = Link(start_us=start_us, ppm=50.0), BoardClock()
+    for _ in range(6):
+        link.ask(clock)
+    t_ns = link.t_ns + ahead_ns
+    board_us = clock.to_board_us(t_ns)
+    assert 0 <= board_us < WRAP_US
+    assert abs(clock.to_host_ns(board_us, near=t_ns + 5 * S) - t_ns) <= 1 * US
+    assert abs(clock.to_host_ns(board_us, near=t_ns - 5 * S) - t_ns) <= 1 * US
+
+
+def test_the_shortest_round_trips_decide() -> None:
+    """One exchange in four is quick, the others are delayed one way only by 20 ms."""
+    clock, link = BoardClock(), Link(jitter_ms=0.0)
+    for index in range(64):
+        link.t_ns += 100 * MS
+        sent_ns = clock.request(link.t_ns)
+        there_ns = 300 * US if index % 4 == 0 else 20 * MS
+        board_us = link.board_us(sent_ns + there_ns)
+        clock.update(BoardTime(sent_ns, board_us, board_us), sent_ns + there_ns + 300 * US)
+    assert abs(link.error_us(clock)) < 20
+    assert clock.rtt_ns == 600 * US
+
+
+def test_a_reboot_is_seen_in_one_exchange_and_must_be_confirmed() -> None:
+    link, clock = Link(), BoardClock()
+    for _ in range(30):
+        link.ask(clock)
+    link.start_us, link.t_boot_ns = 0, link.t_ns
+    link.ask(clock)
+    assert clock.relocks == 1
+    assert not clock.ready
+    for _ in range(3):
+        link.ask(clock)
+    assert clock.ready
+    assert abs(link.error_us(clock)) < 1500
+    assert clock.relocks == 1
+
+
+def test_a_reset_clock_knows_nothing_and_says_so() -> None:
+    link, clock = Link(), BoardClock()
+    for _ in range(6):
+        link.ask(clock)
+    asked_before = clock.request(link.t_ns)
+    clock.reset()
+    assert not clock.ready
+    assert clock.rtt_ns == 0
+    assert not clock.update(BoardTime(asked_before, 1, 2), link.t_ns + MS)
+    with pytest.raises(RuntimeError, match="ready"):
+        clock.to_board_us(0)
+    with pytest.raises(RuntimeError, match="ready"):
+        clock.to_host_ns(0, near=0)
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "received_us", "sent_us", "t_received_ns"),
+    [
+        (10 * S + 1, 0, 0, 10 * S + MS),  # never sent
+        (20 * S, 0, 0, 19 * S),  # from the future
+        (10 * S, 0, 0, 12 * S),  # too long ago
+        (10 * S, 0, 5000, 10 * S + MS),  # the board held it longer than it was away
+        (10 * S, 5000, 4999, 10 * S + MS),  # answered before it came
+    ],
+)
+def test_a_hostile_answer_is_ignored_and_counted(
+    stamp_ns: int, received_us: int, sent_us: int, t_received_ns: int
+) -> None:
+    clock = BoardClock()
+    clock.request(10 * S)
+    clock.request(20 * S)
+    assert not clock.update(BoardTime(stamp_ns, received_us, sent_us), t_received_ns)
+    assert clock.ignored == 1
+    assert clock.rtt_ns == 0
+
+
+def test_an_answer_counts_once() -> None:
+    clock = BoardClock()
+    reply = BoardTime(clock.request(S), 0, 0)
+    assert clock.update(reply, S + MS)
+    assert not clock.update(reply, S + MS)
+
+
+def test_without_noted_requests_any_recent_stamp_is_taken() -> None:
+    assert BoardClock().update(BoardTime(S, 0, 0), S + MS)
+
+
+@settings(deadline=None, max_examples=100)
+@given(replies=st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * 2, st.integers(-S, 3 * S)), max_size=20))
+def test_no_sequence_of_answers_breaks_the_clock(replies: list[tuple[int, int, int]]) -> None:
+    clock = BoardClock()
+    for index, (received_us, sent_us, rtt_ns) in enumerate(replies):
+        clock.update(BoardTime(index * S, received_us, sent_us), index * S + rtt_ns)
+    if clock.ready:
+        assert 0 <= clock.to_board_us(10**15) < WRAP_US
+        assert abs(clock.to_host_ns(5, near=10**15) - 10**15) <= WRAP_US * US
+
+
+# --- the link -----------------------------------------------------------------------------------------------------
+
+
+def test_the_link_latency_starts_at_five_milliseconds_and_becomes_what_one_frame_in_ten_exceeds() -> None:
+    latency, jitter = LinkLatency(), random.Random(3)
+    for count in range(200):
+        assert (latency.link_ns == 5 * MS) == (count < 8)
+        latency.update(MS + round(jitter.random() * MS))
+    assert 1.8 * MS < latency.link_ns < 2.0 * MS
+    late = sum(jitter.random() * MS + MS > latency.link_ns for _ in range(1000))
+    assert 20 < late < 200
+
+
+def test_the_link_latency_shrugs_off_outliers_and_nonsense() -> None:
+    latency = LinkLatency(3 * MS)
+    assert latency.link_ns == 3 * MS
+    for index in range(64):
+        latency.update(900 * MS if index % 16 == 0 else MS)
+    assert latency.link_ns == MS
+    latency.update(2 * S)
+    latency.update(-2 * S)
+    assert latency.ignored == 2
+    for _ in range(64):
+        latency.update(-20 * US)
+    assert latency.link_ns == 0
+    latency.reset()
+    assert latency.link_ns == 3 * MS

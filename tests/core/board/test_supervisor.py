@@ -1,0 +1,104 @@
+"""The table, exhaustively, and what the supervisor remembers beside it."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.board.supervisor import TRANSITIONS, Event, State, Supervisor
+
+DRIVING = [State.ACTIVE]
+EVENTS = list(Event)
+
+
+def supervisor_after(*events: Event) -> Supervisor:
+    supervisor = Supervisor()
+    for t_ns, event in enumerate(events):
+        supervisor.handle(event, "test", t_ns)
+    return supervisor
+
+
+ACTIVE = (Event.LINK_UP, Event.SENSOR_UP, Event.TOUCHED)
+
+
+def test_no_event_is_undefined_in_any_state() -> None:
+    assert set(TRANSITIONS) == set(itertools.product(State, Event))
+
+
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("event", [Event.BOARD_FAULT, Event.LINK_DOWN, Event.SENSOR_DOWN, Event.RELEASED, Event.STOP])
+def test_whatever_forbids_output_does_so_in_one_step(state: State, event: Event) -> None:
+    assert TRANSITIONS[state, event] not in DRIVING
+
+
+def test_there_is_one_way_into_active() -> None:
+    entries = [(state, event) for (state, event), after in TRANSITIONS.items() if after in DRIVING and state != after]
+    assert entries == [(State.ARMED, Event.TOUCHED)]
+
+
+def test_only_clearing_or_stopping_leaves_a_fault_and_nothing_leaves_stopped() -> None:
+    assert {event for event in Event if TRANSITIONS[State.FAULT, event] is not State.FAULT} == {
+        Event.CLEARED,
+        Event.STOP,
+    }
+    assert {TRANSITIONS[State.STOPPED, event] for event in Event} == {State.STOPPED}
+    assert {TRANSITIONS[state, Event.STOP] for state in State} == {State.STOPPED}
+
+
+def test_a_fault_latches_from_every_state_but_stopped() -> None:
+    for state in State:
+        expected = State.STOPPED if state is State.STOPPED else State.FAULT
+        assert TRANSITIONS[state, Event.BOARD_FAULT] is expected
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations([Event.LINK_UP, Event.SENSOR_UP])))
+def test_both_link_and_sensor_must_be_up_in_either_order(order: tuple[Event, ...]) -> None:
+    supervisor = Supervisor()
+    assert supervisor.handle(order[0], "one", 1) is State.IDLE
+    assert supervisor.handle(Event.TOUCHED, "too early", 2) is State.IDLE
+    assert supervisor.handle(order[1], "both", 3) is State.ARMED
+    assert supervisor.handle(Event.TOUCHED, "finger 1", 4) is State.ACTIVE
+    assert supervisor.may_drive
+
+
+@settings(deadline=None, max_examples=300)
+@given(events=st.lists(st.sampled_from(EVENTS), max_size=40))
+def test_it_drives_only_with_link_sensor_touch_and_no_fault(events: list[Event]) -> None:
+    """A model kept apart from the table: four flags, each set by its last event."""
+    link = sensor = touched = faulty = stopped = False
+    supervisor = Supervisor()
+    for t_ns, event in enumerate(events):
+        supervisor.handle(event, "random", t_ns)
+        link = (link or event is Event.LINK_UP) and event is not Event.LINK_DOWN
+        sensor = (sensor or event is Event.SENSOR_UP) and event is not Event.SENSOR_DOWN
+        faulty = (faulty or event is Event.BOARD_FAULT) and event is not Event.CLEARED
+        stopped = stopped or event is Event.STOP
+        interrupted = not (link and sensor) or faulty or event is Event.RELEASED
+        touched = (touched or event is Event.TOUCHED) and not interrupted
+        assert supervisor.may_drive == (link and sensor and touched and not faulty and not stopped)
+    assert all(change.before is not change.after for change in supervisor.history)
+
+
+def test_a_cleared_fault_returns_to_what_is_up_and_waits_for_a_touch() -> None:
+    supervisor = supervisor_after(*ACTIVE, Event.BOARD_FAULT, Event.TOUCHED)
+    assert supervisor.state is State.FAULT
+    assert supervisor.handle(Event.CLEARED, "cleared", 9) is State.ARMED
+    assert supervisor.handle(Event.TOUCHED, "finger 1", 10) is State.ACTIVE
+    lost = supervisor_after(*ACTIVE, Event.BOARD_FAULT, Event.LINK_DOWN, Event.CLEARED)
+    assert lost.state is State.IDLE
+    assert lost.handle(Event.LINK_UP, "back", 10) is State.ARMED  # the sensor was never gone
+
+
+def test_history_tells_what_changed_when_and_why_and_stays_short() -> None:
+    supervisor = supervisor_after(Event.LINK_UP, Event.SENSOR_UP, Event.SENSOR_UP)
+    supervisor.handle(Event.TOUCHED, "finger 3 has a target", 1234)
+    last = supervisor.history[-1]
+    assert last == (1234, Event.TOUCHED, State.ARMED, State.ACTIVE, "finger 3 has a target")
+    assert len(supervisor.history) == 2
+    for t_ns in range(200):
+        supervisor.handle(Event.RELEASED if t_ns % 2 == 0 else Event.TOUCHED, "", t_ns)
+    assert len(supervisor.history) == 64
+    assert supervisor.history[-1].t_ns == 199

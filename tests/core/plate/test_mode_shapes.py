@@ -1,0 +1,189 @@
+"""ModeShapes: one map, two ways to read it, and no way to get nonsense out of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.errors import ModesError
+
+WAVE_RAD_MM = 2.0 * math.pi / 27.0
+
+
+def waves(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """Two plate waves, one along each axis, at points of any form: (2, ...)."""
+    return np.stack(
+        (
+            np.cos(WAVE_RAD_MM * x_mm + 0.4) * np.cos(0.02 * y_mm),
+            np.cos(WAVE_RAD_MM * y_mm - 0.7) * np.cos(0.02 * x_mm),
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def modes() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 101)
+    return ModeShapes.from_grid(axis_mm, axis_mm, waves(*np.meshgrid(axis_mm, axis_mm)))
+
+
+def anywhere(count: int, reach_mm: float = 80.0) -> np.ndarray:
+    return np.random.default_rng(count).uniform(-reach_mm, reach_mm, (count, 2))
+
+
+def test_the_map_says_how_many_modes_it_has(modes: ModeShapes) -> None:
+    assert modes.M == 2
+    assert modes.shapes.shape == (2, modes.y_mm.size, modes.x_mm.size)
+
+
+def test_a_wave_is_met_between_the_points_of_the_map(modes: ModeShapes) -> None:
+    points = anywhere(5000, 68.75)
+
+    error = modes.evaluate(points) - waves(points[:, 0], points[:, 1]).T
+
+    # The spline's error on a wave is 5/384 (k h)^4 at most, and a few times that in the outer cells.
+    assert np.abs(error[np.abs(points).max(axis=1) < 64.0]).max() < 5.0 / 384.0 * (WAVE_RAD_MM * 1.375) ** 4
+    assert np.abs(error).max() < 1.5e-3
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.floats(width=64), st.floats(width=64))
+def test_one_point_and_many_points_agree_to_the_last_bit(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
+    many = np.full((40, 2), (x_mm, y_mm))
+
+    one = modes.at(x_mm, y_mm)
+
+    assert all(type(value) is float and math.isfinite(value) for value in one)
+    np.testing.assert_array_equal(modes.evaluate(many), np.tile(one, (40, 1)))
+    np.testing.assert_array_equal(modes.evaluate(many[:1]), [one])
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.floats(width=64), st.floats(width=64))
+def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
+    rows = np.array(modes.at_with_gradient(x_mm, y_mm))
+
+    assert np.isfinite(rows).all()
+    np.testing.assert_array_equal(rows[:, 0], modes.at(x_mm, y_mm))
+    np.testing.assert_array_equal(rows[:, 1:], modes.gradient(np.full((40, 2), (x_mm, y_mm)))[0])
+
+
+def test_value_and_gradient_agree_on_the_plate_beside_it_and_on_every_line(modes: ModeShapes) -> None:
+    points = np.concatenate((anywhere(300), np.stack((modes.x_mm, modes.y_mm[::-1]), axis=-1)))
+
+    rows = np.array([modes.at_with_gradient(x, y) for x, y in points.tolist()])
+
+    np.testing.assert_array_equal(rows[..., 0], modes.evaluate(points))
+    np.testing.assert_array_equal(rows[..., 1:], modes.gradient(points))
+
+
+def test_one_point_and_many_points_agree_on_every_line_of_the_grid(modes: ModeShapes) -> None:
+    lines = np.concatenate((modes.x_mm, np.nextafter(modes.x_mm, np.inf), np.nextafter(modes.x_mm, -np.inf)))
+    points = np.stack((lines, lines[::-1]), axis=-1)
+
+    np.testing.assert_array_equal(modes.evaluate(points), [modes.at(x, y) for x, y in points.tolist()])
+
+
+def test_outside_the_map_the_edge_counts_and_inside_says_so(modes: ModeShapes) -> None:
+    points = np.array([[68.75, -68.75], [68.76, 0.0], [0.0, -math.inf], [math.nan, 0.0], [0.0, 0.0]])
+
+    np.testing.assert_array_equal(modes.inside(points), [True, False, False, False, True])
+    assert modes.at(100.0, -5.0) == modes.at(68.75, -5.0)
+    assert modes.at(3.0, -math.inf) == modes.at(3.0, -68.75)
+
+
+def test_an_unknown_position_is_silent(modes: ModeShapes) -> None:
+    assert modes.at(math.nan, 0.0) == modes.at(0.0, math.nan) == (0.0, 0.0)
+    np.testing.assert_array_equal(modes.gradient(np.array([[math.nan, 1.0]])), np.zeros((1, 2, 2)))
+
+
+def test_the_gradient_is_the_slope_of_what_evaluate_gives(modes: ModeShapes) -> None:
+    points = anywhere(400)  # on the plate and beside it
+    step_mm = 1e-5
+
+    for axis in (0, 1):
+        shift = np.eye(2)[axis] * step_mm
+        slope = (modes.evaluate(points + shift) - modes.evaluate(points - shift)) / (2.0 * step_mm)
+        np.testing.assert_allclose(modes.gradient(points)[..., axis], slope, rtol=0.0, atol=1e-8)
+
+
+def test_the_steepest_slope_bounds_all_others(modes: ModeShapes) -> None:
+    slopes = np.hypot(*np.moveaxis(modes.gradient(anywhere(5000)), -1, 0))
+
+    assert slopes.max() <= modes.steepest_1_mm() * 1.001
+    assert modes.steepest_1_mm() == pytest.approx(WAVE_RAD_MM, rel=2e-3)
+
+
+def test_no_points_give_no_rows(modes: ModeShapes) -> None:
+    assert modes.evaluate(np.empty((0, 2))).shape == (0, 2)
+    assert modes.gradient(np.empty((0, 2))).shape == (0, 2, 2)
+    assert modes.inside(np.empty((0, 2))).shape == (0,)
+
+
+@pytest.mark.parametrize("points", [np.zeros(2), np.zeros((3, 3)), np.zeros((2, 1, 2))])
+def test_points_of_another_form_are_refused(modes: ModeShapes, points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"\(N, 2\)"):
+        modes.evaluate(points)
+
+
+def test_the_map_keeps_its_own_copy_and_lets_nobody_change_it() -> None:
+    axis_mm = np.linspace(-10.0, 10.0, 5)
+    values = np.ones((1, 5, 5))
+    modes = ModeShapes.from_grid(axis_mm, axis_mm, values)
+    values[:] = 7.0
+
+    assert modes.at(0.0, 0.0) == (1.0,)
+    with pytest.raises(ValueError, match="read-only"):
+        modes.shapes[0, 0, 0] = 2.0
+
+
+def test_values_are_kept_as_given_and_gaps_are_filled() -> None:
+    axis_mm = 4.5 * np.arange(-15, 16)
+    true = 3.0 * waves(*np.meshgrid(axis_mm, axis_mm))
+    holed = true.copy()
+    holed[0, 10, 12] = holed[1, 20, 20] = np.nan
+
+    modes = ModeShapes.from_grid(axis_mm, axis_mm, holed)
+
+    known = ~np.isnan(holed)
+    np.testing.assert_array_equal(modes.shapes[known], true[known])
+    np.testing.assert_allclose(modes.shapes, true, rtol=0.0, atol=0.05)
+
+
+AXIS_MM = np.linspace(-10.0, 10.0, 6)
+FLAT = np.ones((2, 6, 6))
+
+
+def with_value(shapes: np.ndarray, where: tuple[object, ...], value: float) -> np.ndarray:
+    changed = shapes.copy()
+    changed[where] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm", "shapes", "what"),
+    [
+        (AXIS_MM[:3], AXIS_MM, FLAT[:, :, :3], "at least 4"),
+        (AXIS_MM[::-1], AXIS_MM, FLAT, "does not increase"),
+        (AXIS_MM, with_value(AXIS_MM, (3,), math.nan), FLAT, "does not increase"),
+        (with_value(AXIS_MM, (5,), math.inf), AXIS_MM, FLAT, "does not increase"),
+        (AXIS_MM, AXIS_MM, FLAT[0], "order them as mode, y, x"),
+        (AXIS_MM, AXIS_MM, FLAT[:0], "order them as mode, y, x"),
+        (AXIS_MM, AXIS_MM, FLAT[:, :5], "order them as mode, y, x"),
+        (AXIS_MM, AXIS_MM, with_value(FLAT, (1, 0, 0), -math.inf), "infinite"),
+        (AXIS_MM, AXIS_MM, with_value(FLAT, (0, 2, 2), 1e308), "infinite or absurdly large"),
+        (AXIS_MM * 1e-200, AXIS_MM, FLAT, "check that they are in mm"),
+        (AXIS_MM, AXIS_MM * 1e6, FLAT, "check that they are in mm"),
+        (AXIS_MM, AXIS_MM, with_value(FLAT, (1, slice(0, 2)), math.nan), "mode 2 has no value at 33 %"),
+    ],
+)
+def test_what_is_no_map_is_refused_in_a_sentence(
+    x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
+) -> None:
+    with pytest.raises(ModesError, match=what) as refusal:
+        ModeShapes.from_grid(x_mm, y_mm, shapes)
+    assert str(refusal.value).endswith(".")

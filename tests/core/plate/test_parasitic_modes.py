@@ -1,0 +1,128 @@
+"""Modes that only fingers drive: what they give a still finger is taken back, and no limit is passed for it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.plate.parasitic_modes import ParasiticModes
+from hapticd.core.solver.instant import InstantSolver, Place
+
+LIMIT_UM = (4.0, 4.0)
+FINGER_DECAY_1_S = 100.0
+DECAY_1_S, DETUNING_RAD_S = (180.0, 185.0), (470.0, 590.0)
+STEP_NS = 2_800_000
+positions_mm = st.floats(-60.0, 60.0)
+
+
+def waves(wavelength_mm: float) -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 111)
+    wave = 0.5 * np.sin(2 * np.pi * axis_mm / wavelength_mm)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
+
+
+DRIVEN, OTHERS = waves(27.0), waves(31.0)
+NEIGHBOURS = ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, FINGER_DECAY_1_S)
+
+
+def solver(parasitic_modes: ParasiticModes | None) -> InstantSolver:
+    return InstantSolver(
+        DRIVEN, LIMIT_UM, policy="keep_zero", effort=0.0, fade=0.0, phase_rotation=True, parasitic_modes=parasitic_modes
+    )
+
+
+def felt_um(places: list[Place], modal_um: tuple[complex, ...]) -> np.ndarray:
+    """What each finger gets of all modes, by their equation of motion run to rest in steps of 50 us."""
+    points = [place[:2] for place in places]
+    phi, near = DRIVEN.evaluate(points), OTHERS.evaluate(points)
+    driven_um = phi @ np.array(modal_um)
+    others_um = np.zeros(2, complex)
+    rate_1_s = -np.array(DECAY_1_S) + 1j * np.array(DETUNING_RAD_S)
+    for _ in range(2000):
+        others_um = others_um + 50e-6 * (rate_1_s * others_um - FINGER_DECAY_1_S * near.T @ driven_um)
+    return np.asarray(driven_um + near @ others_um)
+
+
+PLACES: list[Place] = [(-11.0, 17.0, 1.0), (20.5, -7.0, 0.0)]
+
+
+def test_a_still_finger_feels_far_less_when_the_neighbours_are_known() -> None:
+    unknown, known = (solver(given).solve(PLACES, (0.0, 0.0), STEP_NS).modal_um for given in (None, NEIGHBOURS))
+    before_um, after_um = (abs(felt_um(PLACES, modal_um)) for modal_um in (unknown, known))
+    assert before_um[1] > 0.005
+    assert after_um[1] < 0.05 * before_um[1]
+    assert after_um[0] == pytest.approx(before_um[0], rel=0.02)
+
+
+def test_several_still_fingers_share_the_least_change() -> None:
+    three = ModeShapes.from_grid(
+        DRIVEN.x_mm, DRIVEN.y_mm, np.concatenate((DRIVEN.shapes, waves(23.0).shapes[:1] * waves(35.0).shapes[1:] * 2))
+    )
+    places: list[Place] = [*PLACES, (-40.0, -33.0, 0.0)]
+    phi = three.evaluate([place[:2] for place in places])
+    still = np.linalg.svd(phi[1:])[2][-1]
+    before = tuple((2.0 * still).tolist())
+    after = NEIGHBOURS.silenced(places, tuple(map(tuple, phi.tolist())), before, (4.0,) * 3)
+    near = OTHERS.evaluate([place[:2] for place in places])
+    settled = -FINGER_DECAY_1_S / (np.array(DECAY_1_S) - 1j * np.array(DETUNING_RAD_S))
+
+    def of_still(modal_um: tuple[complex, ...]) -> float:
+        w_um = phi @ np.array(modal_um)
+        return float(np.abs(w_um + near @ (settled * (near.T @ w_um)))[1:].max())
+
+    assert of_still(after) < 0.2 * of_still(before)
+
+
+def test_nothing_changes_where_all_slip_or_all_are_still() -> None:
+    for targets in ((1.0, 1.0), (0.0, 0.0)):
+        places = [(x_mm, y_mm, target) for (x_mm, y_mm, _), target in zip(PLACES, targets, strict=True)]
+        phi = tuple(DRIVEN.at(x_mm, y_mm) for x_mm, y_mm, _ in places)
+        assert NEIGHBOURS.silenced(places, phi, (1.0, -2.0), LIMIT_UM) == (1.0, -2.0)
+
+
+@given(st.lists(st.tuples(positions_mm, positions_mm, st.sampled_from((0.0, 1.0, 4.0))), min_size=1, max_size=4))
+@settings(max_examples=60, deadline=None)
+def test_no_mode_passes_its_limit(places: list[Place]) -> None:
+    moment = solver(NEIGHBOURS).solve(places, (4.0 + 0j, -4.0 + 0j), STEP_NS)
+    assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(moment.modal_um, LIMIT_UM, strict=True))
+
+
+def test_one_slipping_finger_keeps_its_sign_from_knot_to_knot_though_amplitudes_are_complex() -> None:
+    chosen = solver(NEIGHBOURS)
+    modal_um: tuple[complex, ...] = (0.0, 0.0)
+    walked = []
+    for step in range(400):
+        places = [(-30.0 + 0.1 * step, 17.0, 1.0), (24.0, -8.0 + 0.05 * step, 0.0)]
+        modal_um = chosen.solve(places, modal_um, STEP_NS).modal_um
+        walked.append(modal_um)
+    plain = solver(None)
+    signs: list[tuple[complex, ...]] = []
+    modal_um = (0.0, 0.0)
+    for step in range(400):
+        places = [(-30.0 + 0.1 * step, 17.0, 1.0), (24.0, -8.0 + 0.05 * step, 0.0)]
+        modal_um = plain.solve(places, modal_um, STEP_NS).modal_um
+        signs.append(modal_um)
+    assert np.abs(np.array(walked) - np.array(signs)).max() < 0.5
+
+
+def test_phases_that_turned_stay_until_the_plate_was_silent() -> None:
+    chosen = solver(NEIGHBOURS)
+    turned = (1.0 + 1.0j, -0.5 + 2.0j)
+    chosen.solve([(x_mm, y_mm, 1.0) for x_mm, y_mm, _ in PLACES], turned, STEP_NS)
+    alone = chosen.solve(PLACES[:1], turned, STEP_NS).modal_um
+    assert any(abs(w_um.imag) > 0.1 for w_um in alone)
+    again = chosen.solve(PLACES[:1], (0.0, 0.0), STEP_NS).modal_um
+    assert not any(w_um.imag for w_um in again)
+
+
+def test_numbers_that_do_not_belong_to_the_modes_are_refused() -> None:
+    with pytest.raises(ValueError, match="as many decays"):
+        ParasiticModes(OTHERS, (180.0,), DETUNING_RAD_S, 100.0)
+    with pytest.raises(ValueError, match="above 0"):
+        ParasiticModes(OTHERS, (180.0, 0.0), DETUNING_RAD_S, 100.0)
+    for infinite in (float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="finite"):
+            ParasiticModes(OTHERS, DECAY_1_S, (DETUNING_RAD_S[0], infinite), 100.0)
+        with pytest.raises(ValueError, match="finite"):
+            ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, infinite)

@@ -1,0 +1,92 @@
+"""The gain tables against 40-digit arithmetic, the Riccati equation's own solver, and the published figures."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+from hapticd.core.prediction.gains import MODELS, bank_gains, kalman_gains, process_model
+
+# Order, density; position, velocity (1/s), acceleration (1/s^2), innovation variance (mm^2) at T = 10 ms, r = 0.053 mm.
+STEADY_AT_10_MS = [
+    (1, 1e-3, (0.057912, 0.0, 0.0, 0.0029817)),
+    (3, 9.7e3, (0.41124, 10.829, 142.59, 0.0047711)),
+    (3, 3.7e5, (0.62165, 29.626, 705.95, 0.0074244)),
+    (3, 1.4e7, (0.83150, 69.421, 2897.9, 0.016671)),
+    (3, 5.2e8, (0.96131, 127.56, 8462.9, 0.072606)),
+]
+START_VARIANCES = (1e4, 1e5, 1e7)
+moving_models = pytest.mark.parametrize(("order", "density"), [model for model in MODELS if model[0] > 1])
+
+
+def exact_gains(period_s: float, order: int, density: float, noise_mm: float, steps: int) -> list[list[float]]:
+    """The matrix Riccati recursion as written in the books, in 40 digits, from the second sample on."""
+    n, gains = order, []
+    with mpmath.workdps(40):
+        t, q, noise = mpmath.mpf(period_s), mpmath.mpf(density), mpmath.mpf(noise_mm) ** 2
+        f, process = mpmath.zeros(n, n), mpmath.zeros(n, n)
+        for i in range(n):
+            for j in range(n):
+                power = 2 * n - 1 - i - j
+                process[i, j] = q * t**power / (power * mpmath.factorial(n - 1 - i) * mpmath.factorial(n - 1 - j))
+                f[i, j] = t ** (j - i) / mpmath.factorial(j - i) if j >= i else 0
+        p = mpmath.diag([noise, *START_VARIANCES[: n - 1]])
+        for _ in range(steps):
+            p = f * p * f.T + process
+            spread = p[0, 0] + noise
+            k = p[:, 0] / spread
+            p = p - k * p[0, :]
+            gains.append([*map(float, k), *[0.0] * (4 - n), float(spread)])
+    return gains
+
+
+@pytest.mark.parametrize(("order", "density", "expected"), STEADY_AT_10_MS)
+def test_steady_gains_are_the_published_ones_to_four_digits(
+    order: int, density: float, expected: tuple[float, ...]
+) -> None:
+    *_, steady = kalman_gains([0.010], [density], 0.053, order, steps=800)[:, 0, 0].tolist()
+    assert (*steady[:3], steady[4]) == pytest.approx(expected, rel=1e-4)
+
+
+@moving_models
+@pytest.mark.parametrize("period_s", [0.0005, 0.01125, 0.06])
+@pytest.mark.parametrize("noise_mm", [1e-4, 0.053, 10.0])
+def test_every_gain_from_the_second_sample_on_is_exact(
+    order: int, density: float, period_s: float, noise_mm: float
+) -> None:
+    exact = exact_gains(period_s, order, density, noise_mm, 60)
+    ours = kalman_gains([period_s], [density], noise_mm, order, steps=60)[:, 0, 0].tolist()
+    for gain, expected in zip(ours, exact, strict=True):
+        assert gain == pytest.approx(expected, rel=1e-9)
+
+
+@moving_models
+def test_gains_settle_within_the_table_at_the_solution_of_the_riccati_equation(order: int, density: float) -> None:
+    linalg = pytest.importorskip("scipy.linalg")
+    transition, process = process_model(0.01125, density, order)
+    seen = np.eye(order)[:1]
+    ahead = linalg.solve_discrete_are(transition.T, seen.T, process, np.array([[0.053**2]]))
+    steady = ahead[:, 0] / (ahead[0, 0] + 0.053**2)
+    *_, last = kalman_gains([0.01125], [density], 0.053, order)[:, 0, 0, :order]
+    assert last == pytest.approx(steady, rel=5e-3)
+
+
+@pytest.mark.parametrize("noise_mm", [1e-4, 0.053, 1.0])
+def test_the_rest_gain_settles_at_its_closed_form(noise_mm: float) -> None:
+    """Steady random walk: k^2 / (1 - k) = q T / r^2."""
+    *_, last = kalman_gains([0.01], [1e-3], noise_mm, 1, steps=3000)[:, 0, 0, 0].tolist()
+    assert last**2 / (1.0 - last) == pytest.approx(1e-3 * 0.01 / noise_mm**2, rel=1e-6)
+
+
+def test_a_table_has_a_row_per_sample_and_a_gain_per_model_and_is_computed_once() -> None:
+    table = bank_gains((0.01, 0.0123), 0.05)
+    assert bank_gains((0.01, 0.0123), 0.05) is table
+    for k, (order, density) in enumerate(MODELS):
+        for index, interval_s in enumerate((0.01, 0.0123)):
+            rows = table[index]
+            alone = kalman_gains([interval_s], [density], 0.05, order)[:, 0, 0].tolist()
+            assert [list(rows[step][k]) for step in range(len(rows))] == alone
+            assert all(math.isfinite(value) for gain in alone for value in gain)

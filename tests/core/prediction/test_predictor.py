@@ -1,0 +1,258 @@
+"""What every predictor promises: names and settings, hostile samples, origins of time and place, bounds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.bench.baselines import PREDICTORS, make_predictor
+from hapticd.core.prediction.bank import MAX_ACCELERATION_MM_S2, MAX_SPEED_MM_S
+from hapticd.core.prediction.predictor import Predictor
+
+PERIOD_NS = 11_250_000
+AHEAD_NS = 15_000_000
+
+every_predictor = pytest.mark.parametrize("name", PREDICTORS)
+Touch = list[tuple[int, float, float]]
+
+
+def slide(seed: int = 3, samples: int = 60, speed_mm_s: float = 120.0) -> Touch:
+    """A noisy slide with a bend; stamps jittered, from 0 ns."""
+    rng = np.random.default_rng(seed)
+    touch = []
+    for k in range(samples):
+        t_s = k * PERIOD_NS * 1e-9
+        x, y = speed_mm_s * t_s - 40.0, 8.0 * math.sin(5.0 * t_s)
+        x, y = x + 0.05 * rng.standard_normal(), y + 0.05 * rng.standard_normal()
+        touch.append((k * PERIOD_NS + int(rng.integers(-1_000_000, 1_000_000)), x, y))
+    return touch
+
+
+def fed(touch: Touch, name: str = "default", **chosen: float) -> Predictor:
+    predictor = make_predictor(name, **chosen)
+    for sample in touch:
+        predictor.update(*sample)
+    return predictor
+
+
+# --- names and settings ---
+
+
+def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"'kalman'.*alpha_beta, .*default, .*linear") as refusal:
+        make_predictor("kalman")
+    assert all(name in str(refusal.value) for name in PREDICTORS)
+
+
+@every_predictor
+def test_an_unknown_setting_is_answered_with_the_known_ones(name: str) -> None:
+    with pytest.raises(ValueError, match=r"'horizon'.*period_ms") as refusal:
+        make_predictor(name, horizon=3.0)
+    assert all(setting in str(refusal.value) for setting in PREDICTORS[name].defaults)
+
+
+@every_predictor
+def test_every_setting_refuses_what_is_no_number_in_its_range(name: str) -> None:
+    for setting in PREDICTORS[name].defaults:
+        for wrong in (math.nan, math.inf, -1.0, 1e15, "1", None):
+            with pytest.raises(ValueError, match=rf"{setting}.*give a number from"):
+                make_predictor(name, **{setting: wrong})  # type: ignore[arg-type]
+
+
+@every_predictor
+def test_the_defaults_shown_are_the_defaults_used(name: str) -> None:
+    touch = slide()
+    plain, spelled_out = fed(touch, name), fed(touch, name, **PREDICTORS[name].defaults)
+    assert plain.predict(touch[-1][0] + AHEAD_NS) == spelled_out.predict(touch[-1][0] + AHEAD_NS)
+
+
+# --- the first samples ---
+
+
+@every_predictor
+def test_before_the_first_sample_the_finger_is_nowhere(name: str) -> None:
+    predictor = make_predictor(name)
+    assert all(map(math.isnan, predictor.predict(0) + predictor.velocity(0)))
+
+
+@every_predictor
+def test_the_first_sample_is_usable_at_once(name: str) -> None:
+    predictor = fed([(0, 12.0, -7.0)], name)
+    assert predictor.predict(AHEAD_NS) == (12.0, -7.0)
+    assert predictor.velocity(AHEAD_NS) == (0.0, 0.0)
+
+
+@every_predictor
+def test_reset_is_as_good_as_new(name: str) -> None:
+    predictor = fed(slide(seed=1), name)
+    predictor.reset()
+    assert all(map(math.isnan, predictor.predict(0)))
+    touch = slide(seed=2)
+    for sample in touch:
+        predictor.update(*sample)
+    t_ns = touch[-1][0] + AHEAD_NS
+    assert predictor.predict(t_ns) == fed(touch, name).predict(t_ns)
+
+
+# --- time and place ---
+
+
+@every_predictor
+@pytest.mark.parametrize("origin_ns", [10**9, 2**53, 2**62, -(2**40) - 1])
+def test_the_origin_of_time_does_not_matter_to_the_last_bit(name: str, origin_ns: int) -> None:
+    touch = slide()
+    here, there = make_predictor(name), make_predictor(name)
+    for t_ns, x, y in touch:
+        here.update(t_ns, x, y)
+        there.update(origin_ns + t_ns, x, y)
+        for ahead_ns in (-1, 0, 7_000_001, 50_000_000):
+            assert here.predict(t_ns + ahead_ns) == there.predict(origin_ns + t_ns + ahead_ns)
+            assert here.velocity(t_ns + ahead_ns) == there.velocity(origin_ns + t_ns + ahead_ns)
+
+
+@every_predictor
+def test_the_origin_of_place_does_not_matter(name: str) -> None:
+    touch = slide()
+    moved = [(t_ns, x + 64.0, y - 32.0) for t_ns, x, y in touch]
+    here, there = make_predictor(name), make_predictor(name)
+    for sample, sample_moved in zip(touch, moved, strict=True):
+        here.update(*sample)
+        there.update(*sample_moved)
+        x, y = here.predict(sample[0] + AHEAD_NS)
+        assert there.predict(sample[0] + AHEAD_NS) == pytest.approx((x + 64.0, y - 32.0), abs=1e-9)
+
+
+@every_predictor
+def test_the_axes_are_treated_alike(name: str) -> None:
+    touch = slide()
+    t_ns = touch[-1][0] + AHEAD_NS
+    x, y = fed(touch, name).predict(t_ns)
+    assert fed([(t, b, a) for t, a, b in touch], name).predict(t_ns) == pytest.approx((y, x), abs=1e-9)
+
+
+# --- hostile samples ---
+
+
+@every_predictor
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e300])
+def test_a_sample_that_is_no_position_is_as_if_it_never_came(name: str, wrong: float) -> None:
+    touch = slide()
+    t_ns = touch[-1][0]
+    predictor = fed([(touch[0][0] - 1, wrong, 0.0), *touch], name)
+    predictor.update(t_ns + PERIOD_NS, wrong, 0.0)
+    predictor.update(t_ns + PERIOD_NS, 0.0, wrong)
+    assert predictor.predict(t_ns + AHEAD_NS) == fed(touch, name).predict(t_ns + AHEAD_NS)
+
+
+@every_predictor
+@pytest.mark.parametrize("back_ns", [0, 1, PERIOD_NS, 10**10])
+def test_a_stamp_that_does_not_increase_is_ignored(name: str, back_ns: int) -> None:
+    touch = slide()
+    t_ns = touch[-1][0]
+    predictor = fed([*touch, (t_ns - back_ns, 0.0, 0.0)], name)
+    assert predictor.predict(t_ns + AHEAD_NS) == fed(touch, name).predict(t_ns + AHEAD_NS)
+
+
+@every_predictor
+def test_a_sample_a_microsecond_later_does_not_throw_the_finger(name: str) -> None:
+    touch = slide()
+    t_ns, x, y = touch[-1]
+    predicted = fed([*touch, (t_ns + 1000, x + 0.1, y - 0.1)], name).predict(t_ns + AHEAD_NS)
+    assert math.dist(predicted, (x, y)) < 5.0
+
+
+@every_predictor
+@pytest.mark.parametrize("silence_ns", [70_000_000, 10**10, 2**62])
+def test_after_a_long_silence_a_touch_starts_anew(name: str, silence_ns: int) -> None:
+    touch = slide()
+    predictor = fed([*touch, (touch[-1][0] + silence_ns, -30.0, 20.0)], name)
+    assert predictor.predict(touch[-1][0] + silence_ns + AHEAD_NS) == (-30.0, 20.0)
+
+
+@every_predictor
+def test_a_stale_duplicate_is_dropped_from_the_motion_and_from_the_clock(name: str) -> None:
+    """Touchpads repeat a report some 6 ms after it; the next one has moved two steps."""
+    touch = slide()
+    t_ns, x, y = touch[40]
+    with_duplicate = [*touch[:41], (t_ns + 6_000_000, x, y), *touch[42:]]
+    without = [*touch[:41], *touch[42:]]
+    for k in range(41, len(without)):
+        t_ns = without[k][0] + AHEAD_NS
+        assert fed(with_duplicate[: k + 2], name).predict(t_ns) == fed(without[: k + 1], name).predict(t_ns)
+
+
+@every_predictor
+def test_an_equal_position_after_a_long_silence_is_no_stale_duplicate(name: str) -> None:
+    touch = slide()
+    t_ns, x, y = touch[-1]
+    predictor = fed([*touch, (t_ns + 10**9, x, y)], name)
+    assert predictor.predict(t_ns + 10**9 + AHEAD_NS) == (x, y)
+
+
+def test_a_finger_that_stops_dead_is_heard_at_the_second_equal_sample() -> None:
+    touch = [(k * PERIOD_NS, 2.0 * k, 0.0) for k in range(20)]
+    x = touch[-1][1]
+    held = [*touch, *((k * PERIOD_NS, x, 0.0) for k in range(20, 24))]
+    assert fed(held[:21]).velocity(held[20][0])[0] > 150.0
+    assert abs(fed(held).velocity(held[-1][0])[0]) < 20.0
+
+
+# --- horizons and bounds ---
+
+
+@every_predictor
+def test_the_past_is_the_last_position_and_the_far_future_is_fifty_milliseconds_ahead(name: str) -> None:
+    touch = slide()
+    t_ns = touch[-1][0]
+    predictor = fed(touch, name)
+    assert predictor.predict(t_ns - 10**9) == predictor.predict(t_ns - 2_000_000)
+    assert math.dist(predictor.predict(t_ns - 10**9), touch[-1][1:]) < 1.0
+    assert predictor.predict(t_ns + 60_000_000) == predictor.predict(t_ns + 10**12)
+    assert predictor.velocity(t_ns + 60_000_000) == predictor.velocity(t_ns + 10**12)
+
+
+@every_predictor
+def test_velocity_is_the_slope_of_position(name: str) -> None:
+    touch = slide()
+    predictor = fed(touch, name)
+    t_ns, step_ns = touch[-1][0] + AHEAD_NS, 1_000_000
+    (x0, y0), (x1, y1) = predictor.predict(t_ns - step_ns), predictor.predict(t_ns + step_ns)
+    slope = ((x1 - x0) / (2e-9 * step_ns), (y1 - y0) / (2e-9 * step_ns))
+    assert predictor.velocity(t_ns) == pytest.approx(slope, abs=1e-6)
+
+
+gaps_ns = st.one_of(st.integers(-(10**6), 10**6), st.integers(8_000_000, 14_000_000), st.integers(0, 10**10))
+places_mm = st.one_of(st.floats(-80.0, 80.0), st.floats(-1e6, 1e6), st.floats())
+
+
+@every_predictor
+@settings(deadline=None, max_examples=60)
+@given(samples=st.lists(st.tuples(gaps_ns, places_mm, places_mm), min_size=1, max_size=30))
+def test_whatever_comes_a_prediction_is_finite_and_no_farther_than_a_finger_gets(
+    name: str, samples: list[tuple[int, float, float]]
+) -> None:
+    predictor = make_predictor(name)
+    predictor.update(0, 1.0, 2.0)
+    t_ns = 0
+    for gap_ns, x, y in samples:
+        t_ns += gap_ns
+        predictor.update(t_ns, x, y)
+    start = predictor.predict(-(10**18))
+    for ahead_s in (0.0, 0.015, 0.050):
+        predicted = predictor.predict(t_ns + int(ahead_s * 1e9))
+        speed = math.hypot(*predictor.velocity(t_ns + int(ahead_s * 1e9)))
+        assert all(map(math.isfinite, predicted))
+        assert speed <= (MAX_SPEED_MM_S + 0.05 * MAX_ACCELERATION_MM_S2) * (1.0 + 1e-9)
+        farthest_mm = 0.05 * MAX_SPEED_MM_S + 0.5 * 0.05**2 * MAX_ACCELERATION_MM_S2
+        assert math.dist(predicted, start) <= farthest_mm + 1e-9 * math.hypot(*start)
+
+
+def test_numpy_scalars_are_as_good_as_floats() -> None:
+    touch = slide()
+    t_ns = touch[-1][0] + AHEAD_NS
+    arrays = [(t, np.float64(x), np.float64(y)) for t, x, y in touch]
+    assert fed(arrays).predict(t_ns) == fed(touch).predict(t_ns)

@@ -1,0 +1,154 @@
+"""Three modes and more: null space, sign patterns, limits; against brute force and optimality conditions."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog, lsq_linear
+
+import hapticd.core.solver.general as general
+from hapticd.core.solver.polytope import Factored, least_norm_in_polytope
+from hapticd.core.solver.public import solve
+
+Array = npt.NDArray[np.float64]
+
+
+def slipping_error(phi: Array, target_um: Array, modal_um: Array) -> float:
+    slipping = target_um > 0.0
+    missed = np.abs(phi[slipping] @ modal_um) - target_um[slipping]
+    return float(missed @ missed)
+
+
+def most_descent(gradient: Array, at: Array, still: Array, limit: float) -> float:
+    """How much a linear objective could still fall inside the limits while the still fingers stay still (an LP)."""
+    equal = {"A_eq": still, "b_eq": still @ at} if len(still) else {}
+    found = linprog(gradient, bounds=[(-limit, limit)] * len(at), **equal)
+    return float(gradient @ at - found.fun)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 10**6), modes=st.integers(3, 6), fingers=st.integers(1, 5), reach=st.sampled_from([1.0, 8.0])
+)
+def test_no_feasible_direction_lowers_the_error_and_the_zero_holds(
+    seed: int, modes: int, fingers: int, reach: float
+) -> None:
+    """With its signs frozen the problem is convex: at the minimum no feasible point lies downhill."""
+    random = np.random.default_rng(seed)
+    phi = random.uniform(-1, 1, (fingers, modes))
+    target_um = random.uniform(0.2, reach, fingers) * (random.random(fingers) < 0.7)
+    solution = solve(phi, target_um, 1.5)
+    still, slipping = phi[target_um == 0.0], phi[target_um > 0.0]
+    assert np.max(np.abs(still @ solution.modal_um), initial=0.0) < 1e-14
+    assert np.all(np.abs(solution.modal_um) <= 1.5)
+    given_um = slipping @ solution.modal_um
+    wanted = np.copysign(target_um[target_um > 0.0], given_um)
+    gradient = 2 * slipping.T @ (given_um - wanted)
+    assert most_descent(gradient, solution.modal_um, still, 1.5) < 1e-8
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 10**6), modes=st.integers(3, 5), fingers=st.integers(1, 4))
+def test_of_all_points_as_good_the_least_is_taken(seed: int, modes: int, fingers: int) -> None:
+    """(4): given what the fingers get, no other W within the limits has a smaller norm (gradient test again)."""
+    random = np.random.default_rng(seed)
+    phi = random.uniform(-1, 1, (fingers, modes))
+    solution = solve(phi, random.uniform(0.2, 2.0, fingers), 1.0)
+    assert most_descent(2 * solution.modal_um, solution.modal_um, phi, 1.0) < 1e-7
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 10**6), modes=st.integers(3, 5), fingers=st.integers(2, 5))
+def test_no_sign_pattern_serves_the_fingers_better(seed: int, modes: int, fingers: int) -> None:
+    random = np.random.default_rng(seed)
+    phi, target_um = random.uniform(-1, 1, (fingers, modes)), random.uniform(0.2, 4.0, fingers)
+    ours = slipping_error(phi, target_um, solve(phi, target_um, 1.0).modal_um)
+    for signs in itertools.product((1.0, -1.0), repeat=fingers):
+        found = lsq_linear(phi, np.array(signs) * target_um, (-1.0, 1.0), method="bvls").x
+        assert ours <= slipping_error(phi, target_um, found) + 1e-9
+
+
+def test_a_third_mode_frees_a_pair_that_two_modes_cannot_serve() -> None:
+    phi = np.array([[0.8, 0.75, 0.2], [0.8, 0.7, -0.5]])
+    assert solve(phi[:, :2], [1.0, 0.0], 4.0).limited
+    freed = solve(phi, [1.0, 0.0], 4.0)
+    assert not freed.limited
+    assert freed.achieved_um == pytest.approx([1.0, 0.0], abs=1e-15)
+
+
+def test_two_modes_and_a_third_that_moves_no_finger_agree() -> None:
+    random = np.random.default_rng(8)
+    for _ in range(50):
+        fingers = int(random.integers(1, 5))
+        phi = random.uniform(-1, 1, (fingers, 2))
+        target_um = random.uniform(0.2, 5.0, fingers) * (random.random(fingers) < 0.7)
+        plane = solve(phi, target_um, [4.0, 2.0])
+        space = solve(np.column_stack([phi, np.zeros(fingers)]), target_um, [4.0, 2.0, 1.0])
+        assert slipping_error(phi, target_um, space.modal_um[:2]) == pytest.approx(
+            slipping_error(phi, target_um, plane.modal_um), abs=1e-9
+        )
+        assert np.abs(space.modal_um[:2]) == pytest.approx(np.abs(plane.modal_um), abs=1e-6)
+        assert space.modal_um[2] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_previous_amplitudes_turn_the_whole_pattern() -> None:
+    phi = np.random.default_rng(2).uniform(-1, 1, (3, 4))
+    first = solve(phi, [1.0, 0.5, 0.0], 4.0).modal_um
+    again = solve(phi, [1.0, 0.5, 0.0], 4.0, previous_um=-first).modal_um
+    assert again == pytest.approx(-first)
+
+
+def test_still_fingers_on_one_spot_count_once_and_as_many_as_modes_silence_the_plate() -> None:
+    random = np.random.default_rng(4)
+    slipping, still = random.uniform(-1, 1, 4), random.uniform(-1, 1, (4, 4))
+    once = solve(np.vstack([slipping, still[:1]]), [1.0, 0.0], 4.0)
+    thrice = solve(np.vstack([slipping, still[:1], 2 * still[:1], -still[:1]]), [1.0, 0.0, 0.0, 0.0], 4.0)
+    assert thrice.modal_um == pytest.approx(once.modal_um)
+    full = solve(np.vstack([slipping, still]), [1.0, 0.0, 0.0, 0.0, 0.0], 4.0)
+    assert not np.any(full.modal_um)
+
+
+@pytest.mark.parametrize("kind", ["random", "coincident", "lattice"])
+def test_in_three_dimensions_every_sign_pattern_is_found(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine slipping fingers: the cells between the planes against all 256 patterns, degenerate cases included."""
+    random = np.random.default_rng(6)
+    for _ in range(4):
+        phi, target_um = random.uniform(-1, 1, (9, 3)), random.uniform(0.2, 2.0, 9)
+        if kind == "coincident":
+            phi[1:4], phi[5] = phi[0], -phi[6]
+        if kind == "lattice":
+            phi = np.round(2 * phi) / 2 + np.array([0.0, 0.0, 0.5])
+        cells = slipping_error(phi, target_um, solve(phi, target_um, 1.0).modal_um)
+        with monkeypatch.context() as patch:
+            patch.setattr(general, "_MOST_ENUMERATED", 9)
+            every = slipping_error(phi, target_um, solve(phi, target_um, 1.0).modal_um)
+        assert cells == pytest.approx(every, rel=1e-9)
+
+
+def test_the_local_search_of_many_fingers_ends_where_no_single_sign_helps() -> None:
+    random = np.random.default_rng(9)
+    phi, target_um = random.uniform(-1, 1, (10, 5)), random.uniform(0.2, 2.0, 10)
+    solution = solve(phi, target_um, 2.0, previous_um=random.uniform(-1, 1, 5))
+    ours = slipping_error(phi, target_um, solution.modal_um)
+    signs = np.sign(phi @ solution.modal_um)
+    for index in range(10):
+        signs[index] *= -1
+        other = lsq_linear(phi, signs * target_um, (-2.0, 2.0), method="bvls").x
+        assert ours <= slipping_error(phi, target_um, other) + 1e-9
+        signs[index] *= -1
+
+
+def test_the_active_set_agrees_with_bounded_variable_least_squares() -> None:
+    random = np.random.default_rng(10)
+    for _ in range(60):
+        rows, columns = random.integers(1, 7, 2)
+        a, b = random.uniform(-1, 1, (rows, columns)), random.uniform(-3, 3, rows)
+        z = least_norm_in_polytope(Factored.of(a, 0.0), b, np.eye(columns), np.ones(columns))
+        oracle = lsq_linear(a, b, (-1.0, 1.0), method="bvls").x
+        assert np.max(np.abs(z)) <= 1.0 + 1e-12
+        assert np.linalg.norm(a @ z - b) <= np.linalg.norm(a @ oracle - b) + 1e-10

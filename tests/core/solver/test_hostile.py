@@ -1,0 +1,117 @@
+"""Whatever comes in: finite, within the limits to the last bit, silent where phi is no number, no warning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.solver.policies import POLICIES
+from hapticd.core.solver.public import solve, solve_fast
+
+awkward = st.sampled_from(
+    [0.0, -0.0, 1.0, 0.3, 5e-324, -1e-320, 1e-308, 1e-300, 1e-160, 1e17, 1e160, 1e300, -1.7e308, 1 + 2**-52]
+) | st.floats(-1.0, 1.0)
+never = st.sampled_from([math.nan, math.inf, -math.inf])
+limit = st.sampled_from([4.0, 4.0, 3.3, 1e-300, 5e-324, 1e300])
+
+
+@st.composite
+def problems(draw: st.DrawFn) -> dict[str, object]:
+    """Fingers and modes of any number, some fingers coincident, values from every corner of the floats."""
+    modes, fingers = draw(st.integers(1, 5)), draw(st.integers(0, 4))
+    rows = [tuple(draw(awkward) for _ in range(modes)) for _ in range(fingers)]
+    if fingers > 1 and draw(st.booleans()):
+        rows[1] = rows[0]
+    return {
+        "rows": tuple(rows),
+        "targets": tuple(draw(st.just(0.0) | awkward.map(abs)) for _ in range(fingers)),
+        "limits": tuple(draw(limit) for _ in range(modes)),
+        "previous": draw(st.none() | st.tuples(*[awkward for _ in range(modes)])),
+        "policy": draw(st.sampled_from(sorted(POLICIES))),
+        "effort": draw(st.sampled_from([0.0, 0.0, 0.1, 1e-300, 1e300])),
+        "hysteresis": draw(st.sampled_from([0.0, 0.01])),
+    }
+
+
+NEARLY_COINCIDENT = {
+    "rows": ((1.0, 0.0, 0.0, 5e-324), (1.0, 0.0, 0.0, 5e-324)),
+    "targets": (0.0, 1.0),
+    "limits": (4.0, 4.0, 4.0, 4.0),
+    "previous": None,
+    "policy": "priority",
+    "effort": 0.0,
+    "hysteresis": 0.0,
+}
+
+
+@settings(deadline=None, max_examples=300)
+@example(problem=NEARLY_COINCIDENT)
+@given(problem=problems())
+def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) -> None:
+    modal, limited = solve_fast(**problem)  # type: ignore[arg-type]
+    limits = problem["limits"]
+    assert isinstance(limits, tuple)
+    assert isinstance(limited, bool)
+    assert len(modal) == len(limits)
+    assert all(-bound <= w <= bound for w, bound in zip(modal, limits, strict=True))
+
+
+@settings(deadline=None, max_examples=100)
+@given(problem=problems(), value=never, where=st.integers(0, 100))
+def test_a_phi_that_is_not_finite_gives_silence(problem: dict[str, object], value: float, where: int) -> None:
+    rows = [list(row) for row in problem["rows"]]  # type: ignore[attr-defined]
+    if not rows:
+        return
+    rows[where % len(rows)][where % len(rows[0])] = value
+    problem["rows"] = tuple(tuple(row) for row in rows)
+    modal, limited = solve_fast(**problem)  # type: ignore[arg-type]
+    assert not any(modal)
+    assert not limited
+
+
+@pytest.mark.parametrize("policy", sorted(POLICIES))
+@pytest.mark.parametrize("modes", [1, 2, 3, 8])
+def test_huge_targets_ride_the_limits(policy: str, modes: int) -> None:
+    phi = np.random.default_rng(modes).uniform(-1, 1, (2, modes))
+    solution = solve(phi, [1e12, 3e12], 4.0, policy=policy)
+    assert np.max(np.abs(solution.modal_um)) == pytest.approx(4.0)
+    assert np.all(np.abs(solution.modal_um) <= 4.0)
+    assert solution.limited
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e300])
+@pytest.mark.parametrize("modes", [2, 3])
+def test_the_scale_of_phi_and_of_the_targets_does_not_matter(scale: float, modes: int) -> None:
+    """phi and targets both scaled leave W as it was, where both slip and where one is still."""
+    phi = np.random.default_rng(3).uniform(-1, 1, (2, modes))
+    for target in (np.array([1.0, 0.5]), np.array([1.0, 0.0]), np.array([60.0, 50.0])):
+        plain = solve(phi, target, 4.0)
+        scaled = solve(phi * scale, target * scale, 4.0)
+        assert scaled.modal_um == pytest.approx(plain.modal_um, rel=1e-9, abs=1e-12)
+        assert scaled.limited == plain.limited
+
+
+def test_with_a_condition_of_1e12_both_fingers_still_get_their_amplitude() -> None:
+    """The inverse is useless here; what counts is that the amplitudes it gives are right."""
+    phi = np.array([[0.7, 0.3], [0.7, 0.3 + 1e-12]])
+    solution = solve(phi, [1.0, 1.0], 4.0)
+    assert solution.condition > 1e11
+    assert solution.achieved_um == pytest.approx([1.0, 1.0], abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    "bad", [(math.inf, 0.0), (math.nan, math.nan), (0.5, math.inf), (math.nan, 0.5), (0.0, math.nan)]
+)
+def test_one_bad_row_silences_a_pair_whichever_finger_it_is(bad: tuple[float, float]) -> None:
+    for targets in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)):
+        for rows in (((0.5, 0.4), bad), (bad, (0.5, 0.4)), ((0.0, 0.0), bad)):
+            assert solve_fast(rows, targets, (4.0, 4.0)) == ((0.0, 0.0), False)
+
+
+def test_a_row_of_subnormals_beside_a_plain_one_is_served_without_an_error() -> None:
+    modal, _ = solve_fast(((1.0, 1.3), (5e-324, 1e-323)), (1.0, 1.0), (4.0, 4.0))
+    assert abs(modal[0] + 1.3 * modal[1]) == pytest.approx(1.0)

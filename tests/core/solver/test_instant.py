@@ -1,0 +1,139 @@
+"""Two slipping fingers change their signs by turning: no dip on the way, no limit passed, and else plain floats."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.phasors import Row
+from hapticd.core.plate.contact_gram import disc_gram
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.instant import InstantSolver, ModalSolution, Place, interpolated_um
+from hapticd.core.trajectory.gate import silence
+from hapticd.values import Knot, LimitReason, SafeDrive
+
+W_LIMIT_UM = (4.0, 4.0)
+STEP_NS = 500_000
+WAVE_MM = 27.0
+positions_mm = st.floats(-60.0, 60.0)
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 111)
+    wave = np.sin(2 * np.pi * axis_mm / WAVE_MM)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
+
+
+PLATE = sine_plate()
+
+
+def solver(*, phase_rotation: bool = True, policy: str = "keep_zero", fade: float = 5.0) -> InstantSolver:
+    return InstantSolver(PLATE, W_LIMIT_UM, policy=policy, effort=0.0, fade=fade, phase_rotation=phase_rotation)
+
+
+def walked(chosen: InstantSolver, first_um: float, second_um: float) -> list[ModalSolution]:
+    """The second finger crosses the plate, and with it many singular positions; the first one rests."""
+    moments: list[ModalSolution] = []
+    previous_um: Row = (0.0, 0.0)
+    for step in range(2000):
+        places: list[Place] = [(-9.0, -4.0, first_um), (-50.0 + 0.05 * step, 21.0 - 0.011 * step, second_um)]
+        moments.append(chosen.solve(places, previous_um, STEP_NS))
+        previous_um = moments[-1].modal_um
+    return moments
+
+
+def least_midway_um(moments: list[ModalSolution]) -> float:
+    """The least that a finger gets halfway between two moments, where the board interpolates, while both ends serve."""
+    least_um = math.inf
+    for before, after in pairwise(moments):
+        if before.limited or after.limited:
+            continue
+        middle_um = (np.array(before.modal_um) + np.array(after.modal_um)) / 2
+        least_um = min(least_um, float(np.abs(np.array(after.phi) @ middle_um).min()))
+    return least_um
+
+
+def test_where_signs_carry_a_finger_through_zero_the_turn_does_not() -> None:
+    assert least_midway_um(walked(solver(phase_rotation=False), 1.0, 1.0)) < 0.1
+    assert least_midway_um(walked(solver(), 1.0, 1.0)) > 0.9
+
+
+@pytest.mark.parametrize("wanted_um", [(1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])
+def test_with_one_slipping_finger_or_none_amplitudes_are_floats_and_those_of_signs_bit_for_bit(
+    wanted_um: tuple[float, float],
+) -> None:
+    turning, signs = walked(solver(), *wanted_um), walked(solver(phase_rotation=False), *wanted_um)
+    assert [moment.modal_um for moment in turning] == [moment.modal_um for moment in signs]
+    assert all(type(w_um) is float for moment in turning for w_um in moment.modal_um)
+
+
+@pytest.mark.parametrize("policy", ["keep_ratio", "least_squares", "priority", "paper"])
+def test_other_policies_know_no_phase(policy: str) -> None:
+    assert all(type(w_um) is float for moment in walked(solver(policy=policy), 1.0, 1.0) for w_um in moment.modal_um)
+
+
+def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() -> None:
+    chosen = solver()
+    before = walked(chosen, 1.0, 1.0)
+    turned = next(moment for moment in before if not moment.limited and any(w.imag for w in moment.modal_um))
+    alone = chosen.solve(turned.places[:1], turned.modal_um, STEP_NS)
+
+    midway_um = (np.array(turned.modal_um) + np.array(alone.modal_um)) / 2
+    assert abs(np.array(alone.phi[0]) @ np.array(alone.modal_um)) == pytest.approx(1.0)
+    assert abs(np.array(alone.phi[0]) @ midway_um) > 0.9
+
+
+@given(
+    places=st.lists(
+        st.tuples(positions_mm, positions_mm, st.sampled_from((0.0, 0.3, 1.0, 4.0))), min_size=1, max_size=5
+    ),
+    previous_um=st.tuples(*[st.complex_numbers(max_magnitude=4.0, allow_nan=False)] * 2),
+    since_ns=st.integers(0, 20_000_000),
+)
+@example(  # an angle below the range of floats
+    places=[(0.0, 0.0, 0.0), (16.0, 0.0, 0.3), (-29.0, 0.0, 0.3)], previous_um=(5e-324 + 3j, 0j), since_ns=0
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_the_fingers_want_no_mode_passes_its_limit(
+    places: list[Place], previous_um: Row, since_ns: int
+) -> None:
+    moment = solver().solve(places, previous_um, since_ns)
+    assert all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(moment.modal_um, W_LIMIT_UM, strict=True))
+
+
+def test_a_polyline_is_continued_in_floats_where_no_phase_turns_and_in_phasors_where_one_does() -> None:
+    plain = SafeDrive(1000, (Knot(0, (1.0, 0.0)), Knot(4000, (2.0, 1.0))), LimitReason.NONE)
+    turning = plain._replace(knots=(Knot(0, (1j, 0j)), Knot(4000, (1 + 0j, 0j))))
+
+    assert interpolated_um(plain, 2000) == (1.25, 0.25)
+    for t_ns in (0, 2000, 9000):
+        assert all(type(w_um) is float for w_um in interpolated_um(plain, t_ns))
+    assert all(type(w_um) is float for w_um in interpolated_um(silence(1000, 2), 2000))
+    assert interpolated_um(turning, 3000) == (0.5 + 0.5j, 0j)
+    assert interpolated_um(turning, 0) == (1j, 0j)  # not yet begun
+    assert interpolated_um(turning, 9000) == (1.0, 0.0)  # long over
+
+
+def test_a_disc_moves_less_on_the_whole_than_when_its_centre_alone_is_still() -> None:
+    places: list[Place] = [(-9.0, -4.0, 1.0), (12.0, 21.0, 0.0)]
+    gram = disc_gram(PLATE, [places[1][:2]], 5.0)[0]
+    rms_um = []
+    for radius_mm in (0.0, 5.0):
+        chosen = InstantSolver(
+            PLATE,
+            W_LIMIT_UM,
+            policy="keep_zero",
+            effort=0.0,
+            fade=0.0,
+            phase_rotation=True,
+            contact_radius_mm=radius_mm,
+        )
+        modal_um = np.array(chosen.solve(places, (0.0, 0.0), STEP_NS).modal_um)
+        got_um = abs(np.array(PLATE.at(*places[0][:2])) @ modal_um)
+        rms_um.append(math.sqrt(modal_um @ gram @ modal_um) / got_um)
+    assert rms_um[1] < rms_um[0]

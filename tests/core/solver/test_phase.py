@@ -1,0 +1,284 @@
+"""Phases free: a change of sign that no finger feels, and the best that two fingers on two modes can get."""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from hapticd.core.solver.phase import TURN_RAD
+from hapticd.core.solver.phase_continuation import between, turn_of
+from hapticd.core.solver.public import solve, solve_phased, solve_phased_fast
+
+Array = npt.NDArray[np.float64]
+Phasors = npt.NDArray[np.complex128]
+LIMIT_UM = 4.0
+FAR_UM = 1e6
+
+
+def is_within(modal_um: Phasors, limit_um: float) -> bool:
+    return all(abs(w) <= limit_um for w in modal_um.tolist())
+
+
+def error(phi: Array, target_um: Array, modal_um: npt.ArrayLike) -> float:
+    return float(np.sum((np.abs(phi @ np.asarray(modal_um)) - target_um) ** 2))
+
+
+def turning_pair(steps: int = 200) -> tuple[Array, Array]:
+    """Two fingers whose best sign pattern changes halfway, where both patterns are as great. Returns phi, target_um."""
+    angle = np.linspace(-0.4, 0.4, steps)
+    phi = np.stack([np.stack([np.cos(angle), np.sin(angle)], -1), np.stack([np.sin(angle), np.cos(angle)], -1)], 1)
+    return phi, np.array([1.0, 1.0])
+
+
+# --- the turn -----------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=100)
+@given(seed=st.integers(0, 10**6), modes=st.integers(1, 8), fingers=st.integers(1, 15), tau_rad=st.floats(0.0, math.pi))
+def test_in_a_turn_every_square_is_the_mean_of_its_ends(seed: int, modes: int, fingers: int, tau_rad: float) -> None:
+    random = np.random.default_rng(seed)
+    phi, begin, end = random.normal(size=(fingers, modes)), random.normal(size=modes), random.normal(size=modes)
+    modal = np.array(between(tuple(begin.tolist()), tuple(end.tolist()), tau_rad))
+    share = math.sin(tau_rad / 2) ** 2
+    for gains in (phi, np.eye(modes)):
+        squares = (1 - share) * (gains @ begin) ** 2 + share * (gains @ end) ** 2
+        assert np.abs(gains @ modal) ** 2 == pytest.approx(squares, rel=1e-9, abs=1e-12)
+
+
+def test_a_turn_is_read_from_its_phasors() -> None:
+    amplitudes, signs = np.array([1.0, 0.7, 0.2, 0.5]), [1.0, -1.0, 1.0, -1.0]
+    for tau_rad, common_rad in itertools.product((0.0, 0.4, math.pi / 2, 2.9), (0.0, 1.0, -2.5)):
+        phasors = amplitudes * signs * np.exp(1j * common_rad)
+        phasors[[1, 3]] *= cmath.exp(1j * tau_rad)
+        turn = turn_of(phasors.tolist())
+        assert turn.tau_rad == pytest.approx(tau_rad, abs=1e-12)
+        assert turn.signs == signs
+        assert turn.changes == [False, tau_rad > 0.0, False, tau_rad > 0.0]
+
+
+# --- two fingers, two modes ---------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 10**6), reach=st.sampled_from([1.0, 4.0, 9.0]))
+def test_no_phasors_within_the_limits_serve_two_fingers_better(seed: int, reach: float) -> None:
+    """An oracle: a general minimiser over both magnitudes and the phase between, from several starts."""
+    random = np.random.default_rng(seed)
+    phi, target_um = random.uniform(-1, 1, (2, 2)), random.uniform(0.2, reach, 2)
+    modal_um = solve_phased(phi, target_um, LIMIT_UM)
+    assert is_within(modal_um, LIMIT_UM)
+    bounds = [(0.0, LIMIT_UM), (0.0, LIMIT_UM), (0.0, math.pi)]
+    found = [
+        minimize(lambda v: error(phi, target_um, [v[0], cmath.rect(v[1], v[2])]), start, bounds=bounds).fun
+        for start in itertools.product((1.0, 3.0), (1.0, 3.0), (0.3, 2.8))
+    ]
+    assert error(phi, target_um, modal_um) <= min(found) + 1e-7
+    assert error(phi, target_um, modal_um) <= error(phi, target_um, solve(phi, target_um, LIMIT_UM).modal_um) + 1e-12
+
+
+def test_of_phasors_that_serve_both_fingers_the_least_is_taken() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(100):
+        phi, target_um = random.uniform(-1, 1, (2, 2)), random.uniform(0.1, 1.5, 2)
+        free = [solve(phi, target_um * [1.0, 1.0], 1e9).modal_um]
+        modal_um = solve_phased(phi, target_um, 1e9)
+        assert np.linalg.norm(modal_um) == pytest.approx(np.linalg.norm(free[0]), rel=1e-9)
+        assert not np.any(modal_um.imag)  # without limits a sign pattern is best
+
+
+def test_both_axes_give_two_unlike_fingers_up_to_the_root_of_two_more() -> None:
+    phi, target_um = np.array([[1.0, 1.0], [1.0, -1.0]]), np.array([5.0, 5.0])
+    assert solve(phi, target_um, LIMIT_UM).achieved_um == pytest.approx([4.0, 4.0])  # one mode at its limit, one idle
+    modal_um = solve_phased(phi, target_um, LIMIT_UM)
+    assert np.abs(phi @ modal_um) == pytest.approx(target_um)
+    assert is_within(modal_um, LIMIT_UM)
+    most_um = solve_phased(phi, [9.0, 9.0], LIMIT_UM)
+    assert np.abs(phi @ most_um) == pytest.approx([math.sqrt(2) * LIMIT_UM] * 2)
+
+
+def test_where_signs_alone_jump_the_phase_turns_and_no_finger_feels_it() -> None:
+    phi, target_um = turning_pair()
+    real: list[Array] = []
+    turned: list[Phasors] = []
+    for shapes in phi:
+        real.append(solve(shapes, target_um, LIMIT_UM, previous_um=real[-1] if real else None).modal_um)
+        turned.append(solve_phased(shapes, target_um, LIMIT_UM, previous_um=turned[-1] if turned else None))
+    assert np.max(np.abs(np.diff(real, axis=0))) > 0.9
+    assert np.max(np.abs(np.diff(turned, axis=0))) < 0.45
+    assert np.abs(np.einsum("knm,km->kn", phi, turned)) == pytest.approx(np.ones((len(phi), 2)), rel=1e-9)
+    chords = (np.array(turned)[1:] + np.array(turned)[:-1]) / 2
+    jumps = (np.array(real)[1:] + np.array(real)[:-1]) / 2
+    assert np.min(np.abs(np.einsum("knm,km->kn", phi[1:], chords))) > math.cos(TURN_RAD / 2) - 1e-3
+    assert np.min(np.abs(np.einsum("knm,km->kn", phi[1:], jumps))) < 0.02
+    assert np.abs(turned[-1]) == pytest.approx(np.abs(real[-1]))
+
+
+@pytest.mark.parametrize("turn_rad", [0.05, 0.5, math.pi])
+def test_the_phase_between_fingers_turns_by_no_more_than_it_may(turn_rad: float) -> None:
+    phi, target_um = turning_pair(40)
+    previous = solve_phased(phi[0], target_um, LIMIT_UM)
+    turned_rad = []
+    for shapes in phi:
+        modal_um = solve_phased(shapes, target_um, LIMIT_UM, previous_um=previous, turn_rad=turn_rad)
+        was, now = (abs(cmath.phase(w[1] / w[0])) for w in (shapes @ previous, shapes @ modal_um))
+        turned_rad.append(abs(now - was))
+        previous = modal_um
+    assert max(turned_rad) == pytest.approx(turn_rad)
+
+
+def test_riding_the_limits_together_is_continuous_without_any_bound_on_the_turn() -> None:
+    """Targets out of reach: the optimum of a convex programme moves with the fingers, where signs alone jump."""
+    angle = np.linspace(-0.5, 0.5, 2000)
+    phi = np.stack([np.stack([np.cos(angle), 0.9 + angle], -1), np.stack([0.8 - angle, -np.cos(angle)], -1)], 1)
+    previous: Phasors | None = None
+    real: Array | None = None
+    steps, jumps = [], []
+    for shapes in phi:
+        modal_um = solve_phased(shapes, [9.0, 7.0], LIMIT_UM, previous_um=previous, turn_rad=0.0)
+        sign_um = solve(shapes, [9.0, 7.0], LIMIT_UM, previous_um=real).modal_um
+        if previous is not None and real is not None:
+            steps.append(float(np.max(np.abs(modal_um - previous))))
+            jumps.append(float(np.max(np.abs(sign_um - real))))
+        previous, real = modal_um, sign_um
+    assert max(steps) < 0.05
+    assert max(jumps) > 1.0
+
+
+# --- what it shares with the real solver --------------------------------------------------------------------------
+
+
+def test_one_slipping_finger_needs_no_phase_of_its_own() -> None:
+    phi = np.array([[0.8, -0.3], [0.2, 0.7]])
+    previous = np.array([1.0 + 1.0j, -0.5 - 0.5j])
+    modal_um = solve_phased(phi, [1.0, 0.0], LIMIT_UM, previous_um=previous)
+    assert np.abs(modal_um) == pytest.approx(np.abs(solve(phi, [1.0, 0.0], LIMIT_UM).modal_um))
+    assert np.angle(modal_um) == pytest.approx(np.angle(previous))
+    assert abs(phi[1] @ modal_um) < 1e-15
+
+
+def test_while_signs_serve_all_is_real_to_the_last_bit() -> None:
+    phi = np.array([[0.8, -0.3], [0.2, 0.7]])
+    modal_um = solve_phased(phi, [1.0, 0.6], LIMIT_UM, previous_um=[-1.0, 0.9])
+    assert not np.any(modal_um.imag)
+    assert modal_um.real == pytest.approx(solve(phi, [1.0, 0.6], LIMIT_UM, previous_um=[-1.0, 0.9]).modal_um)
+
+
+def test_fingers_that_see_the_modes_alike_are_left_to_the_real_solution() -> None:
+    phi = [[0.5, 0.5], [0.5, 0.5]]
+    assert np.abs(solve_phased(phi, [1.0, 2.0], LIMIT_UM)) == pytest.approx([1.5, 1.5])
+
+
+# --- more fingers, more modes -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("fingers", "modes", "still"), [(2, 3, 1), (3, 3, 0), (4, 5, 1), (2, 4, 0)])
+def test_more_fingers_turn_from_pattern_to_pattern_as_unfelt(fingers: int, modes: int, still: int) -> None:
+    """Smooth ways that stay clear of singular positions: where the best pattern changes, the real one's chord dips."""
+    random = np.random.default_rng(fingers * 10 + modes)
+    target_um = np.concatenate([random.uniform(0.5, 1.5, fingers), np.zeros(still)])
+    centre, swing = random.uniform(-1, 1, (2, fingers + still, modes))
+    turned: list[Phasors] = []
+    real: list[Array] = []
+    apart = 1.5 * np.eye(fingers + still, modes)
+    ways = [apart + 0.6 * np.sin(3 * centre + swing * step) for step in np.linspace(0.0, 20.0, 1500)]
+    for phi in ways:
+        turned.append(solve_phased(phi, target_um, FAR_UM, previous_um=turned[-1] if turned else None))
+        real.append(solve(phi, target_um, FAR_UM, previous_um=real[-1] if real else None).modal_um)
+    least, least_real = 1.0, 1.0
+    for index in range(1, len(ways)):
+        phi = ways[index]
+        assert np.abs(phi @ turned[index]) == pytest.approx(target_um, rel=1e-6, abs=1e-9)
+        share, share_real = (
+            float(np.min(np.abs(phi @ (way[index] + way[index - 1]))[:fingers] / target_um[:fingers] / 2))
+            for way in (turned, real)
+        )
+        least, least_real = min(least, share), min(least_real, share_real)
+    assert least_real < 0.3
+    assert least > 0.9
+
+
+# --- whatever comes in --------------------------------------------------------------------------------------------
+
+awkward = st.sampled_from([0.0, 1.0, 0.3, 5e-324, -1e-320, 1e-300, 1e-160, 1e17, 1e160, 1e300, -1.7e308]) | st.floats(
+    -1.0, 1.0
+)
+
+
+@settings(deadline=None, max_examples=300)
+@given(data=st.data(), modes=st.integers(1, 4), fingers=st.integers(0, 4), turn_rad=st.sampled_from([0.0, 0.4, 1e300]))
+def test_whatever_comes_in_phasors_are_finite_and_within_the_limits(
+    data: st.DataObject, modes: int, fingers: int, turn_rad: float
+) -> None:
+    rows = tuple(tuple(data.draw(awkward) for _ in range(modes)) for _ in range(fingers))
+    targets = tuple(abs(data.draw(awkward)) for _ in range(fingers))
+    limits = tuple(data.draw(st.sampled_from([4.0, 4.0, 1e-300, 5e-324, 1e300])) for _ in range(modes))
+    previous = data.draw(
+        st.none() | st.tuples(*[st.builds(complex, awkward, awkward | st.just(math.nan)) for _ in range(modes)])
+    )
+    modal, limited = solve_phased_fast(rows, targets, limits, previous, turn_rad)
+    assert isinstance(limited, bool)
+    assert len(modal) == modes
+    assert all(abs(w) <= limit for w, limit in zip(modal, limits, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("rows", "targets", "limits", "previous", "turn_rad"),
+    [
+        (((0.3, 1e300), (1e-300, 0.3)), (0.4, 0.3), (1e300, 1e300), (1e-300 + 5e-324j, -0.4 - 1e-320j), 0.4),
+        (((1.0, 1e-160), (1e160, 1e-300)), (0.7, 1e-160), (4.0, 1e300), (0.3 + 1j, 1e-160 - 0.4j), 0.0),
+        (((-0.4, 1e160), (1.0, 1e160)), (1e17, 1e17), (4.0, 4.0), None, 0.0),
+        (((-1e-320, 1e-300), (1.0, 1e17)), (1e-300, 1e17), (4.0, 1e300), None, 0.4),
+    ],
+    ids=[
+        "squares overflow",
+        "limits of unlike size",
+        "phasors cancel to the last digit",
+        "they cancel, one limit huge",
+    ],
+)
+def test_two_fingers_at_the_ends_of_the_range_break_no_limit(
+    rows: tuple[tuple[float, float], tuple[float, float]],
+    targets: tuple[float, float],
+    limits: tuple[float, float],
+    previous: tuple[complex, complex] | None,
+    turn_rad: float,
+) -> None:
+    modal, _ = solve_phased_fast(rows, targets, limits, previous, turn_rad)
+    assert all(abs(w) <= limit for w, limit in zip(modal, limits, strict=True))
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e160, 1e300])
+def test_the_scale_of_the_shapes_changes_no_turn(scale: float) -> None:
+    rows, previous = ((0.3, 0.0, 0.1, 1.0), (1.0, 0.2, 0.0, 0.0)), (1j, 0.1j, 0j, 1 + 0j)
+    plain, _ = solve_phased_fast(rows, (1.0, 1.0), (4.0,) * 4, previous, 0.3)
+    scaled_rows = tuple(tuple(value * scale for value in row) for row in rows)
+    scaled, _ = solve_phased_fast(scaled_rows, (scale, scale), (4.0,) * 4, previous, 0.3)
+    assert any(w.imag for w in plain)
+    assert np.array(scaled) == pytest.approx(np.array(plain), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"phi": [[math.nan, 0.4], [0.3, -0.2]]}, "phi"),
+        ({"target_um": [-1.0, 0.0]}, "target_um"),
+        ({"limit_um": 0.0}, "limit_um"),
+        ({"previous_um": [1.0]}, "previous_um"),
+        ({"previous_um": [1.0, complex(0.0, math.inf)]}, "previous_um"),
+        ({"previous_um": "plate"}, "previous_um"),
+        ({"turn_rad": -1.0}, "turn_rad"),
+        ({"turn_rad": math.nan}, "turn_rad"),
+    ],
+)
+def test_bad_input_gets_one_sentence_that_names_it(change: dict[str, object], named: str) -> None:
+    good: dict[str, object] = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.5], "limit_um": 4.0}
+    with pytest.raises(ValueError, match=rf"^{named}[^\n]*\.$"):
+        solve_phased(**{**good, **change})  # type: ignore[arg-type]

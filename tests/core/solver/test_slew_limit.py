@@ -1,0 +1,75 @@
+"""Easing two phasors in plain floats: the complex arithmetic to the last bit, and nothing that a finger feels."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given as drawn
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from hapticd.core.solver.phase_continuation import given as given_by_rows
+from hapticd.core.solver.phase_continuation import nearer_hand as nearer_hand_of_any
+from hapticd.core.solver.slew_limit import Phasors2, between, eased, given, nearer_hand, squares
+
+LIMITS = (4.0, 3.0)
+KEEP, UNFELT_UM = math.cos(math.pi / 16), (0.02, 0.01)
+
+parts = st.floats(-4.0, 4.0, allow_subnormal=False)
+phasors = st.tuples(parts, parts, parts, parts)
+shapes = st.tuples(*[st.floats(-1.0, 1.0, allow_subnormal=False)] * 4)
+
+
+def as_complex(modal: Phasors2) -> tuple[complex, complex]:
+    return complex(modal[0], modal[1]), complex(modal[2], modal[3])
+
+
+def within(modal: Phasors2) -> Phasors2:
+    """Scaled into the limits, as every solution is."""
+    a, b, c, d = modal
+    excess = max(math.hypot(a, b) / LIMITS[0], math.hypot(c, d) / LIMITS[1], 1.0)
+    return a / excess, b / excess, c / excess, d / excess
+
+
+@settings(max_examples=200, deadline=None)
+@drawn(phasors, phasors)
+def test_the_nearer_hand_is_that_of_the_complex_arithmetic(modal: Phasors2, previous: Phasors2) -> None:
+    expected = nearer_hand_of_any(as_complex(modal), LIMITS, as_complex(previous))
+    assert as_complex(nearer_hand(modal, LIMITS, previous)) == expected
+
+
+@settings(max_examples=100, deadline=None)
+@drawn(phasors, shapes)
+def test_what_fingers_get_is_that_of_the_complex_arithmetic(modal: Phasors2, at_fingers: Phasors2) -> None:
+    rows = (at_fingers[:2], at_fingers[2:])
+    assert as_complex(given(at_fingers, modal)) == tuple(given_by_rows(rows, as_complex(modal)))
+
+
+@settings(max_examples=100, deadline=None)
+@drawn(phasors, phasors, st.floats(0.0, 1.0))
+def test_every_square_goes_in_a_straight_line(begin: Phasors2, end: Phasors2, share: float) -> None:
+    there = squares(between(squares(begin), squares(end), share))
+    for got, first, last in zip(there, squares(begin), squares(end), strict=True):
+        assert math.isclose(got, first + share * (last - first), rel_tol=1e-9, abs_tol=1e-7)
+
+
+@settings(max_examples=200, deadline=None)
+@drawn(phasors, phasors, shapes)
+def test_no_finger_is_carried_through_a_dip_that_it_feels(
+    wanted: Phasors2, previous: Phasors2, at_fingers: Phasors2
+) -> None:
+    wanted, previous = within(wanted), within(previous)
+    reached = eased(at_fingers, LIMITS, wanted, previous, KEEP, UNFELT_UM)
+    was, now = as_complex(given(at_fingers, previous)), as_complex(given(at_fingers, reached))
+    arrives = reached == nearer_hand(wanted, LIMITS, previous)
+    for u, v, unfelt_um in zip(was, now, UNFELT_UM, strict=True):
+        sags = abs(u + v) / 2 < KEEP * min(abs(u), abs(v)) - unfelt_um - 1e-9
+        assert arrives or not sags
+    assert math.hypot(reached[0], reached[1]) <= LIMITS[0]
+    assert math.hypot(reached[2], reached[3]) <= LIMITS[1]
+
+
+def test_a_plate_that_does_what_is_wanted_stays_as_it_is() -> None:
+    held = (1.0, 0.5, -0.25, 2.0)
+    reached = eased((0.3, -0.7, 0.6, 0.2), LIMITS, held, held, KEEP, UNFELT_UM)
+    assert all(math.isclose(one, other, abs_tol=1e-15) for one, other in zip(reached, held, strict=True))

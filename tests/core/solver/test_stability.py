@@ -1,0 +1,159 @@
+"""The solver's digits, its wire, its long walks: what must hold at every condition and scale."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.solver.policies import POLICIES
+from hapticd.core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
+from hapticd.core.trajectory.gate import gate
+from hapticd.values import Drive, Knot
+from hapticd.wire.board_messages import FRAME_MAX
+from hapticd.wire.device import encode_reference
+from hapticd.wire.framing import FrameSplitter
+from hapticd.wire.protocol import REFERENCE
+
+LIMITS_UM = (4.0, 4.0)
+shape = st.floats(-1.0, 1.0)
+row = st.tuples(shape, shape)
+exponent = st.floats(0.0, 17.0)
+
+
+def conditioned(exponent: float, angle: float, other_angle: float) -> np.ndarray:
+    """Two rows whose condition is 10^exponent, before they are rounded."""
+    left, right = (
+        np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]) for turn in (angle, other_angle)
+    )
+    return left @ np.diag([1.0, 10.0**-exponent]) @ right
+
+
+@settings(deadline=None, max_examples=200)
+@given(exponent=exponent, angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4), target_um=st.floats(1e-9, 1e12))
+def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
+    exponent: float, angle: float, other: float, target_um: float
+) -> None:
+    """The line is exact at every condition; how far along it W lies has the digits that the gain's two terms leave.
+
+    At a limit these do not matter, and where none is left the plate is silent.
+    """
+    phi = conditioned(exponent, angle, other)
+    modal, limited = solve_fast(tuple(map(tuple, phi.tolist())), (target_um, 0.0), LIMITS_UM)
+    with mpmath.workdps(60):
+        (a, b), (c, d) = ([mpmath.mpf(value) for value in values] for values in phi.tolist())
+        gain, terms = abs(a * d - b * c), abs(a * d) + abs(b * c)
+        if modal == (0.0, 0.0):
+            assert gain <= 1e-14 * terms
+            return
+        top = min(4 / abs(value) for value in (c, d) if value != 0)
+        share = min(target_um / gain, top)
+        lean = mpmath.sign(a * d - b * c)
+        exact = [share * d * lean, -share * c * lean]
+        error = max(abs(w - x) for w, x in zip(modal, exact, strict=True)) / max(map(abs, exact))
+        assert error <= (1e-15 if limited and share == top else 1e-15 * terms / gain)
+        assert abs(c * modal[0] + d * modal[1]) <= 1e-15 * max(map(abs, modal))
+
+
+@settings(deadline=None, max_examples=150)
+@given(exponent=st.floats(0.0, 14.0), angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4))
+def test_both_fingers_get_twelve_digits_of_their_amplitude_while_no_limit_is_met(
+    exponent: float, angle: float, other: float
+) -> None:
+    phi = conditioned(exponent, angle, other)
+    targets = 10.0**-exponent, 0.6 * 10.0**-exponent
+    modal, limited = solve_fast(tuple(map(tuple, phi.tolist())), targets, LIMITS_UM)
+    assert not limited
+    with mpmath.workdps(60):
+        for values, target in zip(phi.tolist(), targets, strict=True):
+            given_um = abs(sum(mpmath.mpf(value) * w for value, w in zip(values, modal, strict=True)))
+            size = sum(abs(value * w) for value, w in zip(values, modal, strict=True))
+            assert abs(given_um - target) <= 1e-12 * target or abs(given_um - target) <= 1e-15 * size
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    still=row,
+    slipping=row,
+    slip_um=st.sampled_from([1e-12, 1e-3, 1.0, 1e12, 5e-324]),
+    exponents=st.tuples(*[st.sampled_from([-300.0, -9.0, 0.0, 300.0])] * 2),
+)
+def test_the_wire_breaks_no_limit_and_leaks_less_than_a_nanometre(
+    still: tuple[float, float],
+    slipping: tuple[float, float],
+    slip_um: float,
+    exponents: tuple[float, float],
+) -> None:
+    sizes = [10.0**exponent for exponent in exponents]
+    rows = tuple((x * size, y * size) for (x, y), size in zip((slipping, still), sizes, strict=True))
+    for modal in (
+        solve_fast(rows, (slip_um, 0.0), LIMITS_UM)[0],
+        solve_phased_fast(rows, (slip_um, 0.0), LIMITS_UM, (1 + 2j, -0.3j))[0],
+    ):
+        drive = gate(Drive(0, (Knot(0, tuple(map(complex, modal))),)), LIMITS_UM)
+        (message,) = FrameSplitter(FRAME_MAX).feed(encode_reference(1, drive, 0))
+        parts = struct.unpack_from("<4f", message, 1 + REFERENCE.size + 2)
+        sent = complex(*parts[:2]), complex(*parts[2:])
+        assert all(abs(w) <= limit for w, limit in zip(sent, LIMITS_UM, strict=True))
+        assert abs(still[0] * sent[0] + still[1] * sent[1]) < 1e-3
+
+
+@pytest.mark.parametrize("policy", [*POLICIES, "phases"])
+@pytest.mark.parametrize(("fingers", "modes"), [(15, 8), (15, 2), (3, 8), (1, 8), (8, 1)])
+def test_up_to_fifteen_fingers_on_eight_modes_are_solved_within_the_limits(
+    policy: str, fingers: int, modes: int
+) -> None:
+    random = np.random.default_rng(fingers + modes)
+    for kind in ("random", "equal rows", "zero rows", "tiny", "huge"):
+        phi = random.uniform(-1, 1, (fingers, modes))
+        phi = {"equal rows": phi[:1].repeat(fingers, 0), "zero rows": phi * (random.random((fingers, 1)) < 0.5)}.get(
+            kind, phi * {"tiny": 1e-300, "huge": 1e300}.get(kind, 1.0)
+        )
+        targets = random.uniform(0.1, 3.0, fingers) * (random.random(fingers) < 0.7)
+        if policy == "phases":
+            previous = tuple((random.normal(size=modes) + 1j * random.normal(size=modes)).tolist())
+            rows = tuple(map(tuple, phi.tolist()))
+            modal = solve_phased_fast(rows, tuple(targets.tolist()), (4.0,) * modes, previous)[0]
+        else:
+            modal = tuple(solve(phi, targets, 4.0, policy=policy).modal_um.tolist())
+        assert all(abs(w) <= 4.0 for w in modal)
+
+
+def test_a_hundred_laps_end_where_the_second_did_to_the_last_bit() -> None:
+    """Each step begins at the last one's amplitudes: only a sign is taken from them, so nothing can add up."""
+    angle = 2 * np.pi * np.arange(200) / 200
+    phi = np.stack(
+        [
+            np.stack([np.cos(angle), np.sin(2 * angle)], -1),
+            np.stack([0.8 * np.sin(3 * angle + 1), 0.9 * np.cos(angle - 0.5)], -1),
+        ],
+        1,
+    )
+    previous = None
+    laps = []
+    for _ in range(100):
+        lap = solve_batch(phi, [1.0, 0.0], 4.0, previous_um=previous)
+        previous = lap[-1]
+        laps.append(np.abs(lap))
+    assert all(np.array_equal(lap, laps[1]) for lap in laps[2:])
+
+
+def test_a_hundred_laps_with_free_phases_give_the_fingers_what_the_second_did() -> None:
+    angle = 2 * np.pi * np.arange(200) / 200
+    track = [
+        ((math.cos(a), math.sin(2 * a)), (0.8 * math.sin(3 * a + 1), 0.9 * math.cos(a - 0.5))) for a in angle.tolist()
+    ]
+    previous = None
+    laps = []
+    for _ in range(100):
+        lap = []
+        for rows in track:
+            previous, _ = solve_phased_fast(rows, (1.0, 0.6), LIMITS_UM, previous)
+            lap.append([abs(x * previous[0] + y * previous[1]) for x, y in rows])
+        laps.append(np.array(lap))
+    assert laps[-1] == pytest.approx(laps[1], abs=1e-9)

@@ -1,0 +1,287 @@
+"""Who may decide what a finger feels, and until when."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.targets.scene import MAX_CLIENTS, MAX_VIRTUALS, FrictionCurve, Scene, Virtual
+from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, Target, VirtualPath
+
+T0_NS = 1_234_567_890_123
+TTL_NS = 500_000_000
+SLIPPERY, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+LINE = VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 50.0, loop=True)
+OTHER_LINE = VirtualPath(((0.0, -40.0), (0.0, 40.0)), 50.0, loop=True)
+
+
+def a_scene(w_limit_um: float = 4.0) -> Scene:
+    return Scene(w_limit_um, FrictionCurve.exponential(), (137.5, 137.5))
+
+
+def wants(
+    client: str, targets: dict[int | str, Target] | None = None, virtuals: dict[str, VirtualPath] | None = None
+) -> ClientTargets:
+    return ClientTargets(client, TTL_NS, targets or {}, virtuals or {})
+
+
+# --- one client -------------------------------------------------------------------------------------------------
+
+
+def test_nobody_wants_anything_in_an_empty_scene() -> None:
+    scene = a_scene()
+    assert scene.amplitude_um(1, 0.0, 0.0) is None
+    assert scene.target_of(1) is None
+    assert scene.next_expiry_ns is None
+    assert scene.virtuals(T0_NS) == ()
+    assert scene.expire(T0_NS) == ()
+
+
+def test_a_finger_gets_what_its_client_asked_for() -> None:
+    scene = a_scene()
+    assert scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS) == ()
+    assert scene.amplitude_um(1, 3.0, 4.0) == 1.0
+    assert scene.amplitude_um(2, 3.0, 4.0) == 0.0  # not None: to be held still is a wish
+    assert scene.target_of(2) is STILL
+    assert scene.owner_of(2) == "a"
+
+
+def test_a_message_replaces_all_that_the_same_client_wanted_before() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS)
+    scene.apply(wants("a", {2: SLIPPERY}), T0_NS + 1)
+    assert scene.amplitude_um(1, 0.0, 0.0) is None
+    assert scene.amplitude_um(2, 0.0, 0.0) == 1.0
+    assert scene.expire(T0_NS + 1) == (1,)
+
+
+def test_a_texture_is_felt_where_the_finger_is() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {1: GratingTarget(8.0, 0.0, 0.0, 2.0, 0.0)}), T0_NS)
+    assert scene.amplitude_um(1, 0.0, 9.0) == 2.0
+    assert scene.amplitude_um(1, 4.0, 9.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_friction_goes_through_the_curve_and_never_beyond_what_the_plate_can_do() -> None:
+    scene = a_scene(w_limit_um=1.5)
+    assert (
+        scene.apply(wants("a", {1: FrictionTarget(1.0), 2: FrictionTarget(0.0), 3: FrictionTarget(0.5)}), T0_NS) == ()
+    )
+    assert scene.amplitude_um(1, 0.0, 0.0) == 0.0
+    assert scene.amplitude_um(2, 0.0, 0.0) == 1.5
+    assert scene.amplitude_um(3, 0.0, 0.0) == FrictionCurve.exponential().amplitude_um(0.5)
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        AmplitudeTarget(4.001),
+        GratingTarget(5.0, 0.0, 0.0, 4.001, 0.5),
+        GratingTarget(5.0, 0.0, 4.001, 0.0, 0.0),
+        MapTarget(1, 1, b"\x00", 0.0, 4.001),
+        AmplitudeTarget(float("nan")),
+    ],
+)
+def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_keep_theirs(target: Target) -> None:
+    scene = a_scene()
+    (refusal,) = scene.apply(wants("a", {1: target, 2: SLIPPERY}), T0_NS)
+    assert refusal.startswith("finger 1 cannot have ")
+    assert refusal.endswith("ask for at most 4 um.")
+    assert scene.amplitude_um(1, 0.0, 0.0) is None
+    assert scene.amplitude_um(2, 0.0, 0.0) == 1.0
+
+
+# --- time to live -----------------------------------------------------------------------------------------------
+
+
+def test_a_silent_client_loses_its_fingers_when_its_time_is_up_and_not_before() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {1: SLIPPERY, "ghost": STILL}, {"ghost": LINE}), T0_NS)
+    assert scene.next_expiry_ns == T0_NS + TTL_NS
+    assert scene.expire(T0_NS + TTL_NS - 1) == ()
+    assert scene.amplitude_um(1, 0.0, 0.0) == 1.0
+    assert set(scene.expire(T0_NS + TTL_NS)) == {1, "ghost"}
+    assert scene.amplitude_um(1, 0.0, 0.0) is None
+    assert scene.next_expiry_ns is None
+    assert scene.expire(T0_NS + TTL_NS) == ()
+
+
+def test_a_refreshed_finger_lives_on() -> None:
+    scene = a_scene()
+    for n in range(10):
+        scene.apply(wants("a", {1: SLIPPERY}), T0_NS + n * TTL_NS // 3)
+    assert scene.expire(T0_NS + 3 * TTL_NS) == ()
+    assert scene.next_expiry_ns == T0_NS + 4 * TTL_NS
+
+
+def test_released_fingers_are_reported_once_however_they_were_released() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {1: SLIPPERY, 2: SLIPPERY, 3: SLIPPERY}), T0_NS)
+    scene.apply(wants("b", {4: SLIPPERY}), T0_NS)
+    assert scene.release("a", 1)
+    scene.apply(wants("a", {2: SLIPPERY}), T0_NS)
+    scene.release_client("b")
+    assert scene.expire(T0_NS) == (1, 3, 4)
+    assert scene.expire(T0_NS) == ()
+
+
+def test_a_finger_taken_up_again_does_not_count_as_released() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {1: SLIPPERY}), T0_NS)
+    scene.release_client("a")
+    scene.apply(wants("b", {1: STILL}), T0_NS)
+    assert scene.expire(T0_NS) == ()
+
+
+# --- several clients --------------------------------------------------------------------------------------------
+
+
+def test_a_second_client_is_refused_a_finger_by_the_owners_name() -> None:
+    scene = a_scene()
+    scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
+    refusals = scene.apply(wants("second", {1: STILL, 2: STILL}), T0_NS)
+    assert refusals == ("finger 1 is held by 'first': wait until that client releases it.",)
+    assert scene.amplitude_um(1, 0.0, 0.0) == 1.0
+    assert scene.amplitude_um(2, 0.0, 0.0) == 0.0
+
+
+def test_an_expired_owner_does_not_block_the_next_even_before_anybody_swept() -> None:
+    scene = a_scene()
+    scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
+    assert scene.apply(wants("second", {1: STILL}), T0_NS + TTL_NS) == ()
+    assert scene.owner_of(1) == "second"
+
+
+def test_nobody_can_release_what_another_holds() -> None:
+    scene = a_scene()
+    scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
+    assert not scene.release("second", 1)
+    assert not scene.release("first", 2)
+    scene.release_client("second")
+    assert scene.owner_of(1) == "first"
+
+
+def test_inventing_client_names_does_not_fill_the_plate() -> None:
+    scene = a_scene()
+    for n in range(MAX_CLIENTS):
+        assert scene.apply(wants(f"client {n}", {n + 1: STILL}), T0_NS) == ()
+    (refusal,) = scene.apply(wants("one more", {99: SLIPPERY}), T0_NS)
+    assert "clients hold fingers already" in refusal
+    assert scene.owner_of(99) is None
+    assert scene.apply(wants("client 0", {1: SLIPPERY, 98: STILL}), T0_NS) == ()
+    assert scene.apply(wants("one more"), T0_NS) == ()
+
+
+# --- virtual fingers --------------------------------------------------------------------------------------------
+
+
+def test_a_virtual_finger_walks_and_feels() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
+    assert scene.virtuals(T0_NS) == (Virtual("ghost", "a", T0_NS),)
+    assert scene.virtual_names(T0_NS + TTL_NS - 1) == ("ghost",)
+    assert scene.virtual_names(T0_NS + TTL_NS) == ()  # though nobody swept yet
+    assert scene.virtual_position_mm("ghost", T0_NS + 800_000_000) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert scene.amplitude_um("ghost", 0.0, 0.0) == 0.0
+
+
+def test_refreshing_a_path_does_not_start_it_anew_but_another_path_does() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
+    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS + 100)
+    assert scene.virtuals(T0_NS + 100) == (Virtual("ghost", "a", T0_NS),)
+    scene.apply(wants("a", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS + 200)
+    assert scene.virtuals(T0_NS + 200) == (Virtual("ghost", "a", T0_NS + 200),)
+
+
+def test_a_virtual_finger_without_a_target_walks_and_nobody_solves_for_it() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
+    assert scene.virtual_names(T0_NS) == ("ghost",)
+    assert scene.target_of("ghost") is None
+    assert scene.amplitude_um("ghost", 0.0, 0.0) is None
+
+
+def test_a_virtual_finger_belongs_to_the_client_that_made_it() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
+    (refusal,) = scene.apply(wants("b", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS)
+    assert refusal == "virtual finger 'ghost' is held by 'a': wait until that client releases it."
+    assert scene.virtual_position_mm("ghost", T0_NS) == (-40.0, 0.0)
+
+
+def test_a_target_for_a_virtual_finger_without_a_path_is_refused() -> None:
+    (refusal,) = a_scene().apply(wants("a", {"ghost": STILL}), T0_NS)
+    assert "has a target but no path" in refusal
+
+
+def test_the_plate_serves_only_so_many_virtual_fingers_and_refreshing_them_needs_no_room() -> None:
+    scene = a_scene()
+    mine: dict[str, VirtualPath] = {f"a{n}": LINE for n in range(MAX_VIRTUALS - 1)}
+    yours: dict[str, VirtualPath] = {"b0": LINE, "b1": LINE}
+    assert scene.apply(wants("a", {}, mine), T0_NS) == ()
+    (refusal,) = scene.apply(wants("b", {}, yours), T0_NS)
+    assert refusal.startswith("virtual finger 'b1' is one too many")
+    assert scene.apply(wants("a", {}, mine), T0_NS) == ()
+    assert len(scene.virtuals(T0_NS)) == MAX_VIRTUALS
+
+
+def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {1: STILL}), T0_NS)
+    with pytest.raises(KeyError):
+        scene.virtual_position_mm("nobody", T0_NS)
+
+
+def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at() -> None:
+    scene = a_scene()
+    square = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
+    sine = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
+    scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
+    assert scene.wanted((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
+    assert scene.wanted((), (), T0_NS + TTL_NS) == []
+    assert scene.detail(1) == scene.detail("nobody") == (math.inf, True)
+    assert scene.detail(2) == (1.0, False)
+    assert scene.detail(5) == (1.0, True)
+
+
+# --- whatever clients do ----------------------------------------------------------------------------------------
+
+steps = st.tuples(
+    st.sampled_from(["a", "b", "c"]),
+    st.dictionaries(st.integers(1, 4), st.sampled_from([STILL, SLIPPERY, AmplitudeTarget(9.0)]), max_size=4),
+    st.dictionaries(st.sampled_from(["x", "y"]), st.sampled_from([LINE, OTHER_LINE]), max_size=2),
+    st.integers(0, TTL_NS),
+)
+
+
+@given(st.lists(steps, max_size=20))
+@settings(deadline=None, max_examples=150)
+def test_a_finger_always_has_one_living_owner_or_nobodys_target(
+    history: list[tuple[str, dict[int, Target], dict[str, VirtualPath], int]],
+) -> None:
+    scene, t_ns = a_scene(), T0_NS
+    t_said_ns: dict[str, int] = {}
+    held_before: set[int | str] = set()
+    for client, targets, virtuals, pause_ns in history:
+        t_ns += pause_ns
+        refusals = scene.apply(wants(client, dict(targets.items()), virtuals), t_ns)
+        t_said_ns[client] = t_ns
+        released = scene.expire(t_ns)
+        asked: set[int | str] = {*targets, *virtuals}
+        assert len(refusals) == sum(scene.owner_of(key) != client for key in asked)
+        held: set[int | str] = {key for key in (1, 2, 3, 4, "x", "y") if scene.owner_of(key) is not None}
+        for key in held:
+            owner = scene.owner_of(key)
+            assert owner is not None
+            assert t_ns - t_said_ns[owner] < TTL_NS
+        for key in (1, 2, 3, 4):
+            assert (scene.target_of(key) is not None) == (key in held)
+        assert held_before - held <= set(released)
+        assert not held & set(released)
+        held_before = held
+    assert held_before <= set(scene.expire(t_ns + TTL_NS))
+    assert scene.next_expiry_ns is None

@@ -1,0 +1,206 @@
+"""What a finger should feel at a place: finite, within its bounds, and where the client drew it."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import mpmath
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, highest_um, texture
+from hapticd.values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
+
+PLATE_MM = (137.5, 100.0)
+CURVE = DEFAULT_FRICTION_CURVE
+
+any_finite = st.floats(allow_nan=False, allow_infinity=False)
+on_plate = st.floats(-70, 70)
+um = st.floats(0, 1000)
+gratings = st.builds(GratingTarget, st.floats(0.1, 1000), st.floats(-6.3, 6.3), um, um, st.just(0.0) | st.floats(0, 1))
+
+
+@st.composite
+def maps(draw: st.DrawFn) -> MapTarget:
+    width, height = draw(st.integers(1, 6)), draw(st.integers(1, 6))
+    levels = draw(st.binary(min_size=width * height, max_size=width * height))
+    return MapTarget(width, height, levels, draw(um), draw(um))
+
+
+# --- every target -----------------------------------------------------------------------------------------------
+
+
+@given(
+    gratings | maps() | st.builds(AmplitudeTarget, um) | st.builds(FrictionTarget, st.floats(0, 1)),
+    any_finite,
+    any_finite,
+)
+@settings(deadline=None, max_examples=400)
+def test_a_texture_is_finite_and_between_its_amplitudes_everywhere(target: Target, x_mm: float, y_mm: float) -> None:
+    amplitude_um = texture(target, CURVE, PLATE_MM)(x_mm, y_mm)
+    highest = highest_um(target, CURVE)
+    lowest = min(target.low_um, target.high_um) if isinstance(target, GratingTarget | MapTarget) else highest
+    assert lowest - 1e-12 * highest <= amplitude_um <= highest * (1 + 1e-12)
+    assert amplitude_um >= 0.0  # the solver refuses less, however little
+
+
+@pytest.mark.parametrize("place", [(math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0), (-math.inf, math.inf)])
+@pytest.mark.parametrize(
+    "target",
+    [
+        GratingTarget(5.0, 0.3, 0.5, 2.0, 0.0),
+        GratingTarget(5.0, 0.3, 0.5, 2.0, 0.5),
+        MapTarget(2, 2, b"\x00\x40\x80\xff", 0.5, 2.0),
+    ],
+)
+def test_no_position_at_all_is_harmless(target: Target, place: tuple[float, float]) -> None:
+    assert 0.5 <= texture(target, CURVE, PLATE_MM)(*place) <= 2.0
+
+
+# --- gratings ---------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0.5, 50), st.floats(-6.3, 6.3), on_plate, on_plate)
+@settings(deadline=None, max_examples=100)
+def test_a_sine_grating_is_the_sine_to_the_last_digits(
+    period_mm: float, angle: float, x_mm: float, y_mm: float
+) -> None:
+    amplitude_um = texture(GratingTarget(period_mm, angle, 1.0, 3.0, 0.0), CURVE, PLATE_MM)(x_mm, y_mm)
+    with mpmath.workdps(40):
+        along = x_mm * mpmath.cos(angle) + y_mm * mpmath.sin(angle)
+        exact = 2 + mpmath.cos(2 * mpmath.pi * along / mpmath.mpf(period_mm))
+    assert amplitude_um == pytest.approx(float(exact), abs=1e-12 * 100 / period_mm + 1e-13)
+
+
+@pytest.mark.parametrize("duty", [0.0, 0.25, 0.5, 1.0])
+def test_a_grating_has_a_crest_through_the_plates_centre(duty: float) -> None:
+    assert texture(GratingTarget(7.0, 1.1, 0.5, 2.0, duty), CURVE, PLATE_MM)(0.0, 0.0) == 2.0
+
+
+@pytest.mark.parametrize("duty", [0.1, 0.5, 0.75])
+def test_the_duty_is_the_share_of_the_period_that_is_high(duty: float) -> None:
+    square = texture(GratingTarget(4.0, 0.0, 0.0, 1.0, duty), CURVE, PLATE_MM)
+    samples = [square(-40.0 + 0.01 * n, 13.0) for n in range(8000)]
+    assert set(samples) == {0.0, 1.0}
+    assert sum(samples) / len(samples) == pytest.approx(duty, abs=0.006)  # a sample or two at each edge
+
+
+def test_a_grating_varies_along_its_angle_only() -> None:
+    upward = texture(GratingTarget(4.0, math.pi / 2, 0.0, 1.0, 0.0), CURVE, PLATE_MM)
+    assert upward(0.0, 2.0) == pytest.approx(0.0, abs=1e-12)
+    assert upward(33.0, 2.0) == pytest.approx(0.0, abs=1e-12)
+    assert upward(33.0, 4.0) == pytest.approx(1.0, abs=1e-12)
+
+
+# --- maps -------------------------------------------------------------------------------------------------------
+
+
+def test_a_maps_first_row_is_the_plates_far_edge_and_its_first_column_the_left() -> None:
+    image = texture(MapTarget(2, 2, b"\x00\x33\x66\xff", 0.0, 255.0), CURVE, PLATE_MM)
+    right, far = PLATE_MM[0] / 2, PLATE_MM[1] / 2
+    assert [image(-right, far), image(right, far), image(-right, -far), image(right, -far)] == [0, 0x33, 0x66, 255]
+    assert image(0.0, 0.0) == pytest.approx((0 + 0x33 + 0x66 + 255) / 4)
+
+
+def test_beyond_the_edges_a_map_stays_as_it_is_on_them() -> None:
+    image = texture(MapTarget(3, 2, bytes(range(0, 60, 10)), 0.0, 255.0), CURVE, PLATE_MM)
+    assert image(-500.0, 500.0) == 0.0
+    assert image(1e300, -1e300) == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 3), (3, 1), (4, 3)])
+def test_a_map_gives_each_pixel_at_its_own_centre(width: int, height: int) -> None:
+    levels = bytes((37 * n) % 256 for n in range(width * height))
+    image = texture(MapTarget(width, height, levels, 0.0, 255.0), CURVE, PLATE_MM)
+    for row in range(height):
+        for column in range(width):
+            x_mm = PLATE_MM[0] * (column / (width - 1) - 0.5) if width > 1 else 9.0
+            y_mm = PLATE_MM[1] * (0.5 - row / (height - 1)) if height > 1 else 9.0
+            assert image(x_mm, y_mm) == pytest.approx(levels[row * width + column])
+
+
+@given(maps(), on_plate, on_plate, st.floats(-1e-6, 1e-6))
+@settings(deadline=None, max_examples=100)
+def test_a_map_has_no_steps(target: MapTarget, x_mm: float, y_mm: float, step_mm: float) -> None:
+    image = texture(target, CURVE, PLATE_MM)
+    steepest_um_per_mm = 6 / min(PLATE_MM) * abs(target.high_um - target.low_um)
+    assert abs(image(x_mm + step_mm, y_mm) - image(x_mm, y_mm)) <= steepest_um_per_mm * abs(step_mm) + 1e-9
+
+
+# --- friction ---------------------------------------------------------------------------------------------------
+
+
+def test_friction_one_is_still_glass_and_friction_zero_the_curves_most() -> None:
+    assert CURVE.amplitude_um(1.0) == 0.0
+    assert CURVE.amplitude_um(0.0) == 2.0
+
+
+@given(st.floats(0, 1), st.floats(0, 1))
+@settings(deadline=None, max_examples=200)
+def test_more_friction_never_needs_more_amplitude(a: float, b: float) -> None:
+    low, high = sorted((a, b))
+    assert CURVE.amplitude_um(low) >= CURVE.amplitude_um(high)
+
+
+@pytest.mark.parametrize("odd", [math.nan, 1.5, math.inf])
+def test_a_friction_beyond_bare_glass_is_bare_glass(odd: float) -> None:
+    assert CURVE.amplitude_um(odd) == 0.0
+
+
+def test_the_default_curve_is_its_exponential_within_three_nanometres() -> None:
+    floor = math.exp(-2.0 / 0.7)
+    for n in range(1001):
+        friction = n / 1000
+        exact_um = -0.7 * math.log(friction + (1 - friction) * floor)
+        assert CURVE.amplitude_um(friction) == pytest.approx(exact_um, abs=0.003)
+
+
+def test_a_calibration_sweep_becomes_a_curve() -> None:
+    curve = FrictionCurve.from_amplitudes([0.0, 0.3, 0.9, 2.4])
+    assert [curve.amplitude_um(f) for f in (1.0, 0.0)] == [0.0, 2.4]
+    assert curve.amplitude_um(1 / 3) == pytest.approx(0.9)
+    assert curve.amplitude_um(0.5) == pytest.approx(0.6)
+
+
+@given(st.lists(st.floats(0.001, 5), min_size=1, max_size=12), st.integers(0, 50))
+@settings(deadline=None, max_examples=100)
+def test_a_curve_goes_through_its_knots_and_stays_between_them(steps_um: list[float], n: int) -> None:
+    amplitudes_um = [0.0]
+    for step_um in steps_um:
+        amplitudes_um.append(amplitudes_um[-1] + step_um)
+    curve = FrictionCurve.from_amplitudes(amplitudes_um)
+    for friction, amplitude_um in curve.knots:
+        assert curve.amplitude_um(friction) == amplitude_um
+    left, right = list(pairwise(curve.knots))[n % len(steps_um)]
+    middle_um = curve.amplitude_um((left[0] + right[0]) / 2)
+    assert middle_um == pytest.approx((left[1] + right[1]) / 2)
+
+
+@pytest.mark.parametrize(
+    "knots",
+    [
+        (),
+        ((1.0, 0.0),),
+        ((0.0, 2.0), (1.0, 0.1)),
+        ((0.1, 2.0), (1.0, 0.0)),
+        ((0.0, 2.0), (0.9, 0.0)),
+        ((0.0, 1.0), (0.5, 1.0), (1.0, 0.0)),
+        ((0.0, 1.0), (0.5, 1.5), (1.0, 0.0)),
+        ((0.0, 2.0), (0.5, 1.0), (0.5, 0.5), (1.0, 0.0)),
+        ((0.0, math.inf), (1.0, 0.0)),
+        ((0.0, 2.0), (math.nan, 1.0), (1.0, 0.0)),
+    ],
+)
+def test_a_curve_that_is_not_monotone_from_the_most_to_still_glass_is_refused(
+    knots: tuple[tuple[float, float], ...],
+) -> None:
+    with pytest.raises(ValueError, match="friction curve"):
+        FrictionCurve(knots)
+
+
+@pytest.mark.parametrize("amplitudes_um", [[], [0.0], [0.0, 0.0], [0.1, 2.0], [0.0, 1.0, 0.5]])
+def test_a_calibration_sweep_that_is_no_curve_is_refused(amplitudes_um: list[float]) -> None:
+    with pytest.raises(ValueError, match="friction curve"):
+        FrictionCurve.from_amplitudes(amplitudes_um)

@@ -1,0 +1,97 @@
+"""A virtual finger is where its path, its speed and the clock say, however long it has been walking."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import mpmath
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.targets.virtual_paths import Walk
+from hapticd.values import VirtualPath
+
+START_NS = 7_123_456_789_000
+LINE = VirtualPath(((-40.0, 20.0), (40.0, 20.0)), 50.0, loop=True)  # 1.6 s there, 1.6 s back
+HOOK = VirtualPath(((0.0, 0.0), (30.0, 0.0), (30.0, 0.0), (30.0, 40.0)), 10.0, loop=False)
+
+coordinate = st.floats(-100, 100)
+paths = st.builds(
+    VirtualPath,
+    st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=8).map(tuple),
+    st.floats(0, 2000),
+    st.booleans(),
+)
+
+
+def at(path: VirtualPath, t_s: float) -> tuple[float, float]:
+    return Walk(path, START_NS).position_mm(START_NS + round(t_s * 1e9))
+
+
+def test_a_loop_goes_there_and_back_at_constant_speed() -> None:
+    assert at(LINE, 0.0) == (-40.0, 20.0)
+    assert at(LINE, 0.4) == pytest.approx((-20.0, 20.0), abs=1e-9)
+    assert at(LINE, 1.6) == pytest.approx((40.0, 20.0), abs=1e-9)
+    assert at(LINE, 2.0) == pytest.approx((20.0, 20.0), abs=1e-9)
+    assert at(LINE, 3.2 * 1000 + 0.4) == pytest.approx((-20.0, 20.0), abs=1e-8)
+
+
+def test_a_path_that_does_not_loop_ends_on_its_last_point() -> None:
+    assert at(HOOK, 1.5) == (15.0, 0.0)
+    assert at(HOOK, 5.0) == pytest.approx((30.0, 20.0))
+    assert at(HOOK, 7.0) == (30.0, 40.0)
+    assert at(HOOK, 1e6) == (30.0, 40.0)
+
+
+def test_before_it_sets_out_a_finger_is_on_its_first_point() -> None:
+    assert at(LINE, -3.0) == (-40.0, 20.0)
+
+
+@pytest.mark.parametrize("points_mm", [((5.0, 6.0),), ((5.0, 6.0), (5.0, 6.0))])
+@pytest.mark.parametrize("loop", [True, False])
+def test_a_finger_with_nowhere_to_go_rests(points_mm: tuple[tuple[float, float], ...], loop: bool) -> None:
+    path = VirtualPath(points_mm, 50.0, loop)
+    assert at(path, 12.3) == (5.0, 6.0)
+
+
+@given(paths, st.integers(0, 10**14))
+@settings(deadline=None, max_examples=150)
+def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed_ns: int) -> None:
+    with mpmath.workdps(50):
+        lengths = [
+            mpmath.hypot(*(mpmath.mpf(q) - p for p, q in zip(a, b, strict=True))) for a, b in pairwise(path.points_mm)
+        ]
+        total = mpmath.fsum(lengths)
+        along = mpmath.mpf(path.speed_mm_s) * elapsed_ns / 10**9
+        if path.loop and total > 0:
+            along = mpmath.fmod(along, 2 * total)
+            along = min(along, 2 * total - along)
+        along = min(along, total)
+        exact: tuple[float, ...] = path.points_mm[-1]
+        for (a, b), length in zip(pairwise(path.points_mm), lengths, strict=True):
+            if along <= length and length > 0:
+                exact = tuple(float(p + (mpmath.mpf(q) - p) * along / length) for p, q in zip(a, b, strict=True))
+                break
+            along -= length
+    walked_mm = path.speed_mm_s * elapsed_ns * 1e-9
+    # The rounding of the way walked, and once per turn that of the length which it is divided by.
+    turns = walked_mm / float(total) if total > 0 else 0.0
+    tolerance_mm = 1e-9 + 1e-15 * walked_mm + turns * 1e-15 * float(total) * len(path.points_mm)
+    position = Walk(path, START_NS).position_mm(START_NS + elapsed_ns)
+    assert math.dist(position, exact) <= tolerance_mm
+
+
+@given(paths, st.integers(-(10**9), 10**12), st.integers(0, 10**7))
+@settings(deadline=None, max_examples=150)
+def test_no_finger_moves_faster_than_its_speed(path: VirtualPath, elapsed_ns: int, step_ns: int) -> None:
+    walk = Walk(path, START_NS)
+    here, there = (walk.position_mm(START_NS + t_ns) for t_ns in (elapsed_ns, elapsed_ns + step_ns))
+    assert math.dist(here, there) <= path.speed_mm_s * step_ns * 1e-9 + 1e-6
+
+
+@given(paths, st.integers(0, 10**12), st.integers(-(2**60), 2**60))
+@settings(deadline=None, max_examples=100)
+def test_the_clocks_origin_does_not_matter(path: VirtualPath, elapsed_ns: int, shift_ns: int) -> None:
+    assert Walk(path, 0).position_mm(elapsed_ns) == Walk(path, shift_ns).position_mm(shift_ns + elapsed_ns)

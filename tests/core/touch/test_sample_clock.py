@@ -1,0 +1,109 @@
+"""The clock filter: what is left of the stamps' jitter, lost reports, outliers, pads of another rate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.touch.sample_clock import SampleClock
+
+
+def sampling_errors_s(clock: SampleClock, stamps_s: list[float], sampled_s: list[float]) -> list[float]:
+    """Estimated minus true sampling time, sample by sample."""
+    errors = [stamps_s[0] - sampled_s[0]]
+    for k in range(1, len(stamps_s)):
+        clock.advance(stamps_s[k] - stamps_s[k - 1])
+        errors.append(stamps_s[k] - clock.lag_s - sampled_s[k])
+    return errors
+
+
+def rms_after(samples: list[int], period_s: float, clock_period_s: float, period_error_s: float) -> list[float]:
+    squares = np.zeros(101)
+    runs = 150
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        sampled = np.arange(101) * period_s
+        stamps = sampled + rng.uniform(-1e-3, 1e-3, 101)
+        clock = SampleClock(clock_period_s, period_error_s, 0.6e-3)
+        squares += np.square(sampling_errors_s(clock, stamps.tolist(), sampled.tolist()))
+    return [math.sqrt(squares[k] / runs) * 1e3 for k in samples]
+
+
+def test_what_is_left_of_a_millisecond_of_jitter_when_the_period_is_known() -> None:
+    after_1, after_3, after_10, after_20, after_100 = rms_after([1, 3, 10, 20, 100], 0.010, 0.010, 0.0001)
+    assert after_1 < 0.46
+    assert after_3 < 0.36
+    assert after_10 < 0.31
+    assert after_20 < 0.29
+    assert after_100 < 0.15
+
+
+@pytest.mark.parametrize("period_s", [0.010, 0.01125])
+def test_what_is_left_when_the_pad_may_be_of_either_rate(period_s: float) -> None:
+    after_1, after_3, after_10, after_20, after_100 = rms_after([1, 3, 10, 20, 100], period_s, 0.01125, 0.001)
+    assert after_1 < 0.60
+    assert after_3 < 0.55
+    assert after_10 < 0.38
+    assert after_20 < 0.30
+    assert after_100 < 0.15
+
+
+def test_lost_reports_are_counted_as_whole_periods() -> None:
+    clock = SampleClock(0.010, 0.0001, 0.6e-3)
+    intervals = [clock.advance(gap) for gap in (0.010, 0.0203, 0.010, 0.0498, 0.010)]
+    assert intervals == pytest.approx([0.010, 0.020, 0.010, 0.050, 0.010], abs=0.25e-3)
+
+
+@pytest.mark.parametrize("late_s", [0.004, 0.0055])
+def test_one_late_stamp_is_not_taken_for_a_lost_report(late_s: float) -> None:
+    clock = SampleClock(0.010, 0.0001, 0.6e-3)
+    for _ in range(20):
+        clock.advance(0.010)
+    late, next_one = clock.advance(0.010 + late_s), clock.advance(0.010 - late_s)
+    assert late == pytest.approx(0.010, abs=0.2 * late_s)
+    assert next_one == pytest.approx(0.010, abs=0.2 * late_s)
+
+
+@pytest.mark.parametrize("period_s", [0.001, 0.004, 0.0075, 0.0166, 0.0225, 0.030])
+def test_a_pad_of_a_very_different_rate_is_followed_after_some_samples(period_s: float) -> None:
+    clock = SampleClock(0.01125, 0.001, 0.6e-3)
+    intervals = [clock.advance(period_s) for _ in range(60)]
+    assert intervals[-1] == pytest.approx(period_s, rel=0.02)
+    assert period_s / clock.period_s == pytest.approx(round(period_s / clock.period_s), abs=0.03)
+
+
+def test_exact_stamps_can_be_trusted() -> None:
+    clock = SampleClock(0.010, 0.001, 0.0)
+    for gap in (0.010, 0.0113, 0.0087, 0.0200):
+        assert clock.advance(gap) == pytest.approx(gap, abs=1e-12)
+        assert clock.lag_s == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_restart_keeps_the_period_and_takes_the_next_stamp_as_it_is() -> None:
+    clock = SampleClock(0.01125, 0.001, 0.6e-3)
+    for _ in range(100):
+        clock.advance(0.010)
+    clock.restart()
+    assert clock.lag_s == 0.0
+    assert clock.period_s == pytest.approx(0.010, abs=20e-6)
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    gaps=st.lists(st.floats(1e-9, 0.06), max_size=60),
+    period_s=st.floats(0.0005, 0.05),
+    period_error_s=st.floats(0.0, 0.01),
+    stamp_error_s=st.floats(0.0, 0.01),
+)
+def test_whatever_the_stamps_intervals_and_period_stay_positive_and_finite(
+    gaps: list[float], period_s: float, period_error_s: float, stamp_error_s: float
+) -> None:
+    clock = SampleClock(period_s, period_error_s, stamp_error_s)
+    for gap in gaps:
+        assert 0.0 < clock.advance(gap) < 1.0
+        assert 0.0 < clock.period_s < 1.0
+        assert abs(clock.lag_s) < 0.1

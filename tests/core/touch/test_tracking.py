@@ -1,0 +1,301 @@
+"""Fingers keep their ids through what trackpads do: reused, swapped, doubled and merged contact ids, lost reports."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.touch.tracking import Tracker
+from hapticd.values import Contact, FingerFrame, TouchFrame
+
+PERIOD_NS = 11_250_000
+START_NS = 10**15
+
+Spot = tuple[int, float, float]  # contact id, x_mm, y_mm
+
+
+def contact(contact_id: int, x_mm: float, y_mm: float, touching: bool = True) -> Contact:
+    return Contact(contact_id, x_mm, y_mm, 8.0, 7.0, 0.0, 0.3, touching, 4 if touching else 1, 0, 0)
+
+
+def frame(index: float, *spots: Spot) -> TouchFrame:
+    """A report `index` periods after the start."""
+    return TouchFrame(START_NS + round(index * PERIOD_NS), tuple(contact(*spot) for spot in spots), False)
+
+
+def track(*frames: TouchFrame) -> list[FingerFrame]:
+    tracker = Tracker()
+    return [tracker.update(each) for each in frames]
+
+
+def ids(tracked: FingerFrame) -> list[int]:
+    return [finger.finger_id for finger in tracked.fingers]
+
+
+def ids_by_place(tracked: FingerFrame) -> dict[tuple[float, float], int]:
+    return {(finger.x_mm, finger.y_mm): finger.finger_id for finger in tracked.fingers}
+
+
+def test_a_finger_is_new_in_its_first_frame_only_and_lifted_once() -> None:
+    down, held, up, after = track(frame(0, (3, 0.0, 0.0)), frame(1, (3, 0.5, 0.0)), frame(2), frame(3))
+    assert [(f.finger_id, f.contact_id, f.is_new) for f in down.fingers] == [(1, 3, True)]
+    assert [(f.finger_id, f.x_mm, f.is_new) for f in held.fingers] == [(1, 0.5, False)]
+    assert (up.fingers, up.lifted) == ((), (1,))
+    assert (after.fingers, after.lifted) == ((), ())
+    assert held.t_ns == START_NS + PERIOD_NS
+
+
+def test_a_finger_that_comes_back_is_another_finger() -> None:
+    *_, again = track(frame(0, (1, 0.0, 0.0)), frame(1), frame(2, (1, 0.0, 0.0)))
+    assert ids(again) == [2]
+    assert again.fingers[0].is_new
+
+
+@pytest.mark.parametrize("speed_mm_s", [100.0, 500.0, 1500.0])
+def test_a_finger_that_moves_fast_stays_the_same_finger(speed_mm_s: float) -> None:
+    step_mm = speed_mm_s * PERIOD_NS * 1e-9
+    frames = track(*(frame(k, (1, -60.0 + k * step_mm, 0.0)) for k in range(8)))
+    assert [ids(each) for each in frames] == [[1]] * 8
+
+
+def test_a_finger_that_stops_dead_stays_the_same_finger() -> None:
+    places = [-60.0, -50.0, -40.0, -30.0, -30.0, -30.0]  # 0.9 m/s, then 0
+    assert [ids(each) for each in track(*(frame(k, (1, x, 0.0)) for k, x in enumerate(places)))] == [[1]] * 6
+
+
+def test_a_jump_farther_than_a_finger_can_move_is_another_finger_under_the_same_id() -> None:
+    _, _, jumped = track(frame(0, (1, -30.0, 0.0)), frame(1, (1, -30.0, 0.0)), frame(2, (1, 30.0, 0.0)))
+    assert ids(jumped) == [2]
+    assert jumped.fingers[0].is_new
+    assert jumped.lifted == (1,)
+
+
+def test_a_lost_report_leaves_a_finger_the_time_to_move() -> None:
+    _, later = track(frame(0, (1, -30.0, 0.0)), frame(3, (1, 20.0, 0.0)))
+    assert ids(later) == [1]
+
+
+def test_a_finger_stays_with_its_place_when_another_takes_its_id() -> None:
+    """Finger 1 is renumbered and its old contact id goes to a finger that has just come down."""
+    _, second = track(frame(0, (1, 0.0, 0.0)), frame(1, (1, 20.0, 0.0), (2, 0.2, 0.0)))
+    assert ids_by_place(second) == {(0.2, 0.0): 1, (20.0, 0.0): 2}
+    assert second.lifted == ()
+
+
+@pytest.mark.parametrize("apart_mm", [12.0, 20.0, 80.0])
+def test_fingers_keep_their_ids_when_the_device_swaps_its_own(apart_mm: float) -> None:
+    frames = track(
+        frame(0, (1, 0.0, 0.0), (2, apart_mm, 0.0)),
+        frame(1, (1, 0.0, 1.0), (2, apart_mm, -1.0)),
+        frame(2, (2, 0.0, 2.0), (1, apart_mm, -2.0)),
+        frame(3, (2, 0.0, 3.0), (1, apart_mm, -3.0)),
+    )
+    assert ids_by_place(frames[2]) == {(0.0, 2.0): 1, (apart_mm, -2.0): 2}
+    assert ids_by_place(frames[3]) == {(0.0, 3.0): 1, (apart_mm, -3.0): 2}
+    assert all(not each.lifted for each in frames)
+    assert [finger.contact_id for finger in frames[3].fingers] == [2, 1]
+
+
+def test_fingers_that_pass_each_other_are_not_exchanged() -> None:
+    """Side by side at 6 mm, 600 mm/s each: at the meeting each is nearest to where the *other* was."""
+    step_mm = 600.0 * PERIOD_NS * 1e-9
+    xs = [-30.0 + k * step_mm for k in range(10)]
+    frames = track(*(frame(k, (1, x, 0.0), (2, -x, 6.0)) for k, x in enumerate(xs)))
+    for x, tracked in zip(xs, frames, strict=True):
+        assert ids_by_place(tracked) == {(x, 0.0): 1, (-x, 6.0): 2}
+
+
+def test_where_fingers_were_going_tells_them_apart_when_the_device_swaps_its_ids() -> None:
+    """One behind the other at 12 mm and 0.9 m/s: the one behind is soon next to where the other was."""
+    spots = [[(1, -60.0 + 10.0 * k, 0.0), (2, -48.0 + 10.0 * k, 0.0)] for k in range(6)]
+    spots[4:] = [[(3 - contact_id, x, y) for contact_id, x, y in each] for each in spots[4:]]
+    for each, tracked in zip(spots, track(*(frame(k, *each) for k, each in enumerate(spots))), strict=True):
+        (_, behind, _), (_, ahead, _) = each
+        assert ids_by_place(tracked) == {(behind, 0.0): 1, (ahead, 0.0): 2}
+
+
+def test_a_finger_that_lands_as_another_lifts_is_not_the_same_finger() -> None:
+    _, landed = track(frame(0, (1, 0.0, 0.0)), frame(1, (2, 14.0, 0.0)))
+    assert (ids(landed), landed.lifted) == ([2], (1,))
+
+
+def test_a_finger_that_only_changes_its_contact_id_is_the_same_finger() -> None:
+    _, renumbered = track(frame(0, (1, 0.0, 0.0)), frame(1, (2, 1.0, 0.0)))
+    assert (ids(renumbered), renumbered.lifted) == ([1], ())
+
+
+def test_between_equals_the_order_of_contacts_does_not_decide() -> None:
+    left, right = (2, -3.0, 0.0), (3, 3.0, 0.0)
+    one, other = (track(frame(0, (1, 0.0, 0.0)), frame(1, *pair))[-1] for pair in ((left, right), (right, left)))
+    assert one == other
+    assert sorted(ids(one)) == [1, 2]
+
+
+def test_of_merging_fingers_the_nearer_survives_and_the_split_makes_a_new_one() -> None:
+    apart, merged, split = track(
+        frame(0, (1, 0.0, 0.0), (2, 12.0, 0.0)),
+        frame(1, (1, 8.0, 0.0)),  # the device keeps the id of the farther one
+        frame(2, (1, 11.0, 0.0), (2, 0.0, 0.0)),
+    )
+    assert ids(apart) == [1, 2]
+    assert (ids(merged), merged.lifted) == ([2], (1,))
+    assert ids_by_place(split) == {(11.0, 0.0): 2, (0.0, 0.0): 3}
+
+
+def test_of_fingers_that_merge_midway_the_one_whose_id_is_kept_survives() -> None:
+    for kept_id in (1, 2):
+        _, merged = track(frame(0, (1, 0.0, 0.0), (2, 12.0, 0.0)), frame(1, (kept_id, 6.2, 0.0)))
+        assert ids(merged) == [kept_id]
+
+
+def test_contacts_that_do_not_touch_or_are_nowhere_are_ignored() -> None:
+    tracker = Tracker()
+    hovering = TouchFrame(
+        START_NS,
+        (
+            contact(1, 0.0, 0.0, touching=False),
+            contact(2, math.nan, 0.0),
+            contact(3, 0.0, math.inf),
+            contact(4, 5.0, 5.0),
+        ),
+        False,
+    )
+    assert [f.contact_id for f in tracker.update(hovering).fingers] == [4]
+    left = tracker.update(TouchFrame(START_NS + PERIOD_NS, (contact(4, 5.0, 5.0, touching=False),), False))
+    assert left.lifted == (1,)
+
+
+def test_of_two_records_with_one_id_the_one_on_the_finger_s_way_counts() -> None:
+    for order in (0, 1):
+        spots: list[Spot] = [(1, 1.2, 0.0), (1, 14.0, 3.0)]
+        _, doubled = track(frame(0, (1, 0.0, 0.0)), frame(1, *(reversed(spots) if order else spots)))
+        assert ids_by_place(doubled) == {(1.2, 0.0): 1}
+
+
+@pytest.mark.parametrize("late_ns", [0, -1, -PERIOD_NS])
+def test_a_frame_out_of_order_changes_nothing(late_ns: int) -> None:
+    tracker = Tracker()
+    tracker.update(frame(0, (1, 0.0, 0.0)))
+    tracker.update(frame(1, (1, 1.0, 0.0)))
+    stale = tracker.update(TouchFrame(START_NS + PERIOD_NS + late_ns, (contact(7, 50.0, 0.0),), False))
+    assert stale.t_ns == START_NS + PERIOD_NS
+    assert [(f.finger_id, f.x_mm, f.is_new) for f in stale.fingers] == [(1, 1.0, False)]
+    assert stale.lifted == ()
+    assert ids(tracker.update(frame(2, (1, 2.0, 0.0)))) == [1]
+
+
+def test_after_a_long_silence_only_a_near_contact_with_the_same_id_continues() -> None:
+    start = frame(0, (1, 0.0, 0.0), (2, 30.0, 0.0), (3, 60.0, 0.0))
+    _, later = track(start, frame(20, (1, 4.0, 0.0), (2, 45.0, 0.0), (4, 60.0, 0.0)))
+    assert ids_by_place(later) == {(4.0, 0.0): 1, (45.0, 0.0): 4, (60.0, 0.0): 5}
+    assert later.lifted == (2, 3)
+
+
+def test_reset_lifts_every_finger_uses_no_id_again_and_lets_time_start_anew() -> None:
+    tracker = Tracker()
+    tracker.update(frame(0, (1, 0.0, 0.0), (2, 20.0, 0.0)))
+    tracker.reset()
+    after = tracker.update(TouchFrame(0, (contact(1, 0.0, 0.0),), False))
+    assert [(f.finger_id, f.is_new) for f in after.fingers] == [(3, True)]
+    assert after.lifted == (1, 2)
+
+
+def test_a_full_hand_and_more_is_tracked_while_all_ids_rotate() -> None:
+    count = 16
+    tracker = Tracker()
+    for k in range(30):
+        spots = [(1 + (j + k) % count, -60.0 + 30.0 * (j % 4) + 0.3 * k, -40.0 + 25.0 * (j // 4)) for j in range(count)]
+        tracked = tracker.update(frame(k, *spots))
+        assert ids(tracked) == list(range(1, count + 1))
+        assert [f.x_mm for f in tracked.fingers] == [x for _, x, _ in spots]
+
+
+def hands(draw: st.DrawFn) -> list[list[Spot]]:
+    """Frames of fingers that come, wander and go, at least 16 mm apart, with the ids a faultless device gives."""
+    rng = random.Random(draw(st.integers(0, 2**32)))
+    lanes = draw(st.integers(1, 5))
+    frames: list[list[Spot]] = []
+    places: dict[int, tuple[float, float]] = {}
+    velocities: dict[int, tuple[float, float]] = {}
+    for _ in range(draw(st.integers(2, 25))):
+        for lane in range(lanes):
+            if lane in places:
+                if rng.random() < 0.1:
+                    del places[lane]
+                    continue
+                x, y = places[lane]
+                vx, vy = velocities[lane]
+                home = 30.0 * lane - 60.0
+                velocities[lane] = (0.8 * vx + rng.gauss(0, 0.3) + 0.05 * (home - x), 0.9 * vy + rng.gauss(0, 0.5))
+                places[lane] = (x + velocities[lane][0], y + velocities[lane][1])
+            elif rng.random() < 0.3:
+                places[lane] = (30.0 * lane - 60.0, rng.uniform(-40.0, 40.0))
+                velocities[lane] = (0.0, 0.0)
+        frames.append([(lane + 1, x, y) for lane, (x, y) in places.items()])
+    return frames
+
+
+drawn_hands = st.composite(hands)()
+
+
+@settings(deadline=None, max_examples=60)
+@given(drawn_hands, st.randoms(use_true_random=False))
+def test_the_order_of_contacts_in_a_frame_does_not_matter(spots: list[list[Spot]], rng: random.Random) -> None:
+    shuffled = [rng.sample(each, len(each)) for each in spots]
+    straight = track(*(frame(k, *each) for k, each in enumerate(spots)))
+    assert track(*(frame(k, *each) for k, each in enumerate(shuffled))) == straight
+
+
+@settings(deadline=None, max_examples=60)
+@given(drawn_hands, st.randoms(use_true_random=False))
+def test_permuted_contact_ids_give_the_same_paths(spots: list[list[Spot]], rng: random.Random) -> None:
+    scrambled = [
+        [(new_id, x, y) for new_id, (_, x, y) in zip(rng.sample(range(1, 16), len(each)), each, strict=True)]
+        for each in spots
+    ]
+
+    def paths(source: list[list[Spot]]) -> set[tuple[tuple[int, float, float], ...]]:
+        path_of: dict[int, list[tuple[int, float, float]]] = {}
+        for k, tracked in enumerate(track(*(frame(k, *each) for k, each in enumerate(source)))):
+            for finger in tracked.fingers:
+                path_of.setdefault(finger.finger_id, []).append((k, finger.x_mm, finger.y_mm))
+        return {tuple(path) for path in path_of.values()}
+
+    assert paths(scrambled) == paths(spots)
+
+
+wild_contacts = st.builds(
+    contact,
+    contact_id=st.integers(0, 6),
+    x_mm=st.one_of(st.floats(-70.0, 70.0), st.floats()),
+    y_mm=st.one_of(st.floats(-70.0, 70.0), st.floats()),
+    touching=st.booleans(),
+)
+wild_frames = st.lists(
+    st.tuples(st.integers(-(10**7), 3 * 10**8), st.lists(wild_contacts, max_size=8)), min_size=1, max_size=20
+)
+
+
+@settings(deadline=None, max_examples=150)
+@given(wild_frames)
+def test_whatever_comes_each_id_begins_once_ends_once_and_holds_one_contact(
+    steps: list[tuple[int, list[Contact]]],
+) -> None:
+    tracker = Tracker()
+    t_ns, down, ever = 0, set(), set()
+    for step_ns, contacts in steps:
+        t_ns += step_ns
+        tracked = tracker.update(TouchFrame(t_ns, tuple(contacts), False))
+        now = set(ids(tracked))
+        new = {finger.finger_id for finger in tracked.fingers if finger.is_new}
+        assert ids(tracked) == sorted(now)
+        assert len({finger.contact_id for finger in tracked.fingers}) == len(tracked.fingers)
+        assert not new & ever
+        assert new == now - down
+        assert set(tracked.lifted) == down - now
+        assert len(set(tracked.lifted)) == len(tracked.lifted)
+        down, ever = now, ever | now

@@ -1,0 +1,378 @@
+"""What the board hears of the daemon, and what the daemon makes of what the board says, in virtual time."""
+
+from __future__ import annotations
+
+import logging
+from itertools import pairwise
+
+import msgpack
+import numpy as np
+import pytest
+from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
+
+from hapticd.board_values import ModeCalibration
+from hapticd.core.board.supervisor import State
+from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
+from hapticd.sim.fingers.paths import Line
+from hapticd.wire import protocol
+
+
+@pytest.fixture(autouse=True)
+def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "hapticd")
+
+
+def test_touching_drives_the_board_and_lifting_leaves_it_a_zero() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    assert all(each.peak_um <= 4.0 for each in references(bench.board.heard))
+    bench.want({})
+    bench.run(60)
+    assert bench.board.peak_um == 0.0
+    assert bench.state is State.ACTIVE  # fingers whose target ended are held at 0
+    bench.pad_speaks = False
+    bench.run(60)
+    assert bench.state is State.ARMED
+
+
+def test_a_board_of_another_protocol_is_refused_once_and_hears_nothing_but_greetings(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = Bench(SLIPPERY, STICKY, protocol_hash=protocol.PROTOCOL_HASH ^ 1)
+    bench.run(400)
+    bench.want({1: 1.0, 2: 0.0})
+    bench.run(1600)
+    assert {each.name for each in bench.board.heard} == {"hello"}
+    assert len(bench.board.heard) == 9  # at once, then each 250 ms
+    assert bench.state is State.IDLE
+    refusals = [line for line in lines(caplog) if "refused" in line]
+    assert len(refusals) == 1
+    assert "flash the firmware that came with this hapticd" in refusals[0]
+    assert "protocol hash" in bench.ask("status")["body"]["board"]["refused"]
+
+
+def test_a_rebooted_board_is_greeted_again_and_gets_the_reference_again() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.mute = True
+    bench.run(1100)
+    bench.board.boot_id, bench.board.mute = 8, False
+    heard = bench.run(600)
+    assert heard[0].name == "hello"
+    assert [each.name for each in heard].count("controller") == 1
+    assert bench.board.peak_um > 0.5
+    assert bench.board.state == LIVE
+    assert bench.machine.session.reboots == 1
+
+
+def test_a_board_that_falls_silent_is_said_once_and_greeted_until_it_answers(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    lines(caplog)
+    bench.board.mute = True
+    heard = bench.run(3000)
+    names = [each.name for each in heard if each.t_ns > START_NS + 2000 * MS]
+    assert set(names) == {"hello"}
+    assert lines(caplog) == ["board: it has fallen silent; it is greeted until it answers"]
+    assert bench.state is State.IDLE
+    bench.board.mute = False
+    bench.run(1000)
+    assert bench.state is State.ACTIVE
+    assert bench.board.peak_um > 0.5
+
+
+def test_after_a_dead_man_trip_still_fingers_are_driven_again() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(500)
+    assert not references(bench.run(200))  # it stands
+    bench.board.reset()
+    bench.board.status()
+    bench.run(100)
+    assert bench.board.state == LIVE
+    assert bench.board.peak_um > 0.5
+
+
+def test_a_reference_that_the_line_did_not_take_is_said_again() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(500)
+    bench.board.plugged = False  # the port's buffer is full, while the link is up
+    bench.want({1: 0.7, 2: 0.0})
+    bench.run(30)
+    bench.board.plugged = True
+    assert bench.machine.board.unsent > 0
+    assert references(bench.run(30))
+    assert bench.ask("status")["body"]["board"]["unsent"] == bench.machine.board.unsent
+
+
+def test_a_reference_lost_on_the_line_is_said_again_before_the_dead_man_notices() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(500)
+    taken = bench.board.seq
+    bench.want({1: 0.7, 2: 0.0})
+    references_lost = references(bench.run(15))
+    assert references_lost
+    bench.board.seq = taken  # it never heard them
+    bench.board.status()
+    assert references(bench.run(45))
+
+
+def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drives_again(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
+    pipeline = bench.machine.pipeline
+
+    class Broken:
+        def __getattr__(self, name: str) -> object:
+            return getattr(pipeline, name)
+
+        def drive(self, *_: object) -> None:
+            raise ArithmeticError("a bug")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.machine, "pipeline", Broken())
+        bench.run(200)
+        assert bench.board.peak_um == 0.0
+    assert [record.message for record in caplog.records if record.levelname == "ERROR"] == [
+        "a pass failed: the plate is quiet until one succeeds"
+    ]
+    bench.run(60)
+    assert bench.board.peak_um > 0.5
+
+
+def test_while_a_reference_stands_the_board_hears_a_keep_alive_every_twenty_milliseconds() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(500)
+    heard = [each for each in bench.run(1000) if each.name in ("reference", "keep-alive")]
+    assert not references(heard)
+    assert {after.t_ns - before.t_ns for before, after in pairwise(heard)} == {20 * MS}
+
+
+def rested(bench: Bench) -> Bench:
+    """Nobody touches for long enough, and the board was left quiet."""
+    bench.run(3000)
+    assert bench.machine.session.is_resting
+    assert bench.board.state == QUIET
+    return bench
+
+
+def test_a_board_that_nobody_wants_is_left_quiet_and_hears_no_keep_alives() -> None:
+    bench = rested(Bench())
+    assert bench.machine.timer_period_ns == REST_EVERY_NS
+    heard = bench.run(5000)
+    assert {each.name for each in heard} == {"time"}
+    assert bench.state is State.ARMED
+    assert bench.ask("status")["body"]["board"]["state"] == "QUIET"
+
+
+def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anything() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.pad_speaks = False
+    rested(bench)
+    bench.pad_speaks = True
+    names: list[str] = []
+    while "reference" not in names:
+        names = [each.name for each in bench.run(1)]
+    assert names.count("reference") == 3  # at once: zero frames, which the board wants before it trusts a host
+    assert bench.board.state == LIVE
+    assert bench.machine.timer_period_ns == TIMER_NS
+    bench.want({1: 1.0, 2: 0.0})
+    bench.run(12)
+    assert bench.board.peak_um > 0.5
+
+
+def test_a_board_at_rest_is_armed_by_the_message_that_wants_something() -> None:
+    bench = rested(Bench())
+    bench.want({7: 1.0})
+    assert not bench.machine.session.is_resting
+    assert bench.board.state == LIVE
+    bench.run(300)
+    assert bench.board.state == LIVE
+
+
+def test_while_somebody_looks_on_the_board_does_not_rest() -> None:
+    bench = Bench()
+    bench.machine.publish = lambda _: None
+    bench.run(4000)
+    assert bench.board.state == LIVE
+    bench.machine.publish = None
+    rested(bench)
+    bench.machine.publish = lambda _: None
+    bench.run(100)
+    assert bench.board.state == LIVE
+
+
+def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later() -> None:
+    bench = Bench()
+    bench.run(1900)
+    bench.board.mute = True
+    while "hello" not in [each.name for each in bench.run(1)]:
+        pass
+    bench.board.state = LIVE  # it never heard it
+    bench.board.mute = False
+    assert "keep-alive" in [each.name for each in bench.run(60)]
+    assert not bench.machine.session.is_resting
+    rested(bench)
+
+
+def test_a_board_that_is_reset_at_rest_is_greeted_told_all_and_armed_anew(caplog: pytest.LogCaptureFixture) -> None:
+    bench = rested(Bench())
+    lines(caplog)
+    bench.board.mute = True
+    bench.run(1200)
+    bench.board.boot_id, bench.board.mute = 8, False
+    heard = [each.name for each in bench.run(500)]
+    assert "controller" in heard
+    assert bench.board.state == LIVE
+    assert [line for line in lines(caplog) if "boot 00000008" in line]
+
+
+def test_resting_is_not_worth_a_line_in_the_journal(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench()
+    bench.run(500)
+    lines(caplog)
+    rested(bench)
+    assert lines(caplog) == []
+
+
+def test_moving_fingers_need_no_keep_alives() -> None:
+    bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
+    assert {each.name for each in bench.run(300)} <= {"reference", "time"}
+
+
+def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    lines(caplog)
+    bench.board.state, bench.board.fault_code = FAULT, 3
+    bench.board.status()
+    bench.run(300)
+    assert bench.state is State.FAULT
+    assert bench.board.peak_um == 0.0
+    bench.want({1: 2.0, 2: 0.0})
+    assert not any(each.peak_um for each in references(bench.run(300)))
+    assert bench.ask("clear_fault")["ok"]
+    bench.run(100)
+    assert bench.state is State.ACTIVE
+    assert bench.board.peak_um > 0.5
+    fault, left = lines(caplog)
+    assert fault.startswith("board fault: the measured amplitude stayed far above its limit;")
+    assert left == "board fault left: a client cleared it"
+
+
+def test_a_fault_outlives_the_board_that_had_it_and_can_still_be_cleared() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.state, bench.board.fault_code = FAULT, 3
+    bench.board.status()
+    bench.run(50)
+    bench.board.plugged = False
+    bench.machine.board_link(False, "pulled", bench.t_ns)
+    bench.run(100)
+    refused = bench.ask("clear_fault")
+    assert refused["error"].startswith("The board does not answer, so its fault cannot be cleared")
+    bench.board.plugged, bench.board.state, bench.board.fault_code, bench.board.boot_id = True, QUIET, 0, 99
+    bench.machine.board_link(True, "back", bench.t_ns)
+    bench.run(500)
+    assert bench.state is State.FAULT  # nobody cleared it
+    assert bench.ask("clear_fault")["ok"]
+    bench.run(200)
+    assert bench.state is State.ACTIVE
+
+
+def test_a_fault_whose_cause_persists_stays_and_an_old_request_does_not_clear_a_later_one() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.state, bench.board.fault_code = FAULT, 6
+    bench.board.status()
+    bench.run(50)
+    bench.machine.request(msgpack.packb({"v": 1, "id": 1, "op": "clear_fault"}), bench.t_ns)
+    bench.board.state, bench.board.fault_code = FAULT, 6
+    bench.from_board.clear()
+    bench.run(1000)
+    assert bench.state is State.FAULT
+    bench.board.state, bench.board.fault_code = QUIET, 0
+    bench.run(300)
+    assert bench.state is State.FAULT
+
+
+def test_clearing_where_there_is_no_fault_is_harmless() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    assert bench.ask("clear_fault")["ok"]
+    assert "clear fault" not in {each.name for each in bench.run(100)}
+    assert bench.state is State.ACTIVE
+
+
+def test_a_pulled_board_is_one_line_and_is_driven_again_when_it_is_back(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    lines(caplog)
+    bench.board.plugged = False
+    bench.machine.board_link(False, "the port is lost", bench.t_ns)
+    assert bench.run(500) == []
+    assert bench.state is State.IDLE
+    assert lines(caplog) == ["board: the port is lost"]
+    bench.board.plugged, bench.board.boot_id = True, 12
+    bench.machine.board_link(True, "open", bench.t_ns)
+    bench.run(500)
+    assert bench.state is State.ACTIVE
+    assert bench.board.peak_um > 0.5
+    assert lines(caplog) == ["board: open", "board: firmware 9.9, boot 0000000c, 2 modes"]
+
+
+def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothing() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    assert not bench.machine.disconnect(bench.t_ns)
+    bench.driven()
+    bench.machine.stop(bench.t_ns)
+    assert bench.machine.disconnect(bench.t_ns)
+    zero, leave = bench.board.heard[-2:]
+    assert (zero.name, zero.peak_um, leave.name) == ("reference", 0.0, "hello")
+
+
+def test_hostile_bytes_from_the_board_change_nothing() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    noise = np.random.default_rng(3).bytes(20_000)
+    for at in range(0, len(noise), 100):
+        bench.machine.board_bytes(noise[at : at + 100], bench.t_ns)
+    bench.machine.board_bytes(b"\0", bench.t_ns)
+    bench.run(500)
+    assert bench.state is State.ACTIVE
+    assert sum(bench.ask("status")["body"]["board"]["dropped"].values()) > 0
+
+
+def test_a_refused_board_s_fault_is_none_of_ours() -> None:
+    bench = Bench(SLIPPERY, protocol_hash=1)
+    bench.board.state, bench.board.fault_code = FAULT, 3
+    bench.run(500)
+    assert bench.state is State.IDLE
+
+
+def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY).driven()
+    caplog.clear()
+    for request, verdict in ((protocol.MSG_SET_CONTROLLER, 0), (protocol.MSG_SET_MODEL, 1)):
+        bench.board.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(request, verdict))
+    bench.run(50)
+    assert [line for line in lines(caplog) if "refused" in line] == ["board: it refused the calibration of a mode"]
+
+
+def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
+    bench = Bench(SLIPPERY, STICKY, calibration=[ModeCalibration(1, 29215.0, 500.0, 5.0, 0.0)]).driven()
+    assert [each.name for each in bench.board.heard].count("model") == 1
+    bench.board.mute = True
+    bench.run(1100)
+    bench.board.mute = False
+    assert [each.name for each in bench.run(600)].count("model") == 1
+
+
+def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY, calibration=[ModeCalibration(0, 40_000.0, 500.0, 5.0, 0.0)])
+    bench.run(500)
+    assert bench.state is State.IDLE
+    assert any("Mode 0 is calibrated at 40000 Hz but the board drives at 29205 Hz" in line for line in lines(caplog))
+
+
+def test_while_reports_come_no_timer_is_needed() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.timer_runs = False
+    heard = bench.run(2000)
+    assert [each.name for each in heard].count("time") >= 3
+    lives = [each.t_ns for each in heard if each.name in ("reference", "keep-alive")]
+    assert max(after - before for before, after in pairwise(lives)) <= 34 * MS  # of the 50 that the board waits
+    bench.want({1: 1.0}, ttl_s=0.1)
+    bench.run(100 + 23)
+    assert bench.machine.scene.next_expiry_ns is None

@@ -1,0 +1,208 @@
+"""From a configuration to a running daemon: what is prepared, what is refused before anything opens, and SIGHUP."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.config.sections import Config
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon import service
+from hapticd.daemon.service import ConfigLoader, load_modes
+from hapticd.errors import ConfigError, ModesError
+from hapticd.io.systemd import Notifier
+from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.rig.files import write_measured
+from hapticd.sim.rig.process import MODES_FILE
+from hapticd_client import Client
+
+PATIENCE_S = 10.0
+ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 9}\n" for y in range(4) for x in range(4))).encode()
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 56)
+    wave = np.sin(2 * np.pi * axis_mm / 27.0)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (56, 1)), np.tile(wave, (56, 1)).T]))
+
+
+@pytest.fixture
+def configuration(tmp_path: Path) -> Config:
+    """One whose rig runs already, as far as anybody can see: a map, and neither board nor pad yet."""
+    sine_plate().save(tmp_path / MODES_FILE)
+    config = Config()
+    return replace(
+        config,
+        sim=replace(config.sim, rig_dir=str(tmp_path)),
+        client=replace(config.client, runtime_dir=str(tmp_path / "run")),
+    )
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.setblocking(False)
+        yield listening
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.002)
+
+
+def test_the_simulated_plate_s_map_is_the_rig_s(configuration: Config, tmp_path: Path) -> None:
+    with ConfigLoader() as config_loader:
+        prepared = config_loader.prepare(configuration)
+    assert np.array_equal(prepared.modes.shapes, sine_plate().shapes)
+    assert prepared.board_port == str(tmp_path / "board")
+    assert prepared.runtime_dir == tmp_path / "run"
+
+
+def test_a_rig_that_wrote_no_map_has_the_one_of_its_seed(configuration: Config, tmp_path: Path) -> None:
+    (tmp_path / MODES_FILE).unlink()
+    modes = load_modes(configuration, tmp_path)
+    assert np.array_equal(modes.shapes, load_modes(Config()).shapes)
+
+
+def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_bit(
+    configuration: Config, tmp_path: Path
+) -> None:
+    plate = PlateTruth()
+    files = write_measured(plate, 3, tmp_path, with_neighbours=True)
+    with ConfigLoader() as config_loader:
+        prepared = config_loader.prepare(configuration)
+    known, told = plate.neighbours(3), prepared.neighbours
+    assert told is not None
+    assert np.array_equal(told.modes.shapes, known.modes.shapes)
+    assert (told.decay_1_s, told.finger_decay_1_s) == (known.decay_1_s, known.finger_decay_1_s)
+    assert told.detuning_rad_s == pytest.approx(known.detuning_rad_s, rel=1e-15)
+    assert {path.name for path in files} == {path.name for path in tmp_path.iterdir()}
+
+    real = replace(configuration, device=replace(configuration.device, port="/dev/ttyACM0"))
+    assert service._on_rig(real, tmp_path).plate == real.plate  # another plate
+
+
+def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(configuration: Config, tmp_path: Path) -> None:
+    write_measured(PlateTruth(), 3, tmp_path, with_neighbours=False)
+    with ConfigLoader() as config_loader:
+        assert config_loader.prepare(configuration).parasitic_modes is None
+
+
+@pytest.mark.parametrize(
+    ("content", "detuning_hz", "says"),
+    [
+        (b"junk", "[80.0, 90.0]", "plate.npz"),
+        (None, "[80.0, 90.0]", "there is no file"),
+        (ONE_MODE_CSV, "[80.0, 90.0]", "plate.parasitic_modes_file: 1 neighbouring"),
+        (b"", "[80.0]", "plate.parasitic_modes_file: needs parasitic_detuning_hz"),
+    ],
+)
+def test_a_bad_map_of_neighbouring_modes_is_one_sentence(
+    content: bytes | None, detuning_hz: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "plate.csv" if content is not None and content.startswith(b"x_mm") else "plate.npz"
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    file = tmp_path / "hapticd.toml"
+    file.write_text(
+        f'[plate]\nneighbours_file = "{name}"\nneighbours_detuning_hz = {detuning_hz}\n'
+        f'parasitic_decay_1_s = [150.0, 160.0]\n[sim]\nrig_dir = "{tmp_path}"\n',
+        encoding="utf-8",
+    )
+    assert main(["run", "--check", "--config", str(file)]) > 0
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+
+
+def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config, tmp_path: Path) -> None:
+    (tmp_path / "bad.npz").write_bytes(b"junk")
+    bad_map = replace(configuration, plate=replace(configuration.plate, modes_file=str(tmp_path / "bad.npz")))
+    bad_limits = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
+    with ConfigLoader() as config_loader:
+        with pytest.raises(ModesError):
+            config_loader.prepare(bad_map)
+        with pytest.raises(ConfigError):
+            config_loader.prepare(bad_limits)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
+    configuration: Config, manager: socket.socket, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "hapticd")
+    runtime_dir = Path(configuration.client.runtime_dir)
+    read = [configuration]
+    bad = tmp_path / "bad"
+    bad.touch()
+    judge = (
+        sys.executable,
+        "-c",
+        f"import os, sys; sys.exit('hapticd: It is bad.' if os.path.exists({str(bad)!r}) else 0)",
+    )
+
+    async def story(notifier: Notifier) -> None:
+        with ConfigLoader() as config_loader:
+            prepared = config_loader.prepare(configuration)
+            serving = asyncio.create_task(service._serve(config_loader, prepared, notifier, lambda: read.pop(0), judge))
+            await until(lambda: (runtime_dir / "control").is_socket())
+            with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
+                first = await asyncio.to_thread(client.status)
+                os.kill(os.getpid(), signal.SIGHUP)
+                await until(lambda: "SIGHUP: It is bad. The configuration in force stays." in caplog.text)
+                assert not serving.done()
+                bad.unlink()
+                os.kill(os.getpid(), signal.SIGHUP)
+                await until(lambda: caplog.text.count("serving clients in") == 2)
+            with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
+                second = await asyncio.to_thread(client.status)
+                while "tick_late" not in second["timing"]["histograms"]:  # a daemon of its own, whose ticks count anew
+                    second = await asyncio.to_thread(client.status)
+            assert first["real_time"]["refused"] == second["real_time"]["refused"] == []
+            os.kill(os.getpid(), signal.SIGTERM)
+            await asyncio.wait_for(serving, PATIENCE_S)
+
+    notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
+    asyncio.run(story(notifier))
+    notifier.close()
+    ready = f"READY=1\nSTATUS=serving clients in {runtime_dir}".encode()
+    assert [manager.recv(200) for _ in range(3)] == [ready, ready, b"STOPPING=1"]
+    assert read == []
+    assert sorted(os.listdir(runtime_dir)) == ["lock"]
+
+
+def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
+    configuration: Config, caplog: pytest.LogCaptureFixture
+) -> None:
+    bad = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
+    with ConfigLoader() as config_loader:
+        prepared = asyncio.run(service._prepared(config_loader, bad, configuration, Notifier({})))
+    assert prepared.config == configuration
+    assert (
+        "has 1 limits for a plate of 2 modes: give one for each mode. The configuration in force stays." in caplog.text
+    )
+
+
+def test_a_configuration_is_checked_without_opening_anything(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sine_plate().save(tmp_path / "map.npz")
+    config = tmp_path / "hapticd.toml"
+    text = f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n[client]\nruntime_dir = "{tmp_path}/run"\n'
+    for limits, code, said in (("[4.0, 4.0]", 0, ""), ("[4.0]", 78, "give one for each mode.")):
+        config.write_text(f"{text}[limits]\nw_limit_um = {limits}\n", encoding="utf-8")
+        assert main(["run", "--check", "--config", str(config)]) == code
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

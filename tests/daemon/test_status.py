@@ -1,0 +1,185 @@
+"""What `status` and telemetry say: plain data, of now, and true."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from machine_bench import MS, SLIPPERY, STICKY, Bench
+
+from hapticd.daemon import status
+from hapticd.sim.fingers.paths import Line
+
+
+def plain(value: object) -> bool:
+    """Whether any language's MessagePack can say it: no NaN, no foreign type, keys that are words."""
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and plain(item) for key, item in value.items())
+    if isinstance(value, (list, tuple)):
+        return all(plain(item) for item in value)
+    if isinstance(value, float):
+        return type(value) is float and math.isfinite(value)
+    return value is None or type(value) in (bool, int, str)
+
+
+@pytest.mark.parametrize("when", ["at the start", "driven", "faulty", "unplugged", "stopped"])
+def test_status_is_plain_data_at_any_time(when: str) -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    if when != "at the start":
+        bench.driven().run(300)
+    if when == "faulty":
+        bench.board.state, bench.board.fault_code = 2, 3
+        bench.board.status()
+        bench.run(20)
+    elif when == "unplugged":
+        bench.board.plugged = False
+        bench.machine.board_link(False, "pulled", bench.t_ns)
+    elif when == "stopped":
+        bench.machine.stop(bench.t_ns)
+    said = status.collect(bench.machine, bench.t_ns)
+    assert plain(said)
+    assert msgpack.unpackb(msgpack.packb(said)) == _listed(said)
+
+
+def _listed(value: Any) -> Any:
+    """Tuples as MessagePack gives them back."""
+    if isinstance(value, dict):
+        return {key: _listed(item) for key, item in value.items()}
+    return [_listed(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(95)
+    said: Any = status.collect(bench.machine, bench.t_ns)
+    assert said["state"] == "ACTIVE"
+    assert said["fingers"] == 2
+    assert said["touch"]["frames"] > 10
+    assert 0.0 <= said["trackpad"]["silent_ms"] < 12.0
+    assert said["board"]["ready"]
+    assert said["board"]["state"] == "LIVE"
+    assert [change["to"] for change in said["state_changes"]] == ["ACTIVE", "ARMED"]
+    assert said["state_changes"][0]["ago_ms"] == pytest.approx(150, abs=12)
+    assert said["state_changes"][1]["why"] == "the board answers and its clock is known"
+
+
+def test_a_pad_that_never_spoke_has_no_age_and_an_untouched_plate_no_latency() -> None:
+    bench = Bench()
+    bench.run(500)
+    said: Any = status.collect(bench.machine, bench.t_ns)
+    assert said["trackpad"]["silent_ms"] is None
+    assert said["latency_ms"] == {}
+
+
+def test_latencies_are_those_of_now() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.status()
+    bench.run(200)
+    now: Any = status.collect(bench.machine, bench.t_ns)
+    assert now["latency_ms"]["frames"] > 0
+    assert 9.0 <= now["latency_ms"]["age"]["p50"] <= 12.0
+    later: Any = status.collect(bench.machine, bench.t_ns + status.RECENT_NS + 1000 * MS)
+    assert later["latency_ms"] == {}
+
+
+def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    said: Any = status.plate(bench.machine)
+    modes = bench.machine.modes
+    assert (said["size_mm"], said["w_limit_um"], said["simulated"]) == ([137.5, 137.5], [4.0, 4.0], None)
+    assert said["reference_limit_um"] == [3.92, 3.92]
+    assert said["drive_hz"] == pytest.approx(29205.0)
+    shapes = np.frombuffer(said["shapes"], "<f4").reshape(said["modes"], len(said["y_mm"]), len(said["x_mm"]))
+    points_mm = np.stack(np.meshgrid(said["x_mm"], said["y_mm"]), axis=-1)
+    np.testing.assert_allclose(
+        np.moveaxis(shapes, 0, -1), modes.evaluate(points_mm.reshape(-1, 2)).reshape(points_mm.shape), atol=1e-6
+    )
+    assert (said["x_mm"][0], said["x_mm"][-1]) == (modes.x_mm[0], modes.x_mm[-1])
+    assert len(msgpack.packb(said)) < 65536
+
+
+def test_a_simulated_rig_is_told_with_its_directory() -> None:
+    bench = Bench()
+    assert status.collect(bench.machine, bench.t_ns)["simulated"] is None
+    config = bench.machine.config
+    bench.machine.config = replace(config, sim=replace(config.sim, rig_dir="/rig"))
+    assert status.plate(bench.machine)["simulated"] == status.collect(bench.machine, bench.t_ns)["simulated"] == "/rig"
+    bench.machine.config = replace(bench.machine.config, trackpad=replace(config.trackpad, source="hid"))
+    assert status.plate(bench.machine)["simulated"] is None
+
+
+def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.run(400)
+    states: list[dict[str, Any]] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.want({1: 1.0, 2: 1.0})
+    bench.run(200)
+    told = states[-1]
+    assert [finger["owner"] for finger in told["fingers"]] == ["test", "test"]
+    for finger in told["fingers"]:
+        shapes = bench.machine.modes.at(finger["predicted_x_mm"], finger["predicted_y_mm"])
+        w_um = sum(phi * complex(d, q) for phi, d, q in zip(shapes, told["modal_um"], told["modal_q_um"], strict=True))
+        assert abs(w_um) == pytest.approx(finger["achieved_um"], abs=0.03)
+
+
+def test_a_finger_that_nobody_wants_is_told_with_its_place_only() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.run(400)
+    states: list[dict[str, Any]] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.want({1: 1.0})
+    bench.run(30)
+    wanted, unwanted = states[-1]["fingers"]
+    assert (wanted["target_um"], wanted["virtual"]) == (1.0, False)
+    assert wanted["predicted_x_mm"] == pytest.approx(SLIPPERY.point_mm[0], abs=0.2)
+    assert (unwanted["target_um"], unwanted["achieved_um"], unwanted["predicted_x_mm"]) == (None, None, None)
+    assert unwanted["x_mm"] == pytest.approx(STICKY.point_mm[0], abs=0.1)
+
+
+def test_a_virtual_finger_is_told_by_its_name_where_it_is() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(400)
+    states: list[dict[str, Any]] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    message = {
+        "v": 1,
+        "client": "test",
+        "ttl_s": 5.0,
+        "targets": [{"finger": "post", "amplitude_um": 0.5}],
+        "virtuals": [{"name": "post", "path_mm": [[7.0, 9.0]], "speed_mm_s": 0.0}],
+    }
+    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+    bench.run(30)
+    real, virtual = states[-1]["fingers"]
+    assert real["target_um"] is None
+    assert (virtual["id"], virtual["virtual"], virtual["x_mm"], virtual["y_mm"]) == ("post", True, 7.0, 9.0)
+    assert virtual["target_um"] == 0.5
+
+
+def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_and_in_each_state() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    states: list[Any] = []
+    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.loop.ticked(250_000, missed=3)
+    for span_ns in (400_000, 2_000_000):
+        bench.machine.loop.paused(span_ns)
+    bench.run(20)
+    timing: Any = status.collect(bench.machine, bench.t_ns)["timing"]
+    assert (timing["missed_ticks"], timing["pauses"]) == (3, 1)
+    assert timing["histograms"]["tick_late"]["max_ms"] == 0.25
+    assert (timing["histograms"]["pause"]["count"], timing["histograms"]["pause"]["max_ms"]) == (2, 2.0)
+    last = states[-1]
+    assert (last["tick_late_ms"], last["missed_ticks"], last["pauses"]) == (0.25, 3, 1)
+
+
+def test_what_was_held_back_from_a_board_that_does_not_answer_is_in_status() -> None:
+    bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
+    before: Any = bench.ask("status")["body"]["board"]["held_back"]
+    bench.board.mute = True
+    bench.run(300)
+    assert bench.ask("status")["body"]["board"]["held_back"] >= before + 20

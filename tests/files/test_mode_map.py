@@ -1,0 +1,183 @@
+"""Map files: what was saved comes back, what a laboratory writes is read, and the rest is refused in a sentence."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.plate.mode_shapes import ModeShapes, read_grid
+from hapticd.errors import ModesError
+from hapticd.files.mode_map import FORMATS, decode_grid, encode_grid
+
+HEADER = "x_mm,y_mm,phi_1,phi_2\n"
+
+
+def uneven_grid(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    random = np.random.default_rng(seed)
+    x_mm, y_mm = (np.cumsum(random.uniform(0.1, 5.0, count)) - 10.0 for count in (7, 5))
+    return x_mm, y_mm, random.standard_normal((2, 5, 7))
+
+
+def csv_rows(grid: tuple[np.ndarray, np.ndarray, np.ndarray]) -> list[str]:
+    return encode_grid(grid, ".csv").decode().splitlines()[1:]
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("seed", range(3))
+def test_what_was_saved_is_loaded_to_the_last_bit(tmp_path: Path, suffix: str, seed: int) -> None:
+    modes = ModeShapes.from_grid(*uneven_grid(seed))
+    path = tmp_path / f"plate{suffix}"
+
+    modes.save(path)
+    again = ModeShapes.load(str(path))
+
+    np.testing.assert_array_equal(again.x_mm, modes.x_mm)
+    np.testing.assert_array_equal(again.y_mm, modes.y_mm)
+    np.testing.assert_array_equal(again.shapes, modes.shapes)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.randoms(use_true_random=False), st.integers(0, 4))  # 5 may be a whole line of the grid
+def test_rows_may_come_in_any_order_and_some_may_be_missing(random: object, missing: int) -> None:
+    grid = uneven_grid(1)
+    rows = csv_rows(grid)
+    random.shuffle(rows)  # type: ignore[attr-defined]
+    lost = rows[:missing]
+
+    x_mm, y_mm, shapes = decode_grid((HEADER + "\n".join(rows[missing:])).encode(), ".csv")
+
+    known = np.isfinite(shapes)
+    assert np.count_nonzero(~known) == 2 * len(lost)
+    np.testing.assert_array_equal(x_mm, grid[0])
+    np.testing.assert_array_equal(y_mm, grid[1])
+    np.testing.assert_array_equal(shapes[known], grid[2][known])
+
+
+def test_a_laboratory_s_own_file_is_understood() -> None:
+    rows = [
+        "\ufeffx_mm, y_mm, phi_1",
+        "# scanned on a Tuesday",
+        "",
+        *(f"{x + 1e-4 * y:.4f}, {y}, {'' if x == y == 0 else x * y}" for y in range(4) for x in range(4)),
+    ]
+
+    x_mm, _, shapes = decode_grid("\r\n".join(rows).encode(), ".csv")
+
+    assert x_mm.size == 4  # a position's jitter of less than a micrometre is no line of its own
+    assert np.isnan(shapes[0, 0, 0])
+    assert shapes[0, 2, 3] == 6.0
+
+
+def test_a_file_with_gaps_loads_filled_and_reads_with_them(tmp_path: Path) -> None:
+    axis_mm = np.linspace(-10.0, 10.0, 6)
+    rows = csv_rows((axis_mm, axis_mm, np.add.outer([1.0, 2.0], np.add.outer(axis_mm, axis_mm))))
+    path = tmp_path / "plate.csv"
+    path.write_text(HEADER + "\n".join(rows[:7] + rows[8:]))
+
+    assert np.isnan(read_grid(path)[2][:, 1, 1]).all()
+    np.testing.assert_allclose(ModeShapes.load(path).shapes[:, 1, 1], [-11.0, -10.0], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "header"),
+        ("x,y,phi_1\n0,0,1\n", "header"),
+        ("x_mm,y_mm\n0,0\n", "header"),
+        ("x_mm,y_mm,phi_2,phi_1\n", "header"),
+        (HEADER, "no points"),
+        (HEADER + "0,0,1,1\n\n1,0,1\n", "line 4 has 3 values where the header has 4"),
+        (HEADER + "0,0,1,one\n", "line 2 holds something that is not a number"),
+        (HEADER + "nan,0,1,1\n", "line 2 does not say where"),
+        (HEADER + "0,,1,1\n", "line 2 does not say where"),
+        (HEADER + "0,0,1,1\n1,0,1,1\n0,1,1,1\n0,0,2,2\n", "line 5 gives a point of the grid a second time"),
+        (HEADER + "".join(f"{x},{x * x},1,1\n" for x in range(5)), "rectangular grid"),
+        (HEADER + "".join(f"{x},0,1,1\n" for x in range(5)), "at least 4"),
+        (HEADER + "".join(f"{x},{y},inf,1\n" for x in range(4) for y in range(4)), "infinite"),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused_with_its_name(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "plate.csv"
+    path.write_text(text)
+
+    with pytest.raises(ModesError, match=what) as refusal:
+        ModeShapes.load(path)
+
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert str(refusal.value).count(str(path)) == 1
+    assert str(refusal.value).endswith(".")
+
+
+@pytest.mark.parametrize("name", ["missing.csv", "missing.npz", "plate.txt", "plate"])
+def test_a_missing_or_nameless_file_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ModesError, match=name):
+        ModeShapes.load(tmp_path / name)
+
+
+def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModesError, match="cannot be written"):
+        ModeShapes.from_grid(*uneven_grid(0)).save(tmp_path / "no-such-directory" / "plate.npz")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "what"),
+    [
+        ({"x_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4))}, "misses one of the arrays"),
+        ({"x_mm": np.arange(4.0), "y_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4), complex)}, "not real"),
+        ({"x_mm": np.arange(4.0), "y_mm": np.array(["a"] * 4), "shapes": np.ones((1, 4, 4))}, "not real"),
+        ({"x_mm": np.array([{}] * 4), "y_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4))}, "not a readable NPZ"),
+    ],
+)
+def test_an_archive_of_something_else_is_refused(tmp_path: Path, arrays: dict[str, np.ndarray], what: str) -> None:
+    path = tmp_path / "plate.npz"
+    np.savez(path, **arrays)  # type: ignore[arg-type]
+
+    with pytest.raises(ModesError, match=what):
+        ModeShapes.load(path)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.binary(max_size=200), st.sampled_from(FORMATS))
+def test_no_bytes_raise_anything_but_a_sentence(data: bytes, suffix: str) -> None:
+    with pytest.raises(ModesError):
+        decode_grid(data, suffix)
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 10**6), st.integers(1, 255), st.sampled_from(FORMATS))
+def test_a_damaged_file_is_read_or_refused(position: int, flip: int, suffix: str) -> None:
+    data = bytearray(encode_grid(uneven_grid(2), suffix))
+    data[position % len(data)] ^= flip
+
+    try:
+        modes = ModeShapes.from_grid(*decode_grid(bytes(data), suffix))
+    except ModesError:
+        return
+    assert np.isfinite(modes.evaluate(np.zeros((1, 2)))).all()
+
+
+def test_a_file_of_more_points_than_a_grid_has_is_refused() -> None:
+    with pytest.raises(ModesError, match="more than 160000 points"):
+        decode_grid(b"x_mm,y_mm,phi_1\n" + b"1,1,1\n" * 160_001, ".csv")
+
+
+@pytest.mark.parametrize(
+    ("member", "packing", "what"),
+    [
+        (bytes((1 << 24) + 1), zipfile.ZIP_DEFLATED, "more than 16 MiB"),
+        (b"", zipfile.ZIP_BZIP2, "not a readable NPZ"),
+        (b"\x93NUMPY\x02\x00", zipfile.ZIP_STORED, "not a readable NPZ"),
+    ],
+)
+def test_an_archive_that_numpy_would_not_write_is_refused(member: bytes, packing: int, what: str) -> None:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", packing) as archive:
+        archive.writestr("x_mm.npy", member)
+    with pytest.raises(ModesError, match=what):
+        decode_grid(buffer.getvalue(), ".npz")

@@ -1,0 +1,133 @@
+"""A person's fingers on the simulated plate: how they move, who takes over from whom, and what ends them."""
+
+from __future__ import annotations
+
+import math
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd.errors import RequestError
+from hapticd.sim.fingers.hands import GLIDE_S, MAX_HANDS, SILENT_S, Hands, Held, Yielding, decode_hands
+from hapticd.sim.fingers.paths import Rest
+
+
+def at(finger: Held | Yielding, *t_s: float) -> list[list[float]]:
+    return finger.position_mm(np.array(t_s)).tolist()
+
+
+def down(hands: Hands, t_s: float) -> list[list[float]]:
+    places = [at(finger, t_s)[0] for finger in hands.fingers]
+    return [place for place in places if math.isfinite(place[0])]
+
+
+def test_a_finger_lands_where_it_is_told_and_glides_from_there() -> None:
+    hands = Hands()
+    hands.hold({"1": (5.0, -5.0)}, 1.0)
+    assert down(hands, 0.999) == []
+    assert down(hands, 1.0) == [[5.0, -5.0]]
+    hands.hold({"1": (8.0, -5.0)}, 2.0)
+    assert down(hands, 1.9) == [[5.0, -5.0]]
+    assert down(hands, 2.0 + GLIDE_S / 3)[0] == pytest.approx([6.0, -5.0])
+    assert down(hands, 2.0 + GLIDE_S) == down(hands, 9.0) == [[8.0, -5.0]]
+
+
+def test_an_even_hand_makes_an_even_finger_behind_it_by_the_glide() -> None:
+    """Told 60 times a second of 100 mm/s, it moves at 100 mm/s: no steps are left of the reports."""
+    hands, speed_mm_s, period_s = Hands(), 100.0, 1 / 60
+    for report in range(60):
+        hands.hold({"1": (speed_mm_s * report * period_s, 0.0)}, report * period_s)
+    t_s = np.arange(0.8, 0.98, 0.002)
+    x_mm = hands.fingers[0].position_mm(t_s)[:, 0]
+    np.testing.assert_allclose(np.diff(x_mm) / 0.002, speed_mm_s, rtol=1e-3)
+    np.testing.assert_allclose(x_mm, speed_mm_s * (t_s - GLIDE_S), atol=0.01)
+
+
+def test_the_past_stays_as_it_was_while_new_points_come() -> None:
+    hands = Hands()
+    hands.hold({"1": (0.0, 0.0)}, 0.0)
+    for step in range(1, 200):
+        t_s = step * 0.016
+        before = at(hands.fingers[0], *np.linspace(max(t_s - 0.1, 0.0), t_s, 20))
+        hands.hold({"1": (math.sin(t_s), step * 0.1)}, t_s)
+        np.testing.assert_allclose(at(hands.fingers[0], *np.linspace(max(t_s - 0.1, 0.0), t_s, 20)), before, atol=1e-9)
+
+
+def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> None:
+    hands = Hands()
+    hands.hold({"1": (0.0, 0.0), "2": (9.0, 0.0)}, 0.0)
+    hands.hold({"2": (9.0, 0.0)}, 1.0)
+    assert down(hands, 1.0) == [[9.0, 0.0]]
+    hands.hold({"1": (1.0, 1.0), "2": (9.0, 0.0)}, 1.01)
+    assert [math.isfinite(at(finger, 2.0)[0][0]) for finger in hands.fingers] == [False, True, True, False, False]
+
+
+def test_a_sender_that_falls_silent_has_let_go() -> None:
+    hands = Hands()
+    hands.hold({"1": (0.0, 0.0)}, 0.0)
+    hands.expire(SILENT_S)
+    assert len(down(hands, SILENT_S)) == 1
+    hands.expire(SILENT_S + 0.01)
+    assert down(hands, SILENT_S + 0.01) == []
+    hands.expire(SILENT_S + 9.0)
+
+
+def test_all_fingers_of_a_hand_can_be_down_and_again() -> None:
+    hands = Hands()
+    everyone = {str(finger): (float(finger), 0.0) for finger in range(MAX_HANDS)}
+    for t_s in (0.0, 2.0):
+        hands.hold(everyone, t_s)
+        assert len(down(hands, t_s)) == MAX_HANDS
+        hands.hold({}, t_s + 1.0)
+        assert down(hands, t_s + 1.0) == []
+
+
+def test_the_scenarios_fingers_leave_when_a_person_comes_and_do_not_return() -> None:
+    hands = Hands()
+    scripted = Yielding(Rest((3.0, 4.0)), hands)
+    assert at(scripted, 0.0, 5.0) == [[3.0, 4.0]] * 2
+    hands.hold({}, 2.0)
+    hands.hold({}, 3.0)
+    assert at(scripted, 1.99) == [[3.0, 4.0]]
+    assert np.isnan(at(scripted, 2.0, 9.0)).all()
+
+
+def test_a_message_names_each_finger_and_its_place() -> None:
+    assert decode_hands(msgpack.packb({"fingers": {"1": [1, -2.5], "left": [0.0, 0.0]}})) == {
+        "1": (1.0, -2.5),
+        "left": (0.0, 0.0),
+    }
+    assert decode_hands(msgpack.packb({"fingers": {}})) == {}
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {},
+        [],
+        {"fingers": [1]},
+        {"fingers": {"1": [1.0]}},
+        {"fingers": {"1": [1.0, math.nan]}},
+        {"fingers": {"1": [1.0, 1e9]}},
+        {"fingers": {"1": "23"}},
+        {"fingers": {"": [0.0, 0.0]}},
+        {"fingers": {"\x07" * 8: [0.0, 0.0]}},
+        {"fingers": {str(finger): [0.0, 0.0] for finger in range(MAX_HANDS + 1)}},
+        {"fingers": {}, "more": 1},
+    ],
+)
+def test_what_holds_no_fingers_is_refused(message: object) -> None:
+    with pytest.raises(RequestError):
+        decode_hands(msgpack.packb(message))
+
+
+@given(st.binary(max_size=80))
+def test_any_bytes_are_fingers_or_a_refusal(payload: bytes) -> None:
+    try:
+        fingers = decode_hands(payload)
+    except RequestError:
+        return
+    assert len(fingers) <= MAX_HANDS

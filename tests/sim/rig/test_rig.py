@@ -1,0 +1,291 @@
+"""The simulated rig as hardware: what can be opened, pulled and put back, and that it ends with whoever owns it."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import socket
+import subprocess
+import sys
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+
+from hapticd.board_values import BoardHello, BoardMessage
+from hapticd.errors import DeviceError
+from hapticd.sim.rig import program as rig_module
+from hapticd.sim.rig import sockets as rigsockets
+from hapticd.sim.rig.process import RigProcess
+from hapticd.sim.rig.program import Rig
+from hapticd.wire import device
+from hapticd.wire.trackpad import Decoder
+
+PATIENCE_S = 10.0
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Rig, Path]]:
+    """A rig with fingers that lie still, served by a thread."""
+    directory = tmp_path_factory.mktemp("rig")
+    made = Rig(directory, "rest", 1, keep=True)
+    thread = threading.Thread(target=made.serve)
+    thread.start()
+    yield made, directory
+    made.stop()
+    thread.join()
+    made.close()
+    assert list(directory.iterdir()) == []
+
+
+@contextmanager
+def opened(directory: Path) -> Iterator[int]:
+    """The board's terminal, as a daemon opens it."""
+    fd = os.open(directory / "board", os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(fd)
+    try:
+        yield fd
+    finally:
+        with suppress(OSError):
+            os.close(fd)
+
+
+@contextmanager
+def connected(directory: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as pad:
+        pad.settimeout(PATIENCE_S)
+        pad.connect(str(directory / "trackpad"))
+        yield pad
+
+
+def hear(fd: int, wanted: Callable[[BoardMessage], bool]) -> BoardMessage:
+    """Read the board until it says what is wanted."""
+    decoder = device.Decoder()
+    with selectors.DefaultSelector() as selector:
+        selector.register(fd, selectors.EVENT_READ)
+        while selector.select(PATIENCE_S):
+            for message in decoder.feed(os.read(fd, 4096)):
+                if wanted(message):
+                    return message
+    raise AssertionError("the board did not say it")
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Poll for up to PATIENCE_S."""
+    waker = threading.Event()
+    for _ in range(round(PATIENCE_S / 0.005)):
+        if condition():
+            return
+        waker.wait(0.005)
+    raise AssertionError("it did not come about")
+
+
+def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
+    with opened(rig[1]) as fd:
+        os.write(fd, device.encode_hello_request())
+        hello = hear(fd, lambda message: isinstance(message, BoardHello))
+    assert isinstance(hello, BoardHello)
+    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
+
+
+def test_the_endpoint_gives_genuine_reports_one_a_packet_to_each_that_connects(rig: tuple[Rig, Path]) -> None:
+    with connected(rig[1]) as one, connected(rig[1]) as other:
+        for pad in (one, other):
+            decoder = Decoder("mt2-usb")
+            frames = [frame for _ in range(3) for frame in decoder.decode(pad.recv(512), 0)]
+            assert [len(frame.contacts) for frame in frames] == [2, 2, 2]
+
+
+def test_who_leaves_is_no_harm_to_who_stays(rig: tuple[Rig, Path]) -> None:
+    with connected(rig[1]) as stays:
+        with connected(rig[1]) as leaves:
+            leaves.recv(512)
+        assert all(stays.recv(512) for _ in range(5))
+
+
+def test_the_boards_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> None:
+    made, directory = rig
+    with opened(directory) as fd:
+        made.replug_board()
+        until(lambda: not (directory / "board").is_symlink())
+        while os.read(fd, 4096):
+            pass
+        with pytest.raises(OSError, match="Input/output error"):
+            os.write(fd, b"too late")
+    made.replug_board()
+    until(lambda: (directory / "board").exists())
+    with opened(directory) as fd:
+        hear(fd, lambda _: True)
+
+
+def test_the_trackpads_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> None:
+    made, directory = rig
+    with connected(directory) as pad:
+        assert pad.recv(512)  # it was accepted: one that still waits for that is reset instead
+        made.replug_trackpad()
+        while pad.recv(512):
+            pass
+    until(lambda: not (directory / "trackpad").exists())
+    made.replug_trackpad()
+    until(lambda: (directory / "trackpad").exists())
+    with connected(directory) as pad:
+        assert pad.recv(512)
+
+
+# --- a person's fingers, and the truth ---
+
+
+@contextmanager
+def socket_of(directory: Path, kind: int, name: str) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(kind) as end:
+        end.linger = 0
+        end.rcvtimeo = round(PATIENCE_S * 1e3)
+        if kind == zmq.SUB:
+            end.subscribe(b"")
+        end.connect(f"ipc://{directory / name}")
+        yield end
+
+
+def truth_where(end: zmq.Socket[bytes], condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The first truth that meets the condition."""
+    for _ in range(round(PATIENCE_S / rigsockets.PERIOD_S)):
+        truth = msgpack.unpackb(end.recv())
+        if condition(truth):
+            return dict(truth)
+    raise AssertionError(f"still {truth}")
+
+
+def test_the_truth_is_told_to_who_listens(rig: tuple[Rig, Path]) -> None:
+    made, directory = rig
+    with socket_of(directory, zmq.SUB, "truth") as end:
+        first, second = (truth_where(end, lambda truth: len(truth["fingers"]) == 2) for _ in range(2))
+    assert second["t_ns"] - first["t_ns"] >= 0.9 * rigsockets.PERIOD_S * 1e9
+    assert np.shape(first["modal_um"]) == (4, 2)
+    assert np.shape(first["truth_um"]) == (2, 2)
+    until(lambda: not made._sockets._is_subscribed)
+
+
+def test_a_persons_fingers_take_the_scenarios_place_until_they_let_go() -> None:
+    with RigProcess("rest", 1) as running, socket_of(running.directory, zmq.SUB, "truth") as truth:
+        truth_where(truth, lambda told: len(told["fingers"]) == 2)
+        with socket_of(running.directory, zmq.PUSH, "fingers") as fingers:
+            for message in (b"no fingers", msgpack.packb({"fingers": {"1": [7.0, -3.0]}})):
+                fingers.send(message)
+            truth_where(truth, lambda told: told["fingers"] == [[7.0, -3.0]])
+        truth_where(truth, lambda told: told["fingers"] == [])
+
+
+def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None:
+    made = Rig(tmp_path, "hands", 1, keep=True)
+    sensed: list[bytes] = []
+    made._pad.tell = sensed.append  # type: ignore[method-assign]
+    made.hands.hold({"1": (7.0, -3.0)}, 0.05)
+    made._advance(0.4)
+    made._sockets.close()
+    decoder = Decoder("mt2-usb")
+    contacts = [contact for data in sensed for frame in decoder.decode(data, 0) for contact in frame.contacts]
+    places_mm = np.array([(contact.x_mm, contact.y_mm) for contact in contacts])
+    made.save(tmp_path / "plate.npz")
+    made.close()
+    assert len(contacts) > 20
+    assert 0.01 < np.std(places_mm[:, 0]) < 0.1
+    np.testing.assert_allclose(places_mm.mean(axis=0), (7.0, -3.0), atol=0.05)
+    with np.load(tmp_path / "plate.npz") as arrays:
+        down = np.isfinite(arrays["finger_true_mm"][:, 0, 0])
+        assert arrays["finger_true_mm"].shape == (800, 1, 2)
+        np.testing.assert_array_equal(arrays["t_s"][down][0], 0.05)
+        assert np.isnan(arrays["target_um"]).all()
+
+
+def test_a_recording_has_the_arrays_of_a_run(tmp_path: Path) -> None:
+    made = Rig(tmp_path, "step", 1, keep=True)
+    made._advance(0.2)
+    made.close()
+    made.save(tmp_path / "plate.npz")
+    with np.load(tmp_path / "plate.npz") as arrays:
+        shapes = {name: arrays[name].shape for name in arrays}
+    assert shapes == {
+        "t_s": (400,),
+        "finger_true_mm": (400, 0, 2),
+        "target_um": (400, 0),
+        "reference_um": (400, 2),
+        "modal_um": (400, 2),
+        "truth_um": (400, 0),
+    }
+
+
+def test_a_rig_that_was_stopped_drops_the_time_it_missed(tmp_path: Path) -> None:
+    made = Rig(tmp_path, "rest", 1, keep=False)
+    made.t_start_s -= 100.0
+    assert made._now_s() == made.world.t_s
+    assert made._now_s() < 1.0
+    made.close()
+
+
+def test_a_rig_process_leaves_nothing_behind(tmp_path: Path) -> None:
+    with RigProcess("rest", 1, record=tmp_path / "plate.npz") as running:
+        directory = running.directory
+        files = {"board", "trackpad", "modes.npz", "neighbours.npz", "plate.toml", "truth", "fingers"}
+        assert {path.name for path in directory.iterdir()} == files
+        assert running.t_start_s > 0
+    assert running.process.returncode == 0
+    assert not directory.exists()
+    assert (tmp_path / "plate.npz").stat().st_size > 0
+
+
+def test_a_rig_ends_with_its_owner_however_that_dies(tmp_path: Path) -> None:
+    owner = (
+        "import os, signal; from hapticd.sim.rig.process import RigProcess; rig = RigProcess('rest', 1); "
+        "print(rig.process.pid, rig.directory, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    environ = {**os.environ, "TMPDIR": str(tmp_path)}
+    said = subprocess.run([sys.executable, "-c", owner], env=environ, stdout=subprocess.PIPE, text=True, check=False)
+    assert said.returncode == -9
+    pid, directory = said.stdout.split()
+    until(lambda: not Path(f"/proc/{pid}").exists() or not Path(directory).exists())
+
+
+def test_a_ctrl_c_while_a_rig_starts_leaves_nothing_behind(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class Interrupted(subprocess.Popen[str]):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            started.append(self)
+            self.stdout = _Interrupting(self.stdout)  # type: ignore[assignment]
+
+    class _Interrupting:
+        def __init__(self, pipe: Any) -> None:
+            self.close = pipe.close
+
+        def readline(self) -> str:
+            raise KeyboardInterrupt
+
+    started: list[subprocess.Popen[str]] = []
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("hapticd.sim.rig.process.subprocess.Popen", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RigProcess("rest", 1)
+    assert [process.returncode is not None for process in started] == [True]
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
+
+
+def test_a_rig_that_does_not_start_is_one_sentence(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(DeviceError, match="The simulated rig did not start"):
+        RigProcess("no-such-scenario", 1)
+    assert "invalid choice: 'no-such-scenario'" in capfd.readouterr().err
+
+
+def test_an_unknown_scenario_is_refused_with_the_choices(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        rig_module.main([str(tmp_path), "--scenario", "dance"])
+    assert left.value.code == 2
+    assert "strokes" in capsys.readouterr().err

@@ -1,0 +1,71 @@
+"""Step 4: what frames whose delays are known say, and what the service is told of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from machine_bench import MS, SLIPPERY, STICKY, Bench
+
+from hapticd.config.sections import Config, PredictionConfig
+from hapticd.core.board.ledger import Histogram, LedgerLine
+from hapticd.tools.calibrate import delays
+from hapticd.tools.calibrate.verdict import Outcome
+from hapticd.tools.latency.program import Measured, gather
+
+
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    """A driven bench whose board acknowledges each millisecond; the link takes none, reports come every 11.25 ms."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    for _ in range(1000):
+        bench.machine.pipeline.forget_standing()
+        bench.run(1)
+        bench.board.status()
+    lines: list[LedgerLine] = list(bench.machine.session.ledger)
+    found = gather(bench.machine, lines)
+    return replace(found, counts={**found.counts, "frames unanswered": 0, "frames late": 0})
+
+
+def test_the_link_goes_into_the_configuration_and_a_usual_period_does_not(measured: Measured) -> None:
+    verdict = delays.verdict(measured, Config(), is_simulated=True)
+    assert verdict.outcome is Outcome.PASS
+    assert verdict.settings == {
+        "device": {"link_ms": pytest.approx(measured.stages["link"].percentile_ns(50) / MS, abs=0.01)}
+    }
+    assert delays.report_period_ms(measured) == pytest.approx(11.25, abs=0.3)
+
+
+def test_another_period_than_the_configured_one_is_told(measured: Measured) -> None:
+    slow = Config(prediction=PredictionConfig(period_ms=16.0))
+    told = delays.verdict(measured, slow, is_simulated=True).settings
+    assert told["prediction"]["period_ms"] == pytest.approx(11.25, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("late", "outcome", "sentence"),
+    [(0, Outcome.PASS, "ms ahead"), (5, Outcome.LOOK, "is the machine busy"), (60, Outcome.FAIL, "look at the link")],
+)
+def test_frames_that_come_late_are_judged_by_their_share(
+    measured: Measured, late: int, outcome: Outcome, sentence: str
+) -> None:
+    counted = replace(measured, counts={**measured.counts, "frames": 100, "frames late": late})
+    verdict = delays.verdict(counted, Config(), is_simulated=True)
+    assert verdict.outcome is outcome
+    assert sentence in verdict.sentence
+
+
+def test_few_frames_and_a_link_that_wavers_want_a_look(measured: Measured) -> None:
+    few = delays.verdict(replace(measured, lines=measured.lines[:9]), Config(), is_simulated=True)
+    assert (few.outcome, "Only 9 frames" in few.sentence) == (Outcome.LOOK, True)
+    wavering = Histogram()
+    for span_ns in [5 * MS] * 90 + [12 * MS] * 10:
+        wavering.add(span_ns)
+    changed = replace(measured, stages={**measured.stages, "link": wavering})
+    assert "varies by" in delays.verdict(changed, Config(), is_simulated=True).sentence
+
+
+def test_without_frames_nothing_is_said_of_the_period(measured: Measured) -> None:
+    empty = replace(measured, lines=())
+    assert delays.report_period_ms(empty) != delays.report_period_ms(empty)
+    assert "prediction" not in delays.verdict(empty, Config(), is_simulated=True).settings

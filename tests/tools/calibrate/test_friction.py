@@ -1,0 +1,113 @@
+"""Step 5: a friction curve that the service takes, out of readings that scatter, lie, or show none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.config.loader import from_table
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.errors import CalibrationError
+from hapticd.tools.calibrate import friction, simulated
+from hapticd.tools.calibrate.friction import KNOTS, fit_friction, read
+from hapticd.tools.calibrate.verdict import Outcome
+
+LEVELS_UM = np.repeat(np.linspace(0.0, 3.0, 25), 5)
+
+
+def falling(amplitude_um: np.ndarray) -> np.ndarray:
+    """The scene's built-in law as coefficients."""
+    floor = np.exp(-2.0 / 0.7)
+    share = np.maximum((np.exp(-amplitude_um / 0.7) - floor) / (1.0 - floor), 0.0)
+    return np.asarray(0.25 + 0.55 * share)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_simulated_curve_is_found_again_and_wrong_readings_are_left_out(seed: int) -> None:
+    found = fit_friction(*simulated.friction_readings(seed))
+    assert found.left_out.sum() == simulated.SLIPS
+    assert found.bare == pytest.approx(simulated.BARE_FRICTION, abs=0.02)
+    assert found.floor == pytest.approx(simulated.FLOOR_FRICTION, abs=0.02)
+    told = FrictionCurve.from_amplitudes(found.amplitude_um.tolist())
+    for wanted in np.linspace(0.2, 1.0, 17):  # nearer the floor amplitude hardly changes friction
+        got = np.interp(told.amplitude_um(wanted), np.linspace(0, 3, 301), falling(np.linspace(0, 3, 301)))
+        assert got == pytest.approx(0.25 + 0.55 * wanted, abs=0.03)
+        assert told.amplitude_um(wanted) == pytest.approx(DEFAULT_FRICTION_CURVE.amplitude_um(wanted), abs=0.15)
+
+
+def test_readings_without_noise_give_the_law_and_none_is_left_out() -> None:
+    found = fit_friction(LEVELS_UM, falling(LEVELS_UM))
+    assert not found.left_out.any()
+    shares = (np.interp(found.amplitude_um, LEVELS_UM[::5], falling(LEVELS_UM[::5])) - 0.25) / 0.55
+    np.testing.assert_allclose(shares, np.linspace(1.0, 0.0, KNOTS), atol=0.01)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2**31), st.floats(0.0, 0.1), st.floats(0.01, 100.0))
+def test_whatever_the_noise_the_curve_rises_strictly_and_does_not_know_the_unit(
+    seed: int, noise: float, unit: float
+) -> None:
+    value = falling(LEVELS_UM) + noise * np.random.default_rng(seed).standard_normal(len(LEVELS_UM))
+    found = fit_friction(LEVELS_UM, value)
+    FrictionCurve.from_amplitudes(found.amplitude_um.tolist())  # raises unless it rises
+    assert found.amplitude_um[0] == 0.0
+    scaled = fit_friction(LEVELS_UM, unit * value)
+    np.testing.assert_allclose(scaled.amplitude_um, found.amplitude_um, rtol=1e-6, atol=1e-9)
+
+
+def test_the_service_takes_the_curve_that_the_verdict_says() -> None:
+    verdict = friction.verdict(fit_friction(*simulated.friction_readings(4)), is_simulated=True)
+    assert verdict.outcome is Outcome.PASS
+    assert len(from_table(dict(verdict.settings), where="x", folder=Path()).plate.friction_curve) == KNOTS
+
+
+def test_readings_that_scatter_widely_want_a_look() -> None:
+    value = falling(LEVELS_UM) + 0.12 * np.random.default_rng(1).standard_normal(len(LEVELS_UM))
+    assert friction.verdict(fit_friction(LEVELS_UM, value), is_simulated=True).outcome is Outcome.LOOK
+
+
+@pytest.mark.parametrize(
+    ("amplitude_um", "value", "sentence"),
+    [
+        ([0, 1, 2], [1, 0.5, 0.2], "Measure bare glass"),
+        ([0.5, 1, 2, 3], [1, 0.5, 0.2, 0.1], "Measure bare glass"),
+        ([0, 1, 2, 3], [1, 1, 1, 1], "hardly falls"),
+        ([0, 1, 2, 3], [0.2, 0.5, 0.8, 1], "hardly falls"),
+        ([0, 1, 2, float("nan")], [1, 1, 1, 1], "no number to measure"),
+        ([0, 1, 2, 3], [1, 0.5, 0.2, float("nan")], "no number to measure"),
+        ([0, 1, 2, 3], [1e308, 1e307, 1e306, 1e305], "no number to measure"),
+        ([0, 1, 2, 3], [-0.1, -0.4, -0.7, -0.8], "sign right"),
+        ([-1, 0, 2, 3], [1, 1, 1, 1], "negative"),
+        ([], [], "Measure bare glass"),
+        ([0, 1], [1], "one friction for each amplitude"),
+    ],
+)
+def test_readings_that_show_no_curve_are_refused(amplitude_um: list[float], value: list[float], sentence: str) -> None:
+    with pytest.raises(CalibrationError, match=sentence):
+        fit_friction(amplitude_um, value)
+
+
+def test_a_file_is_read_and_what_is_none_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "friction.csv"
+    path.write_text("# a dry finger\namplitude_um, friction\n0,0.8\n\n1,0.4\n")
+    amplitude_um, value = read(path)
+    assert (amplitude_um.tolist(), value.tolist()) == ([0.0, 1.0], [0.8, 0.4])
+    for text, sentence in (
+        ("", "header"),
+        ("a,b\n", "header"),
+        ("amplitude_um,friction\n", "no readings"),
+        ("amplitude_um,friction\n1\n", "reading 1 is not two numbers"),
+        ("amplitude_um,friction\n1,2\nx,y\n", "reading 2 is not two numbers"),
+    ):
+        path.write_text(text)
+        with pytest.raises(CalibrationError, match=sentence):
+            read(path)
+    path.write_bytes(b"\xff\x00\xfe")
+    with pytest.raises(CalibrationError, match="cannot be read"):
+        read(path)
+    with pytest.raises(CalibrationError, match="cannot be read"):
+        read(tmp_path / "none.csv")

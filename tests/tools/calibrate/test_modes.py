@@ -1,0 +1,234 @@
+"""Step 2: scans in every form they may have, the map that comes of them, and what it is said to leak."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.design import CartographyFit, Pose
+from hapticd.errors import CalibrationError
+from hapticd.sim.plate.truth import DRIVEN_MODES, PlateTruth
+from hapticd.tools.calibrate import folder, modes, simulated
+from hapticd.tools.calibrate.leak import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, solved_um
+from hapticd.tools.calibrate.modes import fit_map
+from hapticd.tools.calibrate.scan_file import Scan, read
+from hapticd.tools.calibrate.verdict import Outcome
+
+SIZE_MM = (137.5, 137.5)
+POINTS_MM = np.random.default_rng(5).uniform(-60.0, 60.0, (2000, 2))
+
+
+@pytest.fixture(scope="module")
+def found() -> modes.FittedMap:
+    return fit_map(Scan(*simulated.scan(1)), SIZE_MM, normalise=False)
+
+
+def test_the_map_is_the_plate_within_one_percent_from_readings_with_two(found: modes.FittedMap) -> None:
+    truth = PlateTruth().shapes(POINTS_MM)[:, :2]
+    error = found.fit.modes.evaluate(POINTS_MM) - truth
+    assert np.sqrt((error**2).mean(axis=0)).max() < 0.01 * np.abs(truth).max()
+    assert found.fit.noise_rms == pytest.approx([simulated.SCAN_NOISE_FRAC] * 2, rel=0.1)
+    assert [name for name, _ in found.like] == [*DRIVEN_MODES]
+    assert min(correlation for _, correlation in found.like) > 0.99
+
+
+def test_the_expected_leak_is_what_the_true_plate_gives_the_sticky_finger(found: modes.FittedMap) -> None:
+    fitted = found.fit.modes
+    pairs_mm = finger_pairs_mm(fitted, 600, seed=9)
+    sticky = PlateTruth().shapes(pairs_mm[:, TARGETS_UM.index(0.0)])[:, :2]
+    leaked_um = np.einsum("nm,nm->n", sticky, solved_um(fitted, pairs_mm))
+    true_um = float(np.sqrt((leaked_um**2).mean()))
+    assert 0.4 * true_um < found.leak.rms_um < 2.5 * true_um
+    assert found.leak.rms_um < found.leak.most_um
+
+
+def test_a_map_twice_as_wrong_leaks_twice_as_much(found: modes.FittedMap) -> None:
+    once, twice = (expected_leak(found.fit.modes, [k * 0.002, k * 0.003]) for k in (1, 2))
+    assert twice.rms_um == pytest.approx(2 * once.rms_um)
+    assert expected_leak(found.fit.modes, [0.0, 0.0]).rms_um == 0.0
+
+
+def test_the_simulated_plate_s_verdict_is_a_pass_that_names_the_map(found: modes.FittedMap) -> None:
+    verdict = modes.verdict(found, 900, SIZE_MM, is_simulated=True)
+    assert verdict.outcome is Outcome.PASS
+    assert verdict.settings == {"plate": {"size_mm": [137.5, 137.5], "modes_file": "modes.npz"}}
+
+
+def same_twice(fit: CartographyFit) -> CartographyFit:
+    shape = fit.modes.shapes[0]
+    return replace(fit, modes=ModeShapes.from_grid(fit.modes.x_mm, fit.modes.y_mm, np.stack((shape, -0.5 * shape))))
+
+
+def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found: modes.FittedMap) -> None:
+    fit = found.fit
+    one = ModeShapes.from_grid(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes[:1])
+    alone = replace(found, fit=replace(fit, modes=one, noise_rms=fit.noise_rms[:1], across_rms=fit.across_rms[:1]))
+    alone = replace(alone, like=found.like[:1])
+    verdict = modes.verdict(alone, 900, SIZE_MM, is_simulated=False)
+
+    assert verdict.outcome is Outcome.LOOK
+    assert "1 mode where a plate usually has 2" in verdict.sentence
+    assert verdict.settings["limits"] == {"w_limit_um": [4.0]}
+    assert folder.accepted(verdict) == verdict
+
+
+@pytest.mark.parametrize(
+    ("change", "outcome", "sentence"),
+    [
+        (lambda f: replace(f, fit=same_twice(f.fit)), Outcome.FAIL, "Modes 0 and 1 have the same shape"),
+        (lambda f: replace(f, leak=ExpectedLeak(0.5, 0.9)), Outcome.FAIL, "would leak 0.50 um"),
+        (lambda f: replace(f, leak=ExpectedLeak(0.1, 0.2)), Outcome.LOOK, "would leak 0.10 um"),
+        (
+            lambda f: replace(f, fit=replace(f.fit, noise_rms=np.array([0.02, 0.5]))),
+            Outcome.FAIL,
+            "Mode 1 is mostly noise",
+        ),
+        (lambda f: replace(f, like=()), Outcome.LOOK, "Theory has no mode of this wavelength"),
+        (lambda f: replace(f, beyond=9.0), Outcome.FAIL, "9.0 times beyond the largest readings"),
+        (lambda f: replace(f, like=(("11x0", 0.99), ("5x10", 0.4))), Outcome.LOOK, "Mode 1 is like the free plate's"),
+        (lambda f: replace(f, fit=replace(f.fit, left_out=200)), Outcome.LOOK, "200 of 900 readings are wrong"),
+        (
+            lambda f: replace(f, fit=replace(f.fit, pose=Pose(0.05, 0.5, 0.0))),
+            Outcome.LOOK,
+            "The scan lay +2.9 degrees",
+        ),
+        (
+            lambda f: replace(f, fit=replace(f.fit, across_rms=np.array([0.02, 0.3]))),
+            Outcome.LOOK,
+            "Mode 1 does not move in one phase",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_scan_is_said(
+    found: modes.FittedMap, change: Callable[[modes.FittedMap], modes.FittedMap], outcome: Outcome, sentence: str
+) -> None:
+    verdict = modes.verdict(change(found), 900, SIZE_MM, is_simulated=False)
+    assert verdict.outcome is outcome
+    assert sentence in verdict.sentence
+
+
+def test_a_scan_that_is_none_is_refused_in_a_sentence() -> None:
+    with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
+        fit_map(Scan(np.zeros((5, 2)), np.ones((5, 2))), SIZE_MM, normalise=True)
+
+
+GRID_MM = np.stack(np.meshgrid(np.linspace(-60, 60, 20), np.linspace(-60, 60, 20)), axis=-1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(
+    ("points_mm", "scale"),
+    [(GRID_MM, 1.0), (GRID_MM, 1e11), (np.zeros((400, 2)), 1.0)],
+    ids=["noise", "huge", "a point"],
+)
+def test_readings_that_are_no_modes_fail(points_mm: np.ndarray, scale: float) -> None:
+    readings = scale * np.random.default_rng(1).integers(-3, 4, (400, 1))
+    found = fit_map(Scan(points_mm, readings), SIZE_MM, normalise=True)
+    assert modes.verdict(found, 400, SIZE_MM, is_simulated=False).outcome is Outcome.FAIL
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, 1e-200, np.inf, np.nan])
+def test_readings_that_are_all_the_same_are_refused(value: float) -> None:
+    with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
+        fit_map(Scan(GRID_MM, np.full((400, 2), value)), SIZE_MM, normalise=True)
+
+
+def test_every_form_of_the_file_gives_the_same_scan(tmp_path: Path) -> None:
+    points_mm, readings = simulated.scan(2)
+    readings[3, 1] = np.nan
+    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings)
+    forms = {
+        "re": ("re_1,im_1,re_2,im_2", lambda w: f"{w.real!r},{w.imag!r}"),
+        "abs": ("abs_1,deg_1,abs_2,deg_2", lambda w: f"{abs(w)!r},{np.degrees(np.angle(w))!r}"),
+    }
+    scans = [read(tmp_path / "scan.npz")]
+    for name, (columns, text) in forms.items():
+        lines = [
+            f"{x!r},{y!r}," + ",".join("," if np.isnan(w) else text(complex(w)) for w in row)
+            for (x, y), row in zip(points_mm.tolist(), readings, strict=True)
+        ]
+        path = tmp_path / f"{name}.csv"
+        path.write_text(
+            "# by hand\n\nx_mm,y_mm," + columns + "\n" + "\n".join(lines).replace("np.float64(", "").replace(")", "")
+        )
+        scans.append(read(path))
+    for scan in scans:
+        np.testing.assert_allclose(scan.points_mm, points_mm)
+        np.testing.assert_allclose(scan.readings, readings, rtol=1e-12, atol=1e-12)
+
+
+def test_a_grid_of_complex_values_and_a_real_csv_are_read(tmp_path: Path) -> None:
+    x_mm, y_mm = np.arange(3.0), np.arange(2.0)
+    shapes = np.arange(12.0).reshape(2, 2, 3) * (1 + 2j)
+    np.savez(tmp_path / "grid.npz", x_mm=x_mm, y_mm=y_mm, shapes=shapes)
+    scan = read(tmp_path / "grid.npz")
+    assert scan.points_mm.tolist()[4] == [1.0, 1.0]
+    assert scan.readings[4].tolist() == [4 + 8j, 10 + 20j]
+    (tmp_path / "real.csv").write_text("x_mm,y_mm,phi_1\n1,2,3\n4,5,\n")
+    scan = read(tmp_path / "real.csv")
+    assert scan.points_mm.tolist() == [[1.0, 2.0], [4.0, 5.0]]
+    assert scan.readings[0, 0] == 3.0
+    assert np.isnan(scan.readings[1, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "sentence"),
+    [
+        ("none.csv", None, "cannot be read"),
+        ("a.csv", b"", "is empty"),
+        ("a.csv", b"x,y,phi\n", "does not begin with a header"),
+        ("a.csv", b"x_mm,y_mm,re_1\n", "does not begin with a header"),
+        ("a.csv", b"x_mm,y_mm,phi_1\n1,2\n", "line 2 has 2 values"),
+        ("a.csv", b"x_mm,y_mm,phi_1\n1,2,much\n", "line 2 holds something"),
+        ("a.csv", b"\xff\xfe\x00", "not a readable CSV"),
+        ("a.csv", b'x_mm,y_mm,phi_1\n"1,2,3\n', "not a readable CSV"),
+        ("a.npz", b"PK\x03\x04 no", "not a readable NPZ"),
+        ("a.csv", b"#" * (1 << 24) + b"\n", "more than 16 MiB"),
+    ],
+)
+def test_a_file_that_is_no_scan_is_refused_in_a_sentence(
+    tmp_path: Path, name: str, data: bytes | None, sentence: str
+) -> None:
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
+    with pytest.raises(CalibrationError, match=sentence) as refused:
+        read(tmp_path / name)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "sentence"),
+    [
+        ({"x_mm": np.zeros(2)}, "holds neither"),
+        ({"points_mm": np.array(["a"]), "readings": np.zeros(1)}, "not numbers"),
+        ({"points_mm": np.zeros((3, 2)), "readings": np.zeros((2, 2))}, r"are \(3, 2\) and \(2, 2\)"),
+        ({"points_mm": np.zeros((3, 2), complex), "readings": np.zeros((3, 2))}, "complex positions"),
+        ({"x_mm": np.zeros(2), "y_mm": np.zeros(2), "shapes": np.zeros((1, 3, 2))}, "the axes ask for"),
+    ],
+)
+def test_arrays_that_are_no_scan_are_refused_in_a_sentence(
+    tmp_path: Path, arrays: dict[str, np.ndarray], sentence: str
+) -> None:
+    np.savez(tmp_path / "scan.npz", **arrays)  # type: ignore[arg-type]
+    with pytest.raises(CalibrationError, match=sentence):
+        read(tmp_path / "scan.npz")
+
+
+@pytest.mark.parametrize("text", ["137", "1x2x3", "axb", "nanx100", "1x100", "infx100"])
+def test_a_size_that_no_plate_has_is_refused(text: str) -> None:
+    with pytest.raises(CalibrationError, match="--size"):
+        modes.parse_size(text)
+    assert modes.parse_size("160X114.9") == (160.0, 114.9)
+
+
+def test_the_map_s_file_is_one_that_the_service_loads_and_the_picture_one(
+    found: modes.FittedMap, tmp_path: Path
+) -> None:
+    found.fit.modes.save(tmp_path / "modes.npz")
+    assert np.array_equal(ModeShapes.load(tmp_path / "modes.npz").shapes, found.fit.modes.shapes)
+    modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png")
+    assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,69 @@
+"""`hapticd plate`: the table, the files, and plates that cannot be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.design import free_plate_modes
+
+
+def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {name: tmp_path / f"plate.{name}" for name in ("npz", "png", "json")}
+    arguments = ["--out", str(files["npz"]), "--plot", str(files["png"]), "--json", str(files["json"])]
+    assert main(["plate", *arguments]) == 0
+    said = capsys.readouterr().out
+    assert "* 1 11x0 + 0x11" in said
+    assert "121 common nodes" in said
+    shapes = ModeShapes.load(files["npz"])
+    truth = {shape.name: shape for _, shape in free_plate_modes()}
+    points = np.random.default_rng(1).uniform(-68.0, 68.0, (200, 2))
+    expected = np.stack([truth[name].evaluate(points) for name in ("11x0", "0x11")], axis=-1)
+    np.testing.assert_allclose(shapes.evaluate(points), expected, atol=2e-3)
+    assert files["png"].read_bytes().startswith(b"\x89PNG")
+    told = json.loads(files["json"].read_text())
+    assert told["pairs"][told["taken"] - 1]["modes"] == ["11x0", "0x11"]
+    assert len(told["stamps"]) == 121
+
+
+def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["plate", "--pair", "2", "--json", "-"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["taken"] == 2
+    assert "* 2 9x6 + 6x9" in said.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--size", "big"], "--size is 'big'"),
+        (["--material", "wood"], "there is no material 'wood'"),
+        (["--thickness", "0"], "thickness_mm is 0.0"),
+        (["--near", "nan"], "--near is nan"),
+        (["--near", "2900000"], "waves too short"),
+        (["--splitting", "-1"], "--splitting is -1"),
+        (["--near", "500"], "No pair"),
+        (["--pair", "99"], "--pair is 99"),
+        (["--stamp", "nan"], "--stamp is nan"),
+        (["--amplitude", "-1"], "--amplitude is -1"),
+        (["--out", "/nonexistent/plate.npz"], "/nonexistent/plate.npz"),
+        (["--json", "/nonexistent/plate.json"], "/nonexistent/plate.json"),
+        (["--plot", "/nonexistent/plate.png"], "/nonexistent/plate.png"),
+    ],
+)
+def test_a_plate_that_cannot_be_is_one_sentence_and_exit_code_2(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plate", *arguments]) == 2
+    complaint = capsys.readouterr().err
+    assert sentence in complaint
+    assert complaint.count("\n") == 1

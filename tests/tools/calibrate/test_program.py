@@ -1,0 +1,225 @@
+"""The whole of it: every step on the simulated plate by its command, and the service that runs with what came of it."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from machine_bench import SLIPPERY, STICKY, Bench
+from virtual_board import PlateLink, in_virtual_time
+
+from hapticd.__main__ import main
+from hapticd.board_values import BoardHello
+from hapticd.config import loader as config
+from hapticd.config.sections import Config
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon.machine import Machine
+from hapticd.daemon.service import ConfigLoader
+from hapticd.errors import CalibrationError
+from hapticd.files import calibration
+from hapticd.sim.lockstep import Settings, Simulation
+from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.scenarios import SCENARIOS, SPEED_MM_S
+from hapticd.tools.calibrate import folder, resonance
+from hapticd.tools.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
+from hapticd.tools.firmware import sweep
+from hapticd.tools.firmware.conversation import Conversation
+from hapticd.tools.latency import program as latency
+
+SECONDS = 4.0
+Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
+
+
+async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespace) -> Swept:
+    del port, baud
+    async with Conversation(PlateLink(PlateTruth()), "the bench") as board:  # type: ignore[arg-type]
+        return board.hello, await resonance.sweep_modes(board, sweep.planned(board.hello, options))
+
+
+def frames_of_a_bench(configured: Config, seconds: float) -> latency.Measured:
+    del configured, seconds
+    bench = Bench(SLIPPERY, STICKY).driven()
+    for _ in range(1000):
+        bench.machine.pipeline.forget_standing()
+        bench.run(1)
+        bench.board.status()
+    return latency.gather(bench.machine, list(bench.machine.session.ledger))
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `hapticd calibrate all --sim` leaves. What would run in real time runs in virtual time instead."""
+    out = tmp_path_factory.mktemp("calibrate") / "plate"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(resonance, "named_port", lambda *_: ("none", 921600))
+        patched.setattr(resonance.asyncio, "run", in_virtual_time)
+        patched.setattr(resonance, "_sweep_on", sweep_in_virtual_time)
+        patched.setattr(latency, "measure", frames_of_a_bench)
+        assert main(["calibrate", "all", "--sim", "--out", str(out), "--points", "21", "--dwell", "66"]) == 0
+    return out
+
+
+class Calibrated(Simulation):
+    """The lock-step run with the calibrated map and models in place of the built-in ones."""
+
+    def _new_machine(self) -> Machine:
+        named = self._config
+        self._modes = ModeShapes.load(named.plate.modes_file)
+        measured = calibration.load(Path(named.device.calibration_file), self._modes.M)
+        return Machine(named, self._modes, write_board=self._to_board, calibration=measured)
+
+
+def leak_um(kind: type[Simulation], settings: Settings, seed: int) -> float:
+    simulation = kind(SCENARIOS["strokes"].build(seed, SPEED_MM_S), settings, seed)
+    simulation.run(SECONDS)
+    return simulation.result("strokes").score.leak_um
+
+
+def test_every_step_leaves_a_verdict_a_picture_and_what_the_service_is_to_know(out: Path) -> None:
+    found = folder.load(out)
+    assert [*found] == [*folder.STEPS]
+    for step, verdict in found.items():
+        assert verdict.is_simulated
+        assert (out / f"{step}.png").read_bytes().startswith(b"\x89PNG")
+        if step != "latency":
+            assert verdict.outcome is Outcome.PASS, verdict.sentence
+    assert {path.name for path in out.iterdir()} >= {"calibration.toml", "modes.npz", "hapticd.toml"}
+
+
+def test_the_service_takes_the_configuration_and_leaks_no_more_than_with_its_own_map(out: Path) -> None:
+    made = config.load(out / "hapticd.toml")
+    assert made.plate.friction_curve[0] == 0.0
+    assert len(made.trackpad.matrix) == 4
+    for seed in (1, 2):
+        built_in = leak_um(Simulation, Settings(parasitic_modes_known=False), seed)
+        calibrated = leak_um(Calibrated, Settings(config=made, parasitic_modes_known=False), seed)
+        assert calibrated < 1.1 * built_in
+
+
+def test_what_hapticd_run_prepares_of_it_is_the_measured_map(out: Path) -> None:
+    with ConfigLoader() as config_loader:
+        prepared = config_loader.prepare(config.load(out / "hapticd.toml"))
+        assert prepared.modes.shapes.tobytes() == ModeShapes.load(out / "modes.npz").shapes.tobytes()
+        assert [one.frequency_hz for one in prepared.calibration] == pytest.approx([29195.0, 29215.0], abs=0.5)
+        assert [one.q_factor for one in prepared.calibration] == pytest.approx([500.0, 500.0], rel=0.03)
+
+
+def test_without_a_step_the_order_is_told_and_what_is_done(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    places = [said.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
+    assert places == sorted(places)
+    assert said.count("done (simulated)") == 5
+    assert main(["calibrate", "--out", str(out / "none")]) == 0
+    assert "Next: hapticd calibrate resonance" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["resonance", "--sim", "--points", "-1"], "--points is -1"),
+        (["modes"], "No scan is named"),
+        (["friction"], "No readings are named"),
+        (["latency"], "No devices are named"),
+        (["modes", "--sim", "--size", "big"], "--size is 'big'"),
+        (["trackpad", "--sim", "--marks", "1,2"], "--marks"),
+        (["trackpad", "--model", "mt9"], "--model is 'mt9'"),
+        (["friction", "--sim", "--seed", "-1"], "--seed is -1"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(
+    arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", *arguments, "--out", str(tmp_path)]) == 2
+    complaint = capsys.readouterr().err
+    assert sentence in complaint
+    assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize("step", ["resonance", "modes", "trackpad", "latency", "friction", "all"])
+def test_help_of_every_step_has_an_example(step: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["calibrate", step, "--help"])
+    assert f"example: hapticd calibrate {step}" in capsys.readouterr().out
+
+
+def a_verdict(step: str = "friction", outcome: Outcome = Outcome.PASS, **changes: bool) -> Verdict:
+    figures = (Figure("noise", 0.5, "%"), Figure("period", float("inf"), "ms"))
+    settings = {"plate": {"friction_curve": [0.0, 1.0]}}
+    return Verdict(step, outcome, 'It "fits": 1 µm.', figures, settings, changes.get("is_simulated", True))
+
+
+def test_a_verdict_written_is_read_again_and_no_other_text_is_one() -> None:
+    read = from_json(to_json(a_verdict()))
+    assert read.figures[0] == a_verdict().figures[0]
+    assert read.figures[1].value != read.figures[1].value
+    assert (read.outcome, read.sentence, read.settings) == (Outcome.PASS, 'It "fits": 1 µm.', a_verdict().settings)
+    for text in ("", "{}", "[1]", to_json(a_verdict()).replace("pass", "fine"), "[" * 100_000, '{"step": 1}'):
+        with pytest.raises(ValueError, match="it is no verdict"):
+            from_json(text)
+
+
+def test_the_worst_finding_decides_and_all_that_are_as_bad_are_told() -> None:
+    look, fail = (Outcome.LOOK, "Look."), (Outcome.FAIL, "Bad.")
+    assert judge([], "Good.") == (Outcome.PASS, "Good.")
+    assert judge([look, look], "Good.") == (Outcome.LOOK, "Look. Look.")
+    assert judge([look, fail, look], "Good.") == fail
+    assert as_text(a_verdict(outcome=Outcome.LOOK)).splitlines()[-1] == 'friction: LOOK: It "fits": 1 µm.'
+
+
+def test_a_step_that_failed_does_not_reach_the_configuration(tmp_path: Path) -> None:
+    folder.save(tmp_path, a_verdict(outcome=Outcome.FAIL))
+    assert config.load(tmp_path / "hapticd.toml") == Config()
+    folder.save(tmp_path, a_verdict())
+    assert config.load(tmp_path / "hapticd.toml").plate.friction_curve == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("curve_um", "sentence"), [([0.0, 181.25, 2900.0], "out of bounds"), ([0.0, 0.0, 0.0], "rising numbers")]
+)
+def test_settings_that_the_service_would_not_take_fail_and_spoil_no_others(
+    curve_um: list[float], sentence: str, tmp_path: Path
+) -> None:
+    wrong = replace(a_verdict(), settings={"plate": {"friction_curve": curve_um}})
+    judged = folder.accepted(wrong)
+    assert judged.outcome is Outcome.FAIL
+    assert sentence in judged.sentence
+    folder.save(tmp_path, judged)
+    assert config.load(tmp_path / "hapticd.toml") == Config()
+
+
+def test_the_settings_of_one_step_on_a_real_plate_are_taken_before_the_others_are_there() -> None:
+    real = replace(a_verdict("resonance"), settings={"device": {"port": "/dev/ttyACM0", "baud": 921600}})
+    assert folder.accepted(real) == real
+    failed = replace(real, outcome=Outcome.FAIL)
+    assert folder.accepted(failed) == failed
+
+
+def test_results_of_a_real_and_of_the_simulated_plate_do_not_mix(tmp_path: Path) -> None:
+    folder.save(tmp_path, a_verdict(is_simulated=False))
+    with pytest.raises(CalibrationError, match="is of a real plate"):
+        folder.prepare(tmp_path, is_simulated=True)
+    folder.prepare(tmp_path, is_simulated=False)
+
+
+def test_a_directory_or_a_result_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "modes.json").write_text("{")
+    with pytest.raises(CalibrationError, match="delete it and repeat"):
+        folder.load(tmp_path)
+    with pytest.raises(CalibrationError, match="cannot be made"):
+        folder.prepare(tmp_path / "modes.json" / "below", is_simulated=True)
+
+
+PAGE = Path(folder.__file__).with_name("README.md")
+
+
+def test_the_page_shows_small_pictures_that_are_there_and_keys_that_are_ones() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    pictures = re.findall(r"\]\((\w+\.png)\)", text)
+    assert sorted(pictures) == sorted(path.name for path in PAGE.parent.glob("*.png"))
+    assert all((PAGE.parent / name).stat().st_size < 60_000 for name in pictures)
+    for section, key in re.findall(r"`(plate|trackpad|device|prediction)\.(\w+)`", text):
+        assert hasattr(getattr(Config(), section), key)

@@ -1,0 +1,134 @@
+"""Step 1: what the sweeps find of the simulated plate's truth, and what the verdict says of sound and unsound ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from virtual_board import PlateLink, in_virtual_time
+
+from hapticd.board_values import BoardHello
+from hapticd.design.resonance import Resonance
+from hapticd.errors import SweepEndedError
+from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.tool_values import Sweep, SweepPoint
+from hapticd.tools.calibrate import resonance
+from hapticd.tools.calibrate.resonance import ModeSweep, draw, refined, sweep_modes
+from hapticd.tools.calibrate.verdict import Outcome, Verdict
+from hapticd.tools.firmware.conversation import Conversation
+
+PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
+HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)
+
+
+def swept(settings: PlateSettings) -> tuple[ModeSweep, ...]:
+    async def sweep() -> tuple[ModeSweep, ...]:
+        async with Conversation(PlateLink(PlateTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
+            return await sweep_modes(board, PLAN)
+
+    found: tuple[ModeSweep, ...] = in_virtual_time(sweep())
+    return found
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        PlateSettings(),
+        PlateSettings(detune_hz=35.0, q_factor=300.0, loop_phase_rad=0.7),
+        PlateSettings(q_factor=2500.0),
+    ],
+    ids=["reference", "warm and damped", "sharp"],
+)
+def test_every_mode_is_found_within_half_a_hertz_and_three_percent_of_quality(settings: PlateSettings) -> None:
+    truth = PlateTruth(settings)
+    sweeps = swept(settings)
+    assert [one.mode for one in sweeps] == [0, 1]
+    for one in sweeps:
+        assert one.fit.frequency_hz == pytest.approx(truth.frequency_hz[one.mode], abs=0.5)
+        assert one.fit.q_factor == pytest.approx(settings.q_factor, rel=0.03)
+        assert one.is_inside
+
+
+def a_sweep(
+    mode: int, f0_hz: float = 29195.0, q: float = 500.0, *, gain: float = 7.5, residual: float = 0.0
+) -> ModeSweep:
+    f_hz = np.linspace(29105.0, 29305.0, 41)
+    fit = Resonance(f0_hz, q, gain, 0.1, 0j, residual)
+    return ModeSweep(mode, f_hz, fit.response(f_hz), fit)
+
+
+def judged(*sweeps: ModeSweep) -> Verdict:
+    return resonance.verdict(HELLO, sweeps, {}, is_simulated=True)
+
+
+def test_a_sound_pair_passes_and_the_drive_lies_between() -> None:
+    found = judged(a_sweep(0), a_sweep(1, 29215.0))
+    figures = {figure.name: figure.value for figure in found.figures}
+    assert found.outcome is Outcome.PASS
+    assert figures["drive proposed"] == pytest.approx(29205.0, abs=0.1)
+    assert figures["mode 1 detuning"] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    ("second", "outcome", "sentence"),
+    [
+        (a_sweep(1, 29215.0, residual=0.08), Outcome.LOOK, "Mode 1 leaves 8 %"),
+        (a_sweep(1, 29215.0, residual=0.5), Outcome.FAIL, "Mode 1 draws no circle"),
+        (a_sweep(1, 29500.0), Outcome.FAIL, "Mode 1 lies outside its sweep"),
+        (a_sweep(1, 29295.0), Outcome.LOOK, "At 29245.0 Hz full amplitude would take"),
+        (a_sweep(1, 29215.0, gain=2.0), Outcome.LOOK, "the amplifiers end at 150"),
+    ],
+)
+def test_what_is_wrong_is_said(second: ModeSweep, outcome: Outcome, sentence: str) -> None:
+    found = judged(a_sweep(0), second)
+    assert found.outcome is outcome
+    assert sentence in found.sentence
+
+
+def test_a_resonance_that_the_plan_shows_well_is_not_swept_again() -> None:
+    fit = a_sweep(0).fit
+    assert refined(PLAN, fit, HELLO) is None
+    sharp = refined(PLAN, replace(fit, q_factor=5000.0), HELLO)
+    assert sharp is not None
+    assert sharp.dwell_ms > 10 * 5000.0 / (29.195 * 3.15)
+    assert sharp.start_hz < fit.frequency_hz < sharp.stop_hz < PLAN.stop_hz
+    beside = refined(PLAN, replace(fit, frequency_hz=29500.0), HELLO)
+    assert beside is not None
+    assert beside.start_hz < 29500.0 < beside.stop_hz
+    assert refined(PLAN, replace(fit, frequency_hz=39500.0), HELLO) is None  # the board does not sweep there
+
+
+def test_a_sweep_in_pieces_has_the_same_frequencies() -> None:
+    for points in (1, 2, 6, 7, 13, 14, 41, 2001):
+        plan = replace(PLAN, points=points)
+        parts = resonance.pieces(plan)
+        f_hz = np.concatenate([np.linspace(part.start_hz, part.stop_hz, part.points) for part in parts])
+        np.testing.assert_allclose(f_hz, np.linspace(plan.start_hz, plan.stop_hz, points))
+        assert max(part.points for part in parts) < 2 * resonance.PIECE_POINTS
+
+
+@pytest.mark.parametrize("ended", [1, resonance.TRIES])
+def test_a_piece_that_the_board_ends_is_swept_again_but_not_for_ever(
+    ended: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = [SweepEndedError("ended")] * ended
+
+    async def stumbling(board: Conversation, plan: Sweep, *, show: bool) -> list[SweepPoint]:
+        if left:
+            raise left.pop()
+        return await measured(board, plan, show=show)
+
+    measured = resonance.sweep.measured
+    monkeypatch.setattr(resonance.sweep, "measured", stumbling)
+    if ended < resonance.TRIES:
+        assert swept(PlateSettings())[0].fit.frequency_hz == pytest.approx(29195.0, abs=0.5)
+    else:
+        with pytest.raises(SweepEndedError):
+            swept(PlateSettings())
+
+
+def test_the_picture_is_one(tmp_path: Path) -> None:
+    draw((a_sweep(0), a_sweep(1, 29215.0)), tmp_path / "resonance.png")
+    assert (tmp_path / "resonance.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,200 @@
+"""Step 3: rests that count as touches of marks, the map that they make, and pads that cannot lie like this."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from virtual_board import in_virtual_time
+
+from hapticd.config.loader import from_table
+from hapticd.daemon.settings import plate_from_pad
+from hapticd.errors import CalibrationError
+from hapticd.sim.fingers.paths import Line, Rest, Touch
+from hapticd.sim.fingers.paths import Path as FingerPath
+from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
+from hapticd.tools.calibrate import trackpad
+from hapticd.tools.calibrate.affine import AffineFit, fit_affine, placement
+from hapticd.tools.calibrate.simulated import touch_reports
+from hapticd.tools.calibrate.touches import TouchedMarks
+from hapticd.tools.calibrate.trackpad import parse_marks
+from hapticd.tools.calibrate.verdict import Outcome
+from hapticd.values import AffineMap, RawReport
+from hapticd.wire.trackpad import Decoder
+
+MARKS = parse_marks("-50,-40 50,-40 50,40 -50,40")
+
+
+def touched(paths: Sequence[FingerPath], seconds: float, settings: SensorSettings | None = None) -> TouchedMarks:
+    """What counts of fingers on a pad."""
+    marks, decoder = TouchedMarks(), Decoder("mt2-usb")
+    for report in SensorModel(settings or SensorSettings(), 3).reports(paths, seconds):
+        for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
+            marks.update(frame)
+    return marks
+
+
+def found_by(plate_from_pad: AffineMap, seed: int) -> AffineFit:
+    marks, decoder = TouchedMarks(), Decoder("mt2-usb")
+    for report in touch_reports(MARKS, seed, SensorSettings(plate_from_pad=plate_from_pad)):
+        for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
+            marks.update(frame)
+    return fit_affine(marks.rests_mm, MARKS)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_pad_anywhere_is_found_to_a_twentieth_of_a_millimetre(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    truth = AffineMap.from_placement(
+        tuple(random.uniform(-6, 6, 2)), float(random.uniform(-5, 5)), tuple(random.uniform(0.98, 1.02, 2))
+    )
+    found = found_by(truth, seed)
+    for corner in MARKS:
+        missed_mm = math.dist(found.plate_from_pad.apply(*corner), truth.apply(*corner))
+        assert missed_mm < 0.05
+    assert found.left_out_rms_mm < 0.1
+    assert trackpad.verdict(found, {}, is_simulated=True).outcome is Outcome.PASS
+
+
+def test_what_it_says_to_the_service_is_the_same_map() -> None:
+    truth = AffineMap(1.01, -0.03, 0.04, 0.99, 2.5, -1.25)
+    fit = fit_affine([AffineMap(*inverse(truth)).apply(*mark) for mark in MARKS], MARKS)
+    verdict = trackpad.verdict(fit, {"source": "sim"}, is_simulated=True)
+    told = plate_from_pad(from_table(dict(verdict.settings), where="x", folder=Path()))
+    for corner in MARKS:
+        assert told.apply(*corner) == pytest.approx(truth.apply(*corner), abs=1e-3)
+
+
+def inverse(one: AffineMap) -> tuple[float, ...]:
+    matrix = np.linalg.inv([[one.xx, one.xy], [one.yx, one.yy]])
+    offset = -matrix @ (one.offset_x_mm, one.offset_y_mm)
+    return (*matrix.ravel().tolist(), *offset.tolist())
+
+
+@pytest.mark.parametrize(
+    ("order", "outcome", "sentence"),
+    [
+        ((1, 0, 3, 2), Outcome.FAIL, "mirrored"),
+        ((3, 2, 1, 0), Outcome.FAIL, "mirrored"),
+        ((2, 3, 0, 1), Outcome.LOOK, "turned by 180 degrees"),
+        ((1, 2, 3, 0), Outcome.LOOK, "degrees, as if x and y were swapped"),
+    ],
+)
+def test_marks_touched_in_another_order_are_noticed(order: Sequence[int], outcome: Outcome, sentence: str) -> None:
+    verdict = trackpad.verdict(fit_affine([MARKS[place] for place in order], MARKS), {}, is_simulated=False)
+    assert verdict.outcome is outcome
+    assert sentence in verdict.sentence
+
+
+def test_a_mark_missed_by_some_millimetres_is_named_and_far_off_ones_fail() -> None:
+    marks = [*MARKS, (0.0, 0.0)]
+    touches = [*MARKS, (0.0, 2.5)]
+    looked = trackpad.verdict(fit_affine(touches, marks), {}, is_simulated=False)
+    assert (looked.outcome, "mark 5 most" in looked.sentence) == (Outcome.LOOK, True)
+    touches[4] = (0.0, 12.0)
+    assert trackpad.verdict(fit_affine(touches, marks), {}, is_simulated=False).outcome is Outcome.FAIL
+
+
+def test_a_left_out_residual_is_what_a_fit_without_that_mark_misses() -> None:
+    random = np.random.default_rng(1)
+    plate = random.uniform(-60, 60, (7, 2))
+    pad = plate + random.normal(0, 0.5, plate.shape)
+    whole = fit_affine(pad, plate)
+    for place in range(7):
+        others = np.delete(np.arange(7), place)
+        one = fit_affine(pad[others], plate[others]).plate_from_pad.apply(*pad[place])
+        assert whole.left_out_mm[place] == pytest.approx(math.dist(one, plate[place]))
+
+
+def test_a_placement_in_words_makes_the_same_map() -> None:
+    where = placement(AffineMap.from_placement((1.0, 2.0), 30.0, (1.1, 0.9)))
+    assert (where.rotation_deg, where.scale_x, where.scale_y) == pytest.approx((30.0, 1.1, 0.9))
+    assert where.shear == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("pad_mm", "sentence"),
+    [
+        (MARKS[:3], "4 marks or more"),
+        ([(0, 0), (10, 10), (20, 20), (30, 30)], "touches lie close to one line"),
+        ([*MARKS[:3], (math.nan, 0)], "no finite position"),
+    ],
+)
+def test_touches_that_make_no_map_are_refused(pad_mm: Sequence[tuple[float, float]], sentence: str) -> None:
+    with pytest.raises(CalibrationError, match=sentence):
+        fit_affine(pad_mm, MARKS[: len(pad_mm)])
+
+
+def test_only_a_finger_that_rests_alone_for_half_a_second_touches_a_mark() -> None:
+    assert len(touched([Touch(Rest((0, 0), 0.05), 0.0, 0.45)], 1.0).rests_mm) == 0
+    assert len(touched([Touch(Rest((0, 0), 0.05), 0.0, 0.60)], 1.0).rests_mm) == 1
+    assert len(touched([Line((-40, 0), (40, 0), 20.0)], 3.0).rests_mm) == 0
+    assert len(touched([Rest((0, 0), 0.05), Rest((4, 0), 0.05, 7)], 1.5).rests_mm) == 0
+    assert len(touched([Rest((0, 0), 0.05), Rest((40, 0), 0.05, 7)], 1.5).rests_mm) == 2
+
+
+def test_a_finger_that_stays_counts_once_and_a_mark_is_not_touched_twice() -> None:
+    again = [Touch(Rest((0, 0), 0.05), 0.0, 2.0), Touch(Rest((1, 1), 0.05), 2.5, 4.0)]
+    assert len(touched(again, 4.0).rests_mm) == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1,2 3,4", "a,b c,d e,f g,h", "1,2,3 4,5 6,7 8,9", "0,0 1,0 50,50 -50,50", "nan,0 50,0 0,50 50,50"]
+)
+def test_marks_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(CalibrationError, match="--marks"):
+        parse_marks(text)
+
+
+class PlayedPad:
+    """A pad that gives the reports of a simulated one in the loop's time."""
+
+    def __init__(self, marks: Sequence[tuple[float, float]]) -> None:
+        self.model: str | None = None
+        self.marks, self.is_closed = marks, False
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_reports: Callable[[Sequence[RawReport]], None],
+        on_link: Callable[[bool, str], None],
+    ) -> None:
+        self.model = "mt2-usb"
+        on_link(True, "played")
+        for report in touch_reports(self.marks, 1):
+            raw = RawReport(round(report.t_arrive_s * 1e9), report.data)
+            loop.call_later(report.t_arrive_s, on_reports, (raw,))
+
+    def request_enable(self) -> None:
+        raise AssertionError("it speaks multitouch")
+
+    async def close(self) -> None:
+        self.is_closed = True
+
+
+def test_a_person_is_told_which_mark_is_next_until_all_are_touched(capsys: pytest.CaptureFixture[str]) -> None:
+    pad = PlayedPad(MARKS)
+    model, rests_mm = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
+    assert model == "mt2-usb"
+    assert pad.is_closed
+    np.testing.assert_allclose(rests_mm, MARKS, atol=0.05)
+    said = capsys.readouterr().out
+    assert [f"touch mark {place} of 4" in said for place in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
+
+
+def test_marks_that_are_not_touched_in_time_are_one_sentence() -> None:
+    pad = PlayedPad(MARKS[:2])
+    with pytest.raises(CalibrationError, match="2 of 4 marks were touched in 5 s"):
+        in_virtual_time(trackpad._touched(pad, MARKS, 5.0))
+    assert pad.is_closed
+    with pytest.raises(CalibrationError, match="--within"):
+        in_virtual_time(trackpad._touched(pad, MARKS, math.nan))
+
+
+def test_the_picture_is_one(tmp_path: Path) -> None:
+    trackpad.draw(MARKS, MARKS, fit_affine(MARKS, MARKS), tmp_path / "trackpad.png")
+    assert (tmp_path / "trackpad.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,439 @@
+"""The doctor looks at what is there, and each finding that is not a pass says what mends it."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import json
+import resource
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+from machine_bench import SLIPPERY, STICKY, Bench
+from virtual_board import BoardLink, VirtualLoop
+
+from hapticd import __version__
+from hapticd.__main__ import main
+from hapticd.board_values import ModeCalibration
+from hapticd.config import loader as config
+from hapticd.config.sections import Config
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon import status
+from hapticd.errors import DeviceError, HapticdError
+from hapticd.files import calibration
+from hapticd.io.realtime import Granted
+from hapticd.sim.fingers.paths import Rest
+from hapticd.sim.fingers.sensor import SensorModel
+from hapticd.tools import doctor, installation
+from hapticd.tools.doctor import FAIL, PASS, WARN, devices, files, host, report, service
+from hapticd.tools.doctor.finding import Finding, Patient
+from hapticd.tools.doctor.report import CHECKS
+from hapticd.values import RawReport
+
+
+def examined(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    path = tmp_path / "hapticd.toml"
+    path.write_text(text, encoding="utf-8")
+    return doctor.examine(path), capsys.readouterr().out
+
+
+def patient(tmp_path: Path, told: Any = None, version: str = __version__, **sections: dict[str, Any]) -> Patient:
+    """With these sections of a configuration, on a machine whose file system is `tmp_path`."""
+    made = config.from_table(dict(sections), where="test", folder=None)
+    return Patient(made, tmp_path, told, version, tmp_path)
+
+
+def put(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a daemon nor a pad that happens to be here."""
+    monkeypatch.setattr(service, "directories", lambda _: (Path("/nonexistent"),))
+    monkeypatch.setattr(devices, "load_hid", lambda: None)
+    monkeypatch.setattr(devices, "find_pads", lambda *_: iter(()))
+    monkeypatch.setattr(devices, "HidTrackpad", lambda _: Pad([], (False, "no trackpad is connected")))
+
+
+@pytest.fixture(scope="module")
+def told() -> Any:
+    """What a daemon says that drives two fingers."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.status()
+    bench.run(100)
+    return status.collect(bench.machine, bench.t_ns)
+
+
+REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}
+
+
+def test_the_simulated_plate_is_in_good_health(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
+    assert code == 0
+    assert "FAIL" not in said
+    assert f"warn  daemon: none serves {tmp_path}" in said
+    assert said.count("\npass") + said.count("\nwarn") == len(CHECKS)
+
+
+def test_a_bad_configuration_is_all_it_looks_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
+    assert code == 1
+    assert "did you mean w_limit_um?" in said
+    assert "board:" not in said
+
+
+def test_the_report_is_also_to_be_had_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "hapticd.toml"
+    path.write_text("[limits]\nw_limit = 3\n", encoding="utf-8")
+    assert main(["doctor", "--config", str(path), "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["failed"]
+    ((finding),) = said["findings"]
+    assert (finding["verdict"], finding["check"]) == ("FAIL", "configuration")
+    assert "w_limit_um" in finding["said"]
+    assert finding["remedy"]
+
+
+def test_the_service_s_own_configuration_is_pointed_at(tmp_path: Path) -> None:
+    assert report.configured(None, tmp_path).verdict == PASS
+    put(tmp_path / "etc/hapticd/hapticd.toml", "")
+    found = report.configured(None, tmp_path)
+    assert (found.verdict, found.remedy) == (WARN, f"hapticd doctor --config {tmp_path}/etc/hapticd/hapticd.toml")
+    assert report.configured(tmp_path / "mine.toml", tmp_path).verdict == PASS
+
+
+# --- files ---
+
+
+def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    axis_mm = np.linspace(-60.0, 60.0, 9)
+    ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 9, 9))).save(tmp_path / "modes.npz")
+    text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
+    code, said = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
+    assert code == 1
+    assert f"FAIL  board: there is no {tmp_path}/none\n      -> plug the board in" in said
+    assert "warn  calibration: none" in said
+    assert "warn  firmware: not asked" in said
+
+
+def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "modes.csv").write_text("nothing", encoding="utf-8")
+    code, said = examined('[plate]\nmodes_file = "modes.csv"\n', tmp_path, capsys)
+    assert code == 1
+    assert "FAIL  mode shapes:" in said
+
+
+def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
+    assert files.modes(patient(tmp_path)).verdict == PASS
+    found = files.modes(patient(tmp_path, limits={"w_limit_um": [4.0, 4.0, 4.0]}))
+    assert (found.verdict, found.said.split(",")[0]) == (FAIL, "limits.w_limit_um has 3 limits")
+
+
+def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    section = {"calibration_file": str(path)}
+    both = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1)]
+    assert files.calibrated(patient(tmp_path, device=section)).verdict == FAIL
+    calibration.save(path, both[:1])
+    assert "knows 1 of 2 modes" in files.calibrated(patient(tmp_path, device=section)).said
+    calibration.save(path, both)
+    found = files.calibrated(patient(tmp_path, device=section))
+    assert (found.verdict, found.said) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
+
+
+def test_recordings_need_a_folder_and_room(tmp_path: Path) -> None:
+    section = {"file": str(tmp_path / "none" / "s.hrec"), "max_mb": 1, "max_files": 1}
+    missing = files.recordings(patient(tmp_path, record=section))
+    assert (missing.verdict, missing.remedy) == (FAIL, f"mkdir -p {tmp_path / 'none'}")
+    section["file"] = str(tmp_path / "s.hrec")
+    assert files.recordings(patient(tmp_path, record=section)).verdict == PASS
+    section |= {"max_mb": 1_000_000, "max_files": 999}
+    assert files.recordings(patient(tmp_path, record=section)).verdict == WARN
+
+
+# --- the daemon ---
+
+
+def test_a_daemon_that_died_is_not_taken_for_a_living_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "ANSWER_S", 0.05)
+    text = f'[client]\nruntime_dir = "{tmp_path}"\n'
+    with socket.socket(socket.AF_UNIX) as left_behind, (tmp_path / "lock").open("wb") as lock:
+        left_behind.bind(str(tmp_path / "control"))
+        said = examined(text, tmp_path, capsys)[1]
+        assert f"warn  daemon: none serves {tmp_path} (what is there was left by one that was killed" in said
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        code, said = examined(text, tmp_path, capsys)
+        assert code == 1
+        assert f"FAIL  daemon: one holds {tmp_path / 'lock'}, but does not answer" in said
+        assert "fuser -v" in said
+
+
+@pytest.fixture
+def answering(tmp_path: Path, told: Any) -> Iterator[Callable[[], list[str]]]:
+    """A `control` socket that answers as a daemon does; gives what it was asked."""
+    context = zmq.Context()
+    control = context.socket(zmq.ROUTER)
+    control.bind(f"ipc://{tmp_path / 'control'}")
+    ended, asked = threading.Event(), []
+    bodies = {"hello": {"protocol": 1, "version": __version__, "instance": 7}, "status": told}
+
+    def answer() -> None:
+        while not ended.is_set():
+            if control.poll(20):
+                who, payload = control.recv_multipart()
+                request = msgpack.unpackb(payload)
+                asked.append(request["op"])
+                body = bodies.get(request["op"], {})
+                reply = {"v": 1, "id": request["id"], "ok": True, "body": body}
+                control.send_multipart([who, msgpack.packb(reply)])
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    yield lambda: asked
+    ended.set()
+    thread.join()
+    control.close(0)
+    context.term()
+
+
+def test_a_daemon_that_answers_is_asked_how_it_is(tmp_path: Path, answering: Callable[[], list[str]]) -> None:
+    met = service.met(config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None), {})
+    assert set(answering()) == {"hello", "status"}
+    assert service.daemon(met) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
+    assert service.health(met).said == "ACTIVE: touched"
+    assert devices.firmware(met).said == "version 9.9, as the daemon was told"
+
+
+def test_a_directory_that_this_user_may_not_look_into_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    monkeypatch.setattr(service, "directories", lambda _: (tmp_path, closed))
+    monkeypatch.setattr(service.os, "access", lambda path, _: path != closed)
+    found = service.daemon(service.met(Config(), {}))
+    assert (found.verdict, found.said) == (FAIL, f"{closed} is not yours to connect to")
+    assert "usermod -aG hapticd" in found.remedy
+
+
+def test_a_daemon_of_another_version_is_said(tmp_path: Path, told: Any) -> None:
+    found = service.daemon(patient(tmp_path, told, "0.0.9"))
+    assert found.verdict == WARN
+    assert "0.0.9" in found.said
+    assert "restart" in found.remedy
+
+
+@pytest.mark.parametrize(("state", "verdict"), [("FAULT", FAIL), ("IDLE", WARN), ("ARMED", PASS)])
+def test_the_daemon_s_state_is_judged_with_its_reason(tmp_path: Path, state: str, verdict: str) -> None:
+    found = service.health(patient(tmp_path, {"state": state, "state_changes": [{"why": "the cause"}]}))
+    assert (found.verdict, found.said) == (verdict, f"{state}: the cause")
+
+
+def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = tmp_path / "other"
+    put(other / "lock", "")
+    monkeypatch.setattr(service, "directories", lambda _: (tmp_path, other))
+    assert service.alone(patient(tmp_path)).verdict == PASS
+    with (other / "lock").open("rb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        found = service.alone(patient(tmp_path))
+    assert found.verdict == WARN
+    assert str(other) in found.said
+
+
+@pytest.mark.parametrize("answer", [{}, {"state": 3, "state_changes": "none", "board": [], "real_time": None}])
+def test_an_answer_of_another_version_breaks_no_check(
+    tmp_path: Path, answer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(devices, "LISTEN_S", 0.0)
+    monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
+    for check in CHECKS:
+        assert check(patient(tmp_path, answer, **REAL)).verdict in (PASS, WARN, FAIL)
+
+
+# --- devices ---
+
+
+def test_a_pad_that_is_not_there_fails(tmp_path: Path) -> None:
+    found = devices.trackpad(patient(tmp_path, **REAL))
+    assert (found.verdict, found.said) == (FAIL, "none is connected")
+
+
+def test_a_port_of_another_group_is_said_with_that_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = tmp_path / "ttyACM7"
+    port.touch()
+    monkeypatch.setattr(devices, "is_ours", lambda _: False)
+    found = devices.board(patient(tmp_path, **{**REAL, "device": {"port": str(port)}}))
+    assert (found.verdict, found.said) == (FAIL, f"{port} is not yours to open")
+    assert f"usermod -aG {port.group()} " in found.remedy
+
+
+def test_the_rate_of_reports_is_that_of_the_pad_s_own_clock() -> None:
+    reports = SensorModel(seed=3).reports([Rest((0.0, 0.0))], 1.0)
+    raw = [RawReport(round(report.t_arrive_s * 1e9), report.data) for report in reports]
+    assert devices.frame_rate_hz(raw, "mt2-usb") == pytest.approx(88.9, rel=0.03)
+    assert devices.frame_rate_hz(raw[:1], "mt2-usb") is None
+    assert devices.frame_rate_hz([RawReport(1, b"garbage")], "mt2-usb") is None
+
+
+class Pad:
+    """A source that gives what it is given, at once."""
+
+    model = "mt2-usb"
+
+    def __init__(self, reports: list[RawReport], link: tuple[bool, str] = (True, "here")) -> None:
+        self._reports, self._link = reports, link
+
+    def start(self, loop: asyncio.AbstractEventLoop, on_reports: Any, on_link: Any) -> None:
+        loop.call_soon(on_link, *self._link)
+        loop.call_soon(on_reports, self._reports)
+
+    def request_enable(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+
+def test_without_a_daemon_the_pad_itself_is_heard() -> None:
+    reports = [RawReport(round(r.t_arrive_s * 1e9), r.data) for r in SensorModel().reports([Rest((0.0, 0.0))], 0.5)]
+    assert devices.listen(Pad(reports), 0.001) == pytest.approx(88.9, rel=0.03)
+    assert devices.listen(Pad([]), 0.001) is None
+    with pytest.raises(HapticdError, match="no trackpad is connected"):
+        devices.listen(Pad([], (False, "no trackpad is connected")), 0.001)
+
+
+@pytest.mark.parametrize(
+    ("counters", "expected_hz"),
+    [
+        ([0, 20, 40, 60, 80], 80.0),
+        ([5, 5, 5, 5, 5], None),
+        ([0, 3, 23, 43, 63, 83, 95, 95, 95], 80.0),  # a finger came and went
+        ([7], None),
+        ([], None),
+        ([90, 100, 0, 20, 40], 80.0),  # another daemon
+    ],
+)
+def test_a_counter_s_rate_is_that_of_its_longest_unbroken_run(counters: list[int], expected_hz: float | None) -> None:
+    samples = [(k * 250_000_000, count) for k, count in enumerate(counters)]
+    rate_hz = devices.steady_rate_hz(samples)
+    assert rate_hz == (None if expected_hz is None else pytest.approx(expected_hz))
+
+
+@pytest.mark.parametrize(("step", "verdict"), [(22, PASS), (12, WARN), (0, WARN)])
+def test_the_rate_that_the_daemon_counts_is_judged(
+    tmp_path: Path, step: int, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told(k: int) -> dict[str, Any]:
+        return {"t_ns": k * 250_000_000, "trackpad": {"reports": {"frames": k * step}}}
+
+    counted = iter(range(1, 100))
+    monkeypatch.setattr(devices, "again", lambda _: patient(tmp_path, told(next(counted))))
+    found = devices.rate(patient(tmp_path, told(0)), wait=lambda _: None)
+    assert found.verdict == verdict
+    assert (f"{step * 4:.1f} Hz" in found.said) == (step > 0)
+
+
+def test_a_free_board_is_asked_who_it_is() -> None:
+    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+        assert runner.run(devices.greeted(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
+        with pytest.raises(DeviceError, match="Nobody answers on the bench"):
+            runner.run(devices.greeted(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
+
+
+# --- the machine ---
+
+
+def test_the_rule_of_udev_is_looked_for_and_compared(tmp_path: Path) -> None:
+    assert host.rules(patient(tmp_path)).verdict == PASS
+    missing = host.rules(patient(tmp_path, **REAL))
+    assert missing.verdict == WARN
+    assert "install-service" in missing.remedy
+    path = tmp_path / "etc/udev/rules.d" / host.RULES
+    put(path, "an older one")
+    assert "is not this version's" in host.rules(patient(tmp_path, **REAL)).said
+    put(path, next(file.text for file in installation.service_files() if file.name == host.RULES))
+    assert host.rules(patient(tmp_path, **REAL)).verdict == PASS
+
+
+def test_a_slow_clock_is_said_with_the_quick_one_that_is_offered(tmp_path: Path) -> None:
+    folder = tmp_path / "sys/devices/system/clocksource/clocksource0"
+    assert host.clock(patient(tmp_path)).verdict == PASS
+    put(folder / "current_clocksource", "hpet\n")
+    put(folder / "available_clocksource", "hpet tsc acpi_pm\n")
+    found = host.clock(patient(tmp_path))
+    assert (found.verdict, found.said) == (WARN, "hpet is slow to read")
+    assert found.remedy.startswith("echo tsc | sudo tee /sys/")
+    put(folder / "current_clocksource", "tsc\n")
+    assert host.clock(patient(tmp_path)).verdict == PASS
+
+
+def test_a_processor_that_dozes_is_said(tmp_path: Path) -> None:
+    governor = tmp_path / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
+    assert host.governor(patient(tmp_path)).verdict == PASS
+    for name, verdict in (("powersave", WARN), ("performance", PASS)):
+        put(governor, f"{name}\n")
+        assert host.governor(patient(tmp_path)).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("realtime", "limit", "capabilities", "verdict"),
+    [
+        ({}, 0, 0, PASS),
+        ({"fifo_priority": 10}, 0, 0, WARN),
+        ({"fifo_priority": 10}, 20, 0, PASS),
+        ({"fifo_priority": 10}, 0, 1 << 23, PASS),
+        ({"lock_memory": True}, 65536, 0, WARN),
+        ({"lock_memory": True}, 65536, 1 << 14, PASS),
+        ({"lock_memory": True}, resource.RLIM_INFINITY, 0, PASS),
+    ],
+)
+def test_what_real_time_needs_is_a_limit_or_a_capability(
+    tmp_path: Path,
+    realtime: dict[str, Any],
+    limit: int,
+    capabilities: int,
+    verdict: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    put(tmp_path / "proc/self/status", f"Name:\tpython\nCapEff:\t{capabilities:016x}\n")
+    assert host.real_time(patient(tmp_path, realtime=realtime)).verdict == verdict
+
+
+def test_processors_stay_awake_where_this_user_may_wish_it(tmp_path: Path) -> None:
+    assert host.real_time(patient(tmp_path, realtime={"stay_awake": True})).verdict == WARN
+    put(tmp_path / "dev/cpu_dma_latency", "")
+    assert host.real_time(patient(tmp_path, realtime={"stay_awake": True})).verdict == PASS
+
+
+def test_what_the_running_daemon_was_refused_counts_more_than_what_this_user_may(tmp_path: Path) -> None:
+    for refused, verdict in ((("mlockall: Cannot allocate memory",), WARN), ((), PASS)):
+        granted = {name: getattr(Granted(10, (1,), False, refused), name) for name in Granted.__slots__}
+        assert host.real_time(patient(tmp_path, {"real_time": granted})).verdict == verdict
+
+
+def test_groups_are_asked_for_only_where_something_belongs_to_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(host.os, "geteuid", lambda: 1)
+    assert host.groups(patient(tmp_path)).said == "none is needed"
+    found = host.groups(patient(tmp_path, **REAL))
+    assert found.verdict in (PASS, WARN)  # whether this machine has the group is not ours to say
+    assert host.DEVICE_GROUP in found.said
+
+
+def test_all_that_is_no_pass_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "LISTEN_S", 0.0)
+    monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
+    found = [check(patient(tmp_path, **REAL, realtime={"fifo_priority": 50})) for check in CHECKS]
+    found += [check(Patient(Config(), tmp_path, {"state": "FAULT"}, "0")) for check in CHECKS]
+    assert all(one.remedy for one in found if one.verdict != PASS)
+    assert not any(one.remedy for one in found if one.verdict == PASS)

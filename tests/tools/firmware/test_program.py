@@ -1,0 +1,275 @@
+"""What `hapticd firmware` prints, measures and refuses, against the firmware's C in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.board_values import BoardState, BoardStatus
+from hapticd.errors import ConfigError, DeviceError, UsageError
+from hapticd.files import calibration
+from hapticd.sim.board.board import BoardConfig
+from hapticd.tool_values import RawVoltage, SetGains, SweepPoint
+from hapticd.tools.firmware.conversation import Conversation
+from hapticd.wire.device import Decoder
+
+TypeIn = Callable[..., str]
+SWEEP = ("sweep", "--points", "9", "--dwell", "100")
+
+
+def test_info_says_who_the_board_is_and_how(link: Any, type_in: TypeIn) -> None:
+    said = type_in(link, "info")
+    assert "firmware  0.1.0, protocol 2" in said
+    assert "modes     2, limits 4, 4 um and 150 V" in said
+    assert "state     quiet" in said
+    assert re.search(r"mode 1 +decay 183\.\d 1/s, \+10\.00 Hz from the drive", said)
+    assert "events    0 logged" in said
+
+
+def test_info_as_json_holds_the_whole_answer(link: Any, type_in: TypeIn) -> None:
+    found = json.loads(type_in(link, "info", "--json"))
+    assert found["hello"]["boot_id"] == 7
+    assert found["status"]["state"] == "QUIET"
+    assert [model["loop"] for model in found["controller"]["models"]] == [[1.0, 0.0]] * 2
+    assert 0 < found["round_trip_ms"] < 20
+
+
+def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tmp_path: Path) -> None:
+    """The bench's plate is exactly what the firmware believes: 10 Hz beside the drive, Q 500."""
+    saved, drawn = tmp_path / "plate.toml", tmp_path / "sweep.png"
+    said = type_in(link, *SWEEP, "--mode", "0", "--save", str(saved), "--plot", str(drawn))
+    assert said.count("\n 29") == 9
+    type_in(link, *SWEEP, "--mode", "1", "--save", str(saved))
+    truth = BoardConfig()
+    measured = calibration.load(saved, 2)
+    assert [one.mode for one in measured] == [0, 1]
+    for k, one in enumerate(measured):
+        model = one.model(truth.drive_hz)
+        assert model.decay_1_s == pytest.approx(truth.decay_1_s[k], rel=0.01)
+        assert model.detuning_rad_s == pytest.approx(truth.detuning_rad_s[k], abs=2 * math.pi * 0.3)
+        assert model.gain_um_per_v_s == pytest.approx(truth.gain_um_per_v_s[k], rel=0.01)
+        assert abs(one.loop_phase_rad) < math.radians(1)
+    assert drawn.read_bytes().startswith(b"\x89PNG")
+    assert link.peak_v <= 15.0001
+    assert not link.voltage_v.any()
+
+
+def test_a_sweep_as_json_holds_points_and_fit(link: Any, type_in: TypeIn) -> None:
+    found = json.loads(type_in(link, *SWEEP, "--json"))
+    assert len(found["points"]) == 9
+    assert found["sweep"]["voltage_v"] == 15.0
+    assert found["resonance"]["residual_frac"] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--mode", "2"), "There is no mode 2: the board has modes 0 to 1"),
+        (("--volts", "31"), "--volts is 31, but open loop the board gives more than 0 and at most 30 V"),
+        (("--volts", "nan"), "--volts is nan"),
+        (("--to", "40000"), "--to is 40000 Hz, but the board sweeps 2000 Hz at most"),
+        (("--points", "3000"), "points is 3000, not within 1..2001"),
+        (("--dwell", "0"), "dwell_ms is 0, not within 1..1000"),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_in_one_sentence(
+    link: Any, type_in: TypeIn, arguments: tuple[str, ...], sentence: str
+) -> None:
+    with pytest.raises(UsageError, match=re.escape(sentence)):
+        type_in(link, *SWEEP, *arguments)
+
+
+def test_too_few_points_make_no_resonance_which_is_one_sentence_too(link: Any, type_in: TypeIn) -> None:
+    with pytest.raises(DeviceError, match="5 or more points"):
+        type_in(link, *SWEEP, "--points", "3")
+
+
+@pytest.mark.parametrize(("volts", "dwell"), [("0.5", "20"), ("1.4", "1")])
+def test_a_sweep_that_ends_without_a_ramp_still_gets_its_last_point(
+    link: Any, type_in: TypeIn, volts: str, dwell: str
+) -> None:
+    """From so little the board is quiet a tick after the last point, and its STATUS goes first."""
+    said = type_in(link, "sweep", "--points", "9", "--dwell", dwell, "--volts", volts)
+    assert said.count("\n 29") == 9
+    assert "9 points" in said
+
+
+@pytest.mark.parametrize("where", ["--save", "--plot"])
+def test_a_place_that_is_not_there_is_said_before_the_sweep(
+    link: Any, type_in: TypeIn, tmp_path: Path, where: str
+) -> None:
+    with pytest.raises(ConfigError, match="its directory is missing"):
+        type_in(link, *SWEEP, where, str(tmp_path / "nowhere" / "file"))
+    assert link.peak_v == 0.0
+
+
+def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: Any, converse: Callable[..., Any]) -> None:
+    async def interrupted(board: Conversation) -> None:
+        with board.driving():
+            await board.demand(RawVoltage(0, 10 + 0j, 1000))
+            await asyncio.sleep(0.03)
+            assert abs(link.voltage_v[0]) == pytest.approx(10)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        converse(link, interrupted)
+    assert not link.voltage_v.any()
+
+
+def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: Any, type_in: TypeIn) -> None:
+    def broken_from_now_on(said: bytes) -> bytes:
+        if any(isinstance(message, SweepPoint) for message in Decoder().feed(said)):
+            link.board.fake_measurement(np.array([7.0 + 0j, 0j]))
+        return said
+
+    link.says = broken_from_now_on
+    with pytest.raises(DeviceError, match="The board ended the sweep"):
+        type_in(link, *SWEEP)
+    said = type_in(link, "info")
+    assert "state     fault: the measured amplitude stayed far above its limit" in said
+    assert re.search(r"this boot, at \d+\.\d+ s, mode 0: the measured amplitude .* \(7\)", said)
+    with pytest.raises(DeviceError, match="it is busy or has a fault"):
+        type_in(link, *SWEEP)
+    link.says = lambda said: said
+    link.board.fake_measurement(None)
+    assert type_in(link, "clear-fault") == "The board is quiet.\n"
+    assert "1 logged" in type_in(link, "log")
+
+
+def test_a_raw_voltage_is_held_for_its_time_and_what_it_moves_is_said(link: Any, type_in: TypeIn) -> None:
+    said = type_in(link, "raw", "--volts", "12", "--phase", "90", "--ms", "400")
+    gain, decay = link.board.config.gain_um_per_v_s[0], link.board.config.decay_1_s[0]
+    expected_um = 12 * gain / math.hypot(decay, 20 * math.pi)
+    assert float(re.search(r"mode 0 +([\d.]+) um", said)[1]) == pytest.approx(expected_um, rel=0.01)  # type: ignore[index]
+    assert link.peak_v == pytest.approx(12)
+    assert not link.voltage_v.any()
+
+
+@pytest.mark.parametrize("phase", ["inf", "-inf", "nan"])
+def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: Any, type_in: TypeIn, phase: str) -> None:
+    with pytest.raises(UsageError, match=f"--phase is {phase}: an angle is a finite number"):
+        type_in(link, "raw", "--volts", "5", f"--phase={phase}")
+    assert link.peak_v == 0.0
+
+
+def test_gains_are_shown_and_chosen(link: Any, type_in: TypeIn) -> None:
+    assert "law       deadbeat" in type_in(link, "gains")
+    said = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
+    assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in said
+    assert json.loads(type_in(link, "gains", "--json"))["law"] == "pi"
+    with pytest.raises(UsageError, match="bandwidth_1_s is 5, not within 10"):
+        type_in(link, "gains", "--bandwidth", "5")
+    with pytest.raises(UsageError, match="There is no controller 'pid'"):
+        type_in(link, "gains", "--law", "pid")
+
+
+def test_telemetry_is_a_table_of_control_ticks(link: Any, type_in: TypeIn) -> None:
+    header, *rows = type_in(link, "telemetry", "--rate", "100", "--seconds", "0.5").splitlines()
+    names = header.split(",")
+    assert names[:2] == ["t_s", "t_board_us"]
+    assert len(names) == 6 + 2 * 8
+    table = np.array([[float(cell) for cell in row.split(",") if cell != "QUIET"] for row in rows])
+    assert 45 <= len(table) <= 51
+    np.testing.assert_allclose(np.diff(table[:, 0]), 0.01, atol=1e-9)
+    assert all(len(row.split(",")) == len(names) for row in rows)
+
+
+def test_telemetry_as_json_is_one_map_on_each_line(link: Any, type_in: TypeIn) -> None:
+    rows = [
+        json.loads(line)
+        for line in type_in(link, "telemetry", "--rate", "50", "--seconds", "0.2", "--json").splitlines()
+    ]
+    assert [row["t_s"] for row in rows[:3]] == [0.0, 0.02, 0.04]
+    assert rows[0]["modes"][1]["decay_1_s"] == pytest.approx(183.56, abs=0.1)
+
+
+@pytest.mark.parametrize("seconds", ["nan", "0", "-3"])
+def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: TypeIn, seconds: str) -> None:
+    with pytest.raises(UsageError, match=f"--seconds is {seconds}: a stream lasts for some time"):
+        type_in(link, "telemetry", f"--seconds={seconds}")
+
+
+# --- what goes wrong --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ({"mute": True}, "Nobody answers on the bench"),
+        (
+            {"refuses": "ttyX cannot be opened: another program holds it"},
+            "ttyX cannot be opened: another program holds it: stop the service first",
+        ),
+        ({"refuses": "ttyX cannot be opened: No such file or directory"}, "No such file or directory: look at --port"),
+    ],
+)
+def test_a_board_that_cannot_be_reached_is_named_in_one_sentence(
+    new_link: Any, type_in: TypeIn, setting: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(DeviceError, match=re.escape(sentence)):
+        type_in(new_link(**setting), "info")
+
+
+def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: Any, type_in: TypeIn) -> None:
+    link.says = lambda data: bytes(byte ^ 0x5A for byte in data[:-1]) + b"\0"
+    with pytest.raises(DeviceError, match="makes no sense: look at --baud"):
+        type_in(link, "info")
+
+
+def test_a_board_with_another_protocol_is_refused(link: Any, type_in: TypeIn, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapticd.wire.protocol.PROTOCOL_HASH", 0x1234)
+    with pytest.raises(DeviceError, match=r"protocol hash is [0-9a-f]{8}, this hapticd's 00001234: flash"):
+        type_in(link, "info")
+
+
+def test_a_plug_that_is_pulled_ends_the_conversation(link: Any, converse: Callable[..., Any]) -> None:
+    async def pulled(board: Conversation) -> None:
+        asyncio.get_running_loop().call_later(0.05, link.pull)
+        while await board.hear(1.0) is not None:
+            pass
+
+    with pytest.raises(DeviceError, match="The board went away: board lost"):
+        converse(link, pulled)
+
+
+def test_a_lost_answer_is_asked_for_again(link: Any, converse: Callable[..., Any]) -> None:
+    async def talk(board: Conversation) -> BoardState | None:
+        lost = iter((b"", b""))
+        link.says = lambda data: next(lost, data)
+        await board.demand(SetGains("pi"))
+        status = await board.wait_for(BoardStatus, 1.0)
+        return None if status is None else status.state
+
+    assert converse(link, talk) is BoardState.QUIET
+
+
+def test_without_a_board_named_the_ways_to_name_one_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+    from hapticd.__main__ import main
+
+    assert main(["firmware", "info"]) == ConfigError.exit_code
+    assert "give --port or --config, or try it with --sim" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("baud", ["0", "-5", "99999999999999"])
+def test_a_speed_that_no_board_has_is_refused_before_the_port_is_opened(
+    capsys: pytest.CaptureFixture[str], baud: str
+) -> None:
+    from hapticd.__main__ import main
+
+    assert main(["firmware", "info", "--port", "/dev/null", "--baud", baud]) == ConfigError.exit_code
+    assert "it must be 9600 .. 5.25e+06" in capsys.readouterr().err
+
+
+def test_the_simulated_board_answers_through_its_pseudo_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    from hapticd.__main__ import main
+
+    assert main(["firmware", "info", "--sim"]) == 0
+    assert "drive 29205 Hz" in capsys.readouterr().out

@@ -1,0 +1,75 @@
+"""Two recordings for all tests here: a scenario with its truth, and a machine between hostile and friendly clients."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgpack
+import pytest
+from machine_bench import MS, PLATE, SLIPPERY, START_NS, STICKY, Bench
+
+from hapticd.daemon.machine import Machine
+from hapticd.daemon.observer import Observer
+from hapticd.files.recording.files import DirectRecording
+from hapticd.files.recording.header import header_of
+from hapticd.sim.fingers.paths import Path as Finger
+from hapticd.sim.lockstep import Settings
+from hapticd.tools.record import simulated
+
+SECONDS = 1.5
+
+
+@pytest.fixture(scope="session")
+def strokes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two fingers on strokes, one slippery, one sticky, and what the plate truly did."""
+    path = tmp_path_factory.mktemp("recording") / "strokes.hrec"
+    simulated.run("strokes", path, settings=Settings(), seed=3, seconds=SECONDS)
+    return path
+
+
+def recorded(path: Path, *fingers: Finger) -> tuple[Bench, DirectRecording]:
+    """A machine on the bench, recorded from before it hears anything."""
+    begun: list[DirectRecording] = []
+
+    def observer(machine: Machine) -> Observer:
+        begun.append(DirectRecording(path, header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=True)))
+        return begun[0].put
+
+    return Bench(*fingers, observer=observer), begun[0]
+
+
+@pytest.fixture(scope="session")
+def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Every kind of event: targets of each form, requests, garbage, a marker, an unplugged board, a silent pad."""
+    path = tmp_path_factory.mktemp("recording") / "eventful.hrec"
+    bench, recording = recorded(path, SLIPPERY, STICKY)
+    bench.driven()
+    grating = {"period_mm": 6.0, "angle_rad": 0.4, "low_um": 0.1, "high_um": 1.5, "duty_frac": 0.5}
+    image = {"width": 2, "height": 2, "levels": b"\0\x40\x80\xff", "high_um": 2.0}
+    walker = {"name": "walker", "path_mm": [[-30.0, 12.0], [30.0, 15.0]], "speed_mm_s": 70.0}
+    bench.machine.watch(lambda _: None, bench.t_ns)
+    for finger, wish in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
+        targets = [{"finger": finger, **wish}, {"finger": "walker", "amplitude_um": 0.5}]
+        message = {"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets, "virtuals": [walker]}
+        bench.machine.targets(msgpack.packb(message), bench.t_ns, "uid 7")
+        bench.run(120)
+    bench.machine.targets(b"\xc1 no message", bench.t_ns, "uid 8")
+    assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
+    assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
+    assert bench.ask("release", client="test", finger=2)["ok"]
+    bench.run(60)
+    bench.machine.watch(None, bench.t_ns)
+    bench.board.plugged = False
+    bench.machine.board_link(False, "unplugged", bench.t_ns)
+    bench.run(50)
+    bench.board.plugged = True
+    bench.machine.board_link(True, "plugged in", bench.t_ns)
+    bench.run(200)
+    bench.pad_speaks = False
+    bench.run(100)
+    bench.machine.trackpad_link(False, "unplugged", bench.t_ns)
+    bench.machine.trackpad_link(True, "another pad", bench.t_ns + MS, model="mt1")
+    bench.machine.stop(bench.t_ns + 2 * MS)
+    bench.machine.disconnect(bench.t_ns + 2 * MS)
+    recording.close(bench.t_ns + 2 * MS, "the test ended")
+    return path

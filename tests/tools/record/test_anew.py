@@ -1,0 +1,246 @@
+"""A recorder that comes in mid-session gets a recording that replays: the core begins anew when nobody touches.
+
+The daemon runs on this process's loop, over a simulated rig in real time that a person's fingers touch; recorders and
+clients are threads, and one that is killed a process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from hapticd.config.sections import Config
+from hapticd.daemon import recorder as recorders
+from hapticd.daemon import service
+from hapticd.daemon.service import ConfigLoader
+from hapticd.files.recording.reader import open_recording
+from hapticd.io.systemd import Notifier
+from hapticd.sim.rig.process import RigProcess
+from hapticd.tools.record.attach import BEGUN, LATE, WAITING, record
+from hapticd.tools.record.replay import replay
+from hapticd.tools.record.tracks import tracks
+from hapticd.tools.view.rig import PadHand
+from hapticd_client import Client
+
+PATIENCE_S = 20.0
+BEAT_S = 0.015
+STATES = 120  # more than a second of touching
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[RigProcess]:
+    with RigProcess("hands", 1) as running:
+        yield running
+
+
+@pytest.fixture
+def configuration(rig: RigProcess, tmp_path: Path) -> Config:
+    config = Config()
+    return replace(
+        config,
+        sim=replace(config.sim, rig_dir=str(rig.directory)),
+        trackpad=replace(config.trackpad, silence_ms=1000.0),  # this process may stall, and its fingers are no new ones
+        client=replace(config.client, runtime_dir=str(tmp_path / "run")),
+    )
+
+
+@contextmanager
+def hands(rig_dir: Path) -> Iterator[None]:
+    """Two fingers circle on the plate meanwhile."""
+    lifted = threading.Event()
+
+    def move() -> None:
+        with zmq.Context() as context:
+            hand = PadHand(context, rig_dir)
+            while not lifted.wait(BEAT_S):
+                turn = 6.0 * time.monotonic()
+                x_mm, y_mm = 15.0 * math.cos(turn), 15.0 * math.sin(turn)
+                hand.hold({"left": (x_mm - 30.0, y_mm), "right": (30.0 + x_mm, y_mm - 5.0)})
+            hand.hold({})
+            lifted.wait(BEAT_S)
+            hand.close()
+
+    moving = threading.Thread(target=move)
+    moving.start()
+    try:
+        yield
+    finally:
+        lifted.set()
+        moving.join()
+
+
+def work(runtime_dir: Path, rig_dir: Path, states: int = STATES, begun: threading.Event | None = None) -> set[int]:
+    """A client wants something of two fingers that come, tells so with `begun`, and releases them in the end; the
+    daemon's instances that it saw."""
+    with Client(runtime_dir, timeout_s=PATIENCE_S) as client, hands(rig_dir):
+        seen: set[int] = set()
+        for count, state in enumerate(client.states(timeout_s=PATIENCE_S)):
+            seen.add(state.instance)
+            free = [finger for finger in state.fingers if finger.target_um is None]
+            for number, finger in enumerate(free):
+                client.set(finger, amplitude_um=float(number))
+            if begun is not None and free:
+                begun.set()
+            if count > states and len(state.fingers) == 2:
+                break
+        client.release()
+    return seen
+
+
+class Recorder(threading.Thread):
+    """`hapticd record` on a thread of its own; `said` is what it told the person."""
+
+    def __init__(self, out: Path, config: Config, seconds: float) -> None:
+        super().__init__()
+        self.out = out
+        self.said: list[str] = []
+        self._arguments = out, Path(config.client.runtime_dir), seconds
+        self.start()
+
+    def run(self) -> None:
+        self.said.append(record(*self._arguments, say=self.said.append))
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+def run(config: Config, story: Callable[[], Any], reread: Callable[[], Config] | None = None) -> None:
+    """`hapticd run` with this configuration, while the story is told."""
+
+    async def served() -> None:
+        with ConfigLoader() as config_loader:
+            prepared = await asyncio.to_thread(config_loader.prepare, config)
+            serving = asyncio.create_task(service._serve(config_loader, prepared, Notifier({}), reread))
+            try:
+                await until(lambda: (Path(config.client.runtime_dir) / "control").is_socket() or serving.done())
+                await story()
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
+                await asyncio.wait_for(serving, PATIENCE_S)
+
+    asyncio.run(served())
+
+
+def judged(path: Path) -> Counter[str]:
+    """The kinds of its records, after it was replayed bit for bit."""
+    recording = open_recording(path)
+    outcome = replay(recording)
+    assert recording.is_whole
+    assert outcome.is_identical, outcome
+    return Counter(one.kind for one in recording.records())
+
+
+def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recording_replays(
+    configuration: Config, tmp_path: Path
+) -> None:
+    runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
+    instances: list[set[int]] = []
+
+    async def story() -> None:
+        begun = threading.Event()
+        touching = asyncio.create_task(asyncio.to_thread(work, runtime_dir, rig_dir, STATES, begun))
+        await until(begun.is_set)
+        late = Recorder(tmp_path / "a.hrec", configuration, 2.5)
+        await until(lambda: WAITING in late.said)
+        instances.append(await touching)
+        await until(lambda: BEGUN in late.said)
+        instances.append(await asyncio.to_thread(work, runtime_dir, rig_dir))
+        await until(lambda: not late.is_alive())
+        assert late.said[:2] == [WAITING, BEGUN]
+
+    run(configuration, story)
+    kinds = judged(tmp_path / "a.hrec")
+    assert kinds["reports"] > 20
+    assert kinds["targets"] + kinds["request"] > 0
+    assert kinds["watched"] > 0
+    assert len(instances[0]) == 1
+    assert not instances[0] & instances[1]
+
+    fingers = tracks(list(open_recording(tmp_path / "a.hrec").records()))
+    assert fingers.is_true
+    touched = fingers.target_um[:, ~(fingers.target_um != fingers.target_um).all(axis=0)]
+    assert set(touched[touched == touched].tolist()) == {0.0, 1.0}
+
+
+def test_one_after_another_and_one_that_is_killed_all_replay(
+    configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorders, "ANEW_EVERY_NS", 0)
+    runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
+    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.hrec"), "--runtime-dir"]
+    recording: list[dict[str, Any]] = []
+
+    def ask() -> None:
+        with Client(runtime_dir, timeout_s=PATIENCE_S) as client:
+            recording.append(client.status()["recording"])
+
+    def is_recorded() -> bool:
+        with Client(runtime_dir, timeout_s=PATIENCE_S) as client:
+            return "attached" in client.status().get("recording", {})
+
+    async def story() -> None:
+        for name in ("a", "b"):
+            whole = Recorder(tmp_path / f"{name}.hrec", configuration, 1.0)
+            await until(lambda whole=whole: BEGUN in whole.said)  # type: ignore[misc]
+            await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
+            await until(lambda whole=whole: not whole.is_alive())  # type: ignore[misc]
+        with subprocess.Popen([*command, str(runtime_dir)], stdout=subprocess.PIPE) as killed:
+            assert killed.stdout is not None
+            assert (await asyncio.to_thread(killed.stdout.readline)).decode().strip() in (WAITING, BEGUN)
+            await until(lambda: (tmp_path / "killed.hrec").exists())
+            await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
+            joined = Recorder(tmp_path / "joined.hrec", configuration, 0.2)
+            await asyncio.to_thread(ask)
+            await until(lambda: not joined.is_alive())
+            assert LATE in joined.said
+            killed.kill()
+        while await asyncio.to_thread(is_recorded):
+            pass
+        last = Recorder(tmp_path / "last.hrec", configuration, 0.5)
+        await until(lambda: not last.is_alive())
+        assert BEGUN in last.said
+
+    run(configuration, story)
+    for name in ("a", "b", "killed", "last"):
+        assert judged(tmp_path / f"{name}.hrec")["written"] > 10
+    assert not open_recording(tmp_path / "joined.hrec").is_whole
+    assert recording[0]["attached"]["is_whole"] is True
+    assert recording[0]["attached"]["bytes"] > 10_000
+    assert recording[0]["attached"]["dropped"] == 0
+
+
+def test_a_new_configuration_ends_the_recording_and_it_replays_to_its_end(
+    configuration: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "hapticd")
+    runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
+
+    async def story() -> None:
+        whole = Recorder(tmp_path / "a.hrec", configuration, 60.0)
+        await until(lambda: BEGUN in whole.said)
+        await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
+        os.kill(os.getpid(), signal.SIGHUP)
+        await until(lambda: not whole.is_alive())
+        await until(lambda: caplog.text.count("serving clients in") == 2)
+
+    run(configuration, story, lambda: configuration)
+    kinds = judged(tmp_path / "a.hrec")
+    assert (kinds["stop"], kinds["disconnect"], kinds["end"]) == (1, 1, 1)

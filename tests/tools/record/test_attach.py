@@ -1,0 +1,250 @@
+"""`hapticd record`: a running daemon tells all that it does to whoever asks, and builds nothing while nobody does."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+import zmq
+from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench
+
+from hapticd.__main__ import main
+from hapticd.board_values import BoardState
+from hapticd.config.sections import RecordConfig
+from hapticd.daemon.machine import Machine
+from hapticd.daemon.recorder import ANEW_EVERY_NS, Recorders
+from hapticd.errors import RecordingError
+from hapticd.files.recording.framing import SYNC, Scanner
+from hapticd.files.recording.header import Header, decode_header, header_of
+from hapticd.files.recording.reader import open_recording
+from hapticd.io.record_socket import NOW, WAITS, WHOLE, RecordSocket
+from hapticd.tools.record.attach import record
+from hapticd.tools.record.replay import replay
+
+STEP_S = 0.001
+TOOL = BoardState.TOOL.value
+
+
+def recorders(bench: Bench, directory: Path, config: RecordConfig) -> Recorders:
+    def header(machine: Machine, is_whole: bool) -> Header:
+        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+
+    return Recorders(bench.machine, config, directory, header)
+
+
+async def served(bench: Bench, ours: Recorders, until: threading.Thread) -> list[bool]:
+    """The bench's time goes on beside the loop; whether its machine had a observer, step by step."""
+    ours.start(asyncio.get_running_loop())
+    tapped = [bench.machine.observer is not None]
+    until.start()
+    while until.is_alive():
+        bench.run(1)
+        ours.sweep()
+        tapped.append(bench.machine.observer is not None)
+        await asyncio.sleep(STEP_S)
+    while ours.is_live:
+        ours.sweep()
+        await asyncio.sleep(STEP_S)
+    tapped.append(bench.machine.observer is not None)
+    ours.close(bench.t_ns)
+    return tapped
+
+
+def test_a_recorder_gets_everything_from_when_it_came_and_nothing_is_made_without_one(tmp_path: Path) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    said: list[str] = []
+    thread = threading.Thread(target=lambda: said.append(record(tmp_path / "a.hrec", tmp_path, 0.5, is_now=True)))
+    tapped = asyncio.run(served(bench, ours, thread))
+
+    recording = open_recording(tmp_path / "a.hrec")
+    kinds = [one.kind for one in recording.records()]
+    assert (tapped[0], tapped[-1]) == (False, False)
+    assert any(tapped)
+    assert {"reports", "pass", "written", "timer"} <= set(kinds)
+    assert not recording.losses.any
+    assert said[0].startswith(f"{tmp_path / 'a.hrec'}: {len(kinds)} records of ")
+    assert not (tmp_path / "record").exists()
+    with pytest.raises(RecordingError, match="begins when the daemon ran already"):
+        replay(recording)
+
+
+def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Path) -> None:
+    config = RecordConfig(file=str(tmp_path / "own.hrec"))
+    ours: list[Recorders] = []
+
+    def observer(machine: object) -> object:
+        def header(machine: Machine, is_whole: bool) -> Header:
+            return header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=is_whole)
+
+        ours.append(Recorders(machine, config, tmp_path, header))  # type: ignore[arg-type]
+        return machine.observer  # type: ignore[attr-defined]
+
+    bench = Bench(SLIPPERY, STICKY, observer=observer)  # type: ignore[arg-type]
+    bench.driven()
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 0.3))
+    tapped = asyncio.run(served(bench, ours[0], thread))
+
+    assert all(tapped)
+    own, other = (list(open_recording(tmp_path / name).records()) for name in ("own.hrec", "a.hrec"))
+    lines = [one.fields for one in own if one.kind == "written"]
+    assert [one.fields for one in other if one.kind == "written" and one.fields not in lines] == []
+    assert replay(open_recording(tmp_path / "own.hrec")).is_identical
+
+
+def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0, is_now=True))
+
+    async def stops() -> None:
+        ours.start(asyncio.get_running_loop())
+        thread.start()
+        while not ours.is_live:
+            ours.sweep()
+            await asyncio.sleep(STEP_S)
+        bench.run(50)
+        bench.machine.stop(bench.t_ns)
+        await asyncio.sleep(STEP_S)
+        ours.close(bench.t_ns)
+
+    asyncio.run(stops())
+    thread.join(20.0)
+    kinds = [one.kind for one in open_recording(tmp_path / "a.hrec").records()]
+    assert "stop" in kinds
+    assert kinds[-1] == "end"
+
+
+class Wire:
+    """A record socket without one: what is sent, in order, and who comes and goes when the test says so."""
+
+    def __init__(self, ours: Recorders, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.sent: list[bytes] = []
+        monkeypatch.setattr(RecordSocket, "send", lambda _, record: self.sent.append(record))
+        self.comes = ours._on_recorder
+
+
+def test_another_core_begins_for_who_waits_and_not_again_within_some_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    wire = Wire(ours, monkeypatch)
+    assert not ours.is_due(bench.t_ns)
+
+    wire.comes(WHOLE, True)
+    assert wire.sent == [WAITS]
+    assert ours.is_due(bench.t_ns)
+    assert ours.told() == {"waits": True}
+    assert bench.machine.observer is None
+    second = Bench().machine
+    ours.begin(second, bench.t_ns)
+    assert second.observer is not None
+    assert not ours.waits
+    assert ours.told() == {"attached": {"is_whole": True, "bytes": len(wire.sent[1]), "dropped": 0}}
+    wire.comes(WHOLE, True)  # another: it joins
+    assert len(wire.sent) == 3
+    wire.comes(WHOLE, False)
+    assert second.observer is None
+
+    wire.comes(WHOLE, True)
+    assert not ours.is_due(bench.t_ns + ANEW_EVERY_NS - 1)
+    assert ours.is_due(bench.t_ns + ANEW_EVERY_NS)
+    wire.comes(WHOLE, False)
+    assert not ours.is_due(bench.t_ns + ANEW_EVERY_NS)
+
+
+def test_nobody_who_records_is_ended_by_who_comes_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    own = recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "own.hrec")))
+    wire = Wire(own, monkeypatch)
+    wire.comes(WHOLE, True)
+    assert not own.waits
+    assert not decode_header(next(Scanner().feed(wire.sent[0])).body).is_whole
+    assert {*own.told()} == {"file", "attached"}
+    wire.comes(WHOLE, False)
+    own.close(bench.t_ns)
+
+    ours = recorders(bench, tmp_path, RecordConfig())
+    ours._on_recorder(NOW, True)
+    ours._on_recorder(WHOLE, True)
+    assert not ours.waits
+    ours._on_recorder(NOW, False)
+    assert ours.is_live  # the other one is still there
+
+
+def test_a_machine_is_used_by_fingers_by_wishes_and_by_a_person_at_the_bench() -> None:
+    bench = Bench()
+    bench.run(200)
+    assert bench.machine.is_unused
+    bench.want({7: 1.0}, ttl_s=0.5)  # of a finger that is not there yet
+    assert not bench.machine.is_unused
+    bench.run(600)
+    assert bench.machine.is_unused
+    bench.board.state = TOOL
+    bench.board.status()
+    bench.run(10)
+    assert not bench.machine.is_unused
+
+    touched = Bench(SLIPPERY, STICKY).driven()
+    assert not touched.machine.is_unused
+
+
+def test_records_begin_with_what_recorders_subscribe_to() -> None:
+    assert WHOLE == SYNC
+    assert not WAITS.startswith(SYNC)
+
+
+def test_without_a_place_for_its_file_the_daemon_goes_on(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(SLIPPERY)
+    recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "no" / "where.hrec")))
+
+    assert bench.machine.observer is None
+    assert [one.getMessage() for one in caplog.records if "the touch goes on" in one.getMessage()]
+
+
+def test_no_daemon_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapticd.tools.record.attach.HEADER_WITHIN_S", 0.05)
+
+    assert main(["record", str(tmp_path / "a.hrec"), "--runtime-dir", str(tmp_path)]) == 2
+    assert "No hapticd answers" in capsys.readouterr().err
+    assert not (tmp_path / "a.hrec").exists()
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
+def test_a_senseless_time_is_one_sentence(seconds: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["record", str(tmp_path / "a.hrec"), f"--seconds={seconds}"]) == 2
+    assert "--seconds" in capsys.readouterr().err
+
+
+def test_who_comes_and_goes_all_the_time_makes_few_headers(tmp_path: Path) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    made: list[bool] = []
+
+    def header(machine: Machine, is_whole: bool) -> Header:
+        made.append(is_whole)
+        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+
+    ours = Recorders(bench.machine, RecordConfig(), tmp_path, header)
+
+    async def harried() -> None:
+        ours.start(asyncio.get_running_loop())
+        context = zmq.Context()
+        with context.socket(zmq.XSUB) as socket:
+            socket.linger = 0
+            socket.connect(f"ipc://{tmp_path / 'record'}")
+            for _ in range(200):
+                socket.send(b"\x01")
+                socket.send(b"\x00")
+            socket.send(b"\x01")
+            while not ours.is_live or await asyncio.to_thread(socket.poll, 20) == 0:
+                ours.sweep()
+        context.term()
+        ours.close(bench.t_ns)
+
+    asyncio.run(asyncio.wait_for(harried(), 30.0))
+    assert 1 <= len(made) <= 2 + 401 // 64

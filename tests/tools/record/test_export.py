@@ -1,0 +1,152 @@
+"""Other programs' formats, opened by those programs; and the picture."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.errors import RecordingError
+from hapticd.files.recording.reader import open_recording
+from hapticd.tools.record import export, picture
+from hapticd.tools.record.tables import TABLES, tables
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_tables_hold_what_the_records_do(strokes: Path) -> None:
+    recording = open_recording(strokes)
+    records = list(recording.records())
+    found = tables(recording)
+    passes = [record for record in records if record.kind == "pass"]
+
+    assert len(found["passes"]["t_ns"]) == len(passes)
+    assert len(found["fingers"]["x_mm"]) == sum(len(record.fields[5]) for record in passes)
+    assert len(found["references"]["mode"]) == 2 * sum(len(record.fields[9]) for record in passes)
+    assert set(found["targets"]["finger"]) == {"1", "2"}
+    assert set(found["targets"]["target_um"]) == {0.0, 1.0}
+    assert np.abs(np.hypot(found["truth"]["plate_d_um"], found["truth"]["plate_q_um"])).max() < 4.4
+    late_ms = found["ledger"]["late_ns"] * 1e-6
+    assert np.abs(late_ms).max() < 1.0
+    for name, table in found.items():
+        assert list(table) == ["t_s", "t_ns", *TABLES[name]]
+        np.testing.assert_allclose(table["t_s"], (table["t_ns"] - recording.header.t_start_ns) * 1e-9)
+
+
+def test_every_table_is_filled_by_some_event(strokes: Path, eventful: Path) -> None:
+    filled = set(tables(open_recording(strokes))) | set(tables(open_recording(eventful)))
+
+    assert filled == set(TABLES)
+    markers = tables(open_recording(eventful))["markers"]
+    assert (list(markers["client"]), list(markers["text"])) == (["test"], ["trial 1 begins"])
+
+
+def test_pandas_reads_the_csv(tmp_path: Path, eventful: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(eventful), "--csv", str(tmp_path / "out")]) == 0
+
+    found = tables(open_recording(eventful))
+    for name, table in found.items():
+        frame = pandas.read_csv(tmp_path / "out" / f"{name}.csv")
+        assert list(frame) == list(table)
+        np.testing.assert_array_equal(frame["t_ns"], table["t_ns"])
+    messages = pandas.read_csv(tmp_path / "out" / "messages.csv")["message_json"].map(json.loads)
+    assert {"v", "client", "ttl_s", "targets"} <= set(messages[0])
+    assert isinstance(messages.iloc[-1], dict)
+    header = json.loads((tmp_path / "out" / "header.json").read_text(encoding="utf-8"))
+    assert "[solver]" in header["config_toml"]
+    assert "passes" in capsys.readouterr().out
+
+
+def test_a_full_disk_under_the_hdf5_is_one_line(strokes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(strokes), "--hdf5", "/dev/full"]) == 2
+    assert capsys.readouterr().err == "hapticd: /dev/full: cannot be written (No space left on device).\n"
+
+
+def test_pandas_and_h5py_read_the_hdf5(tmp_path: Path, strokes: Path) -> None:
+    path = tmp_path / "out.h5"
+    assert main(["export", str(strokes), "--hdf5", str(path)]) == 0
+
+    with h5py.File(path) as file:
+        assert file.attrs["trackpad_model"] == "mt2-usb"
+        assert "_um: micrometres peak to peak" in file.attrs["units"]
+        for name, table in tables(open_recording(strokes)).items():
+            frame = pandas.DataFrame(file[name][:])
+            assert list(frame) == list(table)
+            numbers = [column for column, values in table.items() if values.dtype.kind in "if"]
+            for column in numbers:
+                np.testing.assert_array_equal(frame[column], table[column])
+        assert set(file["passes"]["state"]) <= {b"IDLE", b"ARMED", b"ACTIVE", b"STOPPED"}
+
+
+def test_pandas_reads_the_parquet(tmp_path: Path, strokes: Path) -> None:
+    assert main(["export", str(strokes), "--parquet", str(tmp_path)]) == 0
+
+    for name, table in tables(open_recording(strokes)).items():
+        frame = pandas.read_parquet(tmp_path / f"{name}.parquet")
+        for column, values in table.items():
+            assert (
+                frame[column].tolist() == pytest.approx(values.tolist(), nan_ok=True)
+                if values.dtype.kind == "f"
+                else (frame[column].tolist() == values.tolist())
+            )
+
+
+@pytest.mark.parametrize(("library", "flag"), [("h5py", "--hdf5"), ("pyarrow", "--parquet")])
+def test_a_missing_library_is_one_sentence_that_says_what_installs_it(
+    library: str,
+    flag: str,
+    tmp_path: Path,
+    strokes: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+
+    assert main(["export", str(strokes), flag, str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert 'pip install "hapticd[export]"' in said
+
+
+@pytest.mark.parametrize("form", ["--csv", "--hdf5", "--parquet"])
+def test_a_place_that_cannot_be_written_is_one_sentence(
+    form: str, tmp_path: Path, strokes: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+
+    assert main(["export", str(strokes), form, str(tmp_path / "file" / "below")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "cannot be written" in said
+
+
+def test_the_picture_is_drawn_with_truth_and_without(tmp_path: Path, strokes: Path, eventful: Path) -> None:
+    for recording in (strokes, eventful):
+        out = tmp_path / f"{recording.stem}.png"
+        assert main(["plot", str(recording), str(out)]) == 0
+        assert out.read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("span", [("9", "10"), ("1", "0.5"), ("nan", "1"), ("0", "inf")])
+def test_a_part_that_is_not_there_is_one_sentence(
+    span: tuple[str, str], tmp_path: Path, strokes: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plot", str(strokes), str(tmp_path / "a.png"), "--from", span[0], "--to", span[1]]) == 2
+    assert "there is nothing" in capsys.readouterr().err
+
+
+def test_a_recording_without_a_pass_has_no_picture(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="nothing to draw"):
+        picture.draw({}, tmp_path / "a.png")
+
+
+def test_what_is_told_beside_the_tables_names_version_date_and_units(eventful: Path) -> None:
+    beside = export.described(open_recording(eventful))
+
+    assert set(beside) == {"hapticd", "started_utc", "t_start_ns", "trackpad_model", "config_toml", "units"}

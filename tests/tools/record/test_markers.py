@@ -1,0 +1,63 @@
+"""Markers: from a client's call to the states of all clients and into the recording."""
+
+from __future__ import annotations
+
+import msgpack
+import pytest
+from machine_bench import SLIPPERY, Bench
+
+import hapticd_client
+from hapticd.daemon.client_gateway import MAX_MARKERS
+from hapticd.errors import RequestError
+from hapticd.wire.client import MAX_MARKER_CHARACTERS, Marker, decode_request
+from hapticd_client.messages import decode_state
+
+
+def states(bench: Bench) -> list[bytes]:
+    published: list[bytes] = []
+    bench.machine.publish = published.append
+    return published
+
+
+def test_a_marker_is_in_the_next_state_and_in_no_other() -> None:
+    bench = Bench(SLIPPERY)
+    published = states(bench)
+    reply = bench.ask("marker", client="study", text="trial 1 begins")
+    bench.run(60)
+
+    assert reply["ok"]
+    told = [state.markers for state in map(decode_state, published)]
+    assert told[0] == (hapticd_client.Marker(reply["body"]["t_ns"], "study", "trial 1 begins"),)
+    assert not any(told[1:])
+    assert b"markers" not in published[-1]
+
+
+def test_markers_that_nobody_reads_do_not_pile_up() -> None:
+    bench = Bench(SLIPPERY)
+    for _ in range(2 * MAX_MARKERS):
+        bench.ask("marker", client="study", text="again")
+    assert len(bench.machine.clients.markers) == MAX_MARKERS
+    bench.run(60)
+    assert bench.machine.clients.markers == []
+
+
+def test_a_marker_changes_nothing_of_what_its_client_holds() -> None:
+    bench = Bench(SLIPPERY)
+    bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])
+    bench.ask("marker", client="study", text="later")
+    assert bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])["ok"]
+
+
+@pytest.mark.parametrize("text", ["", "x" * (MAX_MARKER_CHARACTERS + 1), "line\nbreak", 7, None, b"bytes"])
+def test_a_text_that_is_none_is_refused_in_a_sentence(text: object) -> None:
+    payload = msgpack.packb({"v": 1, "id": 1, "op": "marker", "body": {"client": "study", "text": text}})
+
+    with pytest.raises(RequestError, match=r"body\.text"):
+        decode_request(payload)
+
+
+def test_the_longest_text_is_taken() -> None:
+    text = "x" * MAX_MARKER_CHARACTERS
+    payload = msgpack.packb({"v": 1, "id": 1, "op": "marker", "body": {"client": "study", "text": text}})
+
+    assert decode_request(payload).body == Marker("study", text)

@@ -1,0 +1,123 @@
+"""Other settings on the same recording: what is unchanged gives the recorded, and a worse predictor leaks more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.config.sections import Config
+from hapticd.errors import ConfigError, RecordingError
+from hapticd.files.recording.reader import open_recording
+from hapticd.files.recording.records import Record
+from hapticd.tools.record.tracks import tracks
+from hapticd.tools.record.whatif import _recorded, changed, compare, in_force_um, rehearse
+
+
+def test_unchanged_settings_make_the_recorded_references(strokes: Path) -> None:
+    recording = open_recording(strokes)
+    records = list(recording.records())
+
+    assert rehearse(recording, records, recording.header.config) == _recorded(records)
+
+
+def test_a_worse_predictor_leaks_more_at_the_true_positions(strokes: Path) -> None:
+    fingers, judged = compare(open_recording(strokes), ["prediction.name=hold", "solver.fade=0"])
+    leak_um = {one.name: one.score.leak_um for one in judged}
+
+    assert fingers.is_true
+    assert list(leak_um) == ["as recorded", "prediction.name=hold", "solver.fade=0", "all of these"]
+    assert leak_um["prediction.name=hold"] > 3 * leak_um["as recorded"]
+    assert leak_um["as recorded"] < 0.1
+
+
+def test_the_ideal_loop_is_near_what_the_plate_did(strokes: Path) -> None:
+    recording = open_recording(strokes)
+    fingers, judged = compare(recording, ["solver.fade=5"])
+    assert fingers.got_um is not None
+    still = (fingers.target_um == 0.0) & (fingers.t_ns > fingers.t_ns[0] + 800_000_000)[:, None]
+    got_um = float(np.sqrt(np.nanmean(np.abs(fingers.got_um[still]) ** 2)))
+
+    assert got_um == pytest.approx(judged[0].score.leak_um, abs=0.03)
+    assert judged[1].score.leak_um == judged[0].score.leak_um  # 5 is the default
+
+
+def test_without_truth_the_pads_own_samples_stand_for_it(strokes: Path) -> None:
+    records = [record for record in open_recording(strokes).records() if record.kind != "truth"]
+    true, seen = tracks(list(open_recording(strokes).records())), tracks(records)
+
+    assert not seen.is_true
+    assert seen.got_um is None
+    common_ns, of_true, of_seen = np.intersect1d(true.t_ns // 1_000_000, seen.t_ns // 1_000_000, return_indices=True)
+    away_mm = np.hypot(*np.moveaxis(true.position_mm[of_true] - seen.position_mm[of_seen], -1, 0))
+    assert len(common_ns) > 500
+    assert np.nanmedian(away_mm) < 0.3
+
+
+def test_a_recorder_that_came_late_counts_its_fingers_anew(strokes: Path) -> None:
+    """From a moment without fingers on: ids of the recording are by one larger than those of the core that joins."""
+    recording = open_recording(strokes)
+
+    def later(record: Record) -> Record:
+        if record.kind == "pass":
+            fingers = [[finger[0] + 1, *finger[1:]] for finger in record.fields[5]]
+            return record._replace(fields=(*record.fields[:5], fingers, *record.fields[6:]))
+        if record.kind == "targets":
+            payload = (
+                record.fields[1]
+                .replace(b"\xa6finger\x02", b"\xa6finger\x03")
+                .replace(b"\xa6finger\x01", b"\xa6finger\x02")
+            )
+            return record._replace(fields=(record.fields[0], payload, record.fields[2]))
+        return record
+
+    records = [later(record) for record in recording.records()]
+
+    assert rehearse(recording, records, recording.header.config) == _recorded(records)
+
+
+def test_a_polyline_holds_its_last_knot_until_the_next_begins() -> None:
+    made = [(10, ((0, (1 + 0j,)), (10, (3 + 2j,)))), (40, ((0, (0j,)),))]
+    t_ns = np.array([0, 10, 15, 20, 39, 40, 99])
+
+    assert in_force_um(t_ns, made, 1)[:, 0].tolist() == [0, 1, 2 + 1j, 3 + 2j, 3 + 2j, 0, 0]
+
+
+def test_a_change_is_a_key_of_the_configuration() -> None:
+    config = changed(Config(), ["prediction.name = linear", "solver.fade=0", "limits.w_limit_um=[3.0, 2.0]"])
+
+    assert (config.prediction.name, config.solver.fade, config.limits.w_limit_um) == ("linear", 0.0, (3.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "",
+        "fade=1",
+        "solver.fade",
+        "solver.fade=-1",
+        "solver.fad=1",
+        "solver.policy=x",
+        "=.=",
+        "plate.finger_decay_1_s=1",
+    ],
+)
+def test_a_change_that_cannot_be_is_one_sentence(change: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        changed(Config(), [change])
+    assert str(refused.value).startswith("--set")
+
+
+def test_nobody_to_judge_is_one_sentence() -> None:
+    with pytest.raises(RecordingError, match="no fingers to judge"):
+        tracks([])
+
+
+def test_the_command_shows_a_table(strokes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(strokes), "--set", "prediction.name=hold"]) == 0
+    said = capsys.readouterr().out.splitlines()
+
+    assert [line.split("  ")[0] for line in said[1:3]] == ["as recorded", "prediction.name=hold"]
+    assert "the plate is not there" in said[-1]

@@ -1,0 +1,114 @@
+"""What goes out, byte by byte, and that it arrives as PlotJuggler's subscriber takes it."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from stream.told import FakeDaemon, finger, plate_state, state_fields
+
+from hapticd.errors import UsageError
+from hapticd.tools.stream import plotjuggler
+from hapticd.tools.stream.samples import Sampler
+
+# One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
+# cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
+GOLDEN = (
+    "de0019"  # 25 pairs
+    "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
+    "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
+    "a3736571" "01"
+    "a57374617465" "02"  # state ACTIVE
+    "a76c696d69746564" "c2"  # limited false
+    "a9636f6e646974696f6e" "c0"  # condition nil
+    "a66167655f6d73" "cb4024000000000000"  # age_ms 10
+    "aa686f72697a6f6e5f6d73" "cb4030800000000000"  # horizon_ms 16.5
+    "a766696e67657273" "01"
+    "a76d61726b657273" "00"
+    "ab6d6f64655f305f645f756d" "cb3ff8000000000000"  # mode_0_d_um 1.5
+    "ab6d6f64655f305f715f756d" "cb0000000000000000"
+    "b46d6f64655f305f6d656173757265645f645f756d" "cb3ff4000000000000"  # mode_0_measured_d_um 1.25
+    "b46d6f64655f305f6d656173757265645f715f756d" "cb3fe0000000000000"
+    "ab6d6f64655f315f645f756d" "cbbfe0000000000000"  # mode_1_d_um -0.5
+    "ab6d6f64655f315f715f756d" "cb3fd0000000000000"
+    "b46d6f64655f315f6d656173757265645f645f756d" "cbbfe0000000000000"
+    "b46d6f64655f315f6d656173757265645f715f756d" "cb0000000000000000"
+    "ab66696e6765725f315f6964" "03"  # finger_1_id 3
+    "ad66696e6765725f315f785f6d6d" "cbc034800000000000"  # finger_1_x_mm -20.5
+    "ad66696e6765725f315f795f6d6d" "cb4000000000000000"  # finger_1_y_mm 2
+    "b766696e6765725f315f7072656469637465645f785f6d6d" "c0"
+    "b766696e6765725f315f7072656469637465645f795f6d6d" "c0"
+    "b266696e6765725f315f7461726765745f756d" "cb3ff0000000000000"  # finger_1_target_um 1
+    "b466696e6765725f315f61636869657665645f756d" "c0"
+)  # fmt: skip
+
+
+def test_a_state_is_these_bytes() -> None:
+    row = Sampler(1).row(plate_state(finger(3, -20.5, target_um=1.0)), 0)
+    assert plotjuggler.encode(row).hex() == GOLDEN
+
+
+def curves(payload: bytes) -> dict[str, float]:
+    """What PlotJuggler 3's parser makes of a message: numbers and truth values by name; all else is passed over."""
+    message: dict[str, Any] = msgpack.unpackb(payload)
+    return {f"/{key}": float(value) for key, value in message.items() if isinstance(value, (int, float))}
+
+
+def test_the_message_is_flat_and_all_its_values_are_finite_numbers_or_nothing() -> None:
+    payload = plotjuggler.encode(Sampler(5).row(plate_state(finger(3), finger("walker", math.nan)), 10**18))
+    message = msgpack.unpackb(payload)
+    assert all(isinstance(key, str) for key in message)
+    assert all(value is None or isinstance(value, (bool, int, float)) for value in message.values())
+    assert all(map(math.isfinite, curves(payload).values()))
+    assert "/finger_5_x_mm" not in curves(payload)
+
+
+def test_every_state_reaches_a_subscriber_of_everything_in_one_part(fake_daemon: FakeDaemon) -> None:
+    ended = threading.Event()
+    context = zmq.Context()
+
+    def run() -> None:
+        plotjuggler.run(str(fake_daemon.directory), address, 2, ended.is_set)
+
+    address = f"ipc://{fake_daemon.directory / 'plot'}"
+    stream = threading.Thread(target=run)
+    stream.start()
+    try:
+        fake_daemon.wait_for_subscriber()
+        plot = context.socket(zmq.SUB)
+        plot.connect(address)
+        plot.subscribe(b"")
+        told = 0
+        while not plot.poll(20):  # until the subscription has arrived
+            told += 1
+            fake_daemon.tell(state_fields(told))
+        first = msgpack.unpackb(plot.recv())["seq"]
+        for seq in range(told + 1, told + 21):
+            fake_daemon.tell(state_fields(seq))
+        heard = []
+        while not heard or heard[-1] < told + 20:
+            assert plot.poll(10_000), f"only {heard}"
+            parts = plot.recv_multipart()
+            assert len(parts) == 1
+            heard.append(msgpack.unpackb(parts[0])["seq"])
+        assert heard == list(range(first + 1, told + 21))
+        plot.close(0)
+    finally:
+        ended.set()
+        stream.join()
+        context.term()
+
+
+def test_an_address_that_cannot_be_had_is_one_sentence() -> None:
+    context = zmq.Context()
+    try:
+        with plotjuggler.Publisher(context, "tcp://127.0.0.1:*") as first:
+            for address in (first.address, "tcp://127.0.0.1", "127.0.0.1:9872", "tcp://nowhere.invalid:1"):
+                with pytest.raises(UsageError, match=r"^--bind .*: cannot be had \(.*\): give an address such as tcp"):
+                    plotjuggler.Publisher(context, address)
+    finally:
+        context.term()

@@ -1,0 +1,137 @@
+"""Metrics as Prometheus reads them: valid, in base units, true to the daemon's status, and of the scrape's moment."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import urllib.request
+from typing import Any
+
+import pytest
+from machine_bench import SLIPPERY, STICKY, Bench
+from prometheus_client import CollectorRegistry
+from prometheus_client.exposition import generate_latest
+from prometheus_client.parser import text_string_to_metric_families
+from stream.told import FakeDaemon
+
+from hapticd.core.board.ledger import Histogram
+from hapticd.daemon import status
+from hapticd.errors import UsageError
+from hapticd.tools.stream import prometheus
+from hapticd.tools.stream.metrics import COUNTERS, GAUGES, LOST_MESSAGES, SPANS, histogram
+
+
+@pytest.fixture(scope="module")
+def told() -> Any:
+    """The status of a machine that drives two fingers."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.status()
+    bench.run(300)
+    return status.collect(bench.machine, bench.t_ns)
+
+
+def scraped(answer: Any) -> dict[str, float]:
+    """What a scrape gives, as Prometheus' own parser reads it: values by name and labels."""
+    registry = CollectorRegistry()
+    registry.register(prometheus.StatusCollector(lambda: answer))
+    return parsed(generate_latest(registry).decode())
+
+
+def parsed(text: str) -> dict[str, float]:
+    values = {}
+    for family in text_string_to_metric_families(text):
+        for sample in family.samples:
+            labels = ",".join(f'{key}="{value}"' for key, value in sorted(sample.labels.items()))
+            values[f"{sample.name}{{{labels}}}" if labels else sample.name] = sample.value
+    return values
+
+
+def test_what_the_daemon_says_is_there_in_base_units(told: Any) -> None:
+    values = scraped(told)
+    assert values["hapticd_up"] == 1
+    assert values["hapticd_fingers"] == 2
+    assert values['hapticd_state{hapticd_state="ACTIVE"}'] == 1
+    assert sum(value for name, value in values.items() if name.startswith("hapticd_state{")) == 1
+    assert values["hapticd_trackpad_silent_seconds"] == pytest.approx(told["trackpad"]["silent_ms"] * 1e-3)
+    assert values['hapticd_touch_events_total{event="solves"}'] == told["touch"]["solves"] > 0
+    assert values['hapticd_trackpad_reports_total{kind="frames"}'] == told["trackpad"]["reports"]["frames"] > 0
+    assert values['hapticd_mode_limit_meters{mode="1"}'] == pytest.approx(told["board"]["w_limit_um"][1] * 1e-6)
+    d_um, q_um = told["board"]["measured_um"][0]
+    assert values['hapticd_mode_displacement_meters{mode="0"}'] == pytest.approx(abs(complex(d_um, q_um)) * 1e-6)
+
+
+def test_every_number_of_the_status_is_a_metric(told: Any) -> None:
+    """One that is added to the status shall not be forgotten here."""
+    known = {figure.path for figure in (*GAUGES, *COUNTERS)} | {f"clients.{why}" for why in LOST_MESSAGES}
+    for section in ("telemetry", "clients", "board", "timing", "real_time"):
+        for key, value in told[section].items():
+            assert not isinstance(value, (int, float)) or f"{section}.{key}" in known
+
+
+def test_a_histogram_is_counted_exactly_and_summed_to_three_percent() -> None:
+    spans_ns = [0, 5, 31, 8191, 8192, 20_000, 1_000_000, 1_048_575, 1_048_576, 11_250_000, 2_000_000_000]
+    histogram_ns = Histogram()
+    for span_ns in spans_ns:
+        histogram_ns.add(span_ns)
+    metric = histogram("h_seconds", "", status.histogram_fields(histogram_ns))
+    buckets = {float(s.labels["le"]): s.value for s in metric.samples if s.name == "h_seconds_bucket"}
+    for edge_s, count in buckets.items():
+        assert count == sum(span_ns * 1e-9 < edge_s for span_ns in spans_ns), edge_s
+    by_name = {sample.name: sample.value for sample in metric.samples}
+    assert by_name["h_seconds_count"] == len(spans_ns)
+    assert by_name["h_seconds_sum"] == pytest.approx(sum(spans_ns) * 1e-9, rel=0.032)
+
+
+def test_histograms_come_with_the_daemon_s_own_counts(told: Any) -> None:
+    values = scraped(told)
+    for key, one in told["timing"]["histograms"].items():
+        name = SPANS[key][0]
+        assert values[f"hapticd_{name}_seconds_count"] == one["count"]
+        assert values[f'hapticd_{name}_seconds_bucket{{le="+Inf"}}'] == one["count"]
+
+
+def test_a_daemon_that_is_gone_is_down_and_nothing_else() -> None:
+    assert scraped(None) == {"hapticd_up": 0.0}
+
+
+@pytest.mark.parametrize(
+    "answer", [{}, {"board": None, "timing": 3}, {"state": "NEW", "touch": {"frames": "many"}, "trackpad": []}]
+)
+def test_an_answer_of_another_version_is_no_error(answer: Any) -> None:
+    assert scraped(answer)["hapticd_up"] == 1
+
+
+def test_the_daemon_is_asked_at_each_scrape_and_only_then(fake_daemon: FakeDaemon) -> None:
+    addresses: list[str] = []
+    ended, served = threading.Event(), threading.Event()
+
+    def wait() -> None:
+        served.set()
+        ended.wait()
+
+    def run() -> None:
+        prometheus.run(str(fake_daemon.directory), "127.0.0.1", 0, wait, addresses.append)
+
+    stream = threading.Thread(target=run)
+    stream.start()
+    try:
+        assert served.wait(10)
+        for fingers in (1, 2):
+            page: list[bytes] = []
+            scrape = threading.Thread(target=lambda: page.append(urllib.request.urlopen(addresses[0]).read()))  # noqa: B023
+            scrape.start()
+            assert fake_daemon.answer({"fingers": fingers}) == "status"
+            scrape.join()
+            assert parsed(page[0].decode())["hapticd_fingers"] == fingers
+        assert not fake_daemon.control.poll(0)
+    finally:
+        ended.set()
+        stream.join()
+
+
+def test_a_port_that_is_taken_is_one_sentence(fake_daemon: FakeDaemon) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(UsageError, match=r"cannot be had .*: choose another"):
+            prometheus.run(str(fake_daemon.directory), "127.0.0.1", taken.getsockname()[1], lambda: None)

@@ -1,0 +1,94 @@
+"""Rows of numbers: the same columns whoever touches, each finger in one place from its landing to its lift."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from stream.told import finger, plate_state
+
+from hapticd.core.board.supervisor import State
+from hapticd.tools.stream.samples import STATES, Sampler
+from hapticd.tools.stream.slots import Slots
+from hapticd_client import Marker
+
+
+def test_the_states_are_numbered_as_the_daemon_has_them() -> None:
+    assert {State.IDLE.name, State.ARMED.name, State.ACTIVE.name, State.FAULT.name, State.STOPPED.name} == set(STATES)
+
+
+def test_columns_do_not_depend_on_who_touches() -> None:
+    sampler = Sampler(2)
+    rows = [
+        sampler.row(plate_state(), 0),
+        sampler.row(plate_state(finger(3, 1.0)), 0),
+        sampler.row(plate_state(finger(3, 1.0), finger(4, 2.0), finger(5, 3.0)), 0),
+    ]
+    assert len({tuple(row) for row in rows}) == 1
+    assert [row["finger_1_x_mm"] for row in rows] == [None, 1.0, 1.0]
+    assert [row["fingers"] for row in rows] == [0, 1, 3]
+
+
+def test_a_finger_keeps_its_curve_when_an_older_one_lifts() -> None:
+    sampler = Sampler(2)
+    sampler.row(plate_state(finger(3), finger(4, 4.0)), 0)
+    alone = sampler.row(plate_state(finger(4, 4.0)), 0)
+    assert (alone["finger_1_id"], alone["finger_2_id"]) == (None, 4)
+    joined = sampler.row(plate_state(finger(4, 4.0), finger(9)), 0)
+    assert (joined["finger_1_id"], joined["finger_2_id"]) == (9, 4)
+
+
+def test_another_daemon_s_fingers_are_others() -> None:
+    sampler = Sampler(1)
+    sampler.row(plate_state(finger(3)), 0)
+    assert sampler.row(plate_state(finger(1, 8.0), finger(3), instance=8), 0)["finger_1_id"] == 1
+
+
+def test_a_virtual_finger_has_its_name_and_no_place() -> None:
+    row = Sampler(1).row(plate_state(finger("walker", 5.0, target_um=0.0)), 0)
+    assert row["virtual/walker/x_mm"] == 5.0
+    assert row["virtual/walker/target_um"] == 0.0
+    assert row["finger_1_id"] is None
+    assert row["fingers"] == 0
+
+
+def test_time_is_that_of_the_wall_clock_and_of_the_daemon() -> None:
+    row = Sampler(1).row(plate_state(), 1_700_000_000_000_000_000)
+    assert row["t_s"] == 5.01
+    assert row["timestamp"] == pytest.approx(1_700_000_005.01, abs=1e-6)
+
+
+def test_markers_are_counted() -> None:
+    sampler = Sampler(1)
+    marker = Marker(1, "study", "trial 1")
+    told = [sampler.row(plate_state(markers=markers), 0)["markers"] for markers in ((), (marker, marker), ())]
+    assert told == [0, 2, 2]
+
+
+def test_what_is_no_number_is_empty() -> None:
+    row = Sampler(1).row(plate_state(finger(3, math.nan, target_um=math.inf)), 0)
+    assert row["finger_1_x_mm"] is None
+    assert row["finger_1_target_um"] is None
+    assert row["condition"] is None
+
+
+def test_a_mode_has_what_is_asked_of_it_and_what_was_measured() -> None:
+    row = Sampler(1).row(plate_state(), 0)
+    asked = [row[f"mode_1_{name}_um"] for name in ("d", "q", "measured_d", "measured_q")]
+    assert asked == [-0.5, 0.25, -0.5, 0.0]
+
+
+@given(st.lists(st.sets(st.integers(1, 8)), max_size=12), st.integers(1, 4))
+def test_places_hold_only_fingers_that_are_down_each_once_and_for_as_long_as_it_is_down(
+    hands: list[set[int]], count: int
+) -> None:
+    slots, before = Slots(count), [None] * count
+    for down in hands:
+        held = slots.assign(sorted(down))
+        ids = [one for one in held if one is not None]
+        assert len(ids) == len(set(ids)) == min(count, len(down))
+        assert set(ids) <= down
+        assert all(now == then for now, then in zip(held, before, strict=True) if then in down)
+        before = list(held)

@@ -1,0 +1,67 @@
+"""States from the daemon's socket: all of them, in order, over its restarts, and read from what it really sends."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from machine_bench import SLIPPERY, STICKY, Bench
+from stream.fake_lsl import FakeLsl
+from stream.told import FakeDaemon, state_fields
+
+from hapticd.tools.stream import lsl, states
+from hapticd.tools.stream.samples import Sampler
+from hapticd_client.messages import PlateState, decode_state
+
+
+def test_what_the_daemon_sends_becomes_a_row_with_both_fingers() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    sent: list[bytes] = []
+    bench.machine.publish = sent.append
+    bench.run(100)
+    sampler = Sampler(2)
+    rows = [sampler.row(decode_state(payload), 0) for payload in sent]
+    assert len({tuple(row) for row in rows}) == 1
+    assert all(row["state"] == 2 for row in rows)
+    assert {rows[-1]["finger_1_id"], rows[-1]["finger_2_id"]} == {1, 2}
+    assert {rows[-1]["finger_1_target_um"], rows[-1]["finger_2_target_um"]} == {0.0, 1.0}
+    assert all(isinstance(rows[-1][f"mode_{mode}_d_um"], float) for mode in (0, 1))
+
+
+def test_a_silent_daemon_is_said_once_and_its_return_too(
+    fake_daemon: FakeDaemon, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(states, "POLL_S", 0.02)
+    monkeypatch.setattr(states, "SILENT_S", 0.0)
+    heard: list[PlateState] = []
+    polls = iter(range(1000))
+
+    def ended() -> bool:
+        if next(polls) == 4:  # by then it has been silent for three polls
+            fake_daemon.wait_for_subscriber()
+            fake_daemon.tell(state_fields(1))
+        return bool(heard)
+
+    states.serve(heard.append, str(fake_daemon.directory), ended)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2
+    assert said[0].startswith(f"no state comes from {fake_daemon.directory}: start a daemon")
+    assert said[1] == "the daemon is there again"
+
+
+def test_a_plate_with_other_modes_gets_other_outlets(fake_daemon: FakeDaemon) -> None:
+    class TimedLsl(FakeLsl):
+        local_clock = staticmethod(lambda: 0.0)
+
+    fake: Any = TimedLsl()
+    told = enumerate(([0.0, 0.0], [0.0, 0.0], [0.0, 0.0, 0.0]))
+
+    def ended() -> bool:
+        for place, modal_um in told:
+            if place == 0:
+                fake_daemon.wait_for_subscriber()
+            fake_daemon.tell(state_fields(place, modal_um=modal_um))
+        return len(fake.pushed.get("hapticd-modes", ())) == 3
+
+    lsl.run(fake, str(fake_daemon.directory), 1, ended)
+    assert [len(values) for values, _ in fake.pushed["hapticd-modes"]] == [8, 8, 12]

@@ -1,0 +1,110 @@
+"""A plate, a participant and a clock for a session without a daemon: each state is 10 ms of their time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from hapticd.tools.study.panel import Key, Screen
+from hapticd_client import FingerState, PlateState
+
+STATE_NS = 10_000_000
+T_START_NS = 7_000_000_000_001
+
+
+class ManualClock:
+    """Moves with the plate's states only."""
+
+    def __init__(self) -> None:
+        self.t_ns = T_START_NS
+
+    def monotonic(self) -> float:
+        return self.t_ns * 1e-9
+
+    def time(self) -> float:
+        return 1.7e9 + self.t_ns * 1e-9
+
+
+class FakeClient:
+    """The part of `hapticd_client.Client` that a study uses; keeps what is wanted, and when what was asked.
+
+    One finger moves to the right at `speed_mm_s`; `land` puts another in its place.
+    """
+
+    def __init__(self, clock: ManualClock, ops: Sequence[str] = ()) -> None:
+        self._clock = clock
+        self._ops = ops
+        self.finger: int | None = 1
+        self.speed_mm_s = 50.0
+        self.limited = False
+        self.instance = 1
+        self.wanted_um: dict[int | str, float] = {}
+        self.paths: dict[str, Any] = {}
+        self.log: list[tuple[str, dict[int | str, float]]] = []
+
+    def land(self, finger: int | None) -> None:
+        self.finger = finger
+
+    def capabilities(self) -> dict[str, Any]:
+        return {"ops": self._ops}
+
+    def virtual(self, name: str, *, path: Any, speed_mm_s: float) -> None:
+        self.paths[name] = (path, speed_mm_s)
+
+    def set(self, finger: FingerState | str, *, amplitude_um: float) -> None:
+        self.wanted_um[finger if isinstance(finger, str) else finger.id] = amplitude_um
+
+    def release(self) -> None:
+        self.log.append(("release", dict(self.wanted_um)))
+        self.wanted_um.clear()
+        self.paths.clear()
+
+    def states(self, timeout_s: float) -> Iterator[PlateState]:
+        assert timeout_s > 0
+        while True:
+            self._clock.t_ns += STATE_NS
+            yield self._state()
+
+    def _state(self) -> PlateState:
+        t_ns = self._clock.t_ns
+        x_mm = self.speed_mm_s * (t_ns - T_START_NS) * 1e-9
+        places = [(name, 0.0, True) for name in self.paths] + ([(self.finger, x_mm, False)] if self.finger else [])
+        fingers = tuple(FingerState(key, x, 0.0, x, 0.0, None, None, virtual) for key, x, virtual in places)
+        return PlateState(self.instance, t_ns, t_ns, "ACTIVE", fingers, (0.0, 0.0), self.limited, None, 10.0, 16.0)
+
+
+class MarkedClient(FakeClient):
+    """The same of a library and a daemon that take markers."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        super().__init__(clock, ops=("hello", "marker"))
+        self.markers: list[str] = []
+
+    def marker(self, text: str) -> None:
+        self.markers.append(text)
+
+
+class Person:
+    """A panel with somebody before it: `answer` says what is pressed on a screen, once it was up for `after` looks."""
+
+    def __init__(self, answer: Callable[[Screen], Key | None], after: int = 60) -> None:
+        self._answer = answer
+        self._after = after
+        self._looks = 0
+        self.screens: list[Screen] = []
+        self.notes: deque[str] = deque(maxlen=200)
+
+    def show(self, screen: Screen) -> None:
+        self.screens.append(screen)
+        self._looks = 0
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    def pressed(self) -> Key | None:
+        self._looks += 1
+        if self._looks < self._after:
+            return None
+        self._looks = 0
+        return self._answer(self.screens[-1])

@@ -1,0 +1,116 @@
+"""The statistics: the paper's figures, closed forms, and what has no answer."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations_with_replacement, product
+
+import pytest
+from people import session
+
+from hapticd.tools.study.analysis import Group, Result, judge, judge_group, result
+from hapticd.tools.study.protocol import Friction
+
+# Constructed, for the paper prints no participant's rate: of all seven counts of 20 whose average is its 73.57 %, those
+# whose standard deviation comes nearest to its 17.72 % and that have one participant at chance, as it tells.
+PAPER = (10, 12, 12, 15, 17, 17, 20)
+
+
+def group(counts: tuple[int, ...], trials: int = 20) -> Group:
+    return judge_group([person(f"P{place}", count, trials) for place, count in enumerate(counts, 1)])
+
+
+def person(name: str, correct: int, trials: int = 20) -> Result:
+    half = trials // 2
+    return result(name, (min(correct, half), half), (max(correct - half, 0), trials - half))
+
+
+def test_seven_participants_reproduce_the_paper_s_average_and_standard_deviation() -> None:
+    judged = group(PAPER)
+    assert f"{100 * judged.mean_frac:.2f}" == "73.57"
+    assert 100 * judged.sd_frac == pytest.approx(17.72, abs=0.01)
+    assert judged.t_p < 0.1  # its "p <= 0.1"
+
+
+def test_no_seven_counts_of_20_come_nearer_to_the_paper_s_standard_deviation() -> None:
+    """The paper's 17.72 is 17.728 cut off: 17.73 where rounded. With n in the place of n - 1 nothing fits at all."""
+    squares = {
+        sum(count * count for count in counts)
+        for counts in combinations_with_replacement(range(21), 7)
+        if sum(counts) == 103
+    }
+    about_mean = [square - 103**2 / 7 for square in squares]
+    sds = [5 * math.sqrt(each / 6) for each in about_mean]
+    nearest = min(sds, key=lambda sd: abs(sd - 17.72))
+    assert nearest == pytest.approx(100 * group(PAPER).sd_frac)
+    assert math.floor(nearest * 100) == 1772
+    assert min(abs(5 * math.sqrt(each / 7) - 17.72) for each in about_mean) > 0.02
+
+
+def test_a_session_is_judged_by_what_it_presented() -> None:
+    held = session("P1", 13)
+    judged = judge(held)
+    first = held.presented[:13]
+    assert (judged.correct, judged.trials) == (13, 20)
+    assert judged.low == (first.count(Friction.LOW), 10)
+    assert judged.high == (first.count(Friction.HIGH), 10)
+
+
+@pytest.mark.parametrize("correct", range(21))
+def test_a_participant_s_p_is_the_binomial_tail_both_ways(correct: int) -> None:
+    further = [k for k in range(21) if abs(k - 10) >= abs(correct - 10)]
+    assert person("P", correct).p == pytest.approx(sum(math.comb(20, k) for k in further) / 2**20)
+
+
+def test_the_interval_is_clopper_and_pearson_s() -> None:
+    low, high = person("P", 20).interval_frac
+    assert (low, high) == (pytest.approx(0.025 ** (1 / 20)), 1.0)
+
+
+def test_the_t_test_is_student_s() -> None:
+    judged = group(PAPER)
+    assert judged.t == pytest.approx((judged.mean_frac - 0.5) / (judged.sd_frac / math.sqrt(7)))
+    assert judged.t_p == pytest.approx(0.01255, abs=1e-5)
+
+
+def test_the_sign_test_counts_participants_beside_chance() -> None:
+    judged = group((10, 11, 12, 9, 20))
+    assert (judged.above, judged.below) == (3, 1)
+    assert judged.sign_p == pytest.approx(2 * (1 + 4) / 16)
+
+
+def test_the_signed_rank_test_is_exact_with_ties() -> None:
+    """Against all assignments of signs to the ranks of 1, 1, 2, 4 and 6 above or below chance."""
+    ranks = (1.5, 1.5, 3.0, 4.0, 5.0)
+    observed = 1.5 + 3.0 + 4.0 + 5.0
+    sums = [sum(rank for rank, is_above in zip(ranks, signs, strict=True) if is_above)
+            for signs in product((False, True), repeat=5)]  # fmt: skip
+    tail = min(sum(each >= observed for each in sums), sum(each <= observed for each in sums)) / 32
+    assert group((11, 9, 12, 14, 16, 10)).wilcoxon_p == pytest.approx(2 * tail)
+
+
+def test_all_trials_together_are_one_binomial_test() -> None:
+    judged = group(PAPER)
+    tail = sum(math.comb(140, k) for k in range(103, 141)) / 2**140
+    assert (judged.correct, judged.trials) == (103, 140)
+    assert judged.pooled_p == pytest.approx(2 * tail)
+
+
+@pytest.mark.parametrize("counts", [(15,), (15, 15, 15), (10, 10)])
+def test_what_has_no_spread_has_no_t_test(counts: tuple[int, ...]) -> None:
+    judged = group(counts)
+    assert math.isnan(judged.t)
+    assert math.isnan(judged.t_p)
+    assert math.isnan(judged.sd_frac) == (len(counts) == 1)
+
+
+def test_nobody_beside_chance_leaves_nothing_to_rank() -> None:
+    judged = group((10, 10))
+    assert math.isnan(judged.sign_p)
+    assert math.isnan(judged.wilcoxon_p)
+    assert judged.pooled_p == 1.0
+
+
+def test_forty_participants_are_judged_too() -> None:
+    judged = group(tuple(8 + place % 9 for place in range(40)))
+    assert 0 < judged.wilcoxon_p < 0.01

@@ -1,0 +1,206 @@
+"""A session with a person, on a plate and a clock of the test's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from plates import FakeClient, ManualClock, MarkedClient, Person
+
+from hapticd.tools.study.conduct import REST_S, _advice, conduct
+from hapticd.tools.study.panel import Key, Screen
+from hapticd.tools.study.protocol import Design, Friction
+from hapticd.tools.study.session import Session, SessionFile, read
+from hapticd.tools.study.stage import WALKER, Stage
+
+TRIALS = 6
+GIVEN = Session("P1", 3, Design(trials=TRIALS))
+
+
+class LeftError(Exception):
+    """The participant goes home."""
+
+
+def sticky(screen: Screen) -> Key:
+    return Key.HIGH if Key.HIGH in screen.keys and Key.NEXT not in screen.keys else Key.NEXT
+
+
+def hold(path: Path, person: Person, client: FakeClient, clock: ManualClock, given: Session = GIVEN) -> None:
+    with SessionFile(path, given) as file:
+        conduct(file, Stage(client, given.design), person, clock)  # type: ignore[arg-type]
+
+
+def test_each_trial_gives_finger_and_virtual_finger_what_its_combination_says(tmp_path: Path) -> None:
+    clock = ManualClock()
+    client = FakeClient(clock)
+    hold(tmp_path / "P1.jsonl", Person(sticky), client, clock)
+    felt = [wanted for _, wanted in client.log if wanted]
+    expected = [{1: 1.0, WALKER: 0.0} if friction is Friction.LOW else {1: 0.0, WALKER: 1.0}
+                for friction in GIVEN.presented]  # fmt: skip
+    assert felt == [{1: 0.0, WALKER: 1.0}, *expected]  # the training begins with high friction
+    assert client.wanted_um == {}
+
+
+def test_the_answers_and_how_the_plate_was_explored_are_kept(tmp_path: Path) -> None:
+    clock = ManualClock()
+    client = FakeClient(clock)
+    client.limited = True
+    hold(tmp_path / "P1.jsonl", Person(sticky), client, clock)
+    held = read(tmp_path / "P1.jsonl")
+    assert held.is_over
+    for trial, answer in enumerate(held.answers, 1):
+        assert (answer.trial, answer.answer, answer.limited_frac) == (trial, Friction.HIGH, 1.0)
+        assert answer.speed_mm_s == pytest.approx(50.0)
+        assert answer.touched_s == pytest.approx(0.58)
+        assert answer.took_s == pytest.approx(0.59)
+    assert held.answers[1].t_unix_s - held.answers[0].t_unix_s == pytest.approx(REST_S + held.answers[1].took_s)
+
+
+def test_nothing_on_the_screen_depends_on_what_is_presented(tmp_path: Path) -> None:
+    shown = []
+    for seed in (3, 4):
+        clock = ManualClock()
+        person = Person(sticky)
+        given = Session("P1", seed, Design(trials=TRIALS))
+        hold(tmp_path / f"{seed}.jsonl", person, FakeClient(clock), clock, given)
+        shown.append((given.presented, person.screens, list(person.notes)))
+    assert shown[0][0] != shown[1][0]
+    assert shown[0][1:] == shown[1][1:]
+
+
+def test_who_leaves_in_any_trial_goes_on_with_it(tmp_path: Path) -> None:
+    for leaves_at in range(1, TRIALS + 1):
+        path = tmp_path / f"{leaves_at}.jsonl"
+
+        def leave(screen: Screen, trial: int = leaves_at) -> Key:
+            if screen.heading == f"Trial {trial} of {TRIALS}":
+                raise LeftError
+            return sticky(screen)
+
+        for answer in (leave, sticky):
+            clock = ManualClock()
+            person = Person(answer)
+            try:
+                hold(path, person, FakeClient(clock), clock)
+            except LeftError:
+                assert len(read(path).answers) == leaves_at - 1
+        assert read(path).is_over
+        again = leaves_at > 1
+        assert (person.screens[0].heading == f"{leaves_at - 1} of {TRIALS} answered") == again
+        assert any(screen.heading.startswith("Training") for screen in person.screens) != again
+
+
+def test_a_pause_quiets_the_plate_and_presents_the_trial_anew(tmp_path: Path) -> None:
+    clock = ManualClock()
+    client = FakeClient(clock)
+    paused: list[Any] = []
+
+    def pause_once(screen: Screen) -> Key:
+        if Key.PAUSE in screen.keys and not paused:
+            paused.append(screen)
+            return Key.PAUSE
+        if screen.heading == f"0 of {TRIALS} answered":
+            paused.append(dict(client.wanted_um))
+        return sticky(screen)
+
+    hold(tmp_path / "P1.jsonl", Person(pause_once), client, clock)
+    assert paused[1] == {}
+    felt = [wanted for _, wanted in client.log if wanted]
+    assert felt[1] == felt[2]
+    assert [answer.trial for answer in read(tmp_path / "P1.jsonl").answers] == list(range(1, TRIALS + 1))
+
+
+def test_an_answer_without_a_touch_does_not_count(tmp_path: Path) -> None:
+    clock = ManualClock()
+    client = FakeClient(clock)
+    client.land(None)
+    presses = 0
+
+    def impatient(screen: Screen) -> Key:
+        nonlocal presses
+        presses += screen.heading == f"Trial 1 of {TRIALS}"
+        if presses == 3:
+            client.land(2)
+        return sticky(screen)
+
+    person = Person(impatient)
+    hold(tmp_path / "P1.jsonl", person, client, clock)
+    assert presses == 4
+    assert list(person.notes).count("Touch the plate first.") == 3
+    assert read(tmp_path / "P1.jsonl").answers[0].touched_s == pytest.approx(0.58)
+
+
+def test_a_finger_that_lands_again_or_meets_another_daemon_is_given_its_due() -> None:
+    clock = ManualClock()
+    client = FakeClient(clock)
+    stage = Stage(client, Design())  # type: ignore[arg-type]
+    stage.present(Friction.LOW)
+    stage.step()
+    client.land(2)
+    stage.step()
+    assert client.wanted_um == {WALKER: 0.0, 1: 1.0, 2: 1.0}
+    client.wanted_um.clear()
+    client.instance = 2
+    stage.step()
+    assert client.wanted_um == {2: 1.0}
+    assert stage.touch.way_mm == pytest.approx(0.5)  # one step of finger 2; from finger to finger nobody moved
+
+
+def test_the_training_lets_both_frictions_be_felt_by_name_and_tells_the_speed(tmp_path: Path) -> None:
+    clock = ManualClock()
+    client = FakeClient(clock)
+    client.speed_mm_s = 130.0
+    choices = [Key.LOW, Key.HIGH, Key.LOW, Key.NEXT]
+
+    def trained(screen: Screen) -> Key:
+        return choices.pop(0) if choices else sticky(screen)
+
+    person = Person(trained)
+    with SessionFile(tmp_path / "P1.jsonl", GIVEN) as file:
+        conduct(file, Stage(client, GIVEN.design), person, clock)  # type: ignore[arg-type]
+    named = [screen.heading for screen in person.screens if screen.heading.startswith("Training")]
+    assert named == [f"Training: {which} friction" for which in ("high", "low", "high", "low")]
+    assert "130 mm/s, too fast: slower" in person.notes
+
+
+@pytest.mark.parametrize(
+    ("speed_mm_s", "note"),
+    [
+        (0.0, "  0 mm/s, move your finger"),
+        (98.0, "100 mm/s, a good speed"),
+        (102.0, "100 mm/s, a good speed"),
+        (103.0, "105 mm/s, too fast: slower"),
+    ],
+)
+def test_the_advice_does_not_change_with_every_millimetre(speed_mm_s: float, note: str) -> None:
+    stage = SimpleNamespace(touch=SimpleNamespace(recent_mm_s=speed_mm_s))
+    assert _advice(stage) == note  # type: ignore[arg-type]
+
+
+def test_markers_tell_a_recording_of_each_trial_but_not_what_it_presents(tmp_path: Path) -> None:
+    told = []
+    for seed in (3, 4):
+        clock = ManualClock()
+        client = MarkedClient(clock)
+        given = Session("P1", seed, Design(trials=2))
+        hold(tmp_path / f"{seed}.jsonl", Person(sticky), client, clock, given)
+        told.append(client.markers)
+    assert told[0] == told[1]
+    assert told[0] == [
+        "study P1 begins",
+        "study P1 trial 1 start",
+        "study P1 trial 1 answer high",
+        "study P1 trial 2 start",
+        "study P1 trial 2 answer high",
+        "study P1 ends",
+    ]
+
+
+def test_a_daemon_that_takes_no_markers_is_not_told_any() -> None:
+    clock = ManualClock()
+    client = MarkedClient(clock)
+    client._ops = ("hello",)
+    Stage(client, Design()).mark("nothing")  # type: ignore[arg-type]
+    assert client.markers == []

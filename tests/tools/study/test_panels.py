@@ -1,0 +1,212 @@
+"""What participants press, in a terminal and in a browser."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import json
+import os
+import pty
+import socket
+import termios
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hapticd.tools.study import panel
+from hapticd.tools.study.browser import Browser
+from hapticd.tools.study.keyboard import Keyboard
+from hapticd.tools.study.panel import Key
+from hapticd.tools.study.protocol import StudyError
+
+TRIAL = panel.trial(3, 20)
+
+
+def pressed_soon(keyboard: Keyboard) -> Key | None:
+    """A pseudo-terminal hands a byte on in its own time."""
+    return next((key for _ in range(100_000) if (key := keyboard.pressed()) is not None), None)
+
+
+# --- the terminal -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, int]]:
+    ours, theirs = pty.openpty()
+    yield ours, theirs
+    os.close(ours)
+    os.close(theirs)
+
+
+@pytest.mark.parametrize(("typed", "key"), [(b"f", Key.HIGH), (b"J", Key.LOW), (b"x p", Key.PAUSE)])
+def test_a_key_is_read_without_enter(terminal: tuple[int, int], typed: bytes, key: Key) -> None:
+    with Keyboard(io.StringIO(), terminal[1]) as keyboard:
+        keyboard.show(TRIAL)
+        assert keyboard.pressed() is None
+        os.write(terminal[0], typed)
+        assert pressed_soon(keyboard) is key
+        assert keyboard.pressed() is None
+
+
+def test_what_was_typed_ahead_does_not_answer_the_next_trial(terminal: tuple[int, int]) -> None:
+    with Keyboard(io.StringIO(), terminal[1]) as keyboard:
+        keyboard.show(TRIAL)
+        os.write(terminal[0], b"fjf")
+        assert pressed_soon(keyboard) is Key.HIGH
+        keyboard.show(panel.trial(4, 20))
+        assert keyboard.pressed() is None
+
+
+def test_a_key_that_the_screen_does_not_name_is_none(terminal: tuple[int, int]) -> None:
+    with Keyboard(io.StringIO(), terminal[1]) as keyboard:
+        keyboard.show(panel.between(4, 20))
+        os.write(terminal[0], b"fjp\nf")
+        os.write(terminal[0], b"f")
+        assert all(keyboard.pressed() is None for _ in range(1000))
+
+
+def test_the_terminal_is_given_back_as_it_was(terminal: tuple[int, int]) -> None:
+    before = termios.tcgetattr(terminal[1])
+    with Keyboard(io.StringIO(), terminal[1]):
+        assert termios.tcgetattr(terminal[1]) != before
+    assert termios.tcgetattr(terminal[1]) == before
+
+
+def test_a_screen_is_written_once_with_its_keys(terminal: tuple[int, int]) -> None:
+    out = io.StringIO()
+    keyboard = Keyboard(out, terminal[1])
+    keyboard.show(TRIAL)
+    keyboard.show(TRIAL)
+    assert out.getvalue().count("Trial 3 of 20") == 1
+    assert "[F] high friction: sticky   [J] low friction: slippery   [P] pause" in out.getvalue()
+
+
+def test_the_end_of_input_is_a_goodbye() -> None:
+    read, write = os.pipe()
+    os.write(write, b"j")
+    os.close(write)
+    with Keyboard(io.StringIO(), read) as keyboard:
+        keyboard.show(TRIAL)
+        assert keyboard.pressed() is Key.LOW
+        with pytest.raises(KeyboardInterrupt):
+            keyboard.pressed()
+    os.close(read)
+
+
+# --- the browser ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def page() -> Iterator[Browser]:
+    with Browser() as running:
+        yield running
+
+
+def ask(
+    page: Browser, path: str, body: bytes | None = None, *, root: str | None = None, **headers: str
+) -> tuple[int, str, http.client.HTTPMessage]:
+    """Status, text and headers of a request, as a browser on the page would send it unless headers say otherwise."""
+    host, _, rest = page.url.removeprefix("http://").partition("/")
+    sent = {"Host": host, **({} if body is None else {"Origin": f"http://{host}"}), **headers}
+    connection = http.client.HTTPConnection(host, timeout=10.0)
+    target = (f"/{rest}" if root is None else root) + path
+    connection.request("GET" if body is None else "POST", target, body, {name: v for name, v in sent.items() if v})
+    response = connection.getresponse()
+    text = response.read().decode()
+    connection.close()
+    return response.status, text, response.headers
+
+
+def press(page: Browser, number: Any, key: Any, **headers: str) -> int:
+    return ask(page, "press", json.dumps({"number": number, "key": key}).encode(), **headers)[0]
+
+
+def now(page: Browser) -> dict[str, Any]:
+    return dict(json.loads(ask(page, "now/screen")[1]))
+
+
+def test_the_page_shows_the_screen_and_takes_its_keys(page: Browser) -> None:
+    page.show(TRIAL)
+    page.note("Touch the plate first.")
+    shown = now(page)
+    assert (shown["heading"], shown["text"], shown["note"]) == (*TRIAL[:2], "Touch the plate first.")
+    assert shown["keys"] == {str(key): what for key, what in TRIAL.keys.items()}
+    assert press(page, shown["number"], "low") == 200
+    assert page.pressed() is Key.LOW
+    assert page.pressed() is None
+
+
+def test_a_press_on_a_screen_that_is_gone_does_not_count(page: Browser) -> None:
+    page.show(TRIAL)
+    number = now(page)["number"]
+    page.show(panel.trial(4, 20))
+    assert press(page, number, "low") == 200
+    assert page.pressed() is None
+
+
+def test_a_key_that_the_screen_does_not_have_does_not_count(page: Browser) -> None:
+    page.show(TRIAL)
+    press(page, now(page)["number"], "next")
+    assert page.pressed() is None
+
+
+def test_the_same_screen_again_is_the_same_screen(page: Browser) -> None:
+    page.show(TRIAL)
+    number = now(page)["number"]
+    page.show(TRIAL)
+    assert now(page)["number"] == number
+
+
+@pytest.mark.parametrize("name", ["", "page.css", "page.js"])
+def test_the_page_needs_nothing_from_elsewhere(page: Browser, name: str) -> None:
+    status, text, headers = ask(page, name)
+    assert status == 200
+    assert "//" not in text.replace("// ", "")
+    assert headers["Content-Security-Policy"].startswith("default-src 'none'; script-src 'self'")
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1:1", "localhost"])
+def test_a_foreign_host_gets_nothing(page: Browser, host: str) -> None:
+    """As it would come of a name that its owner lets resolve to this machine."""
+    assert ask(page, "now/screen", Host=host)[0] == 403
+    assert press(page, 0, "low", Host=host) == 403
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", ""])
+def test_a_foreign_origin_cannot_answer(page: Browser, origin: str) -> None:
+    page.show(TRIAL)
+    assert press(page, now(page)["number"], "low", Origin=origin) == 403
+    assert page.pressed() is None
+
+
+@pytest.mark.parametrize("root", ["/", "/secret/"])
+def test_without_the_secret_there_is_no_page(page: Browser, root: str) -> None:
+    for path in ("", "now/screen", "page.js"):
+        assert ask(page, path, root=root)[0] == 404
+
+
+@pytest.mark.parametrize("name", ["browser.py", "page.htm", "..%2F__init__.py"])
+def test_no_other_file_is_served(page: Browser, name: str) -> None:
+    assert ask(page, name)[0] == 404
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"[]", b"3", b'{"number": 1}', b'{"number": 1, "key": []}', b"[" * 250])
+def test_a_press_that_is_none_is_refused(page: Browser, body: bytes) -> None:
+    assert ask(page, "press", body)[0] == 400
+    assert page.pressed() is None
+
+
+def test_a_press_in_a_charset_that_there_is_not_is_refused(page: Browser) -> None:
+    assert ask(page, "press", b"{}", **{"Content-Type": "application/json; charset=none"})[0] == 400
+
+
+def test_a_long_press_is_not_read(page: Browser) -> None:
+    assert ask(page, "press", b"{" + b" " * 10_000 + b"}")[0] == 413
+
+
+def test_a_port_that_is_taken_is_one_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(StudyError, match=f"port {port}: cannot be served on"), Browser(port):
+            pass

@@ -1,0 +1,92 @@
+"""The whole program, as a process: a session in the browser to its end, and one that is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_daemon import FakeDaemon
+
+from hapticd.tools.study.protocol import Friction
+from hapticd.tools.study.session import read
+
+ROOT = Path(__file__).parents[3]
+PIPE = subprocess.PIPE
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
+    """A daemon on whose plate one finger lies."""
+    (tmp_path / "run").mkdir()
+    running = FakeDaemon(tmp_path / "run")
+    running.fingers = {1: (-20.0, 0.0)}
+    running.start()
+    yield running
+    running.stop()
+
+
+def study(daemon: FakeDaemon, folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "hapticd", "study", "run", "--participant", "P1", "--out", str(folder)]
+    environ = {**os.environ, "PYTHONPATH": str(ROOT / "clients" / "python"), "PYTHONUNBUFFERED": "1"}
+    return subprocess.Popen(
+        [*command, "--endpoint", str(daemon.directory), *arguments],
+        env=environ, cwd=ROOT, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True,
+    )  # fmt: skip
+
+
+def look(url: str) -> dict[str, Any]:
+    with urllib.request.urlopen(f"{url}now/screen", timeout=PATIENCE_S) as response:
+        return dict(json.load(response))
+
+
+def press(url: str, number: int, key: str) -> None:
+    origin = url[: url.index("/", len("http://"))]
+    body = json.dumps({"number": number, "key": key}).encode()
+    urllib.request.urlopen(urllib.request.Request(f"{url}press", body, {"Origin": origin}), timeout=PATIENCE_S).close()
+
+
+def test_a_session_is_held_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> None:
+    folder = tmp_path / "answers"
+    with study(daemon, folder, "--browser", "--trials", "2") as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().removeprefix("open ").strip()
+        headings: list[str] = []
+        while "Thank you" not in headings:
+            screen = look(url)
+            if screen["heading"] not in headings:
+                headings.append(screen["heading"])
+            if screen["keys"]:  # again and again: what is pressed too early does not count
+                press(url, screen["number"], "next" if "next" in screen["keys"] else "low")
+        said, complaint = process.communicate(timeout=PATIENCE_S)
+        assert (process.returncode, complaint) == (0, "")
+    assert said == f"2 of 2 answers in {folder}/P1.jsonl; then: hapticd study report {folder}\n"
+    shown = [heading for heading in headings if heading != "One moment"]
+    assert shown == ["Training: high friction", "Trial 1 of 2", "Trial 2 of 2", "Thank you"]
+    held = read(folder / "P1.jsonl")
+    assert [answer.answer for answer in held.answers] == [Friction.LOW, Friction.LOW]
+    assert held.is_over
+    assert daemon.scene.owner_of(1) is None
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_the_plate_quiet_and_says_how_to_go_on(
+    number: signal.Signals, daemon: FakeDaemon, tmp_path: Path
+) -> None:
+    with study(daemon, tmp_path / "answers") as process:
+        assert process.stdout is not None
+        assert any("Training" in line for line in process.stdout)
+        process.send_signal(number)
+        said, complaint = process.communicate(timeout=PATIENCE_S)
+        assert (process.returncode, complaint) == (130, "")
+    assert said.endswith("P1.jsonl: the same command goes on with it.\n")
+    assert daemon.scene.owner_of(1) is None
+    assert read(tmp_path / "answers" / "P1.jsonl").answers == ()

@@ -1,0 +1,74 @@
+"""Which trial presents what: balanced, shuffled, and the same for ever."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.tools.study.protocol import Design, Friction, StudyError, participant_name, presented
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**63 - 1), st.integers(1, 60))
+def test_both_frictions_are_presented_equally_often(seed: int, trials: int) -> None:
+    order = presented(seed, trials)
+    assert len(order) == trials
+    assert abs(order.count(Friction.LOW) - order.count(Friction.HIGH)) == trials % 2
+
+
+def test_a_seed_has_the_same_order_under_every_version_of_python() -> None:
+    assert "".join(friction[0] for friction in presented(7, 12)) == "hlhlhhhllllh"
+    assert "".join(friction[0] for friction in presented(2**40, 5)) == "hlhlh"
+
+
+def test_other_seeds_have_other_orders() -> None:
+    assert len({presented(seed, 20) for seed in range(200)}) > 195
+
+
+def test_no_place_in_a_session_tells_what_it_presents() -> None:
+    """Of 2000 seeds each trial presents low friction half the time, within 5 standard deviations."""
+    orders = [presented(seed, 9) for seed in range(2000)]
+    for trial in range(9):
+        assert abs(sum(order[trial] is Friction.LOW for order in orders) - 1000) < 5 * math.sqrt(2000 / 4)
+
+
+def test_an_answer_before_tells_little_of_the_next_trial() -> None:
+    """Half of 20 being low, neighbours repeat 9 of 19 times on average."""
+    repeats = [20 - len(list(groupby(presented(seed, 20)))) for seed in range(2000)]
+    assert sum(repeats) / len(repeats) == pytest.approx(9.0, abs=0.25)
+
+
+def test_combination_1_is_the_paper_s() -> None:
+    design = Design(slippery_um=1.5)
+    assert (Friction.LOW.combination, design.amplitudes_um(Friction.LOW)) == (1, (1.5, 0.0))
+    assert (Friction.HIGH.combination, design.amplitudes_um(Friction.HIGH)) == (2, (0.0, 1.5))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"trials": 0},
+        {"trials": 1001},
+        {"slippery_um": 0.0},
+        {"slippery_um": math.nan},
+        {"slippery_um": 20.1},
+        {"line_speed_mm_s": 0.0},
+        {"line_speed_mm_s": math.inf},
+        {"line_mm": ((0.0, 0.0), (math.nan, 0.0))},
+    ],
+)
+def test_what_cannot_be_a_design_is_refused_by_name(wrong: dict[str, Any]) -> None:
+    with pytest.raises(StudyError, match=next(iter(wrong))):
+        Design(**wrong)
+
+
+@pytest.mark.parametrize("name", ["", "-P", "a/b", "..", "P 3", "ä", "x" * 33, "P03\n"])
+def test_a_name_that_is_no_file_s_is_refused(name: str) -> None:
+    with pytest.raises(StudyError, match="participant"):
+        participant_name(name)
+    assert participant_name("P03-b_2") == "P03-b_2"

@@ -1,0 +1,207 @@
+"""The report of a folder, and what the command line refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from people import session, write
+from test_analysis import PAPER
+
+from hapticd.__main__ import main
+from hapticd.tools.study import report
+from hapticd.tools.study.session import read
+
+
+@pytest.fixture
+def papers(tmp_path: Path) -> Path:
+    """The paper's seven participants, with the constructed counts."""
+    for place, correct in enumerate(PAPER, 1):
+        write(tmp_path, session(f"P{place}", correct, seed=place))
+    return tmp_path
+
+
+def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(["study", *arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_paper_s_numbers_make_the_paper_s_sentence(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said, complaint = outcome(capsys, "report", str(papers))
+    assert (code, complaint) == (0, "")
+    assert "average success rate 73.57 %, standard deviation 17.73 % (7 participants)" in said
+    assert "103 of 140 trials together" in said
+    assert "t(6) = 3.52                     p = 0.013" in said
+    assert "6 above 50 %, 0 below" in said
+
+
+def test_the_tables_hold_every_participant_and_every_trial(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    outcome(capsys, "report", str(papers))
+    people, trials = rows(papers / "results.csv"), rows(papers / "trials.csv")
+    assert [int(row["recognised"]) for row in people[:7]] == list(PAPER)
+    assert [row["participant"] for row in people[7:]] == ["average", "standard deviation"]
+    assert float(people[7]["success_rate_percent"]) == pytest.approx(100 * 103 / 140)
+    assert float(people[8]["success_rate_percent"]) == pytest.approx(17.728, abs=1e-3)
+    assert len(trials) == 140
+    for row in trials:
+        assert row["combination"] == ("1" if row["presented"] == "low" else "2")
+        assert (row["recognised"] == "1") == (row["presented"] == row["answer"])
+    assert sum(int(row["recognised"]) for row in trials if row["participant"] == "P7") == PAPER[6]
+
+
+def test_the_figure_is_a_picture(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    outcome(capsys, "report", str(papers))
+    assert (papers / "figure-12.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_figures_as_json_are_alone_on_standard_output(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, said, told = outcome(capsys, "report", str(papers), "--json", "-")
+    figures = json.loads(said)
+    assert "average success rate" in told
+    assert figures["group"]["mean_frac"] == pytest.approx(103 / 140)
+    assert [person["correct"] for person in figures["participants"]] == list(PAPER)
+
+
+def test_one_participant_has_no_spread_and_json_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path, session("P1", 15))
+    code, said, _ = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
+    assert code == 0
+    assert "average success rate 75.00 % (1 participant)" in said
+    assert json.loads((tmp_path / "f.json").read_text())["group"]["sd_frac"] is None
+
+
+def test_a_session_that_is_not_finished_stays_blind(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(papers, session("P8", 20, seed=8), answers=19)
+    _, said, complaint = outcome(capsys, "report", str(papers))
+    assert "P8" not in said
+    assert complaint == "not judged, for it is not finished: P8 (19 of 20)\n"
+    assert "P8" not in (papers / "trials.csv").read_text()
+
+
+def test_sessions_that_do_not_belong_together_are_said_to(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(papers, session("P8", 8, trials=10))
+    assert "not of one design" in outcome(capsys, "report", str(papers))[2]
+
+
+def test_a_copy_of_a_session_does_not_count_twice(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (papers / "P3 (copy).jsonl").write_bytes((papers / "P3.jsonl").read_bytes())
+    code, _, complaint = outcome(capsys, "report", str(papers))
+    assert (code, complaint.count("\n")) == (2, 1)
+    assert "is P3's, as" in complaint
+
+
+def test_participants_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for name in ("P10", "P9", "P1"):
+        write(tmp_path, session(name, 3, trials=4))
+    assert [one.participant for one in report.sessions_in(tmp_path)] == ["P1", "P9", "P10"]
+
+
+@pytest.mark.parametrize("answers", [None, 3])
+def test_a_folder_without_a_finished_session_is_one_sentence(
+    answers: int | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if answers is not None:
+        write(tmp_path, session("P1", 9), answers=answers)
+    code, said, complaint = outcome(capsys, "report", str(tmp_path))
+    assert (code, said) == (2, "")
+    assert complaint.startswith(f"hapticd: {tmp_path}: holds no finished session")
+    assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--participant", "a/b"), "must be 1 .. 32 letters"),
+        (("--participant", "P1", "--trials", "0"), "trials: 0 is out of bounds"),
+        (("--participant", "P1", "--seed", "-1"), "--seed: -1 is out of bounds"),
+        (("--participant", "P1", "--scheme", "paper"), "give --simulate as well"),
+        (("--participant", "P1", "--simulate", "--browser"), "leave --browser"),
+        (("--participant", "P1", "--sim", "--endpoint", "x"), "leave --endpoint"),
+        (("--participant", "P1", "--browser", "--page-port", "65536"), "--page-port: 65536 is out of bounds"),
+        (("--participant", "P1", "--page-port", "8000"), "give --browser as well"),
+        (("--participant", "P1", "--simulate", "--speed", "nan"), "--speed: nan is out of bounds"),
+    ],
+)
+def test_wishes_that_cannot_be_are_one_sentence_and_leave_no_file(
+    arguments: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, complaint = outcome(capsys, "run", "--out", str(tmp_path / "new"), *arguments)
+    assert (code, said) == (2, "")
+    assert sentence in complaint
+    assert complaint.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--trials", "10"), "was begun with 20 trials"),
+        (("--seed", "6"), "another seed"),
+        (("--simulate",), "simulated = None, not True"),
+    ],
+)
+def test_who_goes_on_with_a_session_cannot_change_it(
+    arguments: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, session("P1", 9), answers=3)
+    before = path.read_bytes()
+    code, _, complaint = outcome(capsys, "run", "--participant", "P1", "--out", str(tmp_path), *arguments)
+    assert code == 2
+    assert sentence in complaint
+    assert path.read_bytes() == before
+
+
+def test_a_session_that_is_over_is_not_begun_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path, session("P1", 9))
+    code, _, complaint = outcome(capsys, "run", "--participant", "P1", "--out", str(tmp_path))
+    assert code == 2
+    assert "this session is over" in complaint
+
+
+def test_without_a_daemon_the_answers_so_far_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path, session("P1", 9), answers=3)
+    arguments = ("--participant", "P1", "--out", str(tmp_path), "--endpoint", str(tmp_path / "none"))
+    code, _, complaint = outcome(capsys, "run", *arguments)
+    assert code == 1
+    assert complaint.endswith("What was answered is kept: go on with the same command.\n")
+    assert len(read(path).answers) == 3
+
+
+def test_a_simulated_session_is_held_and_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("--participant", "S1", "--out", str(tmp_path), "--seed", "1", "--trials", "2", "--simulate")
+    code, said, complaint = outcome(capsys, "run", *arguments, "--scheme", "paper")
+    assert (code, complaint) == (0, "")
+    assert said.startswith(f"2 of 2 answers in {tmp_path}/S1.jsonl")
+    _, said, complaint = outcome(capsys, "report", str(tmp_path))
+    assert "of 2" in said
+    assert complaint == "These participants are simulated: this is no evidence about people.\n"
+
+
+@pytest.mark.parametrize("action", ["run", "report"])
+def test_help_of_either_action_has_an_example(action: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["study", action, "--help"])
+    assert left.value.code == 0
+    assert f"example: hapticd study {action}" in capsys.readouterr().out
+
+
+def test_a_single_participant_is_not_tested_as_a_group(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path, session("P1", 15))
+    said = outcome(capsys, "report", str(tmp_path))[1]
+    assert "exact binomial test" in said
+    assert "sign test" not in said
+
+
+def test_the_page_of_documentation_shows_what_is_printed(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, said, _ = outcome(capsys, "report", str(papers))
+    page = Path(report.__file__).with_name("README.md").read_text(encoding="utf-8")
+    assert said.partition("\n\n")[2].rstrip() in page
+    assert ", ".join(map(str, PAPER)) in page

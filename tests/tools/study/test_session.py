@@ -1,0 +1,183 @@
+"""The session's file: nothing is lost, nothing is told early, and whatever else it holds is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from people import answer, session, write
+
+from hapticd.tools.study.protocol import Design, Friction, StudyError
+from hapticd.tools.study.session import Session, SessionFile, decode, read
+
+HELD = session("P03", 15)
+
+
+def lines_of(held: Session, folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in write(folder, held).read_bytes().splitlines()]
+
+
+def joined(lines: list[dict[str, Any]]) -> bytes:
+    return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
+
+
+def test_a_session_is_read_as_it_was_held(tmp_path: Path) -> None:
+    assert read(write(tmp_path, HELD)) == HELD
+
+
+def test_a_session_goes_on_where_a_crash_cut_its_file(tmp_path: Path) -> None:
+    whole = write(tmp_path, session("P1", 2, trials=3)).read_bytes()
+    first_answer = whole.index(b"\n", whole.index(b"\n") + 1) + 1
+    for cut in range(first_answer, len(whole), 7):
+        path = tmp_path / "cut.jsonl"
+        path.write_bytes(whole[:cut])
+        with SessionFile(path, Session("P1", 99, Design(trials=3))) as file:
+            kept = len(file.session.answers)
+            assert kept == min(whole[:cut].count(b"\n") - 1, 3)
+            for one in session("P1", 2, trials=3).answers[kept:]:
+                file.append(one)
+            file.end()
+        assert path.read_bytes() == whole
+
+
+def test_a_file_cut_in_its_first_line_begins_anew(tmp_path: Path) -> None:
+    path = tmp_path / "P1.jsonl"
+    path.write_bytes(b'{"kind": "sess')
+    with SessionFile(path, Session("P1", 99, Design())) as file:
+        assert (file.session.seed, file.session.answers) == (99, ())
+    assert read(path).seed == 99
+
+
+@pytest.mark.parametrize(
+    "theirs", [b"notes without an end of line", b'{"kind": "letter"}', b'{"kind": "session"}\nnotes']
+)
+def test_a_file_that_is_no_session_is_left_as_it_is(theirs: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "P1.jsonl"
+    path.write_bytes(theirs)
+    with pytest.raises(StudyError):
+        SessionFile(path, Session("P1", 99, Design()))
+    assert path.read_bytes() == theirs
+
+
+def test_a_session_without_an_answer_may_begin_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "P1.jsonl"
+    for given_ in (Session("P1", 1, Design(trials=5)), Session("P1", 2, Design(trials=6))):
+        SessionFile(path, given_).__exit__(None, None, None)
+        assert read(path) == given_
+
+
+def test_until_the_last_answer_the_file_does_not_tell_what_was_presented(tmp_path: Path) -> None:
+    """Two sessions with other orders and the same answers differ in the seed alone."""
+    answers = HELD.answers[:19]
+    one, other = (replace(HELD, seed=seed, answers=answers) for seed in (11, 12))
+    assert one.presented != other.presented
+    (tmp_path / "b").mkdir()
+    first, second = lines_of(one, tmp_path), lines_of(other, tmp_path / "b")
+    assert first[0].pop("seed") != second[0].pop("seed")
+    assert first == second
+
+
+def test_the_end_says_what_was_presented(tmp_path: Path) -> None:
+    assert lines_of(HELD, tmp_path)[-1] == {"kind": "end", "presented": [str(one) for one in HELD.presented]}
+
+
+def test_answers_come_in_their_order_and_the_end_last(tmp_path: Path) -> None:
+    with SessionFile(tmp_path / "P1.jsonl", Session("P1", 1, Design(trials=1))) as file:
+        with pytest.raises(ValueError, match="not the next"):
+            file.append(answer(2, Friction.LOW))
+        with pytest.raises(ValueError, match="missing"):
+            file.end()
+        file.append(answer(1, Friction.LOW))
+        with pytest.raises(ValueError, match="not the next"):
+            file.append(answer(2, Friction.LOW))
+        file.end()
+        file.end()
+    assert read(tmp_path / "P1.jsonl").is_over
+
+
+def test_two_processes_cannot_hold_one_session(tmp_path: Path) -> None:
+    given_ = Session("P1", 1, Design())
+    with SessionFile(tmp_path / "P1.jsonl", given_), pytest.raises(StudyError, match="another hapticd study"):
+        SessionFile(tmp_path / "P1.jsonl", given_)
+    SessionFile(tmp_path / "P1.jsonl", given_).__exit__(None, None, None)
+
+
+def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(StudyError, match=r"choose another --out\.$"):
+        SessionFile(tmp_path / "file" / "P1.jsonl", Session("P1", 1, Design()))
+
+
+def edited(lines: list[dict[str, Any]], number: int, **fields: Any) -> bytes:
+    return joined([{**line, **fields} if place == number else line for place, line in enumerate(lines)])
+
+
+@pytest.mark.parametrize(
+    ("number", "fields"),
+    [
+        (0, {"kind": "answer"}),
+        (0, {"version": 2}),
+        (0, {"seed": -1}),
+        (0, {"seed": True}),
+        (0, {"participant": "../P"}),
+        (0, {"design": {}}),
+        (3, {"trial": 9}),
+        (3, {"answer": "maybe"}),
+        (3, {"took_s": float("nan")}),
+        (3, {"speed_mm_s": None}),
+        (3, {"kind": "end", "presented": []}),
+        (21, {"presented": ["low"] * 20}),
+        (21, {"kind": "answer"}),
+    ],
+)
+def test_a_changed_file_is_refused_with_its_line(number: int, fields: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match=f"P03: line {number + 1}[: ]"):
+        decode(edited(lines_of(HELD, tmp_path), number, **fields), "P03")
+
+
+def test_nothing_follows_the_end(tmp_path: Path) -> None:
+    lines = lines_of(HELD, tmp_path)
+    with pytest.raises(StudyError, match="line 23"):
+        decode(joined([*lines, lines[-1]]), "P03")
+
+
+def test_an_empty_file_is_no_session() -> None:
+    with pytest.raises(StudyError, match="holds no session yet"):
+        decode(b"", "P03")
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+ANSWER_LINE = {"kind": "answer", "trial": 1, "answer": "low", "t_unix_s": 0, "took_s": 0, "touched_s": 0}
+
+
+@settings(deadline=None)
+@given(
+    st.binary(max_size=200)
+    | st.builds(
+        lambda name, value, of_answer, other: joined(
+            [{"kind": "session", "version": 1, "participant": "P", "seed": 1}
+             | {"design": {"trials": 2, "slippery_um": 1, "line_mm": [[0, 0], [1, 1]], "line_speed_mm_s": 9}}
+             | ({} if of_answer else {name: value}),
+             ANSWER_LINE | {"speed_mm_s": 0, "limited_frac": 0} | ({name: value} if of_answer else {}) | other]
+        ),
+        st.sampled_from(["kind", "version", "participant", "seed", "design", "trial", "answer", "took_s"]),
+        json_values,
+        st.booleans(),
+        st.dictionaries(st.text(max_size=5), json_values, max_size=2),
+    )
+)  # fmt: skip
+def test_hostile_bytes_raise_nothing_but_the_study_s_error(data: bytes) -> None:
+    try:
+        held = decode(data, "P")
+    except StudyError:
+        return
+    assert len(held.answers) <= held.design.trials

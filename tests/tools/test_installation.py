@@ -1,0 +1,75 @@
+"""`hapticd install-service`: what it shows, what it writes, and what it leaves alone."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.errors import HapticdError
+from hapticd.tools.installation import DESTINATIONS, HIDDEN_BY_UNIT, ServiceFile, install, listing, service_files
+
+SYSTEMD = Path(__file__).parents[2] / "systemd"
+PROGRAM = Path("/opt/plate/bin/hapticd")
+
+
+def files() -> tuple[ServiceFile, ...]:
+    return service_files(SYSTEMD, PROGRAM)
+
+
+def test_all_files_go_where_the_system_looks_for_them(tmp_path: Path) -> None:
+    said = install(files(), tmp_path)
+    for name, destination in DESTINATIONS.items():
+        path = tmp_path / destination
+        assert stat.S_IMODE(path.stat().st_mode) == 0o644
+        assert f"installed  {path}" in said
+        if name != "hapticd.service":
+            assert path.read_text() == (SYSTEMD / name).read_text()
+    assert "systemctl enable --now hapticd" in said
+
+
+def test_the_unit_starts_this_program_and_is_else_the_same(tmp_path: Path) -> None:
+    install(files(), tmp_path)
+    unit = (tmp_path / DESTINATIONS["hapticd.service"]).read_text()
+    assert f"\nExecStart={PROGRAM} run --config /etc/hapticd/hapticd.toml\n" in unit
+    assert unit.replace(str(PROGRAM), "/opt/hapticd/bin/hapticd") == (SYSTEMD / "hapticd.service").read_text()
+
+
+def test_a_configuration_that_is_there_is_left_alone_and_the_rest_renewed(tmp_path: Path) -> None:
+    install(files(), tmp_path)
+    configuration, unit = (tmp_path / DESTINATIONS[name] for name in ("hapticd.toml", "hapticd.service"))
+    configuration.write_text("# mine\n")
+    unit.write_text("# old\n")
+    assert f"kept       {configuration}" in install(files(), tmp_path)
+    assert configuration.read_text() == "# mine\n"
+    assert unit.read_text() != "# old\n"
+
+
+@pytest.mark.parametrize("place", [f"{hidden}/venv/bin/hapticd" for hidden in HIDDEN_BY_UNIT])
+def test_a_program_that_the_service_could_not_see_is_refused_before_anything_is_written(
+    place: str, tmp_path: Path
+) -> None:
+    with pytest.raises(HapticdError, match="lies where the service cannot see it"):
+        install(service_files(SYSTEMD, Path(place)), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "etc").write_text("a file")
+    with pytest.raises(HapticdError, match=r"cannot be written .*: run it as root"):
+        install(files(), tmp_path)
+
+
+def test_a_package_without_its_files_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(HapticdError, match=r"hapticd.service: cannot be read .*: install hapticd again"):
+        service_files(tmp_path)
+
+
+def test_everything_is_shown_and_nothing_changed_with_print(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["install-service", "--print"]) == 0
+    said = capsys.readouterr().out
+    assert said == listing(service_files())
+    for destination in DESTINATIONS.values():
+        assert f"# --- /{destination}\n" in said

@@ -1,0 +1,126 @@
+"""`hapticd latency`: figures of frames whose delays are known, and the whole of it once on the simulated rig."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from machine_bench import MS, SLIPPERY, STICKY, Bench
+
+from hapticd.config.sections import Config
+from hapticd.core.board.ledger import Histogram, LedgerLine
+from hapticd.errors import HapticdError
+from hapticd.tools.latency import program as latency
+from hapticd.tools.latency.program import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger
+
+
+def measured(milliseconds: int = 500) -> tuple[Bench, Measured]:
+    """A driven bench whose board acknowledges each millisecond; the link takes none, reports are 10 ms old."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    lines: list[LedgerLine] = []
+    for _ in range(milliseconds):
+        bench.machine.pipeline.forget_standing()
+        bench.run(1)
+        bench.board.status()
+    lines += bench.machine.session.ledger
+    return bench, gather(bench.machine, lines)
+
+
+def test_each_frame_is_told_with_its_report_and_when_the_board_applied_it() -> None:
+    _, found = measured()
+    assert len(found.lines) > 30
+    for line in found.lines:
+        assert line.t_sent_ns - line.t_sample_ns == line.age_ns  # no time passes within a pass of the bench
+        assert 9 * MS <= line.age_ns <= 12 * MS
+        assert line.t_sample_ns < line.t_sent_ns <= line.t_applied_ns + MS
+        assert line.horizon_ns >= line.age_ns
+    assert [line.t_sent_ns for line in found.lines] == sorted({line.t_sent_ns for line in found.lines})
+
+
+def test_the_whole_way_is_from_the_sample_to_the_plate() -> None:
+    _, found = measured()
+    total_ns = [line.t_applied_ns - line.t_sample_ns for line in found.lines]
+    assert found.stages["total"].count == len(total_ns)
+    assert found.stages["total"].longest_ns == max(total_ns)
+    assert set(found.stages) == set(STAGES)
+    assert found.counts["frames"] == found.stages["late"].count
+
+
+def test_frames_that_the_board_never_applies_are_counted() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    for _ in range(1500):  # the bench's board tells of one frame in ten
+        bench.machine.pipeline.forget_standing()
+        bench.run(1)
+    counts = gather(bench.machine, ()).counts
+    assert counts["frames unanswered"] > counts["frames"] > 0
+
+
+def test_the_table_has_a_row_for_each_stage_with_its_figures() -> None:
+    _, found = measured()
+    out = io.StringIO()
+    print_table(found, out)
+    head, *rows, counts = out.getvalue().splitlines()
+    assert head.split()[:5] == ["ms", "p50", "p95", "p99", "max"]
+    assert [row[:20].strip() for row in rows] == list(STAGES.values())
+    horizon = next(row for row in rows if row.startswith(STAGES["horizon"]))
+    assert float(horizon[20:28]) == pytest.approx(found.stages["horizon"].percentile_ns(50) * 1e-6, abs=1e-3)
+    assert counts.startswith(f"{found.counts['frames']} frames, ")
+
+
+def test_a_sparkline_shows_the_most_frequent_span_highest_and_the_rarest_still() -> None:
+    histogram = Histogram()
+    for span_ns, count in ((2_000, 1), (1_500_000, 1000), (10**12, 1), (-5, 1)):
+        for _ in range(count):
+            histogram.add(span_ns)
+    line = sparkline(histogram)
+    assert line.count("█") == 1
+    assert line.index("█") == 31  # 1.5 ms: three decades above a microsecond, and 10 log10 1.5
+    assert (line[0], line[3], line[-1]) == ("▁", "▁", "▁")
+    assert sparkline(Histogram()).strip() == ""
+
+
+def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(tmp_path: Path) -> None:
+    _, found = measured()
+    write_ledger(found.lines, tmp_path / "frames.csv")
+    with (tmp_path / "frames.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    names = [field.name for field in fields(LedgerLine)]
+    assert [tuple(int(row[name]) for name in names) for row in rows] == [
+        tuple(getattr(line, name) for name in names) for line in found.lines
+    ]
+    told = json.loads(json.dumps(figures(found)))
+    assert told["stages"]["link"]["count"] == found.stages["link"].count
+    assert told["counts"] == dict(found.counts)
+    assert told["processor_percent"] is None
+    draw(found, tmp_path / "latency.png")
+    assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(HapticdError, match="cannot be written"):
+        write_ledger((), tmp_path / "none" / "frames.csv")
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
+def test_no_time_to_measure_in_is_refused_before_anything_is_opened(seconds: float) -> None:
+    with pytest.raises(HapticdError, match="give --seconds above 0"):
+        latency.run(Config(), seconds, json_file=None, ledger=None, plot=None)
+
+
+def test_the_simulated_rig_is_measured_as_it_is_built(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    latency.run(Config(), 2.0, json_file="-", ledger=tmp_path / "frames.csv", plot=None)
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    stages = told["stages"]
+    assert 0.0 < told["processor_percent"] < 100.0
+    assert f"{told['processor_percent']:.1f} % of one processor" in said.err
+    assert stages["link"]["p50_ms"] >= 4.8  # the rig's constant 5 ms, less what the clocks err by
+    assert stages["read_age"]["p50_ms"] >= 9.8  # and its sensor's 10
+    assert stages["total"]["p50_ms"] >= 14.6  # one after the other
+    assert stages["wire"]["count"] > 20
+    assert len((tmp_path / "frames.csv").read_text().splitlines()) > 20
+    assert "sample to plate" in said.err

@@ -1,0 +1,310 @@
+"""The page in a real Chromium, on a simulated plate with a real service: what a person sees and does."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+from collections.abc import Callable, Iterator
+from urllib.parse import urlsplit
+
+import pytest
+from selenium.webdriver import ActionChains, Chrome, Keys
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import Select, WebDriverWait
+from viewprocess import View, first
+
+from hapticd.sim.rig.process import RigProcess
+from hapticd.tools.daemon_process import DaemonProcess
+from hapticd_client import Client
+
+PATIENCE_S = 60.0
+pytestmark = pytest.mark.timeout(300)  # a browser beside other tests on few cores is slow
+SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a machine that stalls must not make old fingers new ones
+
+
+@pytest.fixture(scope="module")
+def service() -> Iterator[DaemonProcess]:
+    with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"', SETTINGS) as running:
+        for process in (rig.process, running.process):
+            first(process)
+        yield running
+
+
+@pytest.fixture(scope="module")
+def view(browser: Chrome, service: DaemonProcess) -> Iterator[View]:
+    """The viewer of that service; without a browser it is not even started."""
+    with Client(service.runtime_dir, timeout_s=PATIENCE_S):
+        pass  # it answers
+    running = View("--endpoint", str(service.runtime_dir))
+    yield running
+    browser.get("about:blank")
+    assert running.end() == 0
+
+
+class Page:
+    """What a person finds on the page."""
+
+    def __init__(self, browser: Chrome) -> None:
+        self.browser = browser
+
+    def __getitem__(self, name: str) -> WebElement:
+        return self.browser.find_element(By.ID, name)
+
+    def until(self, condition: Callable[[], object]) -> None:
+        WebDriverWait(self.browser, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
+
+    def lay(self, name: str) -> None:
+        """Choose a layer; as keys, what was typed within a second would count as one name."""
+        Select(self["layer"]).select_by_visible_text(name)
+
+    def fingers(self) -> list[str]:
+        """The text of each row."""
+        return list(
+            self.browser.execute_script("return [...document.querySelectorAll('.finger')].map((row) => row.innerText)")
+        )
+
+    def picture(self) -> str:
+        return str(self.browser.execute_script("return document.getElementById('plate').toDataURL()"))
+
+    def brightness(self) -> float:
+        """Of the plate's picture on average: a still plate is dark."""
+        return self.average("green")
+
+    def colourfulness(self) -> float:
+        """Of the plate's picture on average: the field is colourful however it moves, a layer over it is grey."""
+        return self.average("Math.max(red, green, blue) - Math.min(red, green, blue)")
+
+    def average(self, of_pixel: str) -> float:
+        return float(
+            self.browser.execute_script(
+                "const plate = document.getElementById('plate');"
+                "const { data } = plate.getContext('2d').getImageData(0, 0, plate.width, plate.height);"
+                "let sum = 0;"
+                "for (let i = 0; i < data.length; i += 4) {"
+                f"  const [red, green, blue] = data.subarray(i, i + 3); sum += {of_pixel};"
+                "}"
+                "return sum / data.length * 4"
+            )
+        )
+
+    def complaints(self) -> list[str]:
+        return [entry["message"] for entry in self.browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+    def press_until(self, key: str, text: str) -> None:
+        """Press a key until some finger's row says so: where the machine stalled, the finger is another by now."""
+
+        def pressed() -> bool:
+            self.keys(key)
+            return any(text in row for row in self.fingers())
+
+        self.until(pressed)
+
+    def keys(self, *keys: str) -> None:
+        for key in keys:
+            ActionChains(self.browser).send_keys(key).perform()
+
+
+@pytest.fixture
+def page(browser: Chrome, view: View) -> Page:
+    """A fresh page of an untouched plate."""
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.get(view.address)
+    made = Page(browser)
+    made.until(lambda: "0 fingers" in made["state"].text)
+    return made
+
+
+def drag(page: Page, steps: int) -> None:
+    """The mouse goes down left of the plate's centre and moves to the right; there it stays down."""
+    moves = ActionChains(page.browser, duration=16).move_to_element_with_offset(page["plate"], -120, -30)
+    moves.click_and_hold()
+    for step in range(steps):
+        moves.move_by_offset(4, step % 2)
+    moves.perform()
+
+
+def lay_down(page: Page, right: int, down: int) -> None:
+    """A finger that stays there, so many pixels from the plate's centre."""
+    hold = ActionChains(page.browser).key_down(Keys.SHIFT).move_to_element_with_offset(page["plate"], right, down)
+    hold.click().key_up(Keys.SHIFT).perform()
+
+
+def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(page: Page) -> None:
+    assert page.browser.title == "hapticd: the plate"
+    page.until(lambda: "29.205 kHz" in page["modes-text"].text)
+    page.until(lambda: 0 < page.brightness() < 10)
+    page.until(lambda: "truly moves" in page["field-of"].text)
+    assert page["nobody"].is_displayed()
+    assert not page["notice"].is_displayed()
+    names = page.browser.execute_script("return performance.getEntriesByType('resource').map((entry) => entry.name)")
+    origin = page.browser.execute_script("return location.origin")
+    assert len(names) > 8
+    assert all(name.startswith(origin) for name in names)
+    assert page.complaints() == []
+
+
+def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page: Page) -> None:
+    lay_down(page, 150, 80)
+    page.until(lambda: any("of 1.00" in row for row in page.fingers()))  # the first is slippery
+    page.until(lambda: page.brightness() > 20)
+    before = page.picture()
+    drag(page, 30)
+    page.until(lambda: any("of 0.00" in row for row in page.fingers()))  # the second is sticky
+    assert page.picture() != before
+    assert "2 fingers" in page["state"].text
+    page.until(lambda: "leak at the sticky" in page["leak"].text)
+    ActionChains(page.browser).release().perform()
+    page.until(lambda: "1 finger" in page["state"].text)
+    page["plate"].send_keys(Keys.ESCAPE)
+    page.until(lambda: page["nobody"].is_displayed())
+    page.until(lambda: page.brightness() < 10)
+    assert page.complaints() == []
+
+
+def test_the_keyboard_alone_lands_moves_chooses_and_lifts_a_finger(page: Page) -> None:
+    page.browser.execute_script("document.getElementById('plate').focus()")
+    page.keys(Keys.ENTER)
+    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    before = page.picture()
+    page.keys(*[Keys.ARROW_RIGHT] * 5, *[Keys.ARROW_UP] * 3)
+    page.until(lambda: page.picture() != before)
+    page.press_until("3", "of 0.60")
+    page.press_until("0", "of 0.00")
+    page.press_until("r", "held by nobody")
+    page.keys(Keys.ENTER)
+    page.until(lambda: page["nobody"].is_displayed())
+
+
+def test_a_layer_tells_where_another_finger_could_get_its_wish(page: Page) -> None:
+    page.lay("could be sticky")
+    page.until(lambda: "No finger is slippery" in page["layer-text"].text)
+    lay_down(page, 150, 80)
+    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    page.until(lambda: "Light: where one more finger could be sticky" in page["layer-text"].text)
+    page.until(lambda: page.colourfulness() < 30)
+    page.lay("none")
+    page.until(lambda: not page["layer-text"].is_displayed())
+    page.until(lambda: page.colourfulness() > 60)
+    page.lay("could be sticky")
+    lay_down(page, -120, -30)
+    page.until(lambda: "2 fingers" in page["state"].text)
+    page.press_until("0", "of 0.00")
+    page.until(lambda: "where finger" in page["layer-text"].text)
+    share = int(page["layer-text"].text.split()[-5])
+    assert 5 < share < 98
+    page.lay("could be slippery")
+    page.until(lambda: "could be slippery" in page["layer-text"].text)
+    page.lay("none")
+    page["plate"].send_keys(Keys.ESCAPE)
+    page.until(lambda: page["nobody"].is_displayed())
+    assert page.complaints() == []
+
+
+def test_time_can_be_stopped_and_looked_back_at(page: Page) -> None:
+    drag(page, 25)
+    page.until(lambda: "1 finger" in page["state"].text)
+    ActionChains(page.browser).release().perform()
+    page.until(lambda: "0 fingers" in page["state"].text)
+    page.keys(" ")
+    page.until(lambda: page["pause"].get_attribute("aria-pressed") == "true")
+    still = page.picture()
+    slider = page["when"]
+    page.browser.execute_script("arguments[0].focus()", slider)
+
+    def earlier() -> bool:
+        page.keys(*[Keys.ARROW_LEFT] * 5)
+        return "1 finger" in page["state"].text and page.picture() != still
+
+    page.until(earlier)
+    assert page["when-text"].text.startswith("-")
+    page["pause"].click()
+    page.until(lambda: "0 fingers" in page["state"].text)
+    assert page["when-text"].text == "now"
+
+
+def test_another_clients_target_shows_with_its_name_and_is_not_ours_to_change(
+    page: Page, service: DaemonProcess
+) -> None:
+    with Client(service.runtime_dir, "study-7", timeout_s=PATIENCE_S) as client:
+        client.virtual("post", position_mm=(20.0, 10.0))
+        client.set("post", amplitude_um=0.6)
+        page.until(lambda: any("of 0.60" in row for row in page.fingers()))
+        (row,) = page.fingers()
+        assert "post (virtual)" in row
+        assert "held by 'study-7'" in row
+        page.until(lambda: page.brightness() > 15)
+        assert not page.browser.find_element(By.CSS_SELECTOR, ".finger input").is_enabled()
+        page.browser.find_element(By.CSS_SELECTOR, ".finger .name").click()
+        page.keys("5")
+        page.until(lambda: "held by 'study-7'" in page["notice"].text)
+    page.until(lambda: page["nobody"].is_displayed())
+
+
+@pytest.mark.parametrize("width_px", [340, 600, 1280])
+def test_nothing_sticks_out_of_a_window_of_any_width(page: Page, width_px: int) -> None:
+    metrics = {"width": width_px, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    page.until(lambda: page["plate"].size["width"] > 200)
+    assert page.browser.execute_script("return document.documentElement.scrollWidth") <= width_px
+
+
+def test_what_can_be_worked_has_a_name_for_a_screen_reader(page: Page) -> None:
+    nameless = page.browser.execute_script(
+        "return [...document.querySelectorAll('button, input, select, [tabindex]')].filter((element) =>"
+        "!(element.getAttribute('aria-label') || element.getAttribute('aria-labelledby') || element.textContent.trim()"
+        "|| element.labels?.length)).map((element) => element.outerHTML)"
+    )
+    assert nameless == []
+
+
+def test_a_dead_daemon_is_said_and_its_return_too(page: Page, service: DaemonProcess) -> None:
+    service.process.kill()
+    service.process.communicate()
+    page.until(lambda: page["state"].text == "No daemon")
+    assert "hapticd" in page["notice"].text
+    first(service.__enter__().process)
+    page.until(lambda: "0 fingers" in page["state"].text)
+    assert not page["notice"].is_displayed()
+    drag(page, 10)
+    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    ActionChains(page.browser).release().perform()
+
+
+# --- what is no page of ours --------------------------------------------------------------------------------------
+
+
+def answered(view: View, path: str, **headers: str) -> tuple[int, str]:
+    place = urlsplit(view.address)
+    with contextlib.closing(http.client.HTTPConnection(place.netloc, timeout=PATIENCE_S)) as connection:
+        connection.request("GET", path, headers={"Host": place.netloc, **headers})
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode(errors="replace")
+
+
+def test_strangers_are_turned_away_in_a_sentence(view: View) -> None:
+    place = urlsplit(view.address)
+    key = f"?{place.query}"
+    upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+    upgrade |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
+    assert answered(view, f"/{key}")[0] == 200
+    assert answered(view, "/") == (403, "Open the address that `hapticd view` printed: it ends with a key.\n")
+    assert answered(view, "/?key=wrong")[0] == 403
+    assert answered(view, f"/{key}", Host="evil.example")[0] == 403
+    assert answered(view, f"/shapes{key}", Origin="http://evil.example")[0] == 403
+    assert answered(view, f"/socket{key}", **upgrade, Origin="http://evil.example")[0] == 403
+    assert answered(view, f"/socket{key}", **upgrade)[0] == 403
+    for path in ("/../server.py", "/%2e%2e/server.py", "/server.py", "/__init__.py"):
+        assert answered(view, path)[0] == 404
+
+
+def test_a_message_that_is_none_is_refused_and_harms_nobody(page: Page) -> None:
+    page.browser.execute_script(
+        "const key = new URLSearchParams(location.search).get('key');"
+        "window.said = []; window.own = new WebSocket(`ws://${location.host}/socket?key=${key}`);"
+        "own.onmessage = (event) => said.push(JSON.parse(event.data)); own.onopen = () => own.send('{\"op\": 1}')"
+    )
+    page.until(lambda: "op: must be" in json.dumps(page.browser.execute_script("return said")))
+    page.browser.execute_script("own.close()")
+    page.until(lambda: "0 fingers" in page["state"].text)

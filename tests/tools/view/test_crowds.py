@@ -1,0 +1,69 @@
+"""Too many pages and too many wishes: bounded, and said in a sentence."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from aiohttp import ClientSession, WSCloseCode, web
+
+from hapticd.tools.view.client import MAX_WISHES, PlateClient
+from hapticd.tools.view.messages import ClearFault, Want
+from hapticd.tools.view.server import MAX_PAGES, MAX_WANTED, Page, Viewer
+
+
+def test_a_page_too_many_is_told_why_and_not_that_the_viewer_has_ended(tmp_path: Path) -> None:
+    async def crowd() -> tuple[int, int | None, str]:
+        viewer = Viewer(str(tmp_path), key="key")
+        runner = web.AppRunner(viewer.app())
+        await runner.setup()
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        viewer.port = runner.addresses[0][1]
+        own = f"http://127.0.0.1:{viewer.port}"
+        try:
+            async with ClientSession(headers={"Origin": own}) as session:
+                pages = [await session.ws_connect(f"{own}/socket?key=key") for _ in range(MAX_PAGES + 1)]
+                said = await pages[-1].receive()
+                return sum(not page.closed for page in pages), said.data, said.extra if said.extra is not None else ""
+        finally:
+            await runner.cleanup()
+
+    is_open, code, why = asyncio.run(crowd())
+    assert is_open == MAX_PAGES
+    assert (code, why) == (WSCloseCode.TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one.")
+
+
+@pytest.fixture
+def client() -> PlateClient:
+    """Not started: what it is asked waits."""
+    return PlateClient(None, lambda *_: None)
+
+
+def test_of_a_flood_of_wishes_for_one_finger_the_newest_waits(client: PlateClient) -> None:
+    refused: list[str] = []
+    for step in range(10_000):
+        client.ask(Want(1, step * 1e-4), refused.append)
+    client.ask(ClearFault(), refused.append)
+
+    assert [wish for wish, _ in client._waiting()] == [Want(1, 9999 * 1e-4), ClearFault()]
+    assert refused == []
+
+
+def test_wishes_for_ever_more_fingers_are_refused(client: PlateClient) -> None:
+    refused: list[str] = []
+    for finger in range(1, 10_000):
+        client.ask(Want(finger, 1.0), refused.append)
+
+    assert len(refused) == 9_999 - MAX_WISHES
+    assert "ask again" in refused[0]
+    assert len(list(client._waiting())) == MAX_WISHES
+
+
+def test_a_page_that_stays_open_remembers_no_more_fingers_than_a_client_may_hold() -> None:
+    page = Page(web.WebSocketResponse(), 1)
+    for finger in range(1, 10_000):
+        page.remember(Want(finger, 1.0))
+    page.remember(Want(9_999, None))
+
+    assert list(page.wanted) == list(range(10_000 - MAX_WANTED, 9_999))

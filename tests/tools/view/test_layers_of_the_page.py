@@ -1,0 +1,97 @@
+"""What is laid over the picture of the field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.public import solve
+from hapticd.errors import RequestError
+from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.tools.view import layers, messages
+from hapticd.tools.view.layers import LAYERS, POINTS, LayerFinger
+
+MODES = PlateTruth(PlateSettings()).cartography(1)
+SIZE_MM = (137.5, 137.5)
+
+
+def test_a_layer_is_told_from_the_top_left_with_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    def right_of_the_finger(
+        modes: ModeShapes,
+        fingers: list[LayerFinger],
+        mover: LayerFinger | None,
+        w_limit_um: list[float],
+        points_mm: np.ndarray,
+    ) -> np.ndarray:
+        assert mover is None
+        assert modes is MODES
+        assert w_limit_um == [4.0, 4.0]
+        values = np.where(points_mm[:, 0] > fingers[0].x_mm, 2.0, -1.0)
+        values[points_mm[:, 1] > 60.0] = np.nan
+        return values
+
+    monkeypatch.setitem(LAYERS, "right", right_of_the_finger)
+    told = layers.picture("right", MODES, [LayerFinger(1, 0.0, 0.0, 1.0)], [4.0, 4.0], SIZE_MM)
+    levels = np.frombuffer(told, np.uint8).reshape(POINTS, POINTS)
+    assert (levels[0] == 255).all()
+    assert (levels[-1, : POINTS // 2] == 0).all()
+    assert (levels[-1, POINTS // 2 + 1 :] == 254).all()
+
+
+def test_a_layer_that_there_is_not_is_refused() -> None:
+    with pytest.raises(RequestError, match="no layer 'still'"):
+        layers.picture("still", MODES, [], [4.0, 4.0], SIZE_MM)
+
+
+SLIPPERY, STICKY = LayerFinger(1, -30.0, 20.0, 1.0), LayerFinger("post", 12.0, -33.0, 0.0)
+
+
+def levels(name: str, fingers: list[LayerFinger], mover: int | str | None = None) -> np.ndarray:
+    told = layers.picture(name, MODES, fingers, [4.0, 4.0], SIZE_MM, mover)
+    return np.frombuffer(told, np.uint8).reshape(POINTS, POINTS)
+
+
+def test_one_finger_more_could_be_sticky_where_the_solver_says_so() -> None:
+    told = levels("could be sticky", [SLIPPERY])
+    for row, column in ((7, 9), (40, 40), (41, 14), (72, 55)):
+        place = (np.linspace(-68.75, 68.75, POINTS)[column], np.linspace(68.75, -68.75, POINTS)[row])
+        solved = solve(MODES.evaluate([SLIPPERY[1:3], place]), [1.0, 0.0], 4.0)
+        assert told[row, column] == pytest.approx(254.0 * min(solved.achieved_um[0], 1.0), abs=0.51)
+    assert 0.5 < np.mean(told == 254) < 0.95
+
+
+def test_a_finger_that_could_go_elsewhere_does_not_stand_in_its_own_way() -> None:
+    both = [SLIPPERY, STICKY]
+    assert (levels("could be sticky", both, "post") == levels("could be sticky", [SLIPPERY])).all()
+    assert (levels("could be slippery", both, 1) == levels("could be slippery", [STICKY])).all()
+    assert np.mean(levels("could be sticky", both) == 254) == 0.0  # three fingers share two modes
+    assert (levels("could be sticky", both, 77) == levels("could be sticky", both)).all()  # it has gone
+
+
+def test_a_slippery_finger_is_asked_about_with_its_own_amplitude() -> None:
+    stronger = SLIPPERY._replace(target_um=3.0)
+    weak, strong = (levels("could be slippery", [finger, STICKY], 1) for finger in (SLIPPERY, stronger))
+    assert np.mean(strong == 254) < np.mean(weak == 254)
+    assert (strong <= weak).all()
+
+
+def test_where_nobody_slips_a_sticky_finger_says_nothing() -> None:
+    assert (levels("could be sticky", [STICKY]) == 255).all()
+    assert (levels("could be sticky", []) == 255).all()
+
+
+@pytest.mark.parametrize("text", ["x", "0", "-1", "1.5", "[]", "null", "[" * 5000, '"' + "x" * 5000 + '"'])
+def test_a_finger_that_can_be_none_is_refused(text: str) -> None:
+    with pytest.raises(RequestError, match="finger"):
+        messages.mover(text)
+
+
+def test_a_finger_is_read_by_its_id_or_name() -> None:
+    assert [messages.mover(text) for text in ("", "3", '"post"')] == [None, 3, "post"]
+
+
+def test_where_the_solver_has_to_search_fewer_places_are_asked() -> None:
+    both = [SLIPPERY, SLIPPERY._replace(key=2)]
+    assert len(layers.picture("could be slippery", MODES, both, [4.0, 4.0], SIZE_MM, 2)) == layers.FEW_POINTS**2
+    assert len(layers.picture("could be sticky", MODES, both, [4.0, 4.0], SIZE_MM, 2)) == POINTS**2

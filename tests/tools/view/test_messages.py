@@ -1,0 +1,140 @@
+"""What page and server say to each other: what is read of a page, and what a page is told."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd.errors import HapticdError, RequestError
+from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.tools.view import messages
+from hapticd.tools.view.messages import ClearFault, Hold, Want
+from hapticd.tools.view.rig import Truth, decode_truth
+from hapticd.tools.view.shapes import GRID, modes_of, picture_grid
+from hapticd_client import FingerState, PlateState
+
+STATE = PlateState(
+    instance=7,
+    seq=1,
+    t_ns=2_500_000_000,
+    state="ACTIVE",
+    fingers=(
+        FingerState(3, 1.0, 2.0, 1.5, 2.5, 1.0, 0.98, False, "study"),
+        FingerState("post", math.nan, math.nan, None, None, None, None, True),
+    ),
+    modal_um=(1.5, -2.0),
+    limited=True,
+    condition=None,
+    age_ms=10.0,
+    horizon_ms=math.nan,
+    modal_q_um=(0.25, 0.0),
+    measured_um=(1.4 + 0.2j, complex(math.nan, 0.0)),
+)
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ({"op": "fingers", "fingers": {"mouse": [1, -2.5]}}, Hold({"mouse": (1.0, -2.5)})),
+        ({"op": "fingers", "fingers": {}}, Hold({})),
+        ({"op": "set", "finger": 3, "amplitude_um": 0}, Want(3, 0.0)),
+        ({"op": "set", "finger": "post", "amplitude_um": 1.5}, Want("post", 1.5)),
+        ({"op": "release", "finger": 3}, Want(3, None)),
+        ({"op": "clear_fault"}, ClearFault()),
+    ],
+)
+def test_a_page_says_what_it_wants(said: dict[str, Any], meant: object) -> None:
+    assert messages.read(json.dumps(said)) == meant
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        "[" * 5000,
+        '{"op": "explode"}',
+        '{"op": "set", "finger": 0, "amplitude_um": 1}',
+        '{"op": "set", "finger": 1, "amplitude_um": NaN}',
+        '{"op": "set", "finger": 1, "amplitude_um": 1e9}',
+        '{"op": "set", "finger": 1, "amplitude_um": true}',
+        '{"op": "release"}',
+        '{"op": "fingers", "fingers": {"a": [1]}}',
+        '{"op": "fingers", "fingers": {"a": [1, Infinity]}}',
+        '{"op": "fingers", "fingers": [1, 2]}',
+        '{"op": "clear_fault", "more": 1}',
+    ],
+)
+def test_what_a_page_may_not_say_is_refused_in_a_sentence(text: str) -> None:
+    with pytest.raises(RequestError, match=r"\.$"):
+        messages.read(text)
+
+
+@given(st.text(max_size=60) | st.dictionaries(st.sampled_from(["op", "finger", "fingers"]), st.integers()).map(str))
+def test_any_text_is_a_message_or_refused(text: str) -> None:
+    try:
+        messages.read(text)
+    except RequestError:
+        return
+
+
+def test_a_frame_holds_all_that_is_drawn_and_nothing_that_json_cannot_say() -> None:
+    truth = Truth(0, ((1.1, 2.1),), (1.45 + 0.2j, -2.0 + 0j), (0.99j,))
+    frame = json.loads(messages.frame(STATE, truth), parse_constant=pytest.fail)
+    real, virtual = frame["fingers"]
+    assert frame["t_s"] == 2.5
+    assert (real["id"], real["seen_mm"], real["predicted_mm"], real["owner"]) == (3, [1.0, 2.0], [1.5, 2.5], "study")
+    assert (virtual["seen_mm"], virtual["predicted_mm"], virtual["target_um"]) == ([None, None], None, None)
+    assert frame["modal_um"] == [[1.5, 0.25], [-2.0, 0.0]]
+    assert frame["measured_um"] == [[1.4, 0.2], [None, 0.0]]
+    assert frame["truth"] == {
+        "fingers_mm": [[1.1, 2.1]],
+        "modal_um": [[1.45, 0.2], [-2.0, 0.0]],
+        "truth_um": [[0.0, 0.99]],
+    }
+    assert json.loads(messages.frame(STATE, None))["truth"] is None
+
+
+def test_the_truth_is_read_and_anything_else_is_none() -> None:
+    told = {"t_ns": 5, "fingers": [[1.0, 2.0]], "modal_um": [[1.0, 0.5]], "truth_um": [[0.25, 0.0]]}
+    assert decode_truth(msgpack.packb(told)) == Truth(5, ((1.0, 2.0),), (1 + 0.5j,), (0.25 + 0j,))
+    for change in ({"t_ns": "x"}, {"fingers": 3}, {"modal_um": [[1.0]]}, {"truth_um": None}):
+        assert decode_truth(msgpack.packb(told | change)) is None
+
+
+@given(st.binary(max_size=60))
+def test_any_bytes_are_a_truth_or_none(payload: bytes) -> None:
+    decode_truth(payload)
+
+
+# --- the shapes ---------------------------------------------------------------------------------------------------
+
+
+def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
+    modes = PlateTruth(PlateSettings()).cartography(1)
+    body = {
+        "x_mm": modes.x_mm.tolist(),
+        "y_mm": modes.y_mm.tolist(),
+        "modes": modes.M,
+        "shapes": modes.shapes.astype("<f4").tobytes(),
+    }
+    grid = np.frombuffer(picture_grid(modes_of(body), (137.5, 137.5)), "<f4").reshape(2, GRID, GRID)
+    np.testing.assert_allclose(grid[:, 0, 0], modes.at(-68.75, 68.75), atol=1e-5)
+    np.testing.assert_allclose(grid[:, 50, 75], modes.at(34.375, 0.0), atol=1e-5)
+
+
+@pytest.mark.parametrize("change", [{"shapes": b""}, {"shapes": None}, {"modes": "2"}, {"x_mm": [0.0]}, {"y_mm": None}])
+def test_a_daemon_that_tells_no_shapes_is_one_sentence(change: dict[str, Any]) -> None:
+    axis = [0.0, 1.0, 2.0, 3.0]
+    body = {"x_mm": axis, "y_mm": axis, "modes": 1, "shapes": bytes(64)}
+    modes_of(body)
+    with pytest.raises(HapticdError, match="no mode shapes"):
+        modes_of(body | change)

@@ -1,0 +1,77 @@
+"""`hapticd view` as a command: what it cannot do is one sentence, and it leaves nothing behind."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.tools.view import program
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    code = main(["view", "--no-browser", *arguments])
+    return code, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--port", "70000"), "--port: 70000 is out of bounds"),
+        (("--sim", "--endpoint", "/tmp"), "leave --endpoint away"),
+        (("--scenario", "strokes"), "give --sim as well"),
+        (("--sim", "--scenario", "dance"), "there is no 'dance': choose one of strokes,"),
+        (("--endpoint", "/no/such/directory"), "/no/such/directory is no directory"),
+    ],
+)
+def test_a_person_s_slip_is_one_sentence(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = complaint(capsys, *arguments)
+    assert code == 2
+    assert sentence in said
+    assert said.count("\n") == 1
+
+
+def test_a_port_that_is_taken_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        code, said = complaint(capsys, "--port", str(taken.getsockname()[1]))
+    assert code == 1
+    assert "choose another with --port" in said
+
+
+@pytest.mark.parametrize(("missing", "remedy"), [("aiohttp", "hapticd[view]"), ("hapticd_client", "clients/python")])
+def test_what_is_not_installed_is_said_with_its_remedy(
+    missing: str, remedy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    code, said = complaint(capsys)
+    assert code == 1
+    assert remedy in said
+
+
+def test_no_browser_is_opened_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert not program.has_screen()
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert program.has_screen()
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
+def test_a_simulated_plate_ends_with_its_viewer(end: signal.Signals, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hapticd", "view", "--sim", "--no-browser", "--port", "0"]
+    environ = {"TMPDIR": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("the plate: http://127.0.0.1:")
+        assert len(list(tmp_path.iterdir())) == 2  # of the rig and of the service
+        process.send_signal(end)
+        assert process.wait(60) == 0
+    assert list(tmp_path.iterdir()) == []
