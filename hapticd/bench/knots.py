@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.prediction.predictor import make_predictor
+from ..core.prediction.predictor import DEFAULT as PREDICTOR
 from ..core.targets.scene import Scene
 from ..sim.plate.truth import PlateTruth
 from ..values import AmplitudeTarget, ClientTargets, GratingTarget, MapTarget, SafeDrive, Target, VirtualPath
@@ -33,7 +33,7 @@ _WAYS = {
     "slips": VirtualPath(((-50.0, -20.0), (30.0, 24.0)), SPEED_MM_S, loop=True),
     "sticks": VirtualPath(((45.0, -41.0), (-12.0, 38.0)), SPEED_MM_S, loop=True),
 }
-_BASE = PipelineSettings(w_limit_um=_LIMITS_UM, make_predictor=make_predictor, fade=5.0)
+_BASE = PipelineSettings(w_limit_um=_LIMITS_UM, make_predictor=PREDICTOR.for_touch, fade=5.0)
 SCHEMES: Mapping[str, PipelineSettings] = {
     DEFAULT: _BASE,
     "adaptive, 5 nm": replace(_BASE, tolerance_um=0.005),
@@ -105,7 +105,7 @@ def _drives(pipeline: Pipeline, frames: int) -> list[SafeDrive | None]:
 
 def _driving(pipeline: Pipeline, frames: int) -> Callable[[], object]:
     def drive() -> None:
-        pipeline.forget_standing()
+        pipeline.resend()
         _drives(pipeline, frames)
 
     return drive

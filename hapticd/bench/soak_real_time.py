@@ -98,7 +98,7 @@ class Watch:
         """Forget what was counted."""
         self.frames, self.peak_um, self.pauses = 0, 0.0, 0
         self.longest_silence_ns, self.silences = 0, 0
-        self.machine.loop, self.machine.session.ledger = LoopTiming(), Ledger()
+        self.machine.status.loop, self.machine.session.ledger = LoopTiming(), Ledger()
 
 
 def run(seconds: float) -> tuple[Table, ...]:
@@ -207,14 +207,14 @@ async def _spell(
     async with _aside(spell()) as told:
         await asyncio.to_thread(stood_ms, beside)
         await asyncio.sleep(SETTLE_S)
-        trips, lost = _trips(machine), machine.lost_messages()["too_fast"]
+        trips, lost = _trips(machine), machine.status.lost_messages()["too_fast"]
         watch.begin()
         t_end_s = time.monotonic() + seconds
         while time.monotonic() < t_end_s:
             await _ask(machine)
         counts = _counted(watch) | {"dead_man_trips_count": float(_trips(machine) - trips)}
         counts["machine_stood_ms"] = await asyncio.to_thread(stood_ms, beside)
-        lost = machine.lost_messages()["too_fast"] - lost
+        lost = machine.status.lost_messages()["too_fast"] - lost
     for one in told:
         counts = counts | one | {"not_read_hz": lost / seconds}
     w_limit_um = max(machine.config.limits.w_limit_um)
@@ -228,7 +228,7 @@ def _trips(machine: Machine) -> int:
 
 
 def _counted(watch: Watch) -> Counts:
-    loop, ledger = watch.machine.loop, watch.machine.session.ledger
+    loop, ledger = watch.machine.status.loop, watch.machine.session.ledger
     return {
         "compute_p50_us": loop.compute.percentile_ns(50) * 1e-3,
         "compute_p99_us": loop.compute.percentile_ns(99) * 1e-3,
@@ -245,7 +245,7 @@ def _counted(watch: Watch) -> Counts:
 
 
 def _notes(machine: Machine) -> tuple[str, ...]:
-    granted, limit_um = machine.real_time, max(machine.config.limits.w_limit_um)
+    granted, limit_um = machine.status.real_time, max(machine.config.limits.w_limit_um)
     priority = granted.get("priority", 0)
     return (
         f"SCHED_FIFO {priority}" if priority else "without SCHED_FIFO, which was not granted: the scheduler's times",
