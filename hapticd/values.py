@@ -1,4 +1,4 @@
-"""The vocabulary: every value that crosses a module, in the order of a touch's way.
+"""The vocabulary: every value that crosses a module, in the order of the touch path.
 
 Units stand in the names. Instants are integer nanoseconds (`t_..._ns`) on the host's monotonic clock, unless the
 name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.board.clock_sync`).
@@ -174,7 +174,7 @@ class VirtualPath:
 
 @dataclass(frozen=True, slots=True)
 class ClientTargets:
-    """All that one client wants now; it replaces what the same client wanted before.
+    """All present targets of one client; they replace that client's earlier ones.
 
     Keys of `targets` are finger ids (int) or names of virtual fingers (str). `stamp` grows with each change of what
     the client wants; None where the client does not say.

@@ -1,12 +1,12 @@
-"""A touch's way from a trackpad frame to a reference polyline, in one pass and with no queue.
+"""The touch path: from a trackpad frame to a reference polyline, in one pass and with no queue.
 
-    touch():  track the contacts, give each finger's predictor its sample (`core.touch.fingers`)
-    drive():  for each knot time: predict the positions, ask the scene what each finger should feel, evaluate the
-              mode matrix there, solve for the modal amplitudes; then gate the polyline. There are as many knots as
-              the tolerance asks for (`core.trajectory.knots`)
+    touch():  track the contacts and give each finger's predictor its sample (`core.touch.fingers`)
+    drive():  find the fingers that take part in the solve; for each knot time predict their positions, look up their
+              targets there, evaluate the mode matrix and solve for the modal amplitudes; then gate the polyline. The
+              number of knots follows from the tolerance (`core.trajectory.knots`)
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
-skipped and counted: no finger, no target, or fingers so still that the last reference stands.
+skipped and counted: no finger, no target, or fingers so still that the last reference still holds.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class PipelineCounters:
     skipped_knots: int = 0
     skipped_no_finger: int = 0
     skipped_no_target: int = 0
-    skipped_standing: int = 0
+    skipped_active: int = 0
 
 
 class Pipeline:
@@ -106,12 +106,12 @@ class Pipeline:
             settings.make_predictor, sensor_latency_ns=settings.sensor_latency_ns, silence_ns=settings.silence_ns
         )
         self._steepness_1_mm = modes.steepest_1_mm()
-        self._standing = silence(0, modes.M)
-        self._standing_keys: list[Key] = []
-        self._standing_places: list[Place] = []
+        self._active = silence(0, modes.M)
+        self._active_keys: list[Key] = []
+        self._active_places: list[Place] = []
         self._is_sent = True
         self._t_settled_ns = 0
-        self._standing_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
+        self._active_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
 
     @property
     def fingers(self) -> tuple[Finger, ...]:
@@ -121,7 +121,7 @@ class Pipeline:
     @property
     def modal_um(self) -> tuple[complex, ...]:
         """The modal phasors at the first knot of the reference in force."""
-        return self._standing.knots[0].modal_um
+        return self._active.knots[0].modal_um
 
     # --- from the trackpad ---
 
@@ -161,11 +161,11 @@ class Pipeline:
         t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
-            self.counters.skipped_standing += 1
-            standing, limited = self._standing_points
+            self.counters.skipped_active += 1
+            standing, limited = self._active_points
             return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, still)), limited)
 
-        first, last, knots = self._polyline(keys, t_plate_ns, interpolated_um(self._standing, t_apply_ns))
+        first, last, knots = self._polyline(keys, t_plate_ns, interpolated_um(self._active, t_apply_ns))
         drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
 
         limited = first.limited or last.limited
@@ -173,11 +173,11 @@ class Pipeline:
         self.counters.skipped_knots += self._settings.max_knots - len(knots)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
-        self._standing, self._standing_keys, self._standing_places = drive, keys, last.places
+        self._active, self._active_keys, self._active_places = drive, keys, last.places
         self._is_sent = True
         self._t_settled_ns = settles_ns(drive, self._settings.tolerance_um)
-        self._standing_points = points(keys, first, last), limited
-        return self._tick(t_now_ns, t_plate_ns, drive, *self._standing_points)
+        self._active_points = points(keys, first, last), limited
+        return self._tick(t_now_ns, t_plate_ns, drive, *self._active_points)
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
         """Nothing is requested or allowed: send one zero frame, then none."""
@@ -185,10 +185,10 @@ class Pipeline:
             self.counters.skipped_no_target += 1
         else:
             self.counters.skipped_no_finger += 1
-        is_silent = len(self._standing.knots) == 1 and not any(self._standing.knots[0].modal_um)
+        is_silent = len(self._active.knots) == 1 and not any(self._active.knots[0].modal_um)
         drive = None if is_silent and self._is_sent else silence(t_now_ns + link_ns, self._modes.M)
         if drive is not None:
-            self._standing, self._standing_keys, self._standing_places, self._is_sent = drive, [], [], True
+            self._active, self._active_keys, self._active_places, self._is_sent = drive, [], [], True
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
     def resend(self) -> None:
@@ -200,14 +200,14 @@ class Pipeline:
     def _polyline(
         self, keys: list[Key], t_plate_ns: int, previous_um: Row
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
-        """The plate at the frame's beginning and end, and the knots from one to the other."""
+        """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
         settings = self._settings
-        first = self._moment(keys, t_plate_ns, previous_um, 0)
+        first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
         if settings.max_knots == 1:
             return first, first, [begin]
         span_ns = settings.cover_ns
-        last = self._moment(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
+        last = self._solve_at(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
         knots = [begin, Knot(span_ns, last.modal_um)]
         moved_mm = _moved_mm(first.places, last.places)
         pieces, smooth = self._pieces(keys, moved_mm)
@@ -215,15 +215,15 @@ class Pipeline:
             return first, last, knots
 
         def solve(dt_ns: int, before: Knot) -> Row:
-            return self._moment(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
+            return self._solve_at(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
 
         for piece in range(1, pieces):
             dt_ns = span_ns * piece // pieces // 1000 * 1000
             knots.insert(piece, Knot(dt_ns, solve(dt_ns, knots[piece - 1])))
         return first, last, refine(solve, knots, settings.tolerance_um, settings.max_knots, smooth=smooth)
 
-    def _moment(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
-        """Predict, ask the scene, evaluate the modes and solve, for one instant `since_ns` after another."""
+    def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
+        """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
         return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns)
 
@@ -241,7 +241,7 @@ class Pipeline:
         return places
 
     def _pieces(self, keys: Sequence[Key], moved_mm: Sequence[float]) -> tuple[int, bool]:
-        """Into how many spans the textures ask to cut the way before it is looked at, and whether they are smooth."""
+        """Return into how many spans the textures divide the fingers' way at first, and whether they are smooth."""
         pieces, smooth = 1.0, True
         for finger, way_mm in enumerate(moved_mm):
             finest_mm, is_smooth = self._scene.detail(keys[finger])
@@ -251,7 +251,7 @@ class Pipeline:
         return math.ceil(min(pieces, self._settings.max_knots - 1, self._settings.cover_ns / SHORTEST_NS)), smooth
 
     def _bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
-        """At most by how much a chord can err over so short a way: W (steepness * way)^2 / 8."""
+        """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""
         largest_um = 0.0
         for _, modal_um in ends:
             for w_um in modal_um:
@@ -261,12 +261,14 @@ class Pipeline:
         return largest_um * (change * change) / 8.0
 
     def _still(self, keys: list[Key], t_apply_ns: int, t_plate_ns: int) -> list[Place] | None:
-        """Where the fingers are when the frame begins, if the last reference has come to rest and they are, from then
-        to the frame's end, where it was made for: then it stands."""
-        standing = self._standing_places
-        if not self._is_sent or self._standing_keys != keys or t_apply_ns < self._t_settled_ns:
+        """Return where the fingers will be when the frame begins, if the last reference still holds; else None.
+
+        It holds if it has settled, and from there to the frame's end the fingers stay where it was made for.
+        """
+        standing = self._active_places
+        if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns:
             return None
-        steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
+        steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)
         ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]
         for places in ends:
             for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, standing, strict=True):
@@ -283,7 +285,7 @@ class Pipeline:
 
 
 def _moved_mm(before: Sequence[Place], after: Sequence[Place]) -> list[float]:
-    """How far each finger comes."""
+    """Return how far each finger moves."""
     moved_mm = []
     for finger in range(len(before)):
         (x_mm, y_mm, _), (then_x_mm, then_y_mm, _) = before[finger], after[finger]
