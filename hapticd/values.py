@@ -177,7 +177,7 @@ class ClientTargets:
     """All present targets of one client; they replace that client's earlier ones.
 
     Keys of `targets` are finger ids (int) or names of virtual fingers (str). `stamp` grows with each change of what
-    the client wants; None where the client does not say.
+    the client requests; None where the client does not say.
     """
 
     client: str
@@ -204,14 +204,14 @@ class Solution(NamedTuple):
 
 
 class Knot(NamedTuple):
-    """The modal phasors (M,) wanted `dt_ns` after the frame's `t_apply_ns`; between knots the board interpolates."""
+    """The modal phasors (M,) of the reference, `dt_ns` after the frame's `t_apply_ns`; between knots the board interpolates."""
 
     dt_ns: int
     modal_um: tuple[complex, ...]
 
 
 class Drive(NamedTuple):
-    """A reference polyline as the solver wants it: not yet checked, so nothing encodes it."""
+    """A reference polyline from the solver: not yet checked, so the encoder refuses it."""
 
     t_apply_ns: int
     knots: tuple[Knot, ...]
