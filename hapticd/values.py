@@ -204,7 +204,7 @@ class Solution(NamedTuple):
 
 
 class Knot(NamedTuple):
-    """The modal phasors (M,) of the reference, `dt_ns` after the frame's `t_apply_ns`; between knots the board interpolates."""
+    """The reference's modal phasors (M,) `dt_ns` after the frame's `t_apply_ns`; in between the board interpolates."""
 
     dt_ns: int
     modal_um: tuple[complex, ...]
