@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import HapticdError
 from ..sim.board.faulty import FaultySimulation
@@ -30,6 +31,8 @@ from .soak_faults import KINDS, Kind, Watch
 from .tables import Row, Table
 
 log = logging.getLogger("hapticd")
+
+FloatArray = npt.NDArray[np.float64]
 
 RUN_S = 30.0
 FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board with a wrapped clock is detected after half a second
@@ -96,8 +99,8 @@ def play(findings: Findings, seed: int) -> None:
         watch.expect(fault.kind, fault.t_from_s, fault.t_until_s, RECOVERY_S, rng)
     simulation.run(RUN_S)
     findings.virtual_s += RUN_S
-    findings.frames += watch.frames
-    findings.peak_reference_um = max(findings.peak_reference_um, watch.peak_um)
+    findings.frames += watch.references.frames
+    findings.peak_reference_um = max(findings.peak_reference_um, watch.references.peak_um)
     _check(findings, simulation, watch, faults, f"run {seed}")
 
 
@@ -118,27 +121,31 @@ def _drawn(rng: np.random.Generator) -> Iterator[Fault]:
 def _check(findings: Findings, simulation: FaultySimulation, watch: Watch, faults: list[Fault], where: str) -> None:
     w_limit_um = max(simulation.settings.config.limits.w_limit_um)
     t_s, level_um = simulation.level_um()
-    findings.peak_plate_um = max(findings.peak_plate_um, float(level_um.max()))
-    if watch.peak_um > w_limit_um:
-        findings.failures.append(f"{where}: a frame requested {watch.peak_um:g} um, the limit is {w_limit_um:g}.")
-    if level_um.max() > w_limit_um:
-        findings.failures.append(f"{where}: the plate moved by {level_um.max():g} um, the limit is {w_limit_um:g}.")
+    plate_um = float(level_um.max())
+    findings.peak_plate_um = max(findings.peak_plate_um, plate_um)
+    for what, peak_um in (("a frame requested", watch.references.peak_um), ("the plate moved by", plate_um)):
+        if peak_um > w_limit_um:
+            findings.failures.append(f"{where}: {what} {peak_um:g} um, the limit is {w_limit_um:g}.")
     for fault in faults:
-        name = fault.kind.name
-        findings.faults[name] += 1
-        which = f"{where}, {name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
-        moving = t_s[(t_s > fault.t_from_s) & (t_s < fault.t_until_s) & (level_um > QUIET_UM)]
-        quiet_ms = 1e3 * (float(moving[-1]) - fault.t_from_s) if len(moving) else 0.0
-        if fault.kind.quiet_within_ms is not None:
-            findings.latest_quiet_ms[name] = max(findings.latest_quiet_ms.get(name, 0.0), quiet_ms)
-            if quiet_ms > fault.kind.quiet_within_ms:
-                findings.failures.append(f"{which}: the plate still moved after {quiet_ms:.0f} ms.")
-        end_s = fault.t_until_s + RECOVERY_S
-        if level_um[(t_s > end_s - 0.25) & (t_s <= end_s)].max() < DRIVEN_UM:
-            findings.failures.append(f"{which}: the fingers are not driven again.")
+        _check_fault(findings, fault, t_s, level_um, where)
     findings.failures += [f"{where}, {sentence}" for sentence in watch.undetected]
     if level_um[t_s > AT_REST_S].max() > QUIET_UM or simulation.machine.pipeline.fingers:
         findings.failures.append(f"{where}: motion or fingers remain after both fingers were lifted.")
+
+
+def _check_fault(findings: Findings, fault: Fault, t_s: FloatArray, level_um: FloatArray, where: str) -> None:
+    name, quiet_within_ms = fault.kind.name, fault.kind.quiet_within_ms
+    findings.faults[name] += 1
+    which = f"{where}, {name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
+    if quiet_within_ms is not None:
+        moving = t_s[(t_s > fault.t_from_s) & (t_s < fault.t_until_s) & (level_um > QUIET_UM)]
+        quiet_ms = 1e3 * (float(moving[-1]) - fault.t_from_s) if len(moving) else 0.0
+        findings.latest_quiet_ms[name] = max(findings.latest_quiet_ms.get(name, 0.0), quiet_ms)
+        if quiet_ms > quiet_within_ms:
+            findings.failures.append(f"{which}: the plate still moved after {quiet_ms:.0f} ms.")
+    end_s = fault.t_until_s + RECOVERY_S
+    if level_um[(t_s > end_s - 0.25) & (t_s <= end_s)].max() < DRIVEN_UM:
+        findings.failures.append(f"{which}: the fingers are not driven again.")
 
 
 def _resources() -> dict[str, float]:

@@ -19,19 +19,32 @@ LONGEST_FRAME = 4096
 JUST_BEFORE_S = 0.002  # before the end of a fault: its effect shows, and the next event has not begun
 
 
-class Watch:
-    """Injects faults into the links of a simulation, and counts the frames to the board.
+class ReferenceMeter:
+    """Counts references in the bytes to the board; `peak_um` is their largest modal amplitude."""
 
-    `peak_um` is the largest modal amplitude of all references that the daemon sent; `undetected` has a sentence for
-    each fault that no counter showed.
+    def __init__(self) -> None:
+        self.frames = 0
+        self.peak_um = 0.0
+        self._splitter = FrameSplitter(LONGEST_FRAME)
+
+    def feed(self, data: bytes) -> None:
+        """Decode bytes as the board does."""
+        for message in self._splitter.feed(data):
+            if message[0] == protocol.MSG_REFERENCE:
+                self.frames += 1
+                self.peak_um = max(self.peak_um, reference_peak_um(message))
+
+
+class Watch:
+    """Injects faults into the links of a simulation, and measures the references to the board.
+
+    `undetected` has a sentence for each fault that no counter showed.
     """
 
     def __init__(self, simulation: FaultySimulation) -> None:
         self.simulation = simulation
-        self.frames = 0
-        self.peak_um = 0.0
+        self.references = ReferenceMeter()
         self.undetected: list[str] = []
-        self._splitter = FrameSplitter(LONGEST_FRAME)
         self._windows: dict[str, list[tuple[int, int, Way]]] = {"board": [], "host": [], "report": []}
         simulation.ways |= {"board": self._to_board, "host": self._way("host"), "report": self._way("report")}
 
@@ -64,10 +77,7 @@ class Watch:
         return way
 
     def _to_board(self, t_ns: int, data: bytes) -> Iterable[tuple[int, bytes]]:
-        for message in self._splitter.feed(data):
-            if message[0] == protocol.MSG_REFERENCE:
-                self.frames += 1
-                self.peak_um = max(self.peak_um, reference_peak_um(message))
+        self.references.feed(data)
         return self._way("board")(t_ns, data)
 
 

@@ -20,7 +20,7 @@ import tempfile
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from ..config.sections import Config
@@ -34,9 +34,7 @@ from ..errors import HapticdError
 from ..io.realtime import go_real_time
 from ..sim.rig.process import RigProcess
 from ..values import AmplitudeTarget, ClientTargets, Target
-from ..wire import protocol
-from ..wire.framing import FrameSplitter
-from .soak_faults import LONGEST_FRAME, reference_peak_um
+from .soak_faults import ReferenceMeter
 from .soak_load import FLOODERS, Counts, flood, hogs, longest_stall_ms, stall_monitors
 from .tables import Row, Table, finite_rows
 
@@ -46,58 +44,34 @@ SLIPPERY_UM, STICKY_UM = 1.0, 0.0
 REQUEST_EVERY_S, TTL_NS = 0.1, 2_000_000_000
 TIMEOUT_S = 60.0
 SETTLE_S = 0.5  # after the start of the load, and for the next status of the board
-PAUSE_NS = 1_000_000  # a garbage collection that takes longer is counted
 
 Entered = TypeVar("Entered")
 Result = tuple[list[tuple[str, Counts]], tuple[str, ...]]  # rows by the name of the load, and notes
 
 
-@dataclass
 class Watch:
-    """Counters of frames, silences and garbage collections inside the service; the machine's observer."""
+    """Observer of the machine: references to the board, and silences between two writes."""
 
-    machine: Machine
-    frames: int = 0
-    peak_um: float = 0.0
-    pauses: int = 0
-    longest_silence_ns: int = 0
-    silences: int = 0  # longer than the board's dead-man timeout: a keep-alive was missed
-    _t_written_ns: int | None = None
-    _t_collecting_ns: int = 0
-    _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(LONGEST_FRAME))
-
-    def observer(self, kind: str, t_ns: int, *values: Any) -> None:
-        """Decode every write as the board does."""
-        if kind != "written":
-            return
-        if values[1]:
-            self._note_write(t_ns)
-        for message in self._splitter.feed(values[0]):
-            if message[0] == protocol.MSG_REFERENCE:
-                self.frames += 1
-                self.peak_um = max(self.peak_um, reference_peak_um(message))
-
-    def _note_write(self, t_ns: int) -> None:
-        """The board's line accepted data now."""
-        hello = self.machine.session.hello
-        if self._t_written_ns is not None and hello is not None:
-            silence_ns = t_ns - self._t_written_ns
-            self.longest_silence_ns = max(self.longest_silence_ns, silence_ns)
-            self.silences += silence_ns > hello.deadman_ms * 1_000_000
-        self._t_written_ns = t_ns
-
-    def collected(self, phase: str, _: dict[str, int]) -> None:
-        """One of `gc.callbacks`."""
-        if phase == "start":
-            self._t_collecting_ns = now_ns()
-        else:
-            self.pauses += now_ns() - self._t_collecting_ns > PAUSE_NS
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self._t_written_ns: int | None = None
+        self.restart()
 
     def restart(self) -> None:
         """Reset all counters and the service's histograms."""
-        self.frames, self.peak_um, self.pauses = 0, 0.0, 0
-        self.longest_silence_ns, self.silences = 0, 0
+        self.references = ReferenceMeter()
+        self.longest_silence_ns = 0
         self.machine.loop, self.machine.session.ledger = LoopTiming(), Ledger()
+
+    def observer(self, kind: str, t_ns: int, *values: Any) -> None:
+        """Take one event of the machine."""
+        if kind != "written":
+            return
+        self.references.feed(values[0])
+        if values[1]:  # the port accepted it
+            if self._t_written_ns is not None:
+                self.longest_silence_ns = max(self.longest_silence_ns, t_ns - self._t_written_ns)
+            self._t_written_ns = t_ns
 
 
 def run(seconds: float) -> tuple[Table, ...]:
@@ -150,7 +124,6 @@ async def _measured(daemon: Daemon, seconds: float) -> Result:
     machine = daemon.machine
     watch = Watch(machine)
     machine.observer = watch.observer
-    gc.callbacks.append(watch.collected)
     endpoint = f"ipc://{daemon.runtime_dir / 'targets'}"
     loads: dict[str, Callable[[], AbstractContextManager[list[Counts]]]] = {
         "no load": lambda: contextlib.nullcontext([]),
@@ -162,7 +135,6 @@ async def _measured(daemon: Daemon, seconds: float) -> Result:
         async with _in_thread(stall_monitors(PRIORITY + 2)) as monitors:
             rows = [(name, await _under_load(watch, load, seconds, monitors)) for name, load in loads.items()]
     finally:
-        gc.callbacks.remove(watch.collected)
         machine.observer = None
     return rows, _notes(machine)
 
@@ -217,8 +189,8 @@ async def _under_load(
     for one in rates:
         counts = counts | one | {"refused_hz": lost / seconds}
     w_limit_um = max(machine.config.limits.w_limit_um)
-    if watch.peak_um > w_limit_um:
-        raise HapticdError(f"soak: a frame requested {watch.peak_um:g} um, the limit is {w_limit_um:g}.")
+    if watch.references.peak_um > w_limit_um:
+        raise HapticdError(f"soak: a frame requested {watch.references.peak_um:g} um, the limit is {w_limit_um:g}.")
     return counts
 
 
@@ -233,13 +205,12 @@ def _counted(watch: Watch) -> Counts:
         "compute_p99_us": loop.compute.percentile_ns(99) * 1e-3,
         "wait_p99_us": loop.wait.percentile_ns(99) * 1e-3,
         "timer_late_p99_us": loop.tick_late.percentile_ns(99) * 1e-3,
-        "frames_count": float(watch.frames),
+        "frames_count": float(watch.references.frames),
         "late_frames_count": float(ledger.late_frames),
         "missed_ticks_count": float(loop.missed_ticks),
-        "gc_pauses_count": float(watch.pauses),
-        "peak_um": watch.peak_um,
+        "gc_pauses_count": float(loop.pauses),
+        "peak_um": watch.references.peak_um,
         "longest_silence_ms": watch.longest_silence_ns * 1e-6,
-        "missed_keep_alives_count": float(watch.silences),
     }
 
 
@@ -249,7 +220,7 @@ def _notes(machine: Machine) -> tuple[str, ...]:
     return (
         f"SCHED_FIFO {priority}" if priority else "without SCHED_FIFO (not granted): the times are the scheduler's",
         "compute: pass and write; wait: from reading a report to its pass; gc pauses: above 1 ms",
-        f"no frame requested more than {limit_um:g} um; missed keep-alives: silences beyond the dead-man timeout",
+        f"no frame requested more than {limit_um:g} um; silence: between two writes to the board",
         "machine stall: the longest delay of a processor itself, measured by a process of higher priority",
         "offered, sent: messages of four clients, tried and accepted by their sockets; refused: beyond the rate limit",
     )

@@ -53,8 +53,8 @@ def test_the_largest_amplitude_of_every_frame_counts() -> None:
     drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
     frame = device.encode_reference(1, drive, 1000)
     assert list(watch._to_board(0, frame)) == [(0, frame)]
-    assert watch.frames == 1
-    assert watch.peak_um == pytest.approx(3.5, rel=1e-6)
+    assert watch.references.frames == 1
+    assert watch.references.peak_um == pytest.approx(3.5, rel=1e-6)
 
 
 def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
