@@ -43,6 +43,8 @@ def draw(tables: Sequence[Table], path: Path) -> None:
 
 
 def _scatter(axis: Any, table: Table) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     points = [
         (row.name, row.figures[table.time], row.figures[table.error])
         for row in table.rows
@@ -60,8 +62,11 @@ def _scatter(axis: Any, table: Table) -> None:
             linestyle="none",
             label=name if y > table.floor else f"{name} (rounding)",
         )
-    axis.set_xscale("log")
-    axis.set_yscale("log")
+    for scaled, set_scale in ((axis.xaxis, axis.set_xscale), (axis.yaxis, axis.set_yscale)):
+        set_scale("log")
+        scaled.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        scaled.set_major_formatter("{x:.6g}")
+        scaled.set_minor_formatter(NullFormatter())
     axis.grid(which="major", linewidth=0.4)
     axis.set_xlabel(_heading(table.time))
     axis.set_ylabel(_heading(table.error))
@@ -78,6 +83,7 @@ def _bars(axis: Any, table: Table) -> None:
             axis.bar_label(bars, labels=[f"{value:.0f}" for value in values], padding=3, fontsize=8.5)
     axis.set_yticks(range(len(names)), names)
     axis.invert_yaxis()
+    axis.set_xscale("log")
     axis.margins(x=0.12)
     axis.set_xlabel("time of a pass, us")
     axis.legend(loc="lower right")
