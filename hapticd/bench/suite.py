@@ -93,10 +93,13 @@ def run(
         _print(tables, out)
     if json_file is not None:
         write_text(json.dumps({"machine": _machine(), "parts": figures}, indent=2, allow_nan=False) + "\n", json_file)
+    drawn = [table for table in found if _is_drawn(table)]
+    if plot is not None and not drawn:
+        raise UsageError(f"--plot: {part} has no table of error over run time; leave the option out.")
     if plot is not None:
         from .plot import draw
 
-        draw([table for table in found if _is_drawn(table)], plot)
+        draw(drawn, plot)
         print(f"picture: {plot}", file=out)
 
 

@@ -42,7 +42,7 @@ class Table:
     """Alternatives compared in one run.
 
     `compared` names the figures whose ratios to the row `default` are given. A picture shows the figure `error` over
-    `time`; error figures below `floor` count as zero. `skipped` says why an alternative is missing.
+    `time`; error figures below `floor` count as zero. `skipped` has the reason for each missing alternative.
     """
 
     name: str

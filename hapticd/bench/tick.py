@@ -168,7 +168,7 @@ def _paced(situation: _Situation, seconds: float, wait_until: WaitUntil) -> dict
 
 
 def _skipped(situation: _Situation) -> dict[str, float]:
-    """Share of passes with nothing to solve: proof that the situation is what its name says."""
+    """Share of passes with nothing to solve: evidence that the situation is as named."""
     machine = situation.machine()
     skipped: list[int] = []
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import firmware, solver, stability, suite
+from hapticd.bench import firmware, solver, suite
+from hapticd.bench.tables import Row, Table
 from hapticd.errors import HapticdError
 from hapticd.tools.bench import PARTS
 
@@ -44,11 +45,15 @@ def test_all_parts_give_tables_json_and_a_picture(tmp_path: Path, capsys: pytest
     assert str(picture) in out
 
 
-def test_a_picture_skips_tables_without_error_and_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(suite.PARTS, "stability", lambda extent: stability.run(problems=1, steps=extent.steps))
-    picture = tmp_path / "bench.png"
-    assert main(["bench", "stability", "--steps", "100", "--plot", str(picture)]) == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
+@pytest.mark.usefixtures("quick")
+def test_a_picture_of_tables_without_run_times_is_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = Table("counts", "counts", "all", (Row("all", {"faults_count": 1.0}),), ())
+    monkeypatch.setitem(suite.PARTS, "soak", lambda _: (table,))
+    assert main(["bench", "soak", "--plot", str(tmp_path / "bench.png")]) == 2
+    assert "soak has no table of error over run time" in capsys.readouterr().err
+    assert not (tmp_path / "bench.png").exists()
 
 
 @pytest.mark.usefixtures("quick")

@@ -54,9 +54,9 @@ def figure(table: Table, alternative: str, name: str) -> float:
 @pytest.mark.parametrize("name", PARTS)
 def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) -> None:
     for table in part(name):
-        told = json.loads(json.dumps(plain(table), allow_nan=False))
-        assert told["alternatives"][table.default]
-        for figures in told["alternatives"].values():
+        alternatives = json.loads(json.dumps(plain(table), allow_nan=False))["alternatives"]
+        assert alternatives[table.default]
+        for figures in alternatives.values():
             for key, value in figures.items():
                 assert math.isfinite(value), key
                 assert key.endswith((*UNITS, "_ratio")), key

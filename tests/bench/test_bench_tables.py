@@ -49,7 +49,7 @@ def test_ratios_are_to_the_default_and_nothing_has_none() -> None:
     assert made.ratios(made.row("ours")) == {"time_ratio": 1.0, "leak_ratio": 1.0}
     assert made.ratios(made.row("exact")) == {"time_ratio": 1.5}
     with pytest.raises(KeyError):
-        made.row("nobody")
+        made.row("none")
 
 
 def test_the_json_is_plain_and_leaves_out_what_is_not_finite() -> None:
