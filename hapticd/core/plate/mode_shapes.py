@@ -24,11 +24,11 @@ __all__ = ["BicubicSurfaces", "ModeShapes", "read_grid"]
 Row = tuple[float, ...]  # of M shapes at one point
 Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
 
-_MIN_POINTS = 4  # of a cubic through a line of the grid
-_MAX_VALUES = 250_000  # of all modes, 0.15 kB each: two modes on 350 x 350 points
-_MAX_MISSING_FRAC = 0.25  # a larger gap has too few neighbours to be interpolated
-_MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # values beyond indicate a damaged file, and could overflow
-_FEW_POINTS = 32  # up to this number the scalar path is faster than numpy
+_MIN_POINTS = 4  # what a cubic through a line of the grid needs
+_MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
+_MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
+_MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # beyond is a damaged file, and could overflow
+_FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
 
 
 class ModeShapes:
@@ -66,7 +66,7 @@ class ModeShapes:
 
     @classmethod
     def load(cls, path: str | Path) -> ModeShapes:
-        """Read a map from an NPZ or CSV file (formats: `files.mode_map`); raises ModesError."""
+        """Read a map from an NPZ or CSV file (`files.mode_map` tells the formats); raises ModesError."""
         try:
             return cls(*read_grid(path))
         except ModesError as error:
@@ -75,7 +75,7 @@ class ModeShapes:
             raise ModesError(f"{path}: {error}") from error
 
     def save(self, path: str | Path) -> None:
-        """Write the map as NPZ or CSV, by the file's suffix; `load` returns the same numbers."""
+        """Write the map as NPZ or CSV, by the file's suffix; `load` gives back the same numbers."""
         data = encode_grid((self.x_mm, self.y_mm, self.shapes), _suffix(Path(path)))
         try:
             Path(path).write_bytes(data)
@@ -165,9 +165,9 @@ class ModeShapes:
 
 
 def read_grid(path: str | Path) -> Grid:
-    """Return `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) of a map file, NaN where it has no value.
+    """`x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) of a map file, NaN where it has no value.
 
-    For fits; `ModeShapes.load` fills the gaps. Raises ModesError.
+    This is what a fit wants to see: `ModeShapes.load` mends the gaps instead. Raises ModesError.
     """
     path = Path(path)
     suffix = _suffix(path)
@@ -186,7 +186,7 @@ def read_grid(path: str | Path) -> Grid:
 
 def _suffix(path: Path) -> str:
     if path.suffix.lower() not in FORMATS:
-        raise ModesError(f"{path}: unknown suffix; name the file {' or '.join(FORMATS)}.")
+        raise ModesError(f"{path}: the suffix tells no known format; name the file {' or '.join(FORMATS)}.")
     return path.suffix.lower()
 
 
@@ -213,11 +213,9 @@ def _axis(values_mm: npt.ArrayLike, name: str) -> FloatArray:
             f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} and at most {MAX_LINES} positions."
         )
     if not (np.isfinite(axis).all() and (np.diff(axis) > 0.0).all()):
-        raise ModesError(f"{name} does not increase from each position to the next; sort it and remove duplicates.")
+        raise ModesError(f"{name} does not increase from each position to the next; sort it and remove doubles.")
     if not (np.abs(axis).max() <= MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
-        raise ModesError(
-            f"{name} has values above {MAX_POSITION_MM:g} or steps below {_MIN_STEP_MM:g}; check that they are in mm."
-        )
+        raise ModesError(f"{name} holds positions that no plate has; check that they are in mm.")
     axis.setflags(write=False)
     return axis
 
