@@ -79,12 +79,12 @@ class FakeBoard:
     def __post_init__(self) -> None:
         self._splitter = FrameSplitter(1000)
 
-    def write(self, line: bytes) -> bool:
+    def write(self, line: bytes) -> int | None:
         if not self.plugged:
-            return False
+            return None
         for message in self._splitter.feed(line):
             self._hear(NAMES[message[0]], message[1:])
-        return True
+        return self.bench.t_ns
 
     def _hear(self, name: str, payload: bytes) -> None:
         if name == "reference":

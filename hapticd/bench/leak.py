@@ -12,16 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..daemon.settings import FILTERED_STAMP_ERROR_MS
 from ..sim.lockstep import Settings, paper, perfect
 from ..sim.score import Score, settled
-from .baselines import make_predictor
+from .baselines import PREDICTORS
 from .leak_runs import (
     DEFAULT,
     NOTHING_UM,
@@ -43,7 +41,7 @@ BOTH_SLIP = "both-slip"
 SIGNS_ALONE = "signs alone"
 POINT = "a point"
 RADIUS_MM = 5.0  # of a fingertip's contact
-PREDICTORS = ("hold", "linear", "kalman_jerk")
+OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 _DIP_FRAC = 0.5  # of its target: a finger feels less as a catch
 _RINGS_MM = RADIUS_MM * np.sqrt((np.arange(4) + 0.5) / 4)  # equal areas
 _EVERY = 8  # ticks: a finger moves 0.4 mm
@@ -53,11 +51,7 @@ def alternatives() -> dict[str, Alternative]:
     """hapticd, hapticd with a single choice changed, and the paper's scheme, by name."""
     ours = Settings()
     found = {DEFAULT: Alternative(ours)}
-    for name in PREDICTORS:
-        make = partial(
-            make_predictor, name, period_ms=ours.config.prediction.period_ms, stamp_error_ms=FILTERED_STAMP_ERROR_MS
-        )
-        found[f"predictor {name}"] = Alternative(ours, make)
+    found |= {f"predictor {name}": Alternative(ours, PREDICTORS[name].for_touch) for name in OTHER_PREDICTORS}
     changes: dict[str, dict[str, dict[str, Any]]] = {
         "a single knot": {"solver": {"max_knots": 1}},
         "controller pi": {"device": {"controller": "pi"}},

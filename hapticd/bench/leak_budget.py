@@ -38,7 +38,7 @@ class TruePath:
         self._paths = paths
         self._path: Path | None = None
 
-    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None:
+    def update(self, t_ns: int, _t_stamp_ns: int, x_mm: float, y_mm: float, _period_s: float) -> None:
         """Choose the path at the first sample."""
         if self._path is None:
             self._path = min(self._paths, key=lambda path: math.dist(_at(path, t_ns), (x_mm, y_mm)))

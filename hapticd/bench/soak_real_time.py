@@ -61,7 +61,7 @@ class Watch:
         """Reset all counters and the service's histograms."""
         self.references = ReferenceMeter()
         self.longest_silence_ns = 0
-        self.machine.loop, self.machine.session.ledger = LoopTiming(), Ledger()
+        self.machine.status.loop, self.machine.session.ledger = LoopTiming(), Ledger()
 
     def observer(self, kind: str, t_ns: int, *values: Any) -> None:
         """Take one event of the machine."""
@@ -178,14 +178,14 @@ async def _under_load(
     async with _in_thread(load()) as rates:
         await asyncio.to_thread(longest_stall_ms, monitors)
         await asyncio.sleep(SETTLE_S)
-        trips, lost = _trips(machine), machine.lost_messages()["too_fast"]
+        trips, lost = _trips(machine), machine.status.lost_messages()["too_fast"]
         watch.restart()
         t_end_s = time.monotonic() + seconds
         while time.monotonic() < t_end_s:
             await _request(machine)
         counts = _counted(watch) | {"dead_man_trips_count": float(_trips(machine) - trips)}
         counts["machine_stall_ms"] = await asyncio.to_thread(longest_stall_ms, monitors)
-        lost = machine.lost_messages()["too_fast"] - lost
+        lost = machine.status.lost_messages()["too_fast"] - lost
     for one in rates:
         counts = counts | one | {"refused_hz": lost / seconds}
     w_limit_um = max(machine.config.limits.w_limit_um)
@@ -199,7 +199,7 @@ def _trips(machine: Machine) -> int:
 
 
 def _counted(watch: Watch) -> Counts:
-    loop, ledger = watch.machine.loop, watch.machine.session.ledger
+    loop, ledger = watch.machine.status.loop, watch.machine.session.ledger
     return {
         "compute_p50_us": loop.compute.percentile_ns(50) * 1e-3,
         "compute_p99_us": loop.compute.percentile_ns(99) * 1e-3,
@@ -215,7 +215,7 @@ def _counted(watch: Watch) -> Counts:
 
 
 def _notes(machine: Machine) -> tuple[str, ...]:
-    granted, limit_um = machine.real_time, max(machine.config.limits.w_limit_um)
+    granted, limit_um = machine.status.real_time, max(machine.config.limits.w_limit_um)
     priority = granted.get("priority", 0)
     return (
         f"SCHED_FIFO {priority}" if priority else "without SCHED_FIFO (not granted): the times are the scheduler's",

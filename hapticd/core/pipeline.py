@@ -109,7 +109,7 @@ class Pipeline:
         self._standing = silence(0, modes.M)
         self._standing_keys: list[Key] = []
         self._standing_places: list[Place] = []
-        self._is_told = True
+        self._is_sent = True
         self._t_settled_ns = 0
         self._standing_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
 
@@ -144,19 +144,18 @@ class Pipeline:
 
     # --- to the plate ---
 
-    def wanted(self, t_now_ns: int) -> list[Key]:
-        """Fingers to solve for: those with a target, and those whose target ended while they are down."""
-        return self._scene.wanted(self._fingers.predictors, self._fingers.released, t_now_ns)
-
-    def drive(self, t_now_ns: int, link_ns: int, keys: list[Key] | None = None) -> Tick:
+    def drive(self, t_now_ns: int, link_ns: int, *, is_allowed: bool = True, is_followed: bool = True) -> Tick:
         """One pass: the reference polyline that takes effect `link_ns` from now, or none where the last one stands.
 
-        `keys` is what `wanted` says of this instant, if the caller has asked already.
+        `is_allowed`: references other than zero may go out. `is_followed`: the board has the last reference; else it is
+        sent again, however still the fingers are.
         """
         self.counters.passes += 1
-        keys = self.wanted(t_now_ns) if keys is None else keys
+        keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if is_allowed else []
         if not keys:
             return self.rest(t_now_ns, link_ns)
+        if not is_followed:
+            self._is_sent = False
         t_apply_ns = t_now_ns + link_ns
         t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
         still = self._still(keys, t_apply_ns, t_plate_ns)
@@ -174,7 +173,7 @@ class Pipeline:
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
         self._standing, self._standing_keys, self._standing_places = drive, keys, last.places
-        self._is_told = True
+        self._is_sent = True
         self._t_settled_ns = settles_ns(drive, self._settings.tolerance_um)
         self._standing_points = points(keys, first, last), limited
         return self._tick(t_now_ns, t_plate_ns, drive, *self._standing_points)
@@ -186,14 +185,14 @@ class Pipeline:
         else:
             self.counters.skipped_no_finger += 1
         is_silent = len(self._standing.knots) == 1 and not any(self._standing.knots[0].modal_um)
-        drive = None if is_silent and self._is_told else silence(t_now_ns + link_ns, self._modes.M)
+        drive = None if is_silent and self._is_sent else silence(t_now_ns + link_ns, self._modes.M)
         if drive is not None:
-            self._standing, self._standing_keys, self._standing_places, self._is_told = drive, [], [], True
+            self._standing, self._standing_keys, self._standing_places, self._is_sent = drive, [], [], True
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
-    def forget_standing(self) -> None:
-        """The board does not hold the last reference: the next pass sends one, however still the fingers are."""
-        self._is_told = False
+    def resend(self) -> None:
+        """The board does not have the last reference: the next pass sends one."""
+        self._is_sent = False
 
     # --- the steps of a pass ---
 
@@ -264,7 +263,7 @@ class Pipeline:
         """Where the fingers are when the frame begins, if the last reference has come to rest and they are, from then
         to the frame's end, where it was made for: then it stands."""
         standing = self._standing_places
-        if not self._is_told or self._standing_keys != keys or t_apply_ns < self._t_settled_ns:
+        if not self._is_sent or self._standing_keys != keys or t_apply_ns < self._t_settled_ns:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._standing.knots[-1].modal_um)
         ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]

@@ -50,12 +50,12 @@ class BoardGateway:
         config: Config,
         calibration: Sequence[ModeCalibration],
         *,
-        write: Callable[[bytes], bool],
+        write: Callable[[bytes], int | None],
         on_unsent: Callable[[], None],
         supervise: Callable[[Event, str, int], None],
     ) -> None:
-        """`write` says whether the port took a line, `on_unsent` is called where it did not; `supervise` hears of
-        events, with their reason and instant."""
+        """`write` returns when the port took a line, None where it did not: then `on_unsent` is called. `supervise`
+        receives events, with their reason and instant."""
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
@@ -86,7 +86,7 @@ class BoardGateway:
         self._decoder = device_wire.Decoder()
         self.refused = ""
         if up:
-            self._say(self.session.link_up(t_now_ns), t_now_ns)
+            self._send(self.session.link_up(t_now_ns), t_now_ns)
         else:
             self.session.link_down()
             self._supervise(Event.LINK_DOWN, reason, t_now_ns)
@@ -96,7 +96,7 @@ class BoardGateway:
         was_accepted = self.session.hello is not None
         for message in self._decoder.feed(data):
             self._hear(message, t_now_ns)
-        self._say(self.session.resume(t_now_ns), t_now_ns)
+        self._send(self.session.resume(t_now_ns), t_now_ns)
         if was_accepted and self.session.hello is None:
             log.warning("board: its clock is another than before, as after a reset; it is greeted anew")
 
@@ -112,7 +112,7 @@ class BoardGateway:
                 if verdict is not Verdict.DONE:
                     log.error("board: it refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
                 if request in (protocol.MSG_SET_CONTROLLER, protocol.MSG_SET_MODEL):
-                    self._say(self.session.receive_answer(t_now_ns), t_now_ns)
+                    self._send(self.session.receive_answer(t_now_ns), t_now_ns)
             case _:
                 pass  # answers to a person at the bench
 
@@ -128,7 +128,7 @@ class BoardGateway:
         self.refused = ""
         if hello != self.session.hello:  # else it was only sent to rest
             log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
-        self._say(self.session.receive_hello(hello, t_now_ns), t_now_ns)
+        self._send(self.session.receive_hello(hello, t_now_ns), t_now_ns)
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
         booked = self.session.ledger.age.count
@@ -148,14 +148,14 @@ class BoardGateway:
 
     # --- what it is told ---
 
-    def follow(self, tick: Tick, t_now_ns: int) -> None:
-        """The reference that a pass decided on, if another than the one that stands."""
-        if tick.drive is not None:
-            self._say(self.session.reference(tick.drive, tick, t_now_ns), t_now_ns)
+    def follow(self, tick: Tick, t_now_ns: int) -> int | None:
+        """Send the reference that a pass decided on, if it is another than the one that stands; return when the port
+        took it."""
+        return None if tick.drive is None else self._send(self.session.reference(tick.drive, tick, t_now_ns), t_now_ns)
 
     def keep_alive(self, t_now_ns: int) -> None:
         """What it must hear at rest, its reference standing."""
-        self._say(self.session.keep_alive(t_now_ns), t_now_ns)
+        self._send(self.session.keep_alive(t_now_ns), t_now_ns)
 
     def tend(self, t_now_ns: int) -> None:
         """All that time alone brings about: greetings, questions, keep-alives, and notice of a board that is silent."""
@@ -163,7 +163,7 @@ class BoardGateway:
         commands = self.session.timer(t_now_ns)
         if was_accepted and self.session.hello is None:
             log.warning("board: it has fallen silent; it is greeted until it answers")
-        self._say(commands, t_now_ns)  # which may find that the port is gone
+        self._send(commands, t_now_ns)  # which may find that the port is gone
         if self.session.ready:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:
@@ -177,34 +177,37 @@ class BoardGateway:
             self._t_wanted_ns = t_now_ns  # it rests, or has to be armed first
         elif t_now_ns - self._t_wanted_ns >= REST_AFTER_NS:
             self._t_wanted_ns = t_now_ns  # should the line lose it, it is said again after as long
-            self._say(self.session.rest(t_now_ns), t_now_ns)
+            self._send(self.session.rest(t_now_ns), t_now_ns)
 
     def wake(self, t_now_ns: int) -> None:
         """Somebody wants it: arm it, if it rests."""
         self._t_wanted_ns = t_now_ns
-        self._say(self.session.wake(t_now_ns), t_now_ns)
+        self._send(self.session.wake(t_now_ns), t_now_ns)
 
     def clear_fault(self, t_now_ns: int) -> None:
         """Ask it to leave its fault; its next status says whether the cause is gone. Raises RequestError."""
         if not self.session.ready:
             raise RequestError("The board does not answer, so its fault cannot be cleared: connect it first.")
         self._t_clear_until_ns = t_now_ns + CLEAR_WITHIN_NS
-        self._say([ClearFault()], t_now_ns)
+        self._send([ClearFault()], t_now_ns)
 
     def disconnect(self, t_now_ns: int) -> bool:
         """End the session with a board that has come to rest, so that its dead-man does not trip: three trips in ten
         seconds latch, and configurations may be read anew as often. False where there is no session."""
         if self.session.hello is None:
             return False
-        self._say([HelloRequest()], t_now_ns)
+        self._send([HelloRequest()], t_now_ns)
         return True
 
-    def _say(self, commands: Sequence[BoardCommand], t_now_ns: int) -> None:
+    def _send(self, commands: Sequence[BoardCommand], t_now_ns: int) -> int | None:
+        """Write commands; return when the port took the last one, None where it did not."""
+        t_written_ns = None
         for command in commands:
             line = FRESH_START + encode(command)
-            is_accepted = self.write(line)
+            t_written_ns = self.write(line)
             if self.observer is not None:
-                self.observer("written", t_now_ns, line, is_accepted)
-            if not is_accepted:
+                self.observer("written", t_now_ns, line, t_written_ns is not None)
+            if t_written_ns is None:
                 self.unsent += 1
-                self._on_unsent()  # the board may hold another reference than is believed
+                self._on_unsent()  # the board may hold another reference than expected
+        return t_written_ns

@@ -74,7 +74,7 @@ class Daemon:
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
-        self._t_written_ns = self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
+        self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
         self._said_missed = 0
         self._machine: Machine | None = None
         self._pad_link: Link | None = None
@@ -122,7 +122,7 @@ class Daemon:
             calibration=self._calibration,
             parasitic_modes=self._parasitic_modes,
         )
-        machine.lost_messages = lambda: self._server.counters
+        machine.status.lost_messages = lambda: self._server.counters
         return machine
 
     def _restart_core(self, t_now_ns: int) -> None:
@@ -131,7 +131,7 @@ class Daemon:
         assert self._recorders is not None
         log.info("a recorder came: the core begins anew, nobody touches")
         machine, before = self._new_machine(), self.machine
-        machine.real_time = before.real_time
+        machine.status.real_time = before.status.real_time
         self._machine = machine
         self._said_missed = 0
         self._recorders.begin(machine, t_now_ns)
@@ -169,12 +169,12 @@ class Daemon:
         for refusal in refused:
             log.warning("real time: not granted: %s", refusal)
         told = {"stays_awake": self._awake is not None, "refused": tuple(refused)}
-        self.machine.real_time = dataclasses.asdict(granted) | told
+        self.machine.status.real_time = dataclasses.asdict(granted) | told
 
     def ready(self) -> None:
         """The start is over: ticks and pauses count from now, and the service manager hears that clients are served."""
         assert self._timer is not None
-        self._pauses = Pauses(lambda span_ns: self.machine.loop.paused(span_ns), clock_ns=now_ns)
+        self._pauses = Pauses(lambda span_ns: self.machine.status.loop.paused(span_ns), clock_ns=now_ns)
         self._timer.set_period(TIMER_NS)
         self._t_said_ns = now_ns()
         self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
@@ -203,21 +203,19 @@ class Daemon:
     def _reports(self, batch: Sequence[RawReport]) -> None:
         self._let_publish()
         machine, t_begin_ns = self.machine, now_ns()
-        machine.reports(batch, t_begin_ns)
-        tick = machine.last_tick
+        t_written_ns = machine.reports(batch, t_begin_ns)
+        tick, loop, t_read_ns = machine.last_tick, machine.status.loop, batch[-1].t_host_ns
         age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
-        if self._t_written_ns > t_begin_ns and tick is not None and tick.drive is not None:
-            machine.loop.wrote(batch[-1].t_host_ns, self._t_written_ns)
-        machine.loop.passed(batch[-1].t_host_ns, t_begin_ns, now_ns(), len(batch), age_ns)
+        if t_written_ns is not None:
+            loop.wrote(t_read_ns, t_written_ns)
+        loop.passed(t_read_ns, t_begin_ns, now_ns(), len(batch), age_ns)
         self._set_pace(after_reports=True)
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
         self._look_after(t_begin_ns)
 
-    def _write(self, line: bytes) -> bool:
-        is_accepted = self._link.write(line)
-        self._t_written_ns = now_ns()
-        return is_accepted
+    def _write(self, line: bytes) -> int | None:
+        return now_ns() if self._link.write(line) else None
 
     def _message(self, payload: bytes, user: str) -> None:
         self.machine.targets(payload, now_ns(), user)
@@ -239,7 +237,7 @@ class Daemon:
         if self.machine.session.is_resting:
             self._link.read()
         machine, t_now_ns = self.machine, now_ns()
-        machine.loop.ticked(late_ns, missed)
+        machine.status.loop.ticked(late_ns, missed)
         machine.timer(t_now_ns)
         self._set_pace()
         self._look_after(t_now_ns)
@@ -277,7 +275,7 @@ class Daemon:
             self._timer.set_period(period_ns)
 
     def _say_missed(self) -> None:
-        loop, ledger = self.machine.loop, self.machine.session.ledger
+        loop, ledger = self.machine.status.loop, self.machine.session.ledger
         missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered
         if missed > self._said_missed:
             self._said_missed = missed

@@ -1,20 +1,19 @@
 """The daemon without its sockets: bytes in, bytes out, time as an argument.
 
-It wires touch, board (`board_gateway`) and clients (`client_gateway`) for both the service (`daemon.py`) and the
-lock-step simulation (`sim/lockstep.py`), so that what is tested in virtual time is what runs. Whatever it hears goes by
-the tap first. It decides nothing that `core` could decide.
+Wires the touch path, the board (`board_gateway`) and the clients (`client_gateway`) for both the service (`daemon.py`)
+and the lock-step simulation (`sim/lockstep.py`), so that the code tested in virtual time is the code that runs. Every
+input passes the observer first. Decisions are made in `core`.
 """
 
 from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from ..board_values import BoardState, ModeCalibration
 from ..config.sections import Config
-from ..core.board.ledger import LoopTiming
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
@@ -22,20 +21,20 @@ from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.scene import Scene
 from ..values import ClientTargets, RawReport, Tick
 from ..wire import trackpad as trackpad_wire
-from . import status
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observer
 from .settings import friction_curve, pipeline_settings, plate_from_pad
+from .status import Status
 
 log = logging.getLogger("hapticd")
 
-TIMER_NS = 10_000_000  # how often `timer` wants to be called
-LOOK_EVERY_NS = 100_000_000  # while nothing is going on; what begins something comes as a report or a message
-REST_EVERY_NS = 400_000_000  # the same where the board rests as well; the service manager waits for 1 s
+TIMER_NS = 10_000_000  # period of `timer` while the touch path is active
+LOOK_EVERY_NS = 100_000_000  # while idle: whatever starts a touch arrives as a report or a message
+REST_EVERY_NS = 400_000_000  # while the board rests too; the service manager's watchdog allows 1 s
 TEND_AFTER_NS = 15_000_000  # without a timer: reports that come more often make its ticks needless
-EARLY_NS = 5_000_000  # by which a timer may come before its time and count all the same
-REPORTS_ENDED_NS = 20_000_000  # after so long without reports the timer makes the passes
+EARLY_NS = 5_000_000  # a timer may come earlier by this and still count
+REPORTS_ENDED_NS = 20_000_000  # without reports for so long the timer makes the passes
 
 
 class Machine:
@@ -46,53 +45,59 @@ class Machine:
         config: Config,
         modes: ModeShapes,
         *,
-        write_board: Callable[[bytes], bool],
+        write_board: Callable[[bytes], int | None],
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
         calibration: Sequence[ModeCalibration] = (),
         parasitic_modes: ParasiticModes | None = None,
         pipeline: PipelineSettings | None = None,
     ) -> None:
-        """`publish` takes telemetry, where somebody listens; `instance` tells clients one start from the next;
-        `calibration` is what the board shall know of its modes, `parasitic_modes` the modes that only fingers drive."""
+        """`write_board` returns when the port took a line, None where it did not. `publish` takes telemetry. `instance`
+        distinguishes one start from the next for clients. `calibration` is sent to the board; `parasitic_modes` are
+        driven by fingers alone. `pipeline` replaces the settings that follow from `config`."""
         self.config = config
         self.instance = instance
         self.modes = modes
+        self.parasitic_modes = parasitic_modes
+        self.calibration = tuple(calibration)
         self.supervisor = Supervisor()
         self.scene = Scene(
             w_limit_um=max(config.limits.w_limit_um),
             friction_curve=friction_curve(config),
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
         )
-        self.parasitic_modes = parasitic_modes
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
         self._supervise = partial(_supervise, self.supervisor)
         self.board = BoardGateway(
-            config, calibration, write=write_board, on_unsent=self.pipeline.forget_standing, supervise=self._supervise
+            config, calibration, write=write_board, on_unsent=self.pipeline.resend, supervise=self._supervise
         )
         self.session = self.board.session
-        # Neither part holds the machine: one that another replaces is gone at once, unseen by the garbage collector.
+        # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
         self.clients = ClientGateway(self.scene, instance, weakref.proxy(self))
+        self.status = Status(
+            config,
+            modes,
+            instance=instance,
+            scene=self.scene,
+            pipeline=self.pipeline,
+            supervisor=self.supervisor,
+            board=self.board,
+            clients=self.clients,
+        )
+        self.status.publish = publish
         model = "mt2-usb" if config.trackpad.model == "auto" else config.trackpad.model
         self.trackpad = trackpad_wire.Decoder(model, plate_from_pad(config))
         self.last_tick: Tick | None = None
-        self.published = self.skipped_no_subscriber = 0
-        self.lost_messages: Callable[[], Mapping[str, int]] = dict  # what never came here, as the sockets counted it
-        self.recording: Callable[[], Mapping[str, object]] = dict  # who writes down what the observer is told
-        self.publish = publish
-        self.calibration = tuple(calibration)
         self.is_failing = False
-        self.loop = LoopTiming()
-        self.real_time: Mapping[str, object] = {}
-        self.t_reports_ns: int | None = None
         self._observer: Observer | None = None
+        self._t_reports_ns: int | None = None
         self._t_looked_ns = -LOOK_EVERY_NS
         self._t_tended_ns = -TEND_AFTER_NS
 
     @property
     def observer(self) -> Observer | None:
-        """Told whatever the machine hears, writes and finds, in its order; it may come late and leave early."""
+        """Called with every input, output and decision in order; it may be attached and detached at any time."""
         return self._observer
 
     @observer.setter
@@ -101,57 +106,66 @@ class Machine:
 
     @property
     def is_idle(self) -> bool:
-        """No finger is down and nobody wants anything: `timer` may come half as often."""
+        """No finger is down and nothing is requested: `timer` may come half as often."""
         return not self.pipeline.fingers and (self.last_tick is None or not self.last_tick.points)
 
     @property
     def is_unused(self) -> bool:
-        """Idle, no wish stands and nobody tries the board at the bench: another core may take over unnoticed."""
+        """Idle, without targets, and no tool drives the board: another core may take over unnoticed."""
         board = self.session.status
         is_tool = board is not None and board.state is BoardState.TOOL
         return self.is_idle and self.scene.next_expiry_ns is None and not is_tool
 
     @property
     def timer_period_ns(self) -> int:
-        """How often `timer` need come, as things are; after `reports` the first time not before REPORTS_ENDED_NS."""
+        """How soon `timer` is due again; after `reports` the first time not before REPORTS_ENDED_NS."""
         if self.session.is_resting:
             return REST_EVERY_NS
         return 2 * TIMER_NS if self.is_idle else TIMER_NS  # idle, each tick is a keep-alive, and no more is needed
 
-    def _is_wanted(self) -> bool:
-        """Something goes on, or somebody looks on."""
-        return self.publish is not None or not self.is_idle or self.is_failing or self.scene.next_expiry_ns is not None
+    def _is_active(self) -> bool:
+        """Something is touched, requested, failing or watched."""
+        return (
+            self.status.publish is not None
+            or not self.is_idle
+            or self.is_failing
+            or self.scene.next_expiry_ns is not None
+        )
 
     def _rests(self, t_now_ns: int) -> bool:
-        """Nothing need be looked at now: the board keeps to the zero that it was told, or was left quiet."""
+        """Nothing needs attention now: the board holds its zero, or was left quiet."""
         return (
             t_now_ns - self._t_looked_ns < LOOK_EVERY_NS - EARLY_NS
-            and not self._is_wanted()
+            and not self._is_active()
             and (self.session.is_resting or self.session.follows(t_now_ns))
         )
 
     def watch(self, publish: Callable[[bytes], None] | None, t_now_ns: int) -> None:
-        """Telemetry goes to `publish` from now on; with None nobody looks on, and none is built."""
-        if self._observer is not None and (publish is None) != (self.publish is None):
+        """Send telemetry to `publish` from now on; with None there is no subscriber, and none is built."""
+        if self._observer is not None and (publish is None) != (self.status.publish is None):
             self._observer("watched", t_now_ns, publish is not None)
-        self.publish = publish
+        self.status.publish = publish
 
     # --- the touch ---
 
-    def reports(self, batch: Sequence[RawReport], t_now_ns: int) -> None:
-        """All reports that were waiting, newest last: every one is tracked, one pass is made."""
+    def reports(self, batch: Sequence[RawReport], t_now_ns: int) -> int | None:
+        """Take all reports that were waiting, newest last: each is tracked, one pass is made.
+
+        Returns when the port took the pass's reference, None if it sent none.
+        """
         if self._observer is not None:
             self._observer("reports", t_now_ns, batch)
-        self.t_reports_ns = t_now_ns
-        self._pass(t_now_ns, batch)
+        self._t_reports_ns = t_now_ns
+        t_written_ns = self._pass(t_now_ns, batch)
         if t_now_ns - self._t_tended_ns >= TEND_AFTER_NS:
             self._tend(t_now_ns)
+        return t_written_ns
 
-    def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> None:
-        """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
+    def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> int | None:
+        """Track, predict, solve and send. Any failure in it ends in silence, not in a reference that stands."""
         if self.session.is_resting and len(batch) > 0:
             self.board.wake(t_now_ns)
-        ahead_ns = self.session.latency.link_ns  # from the pass's beginning, so computing is in it
+        ahead_ns = self.session.latency.link_ns  # from the start of the pass: includes computing
         try:
             tick = self._decide(batch, t_now_ns, ahead_ns)
             self.is_failing = False
@@ -161,32 +175,25 @@ class Machine:
             self.is_failing = True
             tick = self.pipeline.rest(t_now_ns, ahead_ns)
         self.last_tick = tick
-        self.board.follow(tick, t_now_ns)
+        t_written_ns = self.board.follow(tick, t_now_ns)
         if self._observer is not None:
             self._observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers)
-        if self.publish is None:
-            self.skipped_no_subscriber += 1
-        else:
-            self.published += 1
-            self.publish(status.telemetry(self, tick))
-        self.clients.markers.clear()
+        self.status.report_pass(tick)
+        return t_written_ns
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:
         for report in batch:
             for frame in self.trackpad.decode(report.data, report.t_host_ns):
                 self.pipeline.touch(frame, report.t_host_ns)
-        keys = self.pipeline.wanted(t_now_ns)
-        self._supervise(Event.TOUCHED if keys else Event.RELEASED, "", t_now_ns)
-        if not self.supervisor.may_drive:
-            return self.pipeline.rest(t_now_ns, ahead_ns)
-        if not (self.session.follows(t_now_ns) or self.session.is_resting):
-            self.pipeline.forget_standing()  # what the board did not take is said again, until it does
-        return self.pipeline.drive(t_now_ns, ahead_ns, keys)
+        is_followed = self.session.follows(t_now_ns) or self.session.is_resting
+        tick = self.pipeline.drive(t_now_ns, ahead_ns, is_allowed=self.supervisor.may_drive, is_followed=is_followed)
+        self._supervise(Event.TOUCHED if tick.points else Event.RELEASED, "", t_now_ns)
+        return tick
 
     def timer(self, t_now_ns: int) -> None:
-        """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no
-        report makes a pass, virtual fingers walk on. At rest all that is looked at every LOOK_EVERY_NS, and in between
-        the board hears that its reference stands."""
+        """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,
+        make the pass that moves virtual fingers. At rest all that is due every LOOK_EVERY_NS, keep-alives in between.
+        """
         if self._observer is not None:
             self._observer("timer", t_now_ns)
         if self._rests(t_now_ns):
@@ -196,13 +203,13 @@ class Machine:
         self._tend(t_now_ns)
         if self.session.is_resting and not self.clients.markers:
             return
-        if self.t_reports_ns is None or t_now_ns - self.t_reports_ns >= REPORTS_ENDED_NS:
+        if self._t_reports_ns is None or t_now_ns - self._t_reports_ns >= REPORTS_ENDED_NS:
             self._pass(t_now_ns)
 
     def _tend(self, t_now_ns: int) -> None:
-        """All that time alone brings about."""
+        """Everything that is due by time alone."""
         self._t_looked_ns = self._t_tended_ns = t_now_ns
-        self.board.rest_or_wake(self._is_wanted(), t_now_ns)
+        self.board.rest_or_wake(self._is_active(), t_now_ns)
         released = self.scene.expire(t_now_ns)
         if released:
             self.pipeline.release(released)
@@ -212,7 +219,7 @@ class Machine:
         self.board.tend(t_now_ns)
 
     def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, model: str | None = None) -> None:
-        """The trackpad came or went; `model` says which one it is, where that was not configured."""
+        """Take note that the trackpad was connected or lost; `model` is what it turned out to be."""
         if self._observer is not None:
             self._observer("trackpad_link", t_now_ns, up, reason, model)
         log.log(logging.INFO if up else logging.WARNING, "trackpad: %s", reason)
@@ -224,7 +231,7 @@ class Machine:
         self._pass(t_now_ns)
 
     def stop(self, t_now_ns: int) -> None:
-        """Leave a quiet plate: the last thing that is said."""
+        """Leave a quiet plate: the last reference is zero."""
         if self._observer is not None:
             self._observer("stop", t_now_ns)
         self._supervise(Event.STOP, "stopping", t_now_ns)
@@ -233,19 +240,19 @@ class Machine:
     # --- the board ---
 
     def board_link(self, up: bool, reason: str, t_now_ns: int) -> None:
-        """The serial port came or went."""
+        """Take note that the serial port was opened or lost."""
         if self._observer is not None:
             self._observer("board_link", t_now_ns, up, reason)
         self.board.link(up, reason, t_now_ns)
 
     def board_bytes(self, data: bytes, t_now_ns: int) -> None:
-        """What the board said."""
+        """Take bytes from the board."""
         if self._observer is not None:
             self._observer("board_bytes", t_now_ns, data)
         self.board.receive(data, t_now_ns)
 
     def disconnect(self, t_now_ns: int) -> bool:
-        """End the session with a board that has come to rest; False where there is none."""
+        """End the session with a board that is quiet; False where there is none."""
         if self._observer is not None:
             self._observer("disconnect", t_now_ns)
         return self.board.disconnect(t_now_ns)
@@ -253,13 +260,13 @@ class Machine:
     # --- the clients ---
 
     def targets(self, payload: bytes, t_now_ns: int, user: str = "") -> None:
-        """A message of the targets socket, sent by `user`."""
+        """Take a message of the targets socket, sent by `user`."""
         if self._observer is not None:
             self._observer("targets", t_now_ns, payload, user)
         self.clients.targets(payload, t_now_ns, user)
 
     def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
-        """The targets of a client that speaks in values; sentences for what it may not have."""
+        """Apply a client's targets given as values; returns one error message per refused finger."""
         if self._observer is not None:
             self._observer("targets", t_now_ns, message, "")
         return self.clients.want(message, t_now_ns)
@@ -271,22 +278,22 @@ class Machine:
         return self.clients.request(payload, t_now_ns, user)
 
     def wake_if_resting(self, t_now_ns: int) -> None:
-        """What a client wants is in force; a board that rests is armed for it now."""
+        """Arm a board that rests: targets are in force."""
         if self.session.is_resting:
-            self.board.rest_or_wake(self._is_wanted(), t_now_ns)
+            self.board.rest_or_wake(self._is_active(), t_now_ns)
 
     def clear_fault(self, t_now_ns: int) -> None:
-        """Have the board leave its fault, if it has one. Raises RequestError."""
+        """Clear the board's fault, if it has one. Raises RequestError."""
         if self.supervisor.state is State.FAULT:
             self.board.clear_fault(t_now_ns)
 
     def report_status(self, t_now_ns: int) -> dict[str, object]:
-        """What `hapticd`'s clients see of its inner life."""
-        return status.collect(self, t_now_ns)
+        """Return the answer to `status`."""
+        return self.status.collect(self.trackpad, self._t_reports_ns, t_now_ns)
 
     def describe_plate(self) -> dict[str, object]:
-        """What a picture of the plate needs."""
-        return status.plate(self)
+        """Return the answer to `plate`."""
+        return self.status.plate()
 
 
 def _supervise(supervisor: Supervisor, event: Event, reason: str, t_now_ns: int) -> None:
@@ -295,8 +302,8 @@ def _supervise(supervisor: Supervisor, event: Event, reason: str, t_now_ns: int)
     if after is before:
         return
     if after is State.FAULT:
-        log.error("board fault: %s; the plate stays quiet until a client clears it", reason)
+        log.error("board fault: %s. Output disabled; a client must clear the fault", reason)
     elif event is Event.CLEARED:
-        log.info("board fault left: %s", reason)
-    else:  # each touch is one, and what matters of the others was said where it happened
+        log.info("board fault cleared: %s", reason)
+    else:  # each touch changes the state; what matters of the other changes was logged at its cause
         log.debug("%s -> %s%s", before.name, after.name, f": {reason}" if reason else "")

@@ -50,7 +50,7 @@ class Recorders:
         self._writer: Writer | None = None
         if config.file:
             self._writer = _begun(config, Stream(make_header(machine, True)))
-        machine.recording = self.told
+        machine.status.recording = self.told
         self._choose_tap()
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -77,7 +77,7 @@ class Recorders:
         self._t_anew_ns = t_now_ns
         self._machine.observer = None
         self._machine = machine
-        machine.recording = self.told
+        machine.status.recording = self.told
         self._join(is_whole=True)
         self._choose_tap()
 

@@ -6,11 +6,9 @@ from functools import partial
 
 from ..config.sections import Config
 from ..core.pipeline import PipelineSettings
-from ..core.prediction.predictor import make_predictor
+from ..core.prediction.predictor import DEFAULT
 from ..core.targets.scene import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..values import AffineMap
-
-FILTERED_STAMP_ERROR_MS = 0.2  # what the sensor's clock filter leaves of the stamps' jitter
 
 
 def warm_up(config: Config) -> None:
@@ -23,12 +21,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     prediction = config.prediction
     return PipelineSettings(
         w_limit_um=config.limits.reference_limit_um,
-        make_predictor=partial(
-            make_predictor,
-            period_ms=prediction.period_ms,
-            noise_mm=prediction.noise_mm,
-            stamp_error_ms=FILTERED_STAMP_ERROR_MS,
-        ),
+        make_predictor=partial(DEFAULT.for_touch, period_ms=prediction.period_ms, noise_mm=prediction.noise_mm),
         fade=config.solver.fade,
         phase_rotation=config.solver.phase_rotation,
         contact_radius_mm=config.solver.contact_radius_mm,

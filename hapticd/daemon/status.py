@@ -1,57 +1,187 @@
-"""What the daemon tells of itself: the telemetry message of each pass, and the answers to `status` and `plate`."""
+"""What the service reports of itself: the telemetry message of each pass, and the answers to `status` and `plate`."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from ..config.sections import SIMULATED
+from ..config.sections import SIMULATED, Config
+from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
+from ..core.board.supervisor import Supervisor
+from ..core.pipeline import Pipeline
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.targets.scene import Scene
 from ..values import Tick, TouchPoint
 from ..wire.client import FingerState, PlateState, encode_state
+from ..wire.trackpad import Decoder
+from .board_gateway import BoardGateway
+from .client_gateway import ClientGateway
 
-if TYPE_CHECKING:
-    from ..core.board.ledger import Histogram, LedgerLine
-    from ..core.board.supervisor import Supervisor
-    from .machine import Machine
-
-RECENT_NS = 10_000_000_000  # frames older than this say nothing of now
+RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5
 MAP_POINTS = 64  # per axis: a dozen for each wave of the reference plate
 
 
-def telemetry(machine: Machine, tick: Tick) -> bytes:
-    """The telemetry message of one pass: every finger seen or virtual, with what it should get and gets."""
-    points = {point.key: point for point in tick.points}
-    owner_of, board = machine.scene.owner_of, machine.session.status
-    fingers = [
-        _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key))
-        for finger in machine.pipeline.fingers
-        for key in (finger.finger_id,)
-    ]
-    fingers += [_finger_state(key, point.x_mm, point.y_mm, point, owner_of(key)) for key, point in points.items()]
-    return encode_state(
-        PlateState(
-            instance=machine.instance,
-            seq=machine.published,
-            t_ns=tick.t_now_ns,
-            state=machine.supervisor.state.name,
-            fingers=tuple(fingers),
-            modal_um=machine.pipeline.modal_um,
-            limited=tick.limited,
-            condition=None,
-            age_ms=tick.age_ns * 1e-6,
-            horizon_ms=tick.horizon_ns * 1e-6,
-            markers=tuple(machine.clients.markers),
-            measured_um=() if board is None else board.measured_um,
-            tick_late_ms=machine.loop.last_late_ns * 1e-6,
-            missed_ticks=machine.loop.missed_ticks,
-            pauses=machine.loop.pauses,
+class Status:
+    """Reports on the machine's parts, and the counters that the event loop and the sockets add to it.
+
+    `instance` distinguishes one start of the service from the next. `publish` takes telemetry while somebody
+    subscribes.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        modes: ModeShapes,
+        *,
+        instance: int,
+        scene: Scene,
+        pipeline: Pipeline,
+        supervisor: Supervisor,
+        board: BoardGateway,
+        clients: ClientGateway,
+    ) -> None:
+        self.publish: Callable[[bytes], None] | None = None
+        self.published = self.skipped_no_subscriber = 0
+        self.loop = LoopTiming()
+        self.real_time: Mapping[str, object] = {}
+        self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
+        self.recording: Callable[[], Mapping[str, object]] = dict
+        self._config = config
+        self._modes = modes
+        self._instance = instance
+        self._scene = scene
+        self._pipeline = pipeline
+        self._supervisor = supervisor
+        self._board = board
+        self._clients = clients
+
+    # --- telemetry ---
+
+    def report_pass(self, tick: Tick) -> None:
+        """Publish one pass, if somebody subscribes: else nothing is built."""
+        if self.publish is None:
+            self.skipped_no_subscriber += 1
+        else:
+            self.published += 1
+            self.publish(self._telemetry(tick))
+        self._clients.markers.clear()
+
+    def _telemetry(self, tick: Tick) -> bytes:
+        """Every finger seen or virtual, with its target and what it gets."""
+        points = {point.key: point for point in tick.points}
+        owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
+        fingers = [
+            _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key))
+            for finger in self._pipeline.fingers
+            for key in (finger.finger_id,)
+        ]
+        fingers += [_finger_state(key, point.x_mm, point.y_mm, point, owner_of(key)) for key, point in points.items()]
+        return encode_state(
+            PlateState(
+                instance=self._instance,
+                seq=self.published,
+                t_ns=tick.t_now_ns,
+                state=self._supervisor.state.name,
+                fingers=tuple(fingers),
+                modal_um=self._pipeline.modal_um,
+                limited=tick.limited,
+                condition=None,
+                age_ms=tick.age_ns * 1e-6,
+                horizon_ms=tick.horizon_ns * 1e-6,
+                markers=tuple(self._clients.markers),
+                measured_um=() if board is None else board.measured_um,
+                tick_late_ms=loop.last_late_ns * 1e-6,
+                missed_ticks=loop.missed_ticks,
+                pauses=loop.pauses,
+            )
         )
-    )
+
+    # --- answers ---
+
+    def plate(self) -> dict[str, object]:
+        """What a picture of the plate needs: its size, limits and drive, and points of its mode map.
+
+        `shapes` are float32, little-endian, by mode and then by rows along `y_mm`: (M, ny, nx). They are the map's own
+        points, as many as a wave needs: the daemon evaluates no others for a client.
+        """
+        config, modes, hello = self._config, self._modes, self._board.session.hello
+        columns, rows = _spread(modes.x_mm.size), _spread(modes.y_mm.size)
+        return {
+            "size_mm": list(config.plate.size_mm),
+            "w_limit_um": list(config.limits.w_limit_um),
+            "reference_limit_um": list(config.limits.reference_limit_um),
+            "drive_hz": None if hello is None else hello.drive_hz,
+            "x_mm": modes.x_mm[columns].tolist(),
+            "y_mm": modes.y_mm[rows].tolist(),
+            "modes": modes.M,
+            "shapes": modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
+            "simulated": self._rig_directory(),
+        }
+
+    def collect(self, trackpad: Decoder, t_reports_ns: int | None, t_now_ns: int) -> dict[str, object]:
+        """Rates, ages, counters and limits hit, as plain nested maps. `t_reports_ns`: when the last reports came."""
+        clients = self._clients
+        ledger = self._board.session.ledger
+        return {
+            "state": self._supervisor.state.name,
+            "state_changes": _changes(self._supervisor, t_now_ns),
+            "t_ns": t_now_ns,
+            "fingers": len(self._pipeline.fingers),
+            "virtual_fingers": len(self._scene.virtual_names(t_now_ns)),
+            "simulated": self._rig_directory(),
+            "touch": dataclasses.asdict(self._pipeline.counters),
+            "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
+            "trackpad": {
+                "model": trackpad.model,
+                "silent_ms": _ago_ms(t_reports_ns, t_now_ns),
+                "reports": dict(trackpad.counters),
+            },
+            "clients": {
+                "refused": clients.refused,
+                "last_refusal": clients.last_refusal,
+                "overtaken": clients.overtaken,
+                **self.lost_messages(),
+            },
+            "board": _board(self._board),
+            "recording": dict(self.recording()),
+            "real_time": dict(self.real_time),
+            "timing": self._timing(),
+            "latency_ms": _latency([line for line in ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),
+        }
+
+    def _rig_directory(self) -> str | None:
+        """The directory of the simulated rig, if the trackpad is simulated."""
+        return self._config.sim.rig_dir or None if self._config.trackpad.source == SIMULATED else None
+
+    def _timing(self) -> dict[str, object]:
+        """Every report and every frame since the start: histograms of the parts of the path, and what was late."""
+        ledger, loop = self._board.session.ledger, self.loop
+        histograms: Mapping[str, Histogram] = {
+            "read_age": loop.read_age,
+            "wait": loop.wait,
+            "compute": loop.compute,
+            "wire": loop.wire,
+            "tick_late": loop.tick_late,
+            "pause": loop.pause,
+            "age": ledger.age,
+            "link": ledger.link,
+            "horizon": ledger.horizon,
+            "late": ledger.late,
+        }
+        return {
+            "joined_reports": loop.joined_reports,
+            "missed_ticks": loop.missed_ticks,
+            "pauses": loop.pauses,
+            "late_frames": ledger.late_frames,
+            "unanswered_frames": ledger.unanswered,
+            "histograms": {
+                name: histogram_fields(histogram) for name, histogram in histograms.items() if histogram.count
+            },
+        }
 
 
 def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | None, owner: str | None) -> FingerState:
@@ -68,71 +198,13 @@ def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | 
     )
 
 
-def plate(machine: Machine) -> dict[str, object]:
-    """What a picture of the plate needs: its size, limits and drive, and points of its modes' maps.
-
-    `shapes` are float32, little-endian, by mode and then by rows along `y_mm`: (M, ny, nx). They are the map's own
-    points, as many as a wave needs: to evaluate others is not the daemon's work.
-    """
-    modes, hello = machine.modes, machine.session.hello
-    columns, rows = _spread(modes.x_mm.size), _spread(modes.y_mm.size)
-    return {
-        "size_mm": list(machine.config.plate.size_mm),
-        "w_limit_um": list(machine.config.limits.w_limit_um),
-        "reference_limit_um": list(machine.config.limits.reference_limit_um),
-        "drive_hz": None if hello is None else hello.drive_hz,
-        "x_mm": modes.x_mm[columns].tolist(),
-        "y_mm": modes.y_mm[rows].tolist(),
-        "modes": modes.M,
-        "shapes": modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
-        "simulated": _rig_directory(machine),
-    }
-
-
 def _spread(points: int) -> npt.NDArray[np.intp]:
-    """Which of an axis' points are told: evenly spread ones, with the first and the last."""
+    """Indices of at most MAP_POINTS evenly spread points of an axis, the first and the last among them."""
     return np.linspace(0, points - 1, min(points, MAP_POINTS)).round().astype(np.intp)
 
 
-def _rig_directory(machine: Machine) -> str | None:
-    """Where the simulated rig is, if the trackpad is its."""
-    config = machine.config
-    return config.sim.rig_dir or None if config.trackpad.source == SIMULATED else None
-
-
-def collect(machine: Machine, t_now_ns: int) -> dict[str, object]:
-    """Rates, ages, counters and limits hit, as plain nested maps."""
-    session, supervisor = machine.session, machine.supervisor
-    return {
-        "state": supervisor.state.name,
-        "state_changes": _changes(supervisor, t_now_ns),
-        "t_ns": t_now_ns,
-        "fingers": len(machine.pipeline.fingers),
-        "virtual_fingers": len(machine.scene.virtual_names(t_now_ns)),
-        "simulated": _rig_directory(machine),
-        "touch": dataclasses.asdict(machine.pipeline.counters),
-        "telemetry": {"published": machine.published, "skipped_no_subscriber": machine.skipped_no_subscriber},
-        "trackpad": {
-            "model": machine.trackpad.model,
-            "silent_ms": _ago_ms(machine.t_reports_ns, t_now_ns),
-            "reports": dict(machine.trackpad.counters),
-        },
-        "clients": {
-            "refused": machine.clients.refused,
-            "last_refusal": machine.clients.last_refusal,
-            "overtaken": machine.clients.overtaken,
-            **machine.lost_messages(),
-        },
-        "board": _board(machine),
-        "recording": dict(machine.recording()),
-        "real_time": dict(machine.real_time),
-        "timing": _timing(machine),
-        "latency_ms": _latency([line for line in session.ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),
-    }
-
-
 def _changes(supervisor: Supervisor, t_now_ns: int) -> list[dict[str, object]]:
-    """How the state came to be, newest first."""
+    """The last changes of state, newest first."""
     newest = list(supervisor.history)[: -CHANGES_SHOWN - 1 : -1]
     return [
         {"to": change.after.name, "ago_ms": _ago_ms(change.t_ns, t_now_ns), "why": change.reason or change.event.value}
@@ -144,22 +216,22 @@ def _ago_ms(t_ns: int | None, t_now_ns: int) -> float | None:
     return None if t_ns is None else (t_now_ns - t_ns) * 1e-6
 
 
-def _board(machine: Machine) -> dict[str, object]:
-    session = machine.session
+def _board(board: BoardGateway) -> dict[str, object]:
+    session = board.session
     hello, last = session.hello, session.status
-    said: dict[str, object] = {
+    fields: dict[str, object] = {
         "ready": session.ready,
         "reboots": session.reboots,
-        "unsent": machine.board.unsent,
+        "unsent": board.unsent,
         "held_back": session.held_back,
-        "dropped": dict(machine.board.dropped),
+        "dropped": dict(board.dropped),
     }
-    if machine.board.refused:
-        said |= {"refused": machine.board.refused}
+    if board.refused:
+        fields |= {"refused": board.refused}
     if hello is not None:
-        said |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
+        fields |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
     if last is not None:
-        said |= {
+        fields |= {
             "state": last.state.name,
             "fault_code": last.fault_code,
             "saturated": last.saturated,
@@ -170,33 +242,8 @@ def _board(machine: Machine) -> dict[str, object]:
             "measured_um": [[w_um.real, w_um.imag] for w_um in last.measured_um],
         }
     if session.clock.ready:
-        said |= {"round_trip_ms": session.clock.rtt_ns * 1e-6, "clock_rate_ppm": session.clock.rate_ppm}
-    return said
-
-
-def _timing(machine: Machine) -> dict[str, object]:
-    """Every report and every frame since the start: histograms of the parts of the way, and what was late or missed."""
-    ledger, loop = machine.session.ledger, machine.loop
-    histograms: Mapping[str, Histogram] = {
-        "read_age": loop.read_age,
-        "wait": loop.wait,
-        "compute": loop.compute,
-        "wire": loop.wire,
-        "tick_late": loop.tick_late,
-        "pause": loop.pause,
-        "age": ledger.age,
-        "link": ledger.link,
-        "horizon": ledger.horizon,
-        "late": ledger.late,
-    }
-    return {
-        "joined_reports": loop.joined_reports,
-        "missed_ticks": loop.missed_ticks,
-        "pauses": loop.pauses,
-        "late_frames": ledger.late_frames,
-        "unanswered_frames": ledger.unanswered,
-        "histograms": {name: histogram_fields(histogram) for name, histogram in histograms.items() if histogram.count},
-    }
+        fields |= {"round_trip_ms": session.clock.rtt_ns * 1e-6, "clock_rate_ppm": session.clock.rate_ppm}
+    return fields
 
 
 def histogram_fields(histogram: Histogram) -> dict[str, object]:

@@ -229,9 +229,9 @@ class Simulation:
             return Machine(self._config, self.modes, write_board=self._to_board, pipeline=paper_pipeline(self._config))
         return Machine(self._config, self.modes, write_board=self._to_board, parasitic_modes=self.parasitic_modes)
 
-    def _to_board(self, data: bytes) -> bool:
+    def _to_board(self, data: bytes) -> int:
         self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)
-        return True
+        return self._t_ns
 
     def _push(self, t_ns: int, kind: str, data: bytes) -> None:
         self._pushed += 1

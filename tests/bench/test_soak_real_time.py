@@ -48,10 +48,10 @@ def test_every_write_is_decoded_as_by_the_board_and_each_load_starts_at_zero() -
     watch.observer("status", 0, frame)
     watch.observer("written", 0, frame[9:], True)
     assert (watch.references.frames, watch.references.peak_um) == (1, pytest.approx(3.5, rel=1e-6))
-    before = watch.machine.loop
+    before = watch.machine.status.loop
     watch.restart()
     assert (watch.references.frames, watch.references.peak_um) == (0, 0.0)
-    assert watch.machine.loop is not before
+    assert watch.machine.status.loop is not before
 
 
 def test_a_silence_ends_with_the_next_write_that_the_port_accepts() -> None:

@@ -64,7 +64,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
         ("[device]\ncalibration_file = 'gone.toml'", "device.calibration_file: there is no file"),
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
-        ("[plate]\nneighbours_file = 'n.npz'", "plate.parasitic_modes_file: needs parasitic_detuning_hz and"),
+        ("[plate]\nparasitic_modes_file = 'n.npz'", "plate.parasitic_modes_file: needs parasitic_detuning_hz and"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
         ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),

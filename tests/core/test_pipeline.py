@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.prediction.predictor import make_predictor
+from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.solver.derating import LEAST_SHARE
 from hapticd.core.targets.scene import Scene
 from hapticd.values import AmplitudeTarget, ClientTargets, Contact, GratingTarget, Target, Tick, TouchFrame, VirtualPath
@@ -36,7 +37,7 @@ class Bench:
 
     def __init__(self, **settings: object) -> None:
         self.scene = Scene(w_limit_um=4.0)
-        chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": make_predictor, **settings}
+        chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": DEFAULT.for_touch, **settings}
         self.pipeline = Pipeline(PLATE, self.scene, PipelineSettings(**chosen))  # type: ignore[arg-type]
         self.t_ns = START_NS
 
@@ -154,7 +155,7 @@ def test_whatever_changes_ends_the_standing(change: str) -> None:
     elif change == "lands":
         positions.append((0.0, 40.0))
     else:
-        bench.pipeline.forget_standing()
+        bench.pipeline.resend()
     assert bench.report(*positions).drive is not None
 
 
@@ -216,7 +217,7 @@ def test_a_virtual_finger_takes_part_where_it_will_be() -> None:
 
 
 def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
-    ours, paper = Bench(max_knots=2), Bench(max_knots=2, policy="paper")
+    ours, paper = Bench(max_knots=2), Bench(max_knots=2, solve=invert, phase_rotation=False)
     largest = {}
     for name, bench in (("ours", ours), ("paper", paper)):
         path = VirtualPath(((-30.0, 3.0), (-10.0, 3.0)), 100.0, loop=False)  # crosses a singular position

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import random
-from functools import partial
 
 import numpy as np
 import pytest
 
-from hapticd.bench.baselines import PREDICTORS, make_predictor
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
 from hapticd.values import (
     AmplitudeTarget,
@@ -83,8 +82,7 @@ def scatter(kind: str, count: int, source: random.Random) -> list[tuple[float, f
 def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: int) -> None:
     source = random.Random(f"{kind}{count}")
     scene = Scene(w_limit_um=max(W_LIMIT_UM))
-    make = partial(make_predictor, source.choice(sorted(PREDICTORS)))
-    pipeline = Pipeline(PLATE, scene, PipelineSettings(W_LIMIT_UM, make))
+    pipeline = Pipeline(PLATE, scene, PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
     drives = 0
     for step in range(20):
         t_ns = START_NS + step * PERIOD_NS
@@ -104,7 +102,7 @@ def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: in
 
 def test_targets_that_change_a_thousand_times_a_second_are_each_followed() -> None:
     scene = Scene(w_limit_um=4.0)
-    pipeline = Pipeline(PLATE, scene, PipelineSettings(W_LIMIT_UM, make_predictor))
+    pipeline = Pipeline(PLATE, scene, PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
     touch(pipeline, START_NS, START_NS + 10 * MS, (6.0, 20.0))
     for step in range(200):
         t_ns = START_NS + 10 * MS + step * MS
@@ -120,7 +118,7 @@ def test_targets_that_change_a_thousand_times_a_second_are_each_followed() -> No
 
 
 def test_fingers_go_on_within_three_reports_when_the_pad_s_clock_is_laid_anew_in_the_past() -> None:
-    pipeline = Pipeline(PLATE, Scene(w_limit_um=4.0), PipelineSettings(W_LIMIT_UM, make_predictor))
+    pipeline = Pipeline(PLATE, Scene(w_limit_um=4.0), PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
     for step in range(10):
         t_ns = START_NS + step * PERIOD_NS
         touch(pipeline, t_ns + 1900 * MS, t_ns, (float(step), 0.0))
@@ -136,7 +134,7 @@ def test_fingers_go_on_within_three_reports_when_the_pad_s_clock_is_laid_anew_in
 
 
 def test_a_straggler_changes_nothing() -> None:
-    pipeline = Pipeline(PLATE, Scene(w_limit_um=4.0), PipelineSettings(W_LIMIT_UM, make_predictor))
+    pipeline = Pipeline(PLATE, Scene(w_limit_um=4.0), PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
     touch(pipeline, START_NS, START_NS + 10 * MS, (1.0, 0.0))
     touch(pipeline, START_NS + PERIOD_NS, START_NS + PERIOD_NS + 10 * MS, (2.0, 0.0))
     touch(pipeline, START_NS + 1, START_NS + PERIOD_NS + 11 * MS, (50.0, 50.0))

@@ -178,8 +178,8 @@ def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(hardwa
         machine = service.machine
         machine._decide = fail  # type: ignore[method-assign]
         await until(lambda: machine.is_failing)
-        fed, ticked = len(manager.heard), machine.loop.tick_late.count
-        await until(lambda: machine.loop.tick_late.count >= ticked + 4)
+        fed, ticked = len(manager.heard), machine.status.loop.tick_late.count
+        await until(lambda: machine.status.loop.tick_late.count >= ticked + 4)
         assert len(manager.heard) == fed
         del machine._decide
         await until(lambda: len(manager.heard) > fed)
@@ -215,7 +215,7 @@ def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_servic
         service = hardware.daemon(config=STAY_AWAKE)
         service.start(asyncio.get_running_loop(), MODES)
         service.go_real_time()
-        assert service.machine.real_time["stays_awake"] is True
+        assert service.machine.status.real_time["stays_awake"] is True
         service._reports([RawReport(now_ns(), b"")])
         assert wishes.read_bytes() == b""
         service.machine.pipeline._fingers.down = (Finger(1, 0, 0.0, 0.0, True),)
@@ -235,8 +235,8 @@ def test_a_wish_for_processors_awake_that_is_refused_is_told_and_the_service_goe
         service = hardware.daemon(config=STAY_AWAKE)
         service.start(asyncio.get_running_loop(), MODES)
         service.go_real_time()
-        assert service.machine.real_time["stays_awake"] is False
-        assert service.machine.real_time["refused"] == (f"{awake.LATENCY_FILE}: No such file or directory",)
+        assert service.machine.status.real_time["stays_awake"] is False
+        assert service.machine.status.real_time["refused"] == (f"{awake.LATENCY_FILE}: No such file or directory",)
         service._reports([RawReport(now_ns(), b"")])
         await service.stop()
 
@@ -247,7 +247,7 @@ def test_nobody_touching_halves_the_ticks_and_each_is_accounted_for(hardware: Ha
     async def story() -> None:
         service = hardware.daemon()
         service.start(asyncio.get_running_loop(), MODES)
-        loop = service.machine.loop
+        loop = service.machine.status.loop
         await until(lambda: loop.tick_late.count >= 1)
         assert service.machine.is_idle
         assert service.tick_period_ns == 2 * TIMER_NS
@@ -263,11 +263,11 @@ def test_each_batch_of_reports_is_timed_from_its_reading(hardware: Hardware) -> 
         service.start(asyncio.get_running_loop(), MODES)
         pad, _ = await asyncio.to_thread(hardware.pad.accept)
         with pad:
-            before = service.machine.loop.wait.count
+            before = service.machine.status.loop.wait.count
             pad.send(b"\x02" + bytes(11))
             pad.send(b"\x02" + bytes(11))
-            await until(lambda: service.machine.loop.wait.count > before)
-        timing = service.machine.loop
+            await until(lambda: service.machine.status.loop.wait.count > before)
+        timing = service.machine.status.loop
         assert timing.wait.count == timing.compute.count
         assert timing.wait.count + timing.joined_reports == 2
         assert timing.wait.shortest_ns >= 0
@@ -305,12 +305,12 @@ def test_telemetry_is_built_while_somebody_listens(hardware: Hardware) -> None:
         service.start(asyncio.get_running_loop(), MODES)
         machine = service.machine
         await until(lambda: machine.session is not None and machine.last_tick is not None)
-        assert machine.published == 0
+        assert machine.status.published == 0
         client = await asyncio.to_thread(Client, hardware.folder / "run", timeout_s=PATIENCE_S)
         assert await asyncio.to_thread(client.fingers, PATIENCE_S) == []
-        assert machine.published > 0
+        assert machine.status.published > 0
         await asyncio.to_thread(client.close)
-        await until(lambda: machine.publish is None)
+        await until(lambda: machine.status.publish is None)
         await service.stop()
 
     asyncio.run(story())

@@ -112,9 +112,9 @@ def test_the_last_thing_said_is_silence() -> None:
 
 def test_telemetry_is_built_for_listeners_only() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    assert bench.machine.published == 0
+    assert bench.machine.status.published == 0
     states: list[dict[str, Any]] = []
-    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
     bench.run(100)
     assert 8 <= len(states) <= 10
     assert [state["seq"] for state in states] == list(range(1, len(states) + 1))
@@ -123,20 +123,20 @@ def test_telemetry_is_built_for_listeners_only() -> None:
     assert [(finger["id"], finger["target_um"]) for finger in last["fingers"]] == [(1, 1.0), (2, 0.0)]
     assert last["fingers"][0]["x_mm"] == pytest.approx(-30.2, abs=0.1)
     assert last["fingers"][1]["achieved_um"] == pytest.approx(0.0, abs=1e-9)
-    bench.machine.publish = None
+    bench.machine.status.publish = None
     bench.run(100)
-    assert bench.machine.published == len(states)
+    assert bench.machine.status.published == len(states)
 
 
 def test_a_listener_changes_nothing_of_what_the_board_hears_and_the_unbuilt_are_counted() -> None:
     alone, watched = Bench(SLIPPERY, STICKY).driven(), Bench(SLIPPERY, STICKY).driven()
     states: list[bytes] = []
-    watched.machine.publish = states.append
+    watched.machine.status.publish = states.append
     heard = [bench.run(300) for bench in (alone, watched)]
     assert heard[0] == heard[1]
-    assert alone.machine.skipped_no_subscriber - watched.machine.skipped_no_subscriber == len(states) > 20
+    assert alone.machine.status.skipped_no_subscriber - watched.machine.status.skipped_no_subscriber == len(states) > 20
     said = alone.ask("status")["body"]["telemetry"]
-    assert said == {"published": 0, "skipped_no_subscriber": alone.machine.skipped_no_subscriber}
+    assert said == {"published": 0, "skipped_no_subscriber": alone.machine.status.skipped_no_subscriber}
 
 
 def test_bad_messages_are_counted_and_the_last_refusal_is_kept() -> None:

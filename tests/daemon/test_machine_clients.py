@@ -124,5 +124,5 @@ def test_an_overtaken_refresh_is_dropped_and_counted_not_refused() -> None:
 
 def test_what_the_sockets_lost_is_told_by_status() -> None:
     bench = Bench()
-    bench.machine.lost_messages = lambda: {"too_fast": 7}
+    bench.machine.status.lost_messages = lambda: {"too_fast": 7}
     assert bench.ask("status")["body"]["clients"]["too_fast"] == 7

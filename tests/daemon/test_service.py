@@ -83,7 +83,7 @@ def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_
     files = write_measured(plate, 3, tmp_path, with_neighbours=True)
     with ConfigLoader() as config_loader:
         prepared = config_loader.prepare(configuration)
-    known, told = plate.neighbours(3), prepared.neighbours
+    known, told = plate.parasitic_modes(3), prepared.parasitic_modes
     assert told is not None
     assert np.array_equal(told.modes.shapes, known.modes.shapes)
     assert (told.decay_1_s, told.finger_decay_1_s) == (known.decay_1_s, known.finger_decay_1_s)
@@ -117,7 +117,7 @@ def test_a_bad_map_of_neighbouring_modes_is_one_sentence(
         (tmp_path / name).write_bytes(content)
     file = tmp_path / "hapticd.toml"
     file.write_text(
-        f'[plate]\nneighbours_file = "{name}"\nneighbours_detuning_hz = {detuning_hz}\n'
+        f'[plate]\nparasitic_modes_file = "{name}"\nparasitic_detuning_hz = {detuning_hz}\n'
         f'parasitic_decay_1_s = [150.0, 160.0]\n[sim]\nrig_dir = "{tmp_path}"\n',
         encoding="utf-8",
     )

@@ -9,9 +9,11 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from machine_bench import MS, SLIPPERY, STICKY, Bench
+from machine_bench import MS, PLATE, SLIPPERY, STICKY, Bench
 
+from hapticd.config import Config
 from hapticd.daemon import status
+from hapticd.daemon.machine import Machine
 from hapticd.sim.fingers.paths import Line
 
 
@@ -40,7 +42,7 @@ def test_status_is_plain_data_at_any_time(when: str) -> None:
         bench.machine.board_link(False, "pulled", bench.t_ns)
     elif when == "stopped":
         bench.machine.stop(bench.t_ns)
-    said = status.collect(bench.machine, bench.t_ns)
+    said = bench.machine.report_status(bench.t_ns)
     assert plain(said)
     assert msgpack.unpackb(msgpack.packb(said)) == _listed(said)
 
@@ -55,7 +57,7 @@ def _listed(value: Any) -> Any:
 def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(95)
-    said: Any = status.collect(bench.machine, bench.t_ns)
+    said: Any = bench.machine.report_status(bench.t_ns)
     assert said["state"] == "ACTIVE"
     assert said["fingers"] == 2
     assert said["touch"]["frames"] > 10
@@ -70,7 +72,7 @@ def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None
 def test_a_pad_that_never_spoke_has_no_age_and_an_untouched_plate_no_latency() -> None:
     bench = Bench()
     bench.run(500)
-    said: Any = status.collect(bench.machine, bench.t_ns)
+    said: Any = bench.machine.report_status(bench.t_ns)
     assert said["trackpad"]["silent_ms"] is None
     assert said["latency_ms"] == {}
 
@@ -79,16 +81,16 @@ def test_latencies_are_those_of_now() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(200)
-    now: Any = status.collect(bench.machine, bench.t_ns)
+    now: Any = bench.machine.report_status(bench.t_ns)
     assert now["latency_ms"]["frames"] > 0
     assert 9.0 <= now["latency_ms"]["age"]["p50"] <= 12.0
-    later: Any = status.collect(bench.machine, bench.t_ns + status.RECENT_NS + 1000 * MS)
+    later: Any = bench.machine.report_status(bench.t_ns + status.RECENT_NS + 1000 * MS)
     assert later["latency_ms"] == {}
 
 
 def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    said: Any = status.plate(bench.machine)
+    said: Any = bench.machine.describe_plate()
     modes = bench.machine.modes
     assert (said["size_mm"], said["w_limit_um"], said["simulated"]) == ([137.5, 137.5], [4.0, 4.0], None)
     assert said["reference_limit_um"] == [3.92, 3.92]
@@ -102,21 +104,19 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     assert len(msgpack.packb(said)) < 65536
 
 
-def test_a_simulated_rig_is_told_with_its_directory() -> None:
-    bench = Bench()
-    assert status.collect(bench.machine, bench.t_ns)["simulated"] is None
-    config = bench.machine.config
-    bench.machine.config = replace(config, sim=replace(config.sim, rig_dir="/rig"))
-    assert status.plate(bench.machine)["simulated"] == status.collect(bench.machine, bench.t_ns)["simulated"] == "/rig"
-    bench.machine.config = replace(bench.machine.config, trackpad=replace(config.trackpad, source="hid"))
-    assert status.plate(bench.machine)["simulated"] is None
+def test_a_simulated_rig_is_reported_with_its_directory() -> None:
+    on_rig = replace(Config(), sim=replace(Config().sim, rig_dir="/rig"))
+    with_pad = replace(on_rig, trackpad=replace(on_rig.trackpad, source="hid"))
+    for config, expected in ((Config(), None), (on_rig, "/rig"), (with_pad, None)):
+        machine = Machine(config, PLATE, write_board=lambda _: 0)
+        assert machine.describe_plate()["simulated"] == machine.report_status(0)["simulated"] == expected
 
 
 def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.run(400)
     states: list[dict[str, Any]] = []
-    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
     bench.want({1: 1.0, 2: 1.0})
     bench.run(200)
     told = states[-1]
@@ -131,7 +131,7 @@ def test_a_finger_that_nobody_wants_is_told_with_its_place_only() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.run(400)
     states: list[dict[str, Any]] = []
-    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
     bench.want({1: 1.0})
     bench.run(30)
     wanted, unwanted = states[-1]["fingers"]
@@ -145,7 +145,7 @@ def test_a_virtual_finger_is_told_by_its_name_where_it_is() -> None:
     bench = Bench(SLIPPERY)
     bench.run(400)
     states: list[dict[str, Any]] = []
-    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
     message = {
         "v": 1,
         "client": "test",
@@ -164,12 +164,12 @@ def test_a_virtual_finger_is_told_by_its_name_where_it_is() -> None:
 def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_and_in_each_state() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     states: list[Any] = []
-    bench.machine.publish = lambda payload: states.append(msgpack.unpackb(payload))
-    bench.machine.loop.ticked(250_000, missed=3)
+    bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    bench.machine.status.loop.ticked(250_000, missed=3)
     for span_ns in (400_000, 2_000_000):
-        bench.machine.loop.paused(span_ns)
+        bench.machine.status.loop.paused(span_ns)
     bench.run(20)
-    timing: Any = status.collect(bench.machine, bench.t_ns)["timing"]
+    timing: Any = bench.machine.report_status(bench.t_ns)["timing"]
     assert (timing["missed_ticks"], timing["pauses"]) == (3, 1)
     assert timing["histograms"]["tick_late"]["max_ms"] == 0.25
     assert (timing["histograms"]["pause"]["count"], timing["histograms"]["pause"]["max_ms"]) == (2, 2.0)

@@ -23,7 +23,7 @@ def measured(milliseconds: int = 500) -> tuple[Bench, Measured]:
     bench = Bench(SLIPPERY, STICKY).driven()
     lines: list[LedgerLine] = []
     for _ in range(milliseconds):
-        bench.machine.pipeline.forget_standing()
+        bench.machine.pipeline.resend()
         bench.run(1)
         bench.board.status()
     lines += bench.machine.session.ledger
@@ -53,7 +53,7 @@ def test_the_whole_way_is_from_the_sample_to_the_plate() -> None:
 def test_frames_that_the_board_never_applies_are_counted() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     for _ in range(1500):  # the bench's board tells of one frame in ten
-        bench.machine.pipeline.forget_standing()
+        bench.machine.pipeline.resend()
         bench.run(1)
     counts = gather(bench.machine, ()).counts
     assert counts["frames unanswered"] > counts["frames"] > 0

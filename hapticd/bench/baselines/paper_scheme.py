@@ -7,23 +7,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 from ...config import Config
 from ...core.pipeline import PipelineSettings
 from ...core.solver.arithmetic import Row, within
 from ...core.solver.policies import Rows, solve_fast
-from ...daemon.settings import FILTERED_STAMP_ERROR_MS, pipeline_settings
-from .predictors import make_predictor
+from ...daemon.settings import pipeline_settings
+from .predictors import PREDICTORS
 
 
 def paper_pipeline(config: Config) -> PipelineSettings:
     """Return the pipeline's settings under the paper's scheme."""
     return replace(
         pipeline_settings(config),
-        make_predictor=partial(
-            make_predictor, "hold", period_ms=config.prediction.period_ms, stamp_error_ms=FILTERED_STAMP_ERROR_MS
-        ),
+        make_predictor=PREDICTORS["hold"].for_touch,
         solve=invert,
         fade=0.0,
         phase_rotation=False,

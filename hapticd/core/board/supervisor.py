@@ -119,8 +119,8 @@ class Supervisor:
 
     @property
     def may_drive(self) -> bool:
-        """Whether references other than zero may go out."""
-        return self.state is State.ACTIVE
+        """Whether references other than zero may go out, if something is touched that has a target."""
+        return self.state in (State.ARMED, State.ACTIVE)
 
     def handle(self, event: Event, reason: str, t_ns: int) -> State:
         """Take one event and give the new state; only changes are recorded."""

@@ -20,78 +20,69 @@ from functools import partial
 from numbers import Real
 from typing import Final
 
-from ..touch.sample_clock import SampleClock
+from ..touch.sample_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
 from .bank import ModelBank
 from .motion import MotionModel, Sample, checked
 
 LONGEST_HORIZON_S: Final = 0.050  # beyond, a prediction is a guess: the position stays where it would be then
 
 _FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position on any plate
-_GAP_PERIODS: Final = 5.5  # after five lost samples the motion before them says nothing: the touch starts anew
 _STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
 
 # The nominal period is that of a Magic Trackpad 2; the clock finds that of another pad within some samples.
 _INTAKE_DEFAULTS: dict[str, float] = {"period_ms": 11.25, "period_error_ms": 1.0, "stamp_error_ms": 0.6}
 
 
-class Predictor:
-    """One finger's predictor; make it with `make_predictor`, one for each touch.
+class TouchPredictor:
+    """One touch's predictor for samples whose stamps are filtered already.
 
-    `update(t_ns, x_mm, y_mm)` takes a sample, `predict(t_ns)` gives the position (x_mm, y_mm) and `velocity(t_ns)` the
-    velocity (mm/s) at an instant: NaN before the first sample, finite from then on. Instants up to the last sample
-    give the filtered last position; horizons are cut at `LONGEST_HORIZON_S`.
+    `update` takes a sample: when it was taken (`t_ns`, on the axis of `predict`), its filtered stamp (on the sampler's
+    own axis: intervals come from it), its position, and the sampler's period. `predict` and `velocity` give position
+    (mm) and velocity (mm/s) at an instant: NaN before the first sample, finite from then on. Instants up to the last
+    sample give the filtered last position; horizons are cut at `LONGEST_HORIZON_S`.
     """
 
-    __slots__ = ("_clock", "_fresh_clock", "_model", "_moved", "_t_ns", "_x_mm", "_y_mm")
+    __slots__ = ("_model", "_moved", "_t_ns", "_t_stamp_ns", "_x_mm", "_y_mm")
 
-    def __init__(self, model: MotionModel, fresh_clock: Callable[[], SampleClock]) -> None:
+    def __init__(self, model: MotionModel) -> None:
         self._model = model
-        self._fresh_clock = fresh_clock
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
-        self._clock = self._fresh_clock()
+        """Drop all samples."""
         self._t_ns: int | None = None
+        self._t_stamp_ns = 0
         self._x_mm = self._y_mm = math.nan
         self._moved = False
 
-    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None:
-        """Take the sample stamped `t_ns`. Ignored: what is no position, and stamps that do not increase."""
+    def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float) -> None:
+        """Take a sample. Ignored: what is no position, and stamps that do not increase."""
         if not (-_FARTHEST_MM <= x_mm <= _FARTHEST_MM and -_FARTHEST_MM <= y_mm <= _FARTHEST_MM):
             return
-        if self._t_ns is None:
-            self._start(t_ns, x_mm, y_mm)
-            return
-        elapsed_s = (t_ns - self._t_ns) * 1e-9
-        if elapsed_s > _GAP_PERIODS * self._clock.period_s:
-            self._start(t_ns, x_mm, y_mm)
-            return
-        if elapsed_s <= 0.0 or self._is_stale(x_mm, y_mm):
-            return
-        interval_s = self._clock.advance(elapsed_s)
-        sample = Sample(interval_s, self._clock.period_s, x_mm, y_mm)
-        self._model.step(sample)
-        dx_mm, dy_mm = x_mm - self._x_mm, y_mm - self._y_mm
-        self._moved = dx_mm * dx_mm + dy_mm * dy_mm > _STALE_STEP_MM * _STALE_STEP_MM
-        self._t_ns, self._x_mm, self._y_mm = t_ns, x_mm, y_mm
+        elapsed_s = math.inf if self._t_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
+        if elapsed_s > GAP_PERIODS * period_s:
+            self._model.start(x_mm, y_mm)
+            self._moved = False
+        else:
+            if elapsed_s <= 0.0 or self.is_stale(x_mm, y_mm):
+                return
+            self._model.step(Sample(max(elapsed_s, SHORTEST_PERIODS * period_s), period_s, x_mm, y_mm))
+            dx_mm, dy_mm = x_mm - self._x_mm, y_mm - self._y_mm
+            self._moved = dx_mm * dx_mm + dy_mm * dy_mm > _STALE_STEP_MM * _STALE_STEP_MM
+        self._t_ns, self._t_stamp_ns = t_ns, t_stamp_ns
+        self._x_mm, self._y_mm = x_mm, y_mm
 
     def predict(self, t_ns: int) -> tuple[float, float]:
-        """Position in mm at `t_ns`."""
+        """Return the position in mm at `t_ns`."""
         return self._model.position(self._ahead_s(t_ns))
 
     def velocity(self, t_ns: int) -> tuple[float, float]:
-        """Velocity in mm/s at `t_ns`."""
+        """Return the velocity in mm/s at `t_ns`."""
         return self._model.velocity(self._ahead_s(t_ns))
 
-    def _start(self, t_ns: int, x_mm: float, y_mm: float) -> None:
-        self._clock.restart()
-        self._model.start(x_mm, y_mm)
-        self._moved = False
-        self._t_ns, self._x_mm, self._y_mm = t_ns, x_mm, y_mm
-
-    def _is_stale(self, x_mm: float, y_mm: float) -> bool:
-        """A moving finger's sample that repeats the last one exactly. One in a row: a second one means it stopped."""
+    def is_stale(self, x_mm: float, y_mm: float) -> bool:
+        """Whether a moving finger's sample repeats the last one exactly. Of a second one in a row it is not said: that
+        means that the finger stopped."""
         repeats = self._moved and x_mm == self._x_mm and y_mm == self._y_mm
         self._moved = self._moved and not repeats
         return repeats
@@ -99,10 +90,51 @@ class Predictor:
     def _ahead_s(self, t_ns: int) -> float:
         if self._t_ns is None:
             return math.nan
-        ahead_s = (t_ns - self._t_ns) * 1e-9 + self._clock.lag_s
+        ahead_s = (t_ns - self._t_ns) * 1e-9
         if ahead_s <= 0.0:
             return 0.0
         return ahead_s if ahead_s <= LONGEST_HORIZON_S else LONGEST_HORIZON_S
+
+
+class Predictor:
+    """A touch's predictor with a stamp filter of its own: for a finger whose pad nobody else filters the stamps of.
+
+    As `TouchPredictor`; `update(t_ns, x_mm, y_mm)` takes the device's stamps, whose jitter is filtered out first.
+    """
+
+    __slots__ = ("_clock", "_fresh_clock", "_t_stamp_ns", "_touch")
+
+    def __init__(self, model: MotionModel, fresh_clock: Callable[[], SampleClock]) -> None:
+        self._fresh_clock = fresh_clock
+        self._touch = TouchPredictor(model)
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop all samples, and what was learned of the stamps."""
+        self._touch.reset()
+        self._clock = self._fresh_clock()
+        self._t_stamp_ns: int | None = None
+
+    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None:
+        """Take the sample stamped `t_ns`. Ignored: what is no position, and stamps that do not increase."""
+        if not (math.isfinite(x_mm) and math.isfinite(y_mm)):
+            return
+        if self._t_stamp_ns is not None:
+            elapsed_s = (t_ns - self._t_stamp_ns) * 1e-9
+            is_gap = elapsed_s > GAP_PERIODS * self._clock.period_s
+            if elapsed_s <= 0.0 or (not is_gap and self._touch.is_stale(x_mm, y_mm)):
+                return
+        self._t_stamp_ns = t_ns
+        t_filtered_ns = self._clock.filtered_ns(t_ns)
+        self._touch.update(t_filtered_ns, t_filtered_ns, x_mm, y_mm, self._clock.period_s)
+
+    def predict(self, t_ns: int) -> tuple[float, float]:
+        """Return the position in mm at `t_ns`."""
+        return self._touch.predict(t_ns)
+
+    def velocity(self, t_ns: int) -> tuple[float, float]:
+        """Return the velocity in mm/s at `t_ns`."""
+        return self._touch.velocity(t_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +153,19 @@ class PredictorFactory:
         return cls(model, frozenset(own), _INTAKE_DEFAULTS | own_defaults)
 
     def __call__(self, **settings: object) -> Predictor:
-        """A predictor for one touch; ValueError names the valid settings, or the bounds of a value."""
+        """Return a predictor for one touch; ValueError names the valid settings, or the bounds of a value."""
+        chosen = self._checked(settings)
+        clock_s = tuple([1e-3 * chosen[name] for name in ("period_ms", "period_error_ms", "stamp_error_ms")])
+        return Predictor(self._model(chosen), partial(SampleClock, *clock_s))
+
+    def for_touch(self, **settings: object) -> TouchPredictor:
+        """Return a predictor without a stamp filter; settings and errors as above."""
+        return TouchPredictor(self._model(self._checked(settings)))
+
+    def _model(self, chosen: dict[str, float]) -> MotionModel:
+        return self.model(**{name: chosen[name] for name in self.model_settings})
+
+    def _checked(self, settings: dict[str, object]) -> dict[str, float]:
         chosen = self.defaults.copy()
         for name, value in settings.items():
             if name not in chosen:
@@ -129,11 +173,10 @@ class PredictorFactory:
             if not isinstance(value, Real):
                 raise ValueError(f"Predictor setting {name} is {value!r}: give a number from its range.")
             chosen[name] = float(value)
-        period_ms = checked("period_ms", chosen["period_ms"], 0.5, 50.0)
-        period_error_ms = checked("period_error_ms", chosen["period_error_ms"], 0.0, 10.0)
-        stamp_error_ms = checked("stamp_error_ms", chosen["stamp_error_ms"], 0.0, 10.0)
-        model = self.model(**{name: chosen[name] for name in self.model_settings})
-        return Predictor(model, partial(SampleClock, 1e-3 * period_ms, 1e-3 * period_error_ms, 1e-3 * stamp_error_ms))
+        checked("period_ms", chosen["period_ms"], 0.5, 50.0)
+        checked("period_error_ms", chosen["period_error_ms"], 0.0, 10.0)
+        checked("stamp_error_ms", chosen["stamp_error_ms"], 0.0, 10.0)
+        return chosen
 
 
 DEFAULT: Final = PredictorFactory.of(ModelBank)

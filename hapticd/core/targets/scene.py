@@ -141,9 +141,9 @@ class Scene:
         """The names of `virtuals`."""
         return tuple(name for name, held, _ in self._walking() if t_ns < held.t_expires_ns)
 
-    def wanted(self, finger_ids: Iterable[int], released: Container[Key], t_ns: int) -> list[Key]:
-        """Whom to solve for at `t_ns`: of these fingers those with a target or released from one, and the virtual
-        fingers with a target, in the order in which they came."""
+    def requested(self, finger_ids: Iterable[int], released: Container[Key], t_ns: int) -> list[Key]:
+        """Return the fingers that take part in the solve at `t_ns`: those of `finger_ids` with a target or released
+        from one, and the virtual fingers with a target, in the order in which they came."""
         held = self._held
         keys: list[Key] = []
         for finger_id in finger_ids:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from ...values import Finger, FingerFrame, TouchFrame
-from ..prediction.predictor import Predictor as KnownPredictor
 from .sensor_clock import SensorClock
 from .tracking import Tracker
 
@@ -19,9 +18,9 @@ MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot b
 
 
 class Predictor(Protocol):
-    """Where a finger will be; see `core.prediction.predictor`."""
+    """Where a finger will be; see `core.prediction.predictor.TouchPredictor`."""
 
-    def update(self, t_ns: int, x_mm: float, y_mm: float) -> None: ...
+    def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float, /) -> None: ...
 
     def predict(self, t_ns: int) -> tuple[float, float]: ...
 
@@ -61,10 +60,11 @@ class Fingers:
             return tracked  # an old frame: it says nothing new
         self._t_frame_ns = frame.t_ns
         self.t_sample_ns = t_sample_ns
+        t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
         for finger_id, _, x_mm, y_mm, is_new in tracked.fingers:
             if is_new:
                 self.predictors[finger_id] = self.make_predictor()
-            _feed(self.predictors[finger_id], t_sample_ns, x_mm, y_mm)
+            self.predictors[finger_id].update(t_sample_ns, t_stamp_ns, x_mm, y_mm, period_s)
         self.down = tracked.fingers
         return tracked
 
@@ -88,24 +88,8 @@ class Fingers:
     def predicted_mm(self, finger_id: int, t_ns: int) -> tuple[float, float]:
         """Where a finger that is down will be at an instant; from MAX_HORIZON_NS on it is taken to stay."""
         t_latest_ns = self.t_sample_ns + MAX_HORIZON_NS
-        return _predicted_mm(self.predictors[finger_id], t_ns if t_ns < t_latest_ns else t_latest_ns)
+        return self.predictors[finger_id].predict(t_ns if t_ns < t_latest_ns else t_latest_ns)
 
     def _forget(self, finger_id: int) -> None:
         self.predictors.pop(finger_id, None)
         self.released.discard(finger_id)
-
-
-# As machine code a class that is known is called in a tenth of the time that any other takes.
-
-
-def _feed(predictor: Predictor, t_ns: int, x_mm: float, y_mm: float) -> None:
-    if isinstance(predictor, KnownPredictor):
-        predictor.update(t_ns, x_mm, y_mm)
-    else:
-        predictor.update(t_ns, x_mm, y_mm)
-
-
-def _predicted_mm(predictor: Predictor, t_ns: int) -> tuple[float, float]:
-    if isinstance(predictor, KnownPredictor):
-        return predictor.predict(t_ns)
-    return predictor.predict(t_ns)

@@ -22,22 +22,30 @@ _PERIOD_WALK_VAR_S2: Final = 0.1e-6**2  # how far the period itself strays in on
 _EARLY_FRAC: Final = 0.35
 
 _RELOCK_FRAC: Final = 0.6  # of a period: a stamp this far off belongs to a new train of samples
-_SHORTEST_FRAC: Final = 0.4  # of a period: the least interval reported, so that no speed is made of a burst of reports
+SHORTEST_PERIODS: Final = 0.4  # the least interval, so that no speed is made of a burst of reports
+GAP_PERIODS: Final = 5.5  # five lost samples: what comes after is a new train
+_LEAST_ERRORS: Final = 2  # over so many stamps their jitter is averaged at first,
+_MOST_ERRORS: Final = 32  # and over so many later
 _RELOCKS_TO_RETUNE: Final = 3  # in a row: then the nominal period is wrong, and the last interval is a better one
 
 
 class SampleClock:
     """Sampling times from stamps. `period_s` is the estimated period, `lag_s` = last stamp - its sampling time.
 
-    All arguments in seconds: the expected period, the standard errors of that expectation and of one stamp. A
-    `stamp_error_s` of 0 trusts every stamp as it is.
+    All arguments in seconds: the expected period, the standard errors of that expectation and of one stamp. Stamps that
+    jitter by more are measured and trusted less. With a `stamp_error_s` of 0 every stamp is taken as it is.
     """
 
-    __slots__ = ("_cross", "_period_error", "_period_var", "_phase_var", "_relocks", "_stamp_var", "lag_s", "period_s")
+    __slots__ = (
+        *("_cross", "_error_s", "_errors", "_least_stamp_var", "_period_error", "_period_var", "_phase_var"),
+        *("_relock_span_s", "_relocks", "_seen_stamp_var", "_stamp_var", "_t_stamp_ns", "lag_s", "period_s"),
+    )
 
     def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float) -> None:
-        self._stamp_var = stamp_error_s * stamp_error_s
+        self._t_stamp_ns: int | None = None
+        self._stamp_var = self._seen_stamp_var = self._least_stamp_var = stamp_error_s * stamp_error_s
         self._period_error = period_error_s / period_s
+        self._errors = _LEAST_ERRORS
         self._tune(period_s)
         self.restart()
 
@@ -45,12 +53,32 @@ class SampleClock:
         self.period_s = period_s
         self._period_var = (self._period_error * period_s) ** 2
 
+    def filtered_ns(self, t_stamp_ns: int) -> int:
+        """Return when the sample stamped `t_stamp_ns` was taken, on the stamps' own axis; stamps in order.
+
+        Before the first stamp, after a gap of `GAP_PERIODS` and where stamps go back a new train of samples begins:
+        its first stamp is taken as it is. A repeated stamp changes nothing.
+        """
+        elapsed_s = -1.0 if self._t_stamp_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
+        if not 0.0 <= elapsed_s <= GAP_PERIODS * self.period_s:
+            self.restart()
+        elif elapsed_s > 0.0:
+            self.advance(elapsed_s)
+        self._t_stamp_ns = t_stamp_ns
+        return t_stamp_ns - round(self.lag_s * 1e9)
+
     def restart(self) -> None:
-        """A train of samples begins with the stamp at hand; what is known of the period stays."""
+        """Begin a train of samples with the next stamp; the estimate of the period stays."""
+        self._t_stamp_ns = None
+        self._start_train()
+
+    def _start_train(self) -> None:
         self.lag_s = 0.0
         self._phase_var = self._stamp_var
         self._cross = 0.0
         self._relocks = 0
+        self._relock_span_s = 0.0
+        self._error_s = 0.0
 
     def advance(self, elapsed_s: float) -> float:
         """Take the next stamp, `elapsed_s` > 0 after the last; return the time between the two samplings, in s."""
@@ -60,13 +88,13 @@ class SampleClock:
         error = since_sampling - periods * period
         if not abs(error) <= _RELOCK_FRAC * period:
             self._relock(elapsed_s)
-            return max(since_sampling, _SHORTEST_FRAC * period)
-
+            return max(since_sampling, SHORTEST_PERIODS * period)
         period_var = self._period_var
         phase_var = self._phase_var + periods * (2.0 * self._cross + periods * period_var) + _PHASE_WALK_VAR_S2
         cross = self._cross + periods * period_var
         spread = phase_var + self._stamp_var
         phase_gain = phase_var / spread
+        self._measure_jitter(error, phase_var)
         period_gain = cross / spread
         untrusted = 1.0 - phase_gain
 
@@ -74,14 +102,26 @@ class SampleClock:
         self._cross = untrusted * cross
         self._period_var = period_var + _PERIOD_WALK_VAR_S2 - period_gain * cross
         self._relocks = 0
+        self._relock_span_s = 0.0
         self.lag_s = untrusted * error
         self.period_s = period + period_gain * error
-        return max(since_sampling - self.lag_s, _SHORTEST_FRAC * period)
+        return max(since_sampling - self.lag_s, SHORTEST_PERIODS * period)
+
+    def _measure_jitter(self, error_s: float, phase_var: float) -> None:
+        """From the change between errors, for a period that is still wrong adds the same to each."""
+        if self._least_stamp_var == 0.0:
+            return
+        change_s = error_s - self._error_s
+        self._error_s = error_s
+        self._errors += self._errors < _MOST_ERRORS
+        self._seen_stamp_var += (0.5 * change_s * change_s - phase_var - self._seen_stamp_var) / self._errors
+        self._stamp_var = max(self._seen_stamp_var, self._least_stamp_var)
 
     def _relock(self, elapsed_s: float) -> None:
-        relocks = self._relocks + 1
-        self.restart()
-        self._relocks = relocks
+        """Begin a new train at a stamp that fits no slot. After some in a row, take their mean interval as period."""
+        relocks, span_s = self._relocks + 1, self._relock_span_s + elapsed_s
+        self._start_train()
         if relocks >= _RELOCKS_TO_RETUNE:
-            self._tune(elapsed_s)
-            self._relocks = 0
+            self._tune(span_s / relocks)
+        else:
+            self._relocks, self._relock_span_s = relocks, span_s

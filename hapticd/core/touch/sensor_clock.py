@@ -21,9 +21,8 @@ _MAX_AGE_NS: Final = 10_000_000_000  # over a pause a drifting clock becomes a s
 _MOST_EARLY_NS: Final = 5_000_000  # no jitter makes a report this early: the clock stepped
 _MOST_LATE_NS: Final = 250_000_000  # a stalled host makes reports late, but not this late
 _LATE_IN_A_ROW: Final = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
-_LONGEST_TRAIN_NS: Final = 60_000_000  # after a longer gap the pad's samples are a new train
 _PERIOD_S: Final = 0.01125  # of a Magic Trackpad 2; other pads are found within some reports
-_PERIOD_ERROR_S: Final = 0.001
+_PERIOD_ERROR_S: Final = 0.0007
 _STAMP_ERROR_S: Final = 0.0006  # +-1 ms, uniform
 
 
@@ -40,6 +39,7 @@ class SensorClock:
 
     def __init__(self, latency_ns: int) -> None:
         self.relocks = 0
+        self.t_filtered_ns = 0  # the newest stamp, its jitter filtered out
         self._latency_ns = latency_ns
         self._differences = RollingQuantile(_WINDOW, _LOW)
         self._t_arrivals_ns: deque[int] = deque()
@@ -48,8 +48,15 @@ class SensorClock:
         self._learned = 0  # reports since it was locked
         self._samples = SampleClock(_PERIOD_S, _PERIOD_ERROR_S, _STAMP_ERROR_S)
 
+    @property
+    def period_s(self) -> float:
+        """The pad's sampling period, as its stamps show it."""
+        return self._samples.period_s
+
     def update(self, t_device_ns: int, t_host_ns: int) -> int:
-        """When the report stamped `t_device_ns`, read at `t_host_ns`, was sampled; never later than it was read.
+        """Return when the report stamped `t_device_ns`, read at `t_host_ns`, was sampled; never later than it was read.
+
+        `t_filtered_ns` is that instant on the device's own axis.
 
         A step of the device's clock shows as a stamp that goes back, a report that is early, or lasting lateness;
         the clock is then locked anew, on this report.
@@ -59,7 +66,8 @@ class SensorClock:
         if len(self._differences) > 0 and self._has_stepped(t_device_ns, difference_ns):
             self.reset()
             self.relocks += 1
-        t_filtered_ns = self._filtered_ns(t_device_ns)
+        t_filtered_ns = self.t_filtered_ns = self._samples.filtered_ns(t_device_ns)
+        self._t_device_ns = t_device_ns
         if len(self._differences) == _WINDOW:
             self._t_arrivals_ns.popleft()
         self._t_arrivals_ns.append(t_host_ns)
@@ -83,21 +91,12 @@ class SensorClock:
         return (9 * explained_ns * explained_ns - spread_ns * spread_ns) // (8 * spread_ns)
 
     def reset(self) -> None:
-        """Forget the clock: the next report locks it anew."""
+        """Reset: the next report gives the offset."""
+        self._samples.restart()
         self._differences.clear()
         self._t_arrivals_ns.clear()
         self._late_in_a_row = 0
         self._learned = 0
-
-    def _filtered_ns(self, t_device_ns: int) -> int:
-        """The stamp as a regular sampler would have given it."""
-        elapsed_ns = t_device_ns - self._t_device_ns
-        if len(self._differences) == 0 or not 0 <= elapsed_ns <= _LONGEST_TRAIN_NS:
-            self._samples.restart()
-        elif elapsed_ns > 0:
-            self._samples.advance(elapsed_ns * 1e-9)
-        self._t_device_ns = t_device_ns
-        return t_device_ns - round(self._samples.lag_s * 1e9)
 
     def _forget_learning(self) -> None:
         """A young window keeps only the later half of its reports: the filter's first guesses err by a stamp's whole

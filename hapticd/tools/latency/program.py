@@ -131,7 +131,7 @@ def _wishes(machine: Machine) -> ClientTargets:
 
 def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
     """The machine's histograms, with that of the whole way from the frames of `lines`."""
-    loop, ledger = machine.loop, machine.session.ledger
+    loop, ledger = machine.status.loop, machine.session.ledger
     total = Histogram()
     for line in lines:
         total.add(line.t_applied_ns - line.t_sample_ns)

@@ -78,7 +78,9 @@ def test_it_drives_only_with_link_sensor_touch_and_no_fault(events: list[Event])
         stopped = stopped or event is Event.STOP
         interrupted = not (link and sensor) or faulty or event is Event.RELEASED
         touched = (touched or event is Event.TOUCHED) and not interrupted
-        assert supervisor.may_drive == (link and sensor and touched and not faulty and not stopped)
+        is_armed = link and sensor and not faulty and not stopped
+        assert supervisor.may_drive == is_armed
+        assert (supervisor.state is State.ACTIVE) == (is_armed and touched)
     assert all(change.before is not change.after for change in supervisor.history)
 
 

@@ -241,8 +241,8 @@ def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(
     square = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
     sine = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
     scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
-    assert scene.wanted((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
-    assert scene.wanted((), (), T0_NS + TTL_NS) == []
+    assert scene.requested((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
+    assert scene.requested((), (), T0_NS + TTL_NS) == []
     assert scene.detail(1) == scene.detail("nobody") == (math.inf, True)
     assert scene.detail(2) == (1.0, False)
     assert scene.detail(5) == (1.0, True)

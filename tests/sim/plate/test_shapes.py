@@ -56,7 +56,7 @@ def test_a_third_mode_has_an_amplifier_a_sensor_and_a_place_on_the_map(kind: str
     held_um = driven / (1.5 * truth.nominal_decay_1_s - 1j * truth.nominal_detuning_rad_s)
     np.testing.assert_allclose(np.abs(held_um), 4.0)
     assert truth.cartography(1).M == 3
-    assert truth.neighbours(1).modes.M == 1
+    assert truth.parasitic_modes(1).modes.M == 1
 
 
 def test_what_there_is_not_is_refused() -> None:

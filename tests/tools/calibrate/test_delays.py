@@ -19,7 +19,7 @@ def measured() -> Measured:
     """A driven bench whose board acknowledges each millisecond; the link takes none, reports come every 11.25 ms."""
     bench = Bench(SLIPPERY, STICKY).driven()
     for _ in range(1000):
-        bench.machine.pipeline.forget_standing()
+        bench.machine.pipeline.resend()
         bench.run(1)
         bench.board.status()
     lines: list[LedgerLine] = list(bench.machine.session.ledger)

@@ -43,7 +43,7 @@ def frames_of_a_bench(configured: Config, seconds: float) -> latency.Measured:
     del configured, seconds
     bench = Bench(SLIPPERY, STICKY).driven()
     for _ in range(1000):
-        bench.machine.pipeline.forget_standing()
+        bench.machine.pipeline.resend()
         bench.run(1)
         bench.board.status()
     return latency.gather(bench.machine, list(bench.machine.session.ledger))

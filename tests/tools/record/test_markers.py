@@ -15,7 +15,7 @@ from hapticd_client.messages import decode_state
 
 def states(bench: Bench) -> list[bytes]:
     published: list[bytes] = []
-    bench.machine.publish = published.append
+    bench.machine.status.publish = published.append
     return published
 
 
