@@ -39,7 +39,7 @@ from .trajectory.knots import SHORTEST_NS, refine
 
 @dataclass(frozen=True, slots=True)
 class PipelineSettings:
-    """What the pipeline is told once.
+    """Pipeline settings.
 
     `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `fade`;
     0 also takes the bound off the reference's slope), and `phase_rotation` whether two slipping fingers change their
@@ -79,7 +79,7 @@ class PipelineCounters:
 
 
 class Pipeline:
-    """The touch path for one plate. Holds the fingers and the reference that stands."""
+    """The touch path for one plate. Holds the fingers and the reference in force."""
 
     def __init__(
         self,
@@ -115,12 +115,12 @@ class Pipeline:
 
     @property
     def fingers(self) -> tuple[Finger, ...]:
-        """Those that are down, by the last report that counted."""
+        """The fingers that are down, by the last accepted report."""
         return self._fingers.down
 
     @property
     def modal_um(self) -> tuple[complex, ...]:
-        """The modal phasors at the first knot of the reference that stands."""
+        """The modal phasors at the first knot of the reference in force."""
         return self._standing.knots[0].modal_um
 
     # --- from the trackpad ---
@@ -131,21 +131,22 @@ class Pipeline:
         return self._fingers.touch(frame, t_read_ns)
 
     def sensor_lost(self) -> None:
-        """The pad is gone or silent: every finger counts as lifted."""
+        """Lift all fingers: the pad is gone or silent."""
         self._fingers.lift_all()
 
     def sensor_is_silent(self, t_now_ns: int) -> bool:
-        """Fingers are down and no report came for too long (then call `sensor_lost`)."""
+        """Whether fingers are down and no report came for too long (then call `sensor_lost`)."""
         return self._fingers.are_silent(t_now_ns)
 
     def release(self, keys: Sequence[Key]) -> None:
-        """Targets of these fingers ended: while such a finger stays down it is held at 0 um."""
+        """Hold these fingers at 0 um while they stay down: their targets ended."""
         self._fingers.release(keys)
 
     # --- to the plate ---
 
     def drive(self, t_now_ns: int, link_ns: int, *, is_allowed: bool = True, is_followed: bool = True) -> Tick:
-        """One pass: the reference polyline that takes effect `link_ns` from now, or none where the last one stands.
+        """One pass: return the reference polyline that takes effect `link_ns` from now, or none if the last one still
+        holds.
 
         `is_allowed`: references other than zero may go out. `is_followed`: the board has the last reference; else it is
         sent again, however still the fingers are.
@@ -179,7 +180,7 @@ class Pipeline:
         return self._tick(t_now_ns, t_plate_ns, drive, *self._standing_points)
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
-        """Nobody wants anything, or nobody may have it: one zero frame, then none."""
+        """Nothing is requested or allowed: send one zero frame, then none."""
         if self._fingers.down:
             self.counters.skipped_no_target += 1
         else:
@@ -227,7 +228,7 @@ class Pipeline:
         return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns)
 
     def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
-        """Where the fingers will be at an instant, and what each should feel there."""
+        """Return where the fingers will be at an instant, and the target amplitude of each there."""
         scene, fingers = self._scene, self._fingers
         places: list[Place] = []
         for key in keys:

@@ -1,4 +1,4 @@
-"""A quantile of the last few values: what a clock trusts of delays that are sometimes long."""
+"""Rolling quantile: a robust estimate from delays that are sometimes long."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ class RollingQuantile:
         return len(self._arrived)
 
     def push(self, value: int) -> None:
-        """Take a value; the oldest goes when there are too many."""
+        """Add a value; beyond `size` the oldest is dropped."""
         if len(self._arrived) == self._size:
             self.drop_oldest()
         self._arrived.append(value)
         insort(self._sorted, value)
 
     def drop_oldest(self) -> None:
-        """Forget the value that has been there longest."""
+        """Drop the oldest value."""
         del self._sorted[bisect_left(self._sorted, self._arrived.popleft())]
 
     def clear(self) -> None:
-        """Forget all values."""
+        """Drop all values."""
         self._arrived.clear()
         self._sorted.clear()
 

@@ -1,7 +1,7 @@
-"""The board as the machine meets it: its bytes become messages, the session's answers become lines.
+"""Board gateway: the board's bytes become messages, the session's commands become lines.
 
-Here a hello is judged, a refusal, a fault or a silence becomes a sentence of the log and an event for the supervisor,
-and each line is counted that the port did not take. What is said when, the session decides (`core.board.session`).
+Checks the hello, turns refusals, faults and silence into log lines and supervisor events, and counts the lines that the
+port did not take. What is sent when is decided by the session (`core.board.session`).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from .observer import Observer
 
 log = logging.getLogger("hapticd")
 
-REST_AFTER_NS = 2_000_000_000  # of being wanted by nobody: then the board is left quiet, and kept alive no more
+REST_AFTER_NS = 2_000_000_000  # without activity: keep-alives stop after this idle time
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
-FRESH_START = b"\0"  # ends what a frame cut short left on the line, which would else take this one with it
+FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
@@ -43,7 +43,7 @@ START_COMPUTE_NS = 400_000
 
 
 class BoardGateway:
-    """The board at the other end of the line, whichever is plugged in."""
+    """The board at the other end of the line."""
 
     def __init__(
         self,
@@ -62,7 +62,7 @@ class BoardGateway:
             calibration=calibration,
         )
         self.unsent = 0
-        self.refused = ""  # why the board that is there is not accepted
+        self.refused = ""  # why the present board is not accepted
         self.write = write
         self.observer: Observer | None = None
         self._w_limit_um = config.limits.w_limit_um
@@ -71,17 +71,17 @@ class BoardGateway:
         self._supervise = supervise
         self._decoder = device_wire.Decoder()
         self._t_clear_until_ns: int | None = None
-        self._t_wanted_ns = 0
+        self._t_active_ns = 0
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """What was no message, by kind, since the port was opened."""
+        """Bytes that were no message, by kind, since the port was opened."""
         return self._decoder.counters
 
-    # --- what it says ---
+    # --- receiving ---
 
     def link(self, up: bool, reason: str, t_now_ns: int) -> None:
-        """The serial port came or went."""
+        """Take note that the serial port was opened or lost."""
         log.log(logging.INFO if up else logging.WARNING, "board: %s", reason)
         self._decoder = device_wire.Decoder()
         self.refused = ""
@@ -92,31 +92,31 @@ class BoardGateway:
             self._supervise(Event.LINK_DOWN, reason, t_now_ns)
 
     def receive(self, data: bytes, t_now_ns: int) -> None:
-        """Bytes from the line, however they were cut."""
+        """Take bytes from the line, in pieces of any size."""
         was_accepted = self.session.hello is not None
         for message in self._decoder.feed(data):
-            self._hear(message, t_now_ns)
+            self._handle(message, t_now_ns)
         self._send(self.session.resume(t_now_ns), t_now_ns)
         if was_accepted and self.session.hello is None:
-            log.warning("board: its clock is another than before, as after a reset; it is greeted anew")
+            log.warning("board: Clock discontinuity (board reset?): reconnecting")
 
-    def _hear(self, message: BoardMessage | ToolMessage, t_now_ns: int) -> None:
+    def _handle(self, message: BoardMessage | ToolMessage, t_now_ns: int) -> None:
         match message:
             case BoardTime():
                 self.session.receive_time(message, t_now_ns)
             case BoardHello():
-                self._greet(message, t_now_ns)
+                self._check_hello(message, t_now_ns)
             case BoardStatus():
                 self._take_status(message, t_now_ns)
             case BoardVerdict(request, verdict):
                 if verdict is not Verdict.DONE:
-                    log.error("board: it refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
+                    log.error("board: refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
                 if request in (protocol.MSG_SET_CONTROLLER, protocol.MSG_SET_MODEL):
                     self._send(self.session.receive_answer(t_now_ns), t_now_ns)
             case _:
-                pass  # answers to a person at the bench
+                pass  # answers to a bench tool
 
-    def _greet(self, hello: BoardHello, t_now_ns: int) -> None:
+    def _check_hello(self, hello: BoardHello, t_now_ns: int) -> None:
         try:
             device_wire.check_hello(hello, modes=len(self._w_limit_um), w_limit_um=self._w_limit_um)
             device_wire.check_calibration(hello, self._calibration)
@@ -126,7 +126,7 @@ class BoardGateway:
                 self.refused = str(error)
             return
         self.refused = ""
-        if hello != self.session.hello:  # else it was only sent to rest
+        if hello != self.session.hello:  # else it only answered the request to rest
             log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
         self._send(self.session.receive_hello(hello, t_now_ns), t_now_ns)
 
@@ -138,7 +138,7 @@ class BoardGateway:
             if self.session.ledger.age.count != booked:
                 self.observer("ledger", t_now_ns, self.session.ledger[-1])
         if self.session.hello is None:
-            return  # who has not been accepted is not believed
+            return  # before the handshake no status counts
         if message.state is BoardState.FAULT:
             cause = protocol.FAULTS.get(message.fault_code, f"its code is {message.fault_code}")
             self._supervise(Event.BOARD_FAULT, cause, t_now_ns)
@@ -146,7 +146,7 @@ class BoardGateway:
             self._t_clear_until_ns = None
             self._supervise(Event.CLEARED, "a client cleared it", t_now_ns)
 
-    # --- what it is told ---
+    # --- sending ---
 
     def follow(self, tick: Tick, t_now_ns: int) -> int | None:
         """Send the reference that a pass decided on, if it is another than the one that stands; return when the port
@@ -154,46 +154,46 @@ class BoardGateway:
         return None if tick.drive is None else self._send(self.session.reference(tick.drive, tick, t_now_ns), t_now_ns)
 
     def keep_alive(self, t_now_ns: int) -> None:
-        """What it must hear at rest, its reference standing."""
+        """Send the keep-alive that is due while the reference holds."""
         self._send(self.session.keep_alive(t_now_ns), t_now_ns)
 
     def tend(self, t_now_ns: int) -> None:
-        """All that time alone brings about: greetings, questions, keep-alives, and notice of a board that is silent."""
+        """Do what is due by time alone: hello and time requests, keep-alives, and detection of a silent board."""
         was_accepted = self.session.hello is not None
         commands = self.session.timer(t_now_ns)
         if was_accepted and self.session.hello is None:
-            log.warning("board: it has fallen silent; it is greeted until it answers")
-        self._send(commands, t_now_ns)  # which may find that the port is gone
+            log.warning("board: silent; requesting its hello until it answers")
+        self._send(commands, t_now_ns)  # may find that the port is gone
         if self.session.ready:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:
             self._supervise(Event.LINK_DOWN, "the board does not answer", t_now_ns)
 
-    def rest_or_wake(self, is_wanted: bool, t_now_ns: int) -> None:
-        """A board that nobody wanted for REST_AFTER_NS is left quiet, and armed again as soon as somebody does."""
-        if is_wanted:
+    def rest_or_wake(self, is_active: bool, t_now_ns: int) -> None:
+        """Let the board rest after REST_AFTER_NS without activity, and arm it again as soon as there is some."""
+        if is_active:
             self.wake(t_now_ns)
         elif not self.session.follows(t_now_ns):
-            self._t_wanted_ns = t_now_ns  # it rests, or has to be armed first
-        elif t_now_ns - self._t_wanted_ns >= REST_AFTER_NS:
-            self._t_wanted_ns = t_now_ns  # should the line lose it, it is said again after as long
+            self._t_active_ns = t_now_ns  # it rests, or has to be armed first
+        elif t_now_ns - self._t_active_ns >= REST_AFTER_NS:
+            self._t_active_ns = t_now_ns  # if the line loses it, it is sent again after the same time
             self._send(self.session.rest(t_now_ns), t_now_ns)
 
     def wake(self, t_now_ns: int) -> None:
-        """Somebody wants it: arm it, if it rests."""
-        self._t_wanted_ns = t_now_ns
+        """Arm the board, if it rests."""
+        self._t_active_ns = t_now_ns
         self._send(self.session.wake(t_now_ns), t_now_ns)
 
     def clear_fault(self, t_now_ns: int) -> None:
-        """Ask it to leave its fault; its next status says whether the cause is gone. Raises RequestError."""
+        """Ask the board to clear its fault; its next status shows whether the cause is gone. Raises RequestError."""
         if not self.session.ready:
             raise RequestError("The board does not answer, so its fault cannot be cleared: connect it first.")
         self._t_clear_until_ns = t_now_ns + CLEAR_WITHIN_NS
         self._send([ClearFault()], t_now_ns)
 
     def disconnect(self, t_now_ns: int) -> bool:
-        """End the session with a board that has come to rest, so that its dead-man does not trip: three trips in ten
-        seconds latch, and configurations may be read anew as often. False where there is no session."""
+        """End the session with a quiet board without a dead-man trip: three trips in ten seconds latch, and a
+        configuration may be reloaded as often. False where there is no session."""
         if self.session.hello is None:
             return False
         self._send([HelloRequest()], t_now_ns)

@@ -1,7 +1,7 @@
-"""The clients as the machine meets them: their messages become wishes of the scene, their requests get an answer.
+"""Client gateway: clients' messages become targets of the scene, their requests get an answer.
 
 Who sends targets waits for no answer: what was wrong with them is counted, and so is what a newer message of the same
-client has overtaken. What only the machine can say or do, it is asked for.
+client has overtaken. What only the machine can report or do is requested from it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ MAX_MARKERS = 64  # told in one state; a client that sends more between two pass
 
 
 class Host(Protocol):
-    """What clients need of the machine that they talk to."""
+    """What the gateway needs of the machine."""
 
     def wake_if_resting(self, t_now_ns: int) -> None:
-        """Targets have come into force."""
+        """Arm a resting board: targets are in force."""
 
     def clear_fault(self, t_now_ns: int) -> None:
-        """Have the board leave its fault. Raises RequestError where it cannot be asked."""
+        """Clear the board's fault. Raises RequestError where the board cannot be asked."""
 
     def report_status(self, t_now_ns: int) -> Mapping[str, object]:
         """The answer to `status`."""
@@ -38,10 +38,10 @@ class Host(Protocol):
 
 
 class ClientGateway:
-    """All clients together: who they are stands in each message, and in the user that the socket knows."""
+    """All clients: each message names its client, and the socket knows its user."""
 
     def __init__(self, scene: Scene, instance: int, host: Host) -> None:
-        """`instance` tells clients one start of the host from the next."""
+        """`instance` distinguishes one start of the host from the next."""
         self.refused = 0
         self.last_refusal = ""
         self.overtaken = 0
@@ -53,7 +53,7 @@ class ClientGateway:
         self._client_registry = ClientRegistry()
 
     def targets(self, payload: bytes, t_now_ns: int, user: str) -> None:
-        """A message of the targets socket; what is wrong with it is counted and kept for `status`."""
+        """Take a message of the targets socket; an error in it is counted and kept for `status`."""
         try:
             message = client_wire.decode_targets(payload)
             refusals = self.want(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
@@ -64,13 +64,13 @@ class ClientGateway:
             self.last_refusal = refusals[0]
 
     def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
-        """Put a client's targets in force; sentences for what it may not have."""
+        """Apply a client's targets. Returns one error message per refused finger."""
         refusals = self._scene.apply(message, t_now_ns)
         self._host.wake_if_resting(t_now_ns)
         return refusals
 
     def request(self, payload: bytes, t_now_ns: int, user: str) -> bytes:
-        """The answer to a message of the control socket."""
+        """Return the answer to a message of the control socket."""
         return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
 
     def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
@@ -95,7 +95,7 @@ class ClientGateway:
         return {"version": __version__, "instance": self._instance, **client_wire.CAPABILITIES}
 
     def _is_newest(self, message: ClientTargets | client_wire.Release, user: str, t_now_ns: int) -> bool:
-        """False where a newer message of the same client came first. Raises RequestError for another user's name."""
+        """Return False if a newer message of the client came first. Raises RequestError for another user's name."""
         ttl_ns = message.ttl_ns if isinstance(message, ClientTargets) else 0
         is_newest = self._client_registry.is_newest(message.client, user, message.stamp, ttl_ns, t_now_ns)
         self.overtaken += not is_newest

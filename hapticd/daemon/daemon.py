@@ -35,15 +35,15 @@ from .recorder import Recorders
 
 log = logging.getLogger("hapticd")
 
-QUIET_WITHIN_S = 0.1  # how long the last frame may take to leave
+QUIET_WITHIN_S = 0.1  # for the last frame to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
-SWEEP_EVERY_NS = 100_000_000  # whoever reads a socket reads it to its end; this is for a wake-up lost all the same
+SWEEP_EVERY_NS = 100_000_000  # sockets are read to their end at each wake-up; this covers a lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
-SAY_MISSED_EVERY_NS = 10_000_000_000
+LOG_MISSED_EVERY_NS = 10_000_000_000
 
 
 class Link(NamedTuple):
-    """What was last heard of a device."""
+    """Last known state of a device's connection."""
 
     is_up: bool
     reason: str
@@ -74,8 +74,8 @@ class Daemon:
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
-        self._t_collected_ns = self._t_said_ns = self._t_swept_ns = 0
-        self._said_missed = 0
+        self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = 0
+        self._logged_missed = 0
         self._machine: Machine | None = None
         self._pad_link: Link | None = None
         self._board_link: Link | None = None
@@ -84,12 +84,12 @@ class Daemon:
 
     @property
     def machine(self) -> Machine:
-        """The daemon's inside; from `start` on."""
+        """The machine; available from `start` on."""
         assert self._machine is not None, "start() comes first"
         return self._machine
 
     def start(self, loop: asyncio.AbstractEventLoop, modes: ModeShapes) -> None:
-        """Serve clients first (it takes the lock that a second daemon stumbles over), then open the devices."""
+        """Serve clients first (this takes the lock that refuses a second daemon), then open the devices."""
         self._loop = loop
         self._modes = modes
         self._machine = self._new_machine()
@@ -126,14 +126,14 @@ class Daemon:
         return machine
 
     def _restart_core(self, t_now_ns: int) -> None:
-        """Nobody uses the machine: another takes over, for a recorder to hear it from its first moment on. Devices and
-        sockets stay open; the board is greeted anew, and clients see another instance."""
+        """Replace the idle machine, so that a recorder receives a core from its first instant. Devices and sockets stay
+        open; the board's handshake starts again, and clients see another instance."""
         assert self._recorders is not None
-        log.info("a recorder came: the core begins anew, nobody touches")
+        log.info("Recorder attached: restarting the core while idle")
         machine, before = self._new_machine(), self.machine
         machine.status.real_time = before.status.real_time
         self._machine = machine
-        self._said_missed = 0
+        self._logged_missed = 0
         self._recorders.begin(machine, t_now_ns)
         if self._pad_link is not None:
             self._on_pad_link(self._pad_link)
@@ -150,37 +150,37 @@ class Daemon:
 
     @property
     def tick_period_ns(self) -> int:
-        """How often the timer comes now; from `start` on."""
+        """Present period of the timer; available from `start` on."""
         assert self._timer is not None, "start() comes first"
         return self._timer.period_ns
 
     def go_real_time(self) -> None:
-        """Ask the kernel for what the configuration wants, and say what it did not give."""
-        wanted = self._config.realtime
+        """Request the configured real-time settings from the kernel, and log what it refuses."""
+        requested = self._config.realtime
         granted = go_real_time(
-            fifo_priority=wanted.fifo_priority, processor=wanted.processor, lock_memory=wanted.lock_memory
+            fifo_priority=requested.fifo_priority, processor=requested.processor, lock_memory=requested.lock_memory
         )
         refused = list(granted.refused)
-        if wanted.stay_awake:
+        if requested.stay_awake:
             try:
                 self._awake = awake.CpuLatencyHold(awake.LATENCY_FILE)
             except OSError as error:
                 refused.append(f"{awake.LATENCY_FILE}: {error.strerror}")
         for refusal in refused:
             log.warning("real time: not granted: %s", refusal)
-        told = {"stays_awake": self._awake is not None, "refused": tuple(refused)}
-        self.machine.status.real_time = dataclasses.asdict(granted) | told
+        extra = {"stays_awake": self._awake is not None, "refused": tuple(refused)}
+        self.machine.status.real_time = dataclasses.asdict(granted) | extra
 
     def ready(self) -> None:
-        """The start is over: ticks and pauses count from now, and the service manager hears that clients are served."""
+        """End the start: count ticks and pauses from now, and notify the service manager."""
         assert self._timer is not None
         self._pauses = Pauses(lambda span_ns: self.machine.status.loop.paused(span_ns), clock_ns=now_ns)
         self._timer.set_period(TIMER_NS)
-        self._t_said_ns = now_ns()
+        self._t_logged_ns = now_ns()
         self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
 
     async def stop(self) -> None:
-        """Quiet the plate, then close: clients, trackpad, and the board last."""
+        """Silence the plate, then close clients and trackpad, and the board last."""
         if self._timer is not None:
             self._timer.close()
         if self._pauses is not None:
@@ -201,7 +201,7 @@ class Daemon:
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
-        self._let_publish()
+        self._update_subscription()
         machine, t_begin_ns = self.machine, now_ns()
         t_written_ns = machine.reports(batch, t_begin_ns)
         tick, loop, t_read_ns = machine.last_tick, machine.status.loop, batch[-1].t_host_ns
@@ -212,7 +212,7 @@ class Daemon:
         self._set_pace(after_reports=True)
         if machine.trackpad.needs_enable:
             self._trackpad.request_enable()
-        self._look_after(t_begin_ns)
+        self._housekeep(t_begin_ns)
 
     def _write(self, line: bytes) -> int | None:
         return now_ns() if self._link.write(line) else None
@@ -227,23 +227,23 @@ class Daemon:
         return answer
 
     def _listener(self) -> None:
-        """Who begins to listen need not wait for a tick."""
-        self._let_publish()
+        """Serve a new subscriber without waiting for a tick."""
+        self._update_subscription()
         self.machine.timer(now_ns())
         self._set_pace()
 
     def _on_timer(self, late_ns: int, missed: int) -> None:
-        self._let_publish()
+        self._update_subscription()
         if self.machine.session.is_resting:
             self._link.read()
         machine, t_now_ns = self.machine, now_ns()
         machine.status.loop.ticked(late_ns, missed)
         machine.timer(t_now_ns)
         self._set_pace()
-        self._look_after(t_now_ns)
+        self._housekeep(t_now_ns)
 
-    def _look_after(self, t_now_ns: int) -> None:
-        """What is due beside the touch, whether the timer or, while they come, reports bring it about."""
+    def _housekeep(self, t_now_ns: int) -> None:
+        """Do what is due besides the touch, after timer ticks or reports."""
         assert self._recorders is not None
         if not self.machine.is_failing:
             self._notifier.feed_watchdog(t_now_ns)
@@ -258,13 +258,13 @@ class Daemon:
         if self.machine.is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()
-        if t_now_ns - self._t_said_ns >= SAY_MISSED_EVERY_NS:
-            self._t_said_ns = t_now_ns
-            self._say_missed()
+        if t_now_ns - self._t_logged_ns >= LOG_MISSED_EVERY_NS:
+            self._t_logged_ns = t_now_ns
+            self._log_missed()
 
     def _set_pace(self, *, after_reports: bool = False) -> None:
-        """Tick as often as the machine needs it now: reports do what ticks would, while they come. And hear a board at
-        rest as seldom."""
+        """Set the timer to what the machine needs: while reports arrive they replace the ticks. A resting board is read
+        as rarely."""
         self._link.rest(self.machine.session.is_resting)
         if self._timer is None:
             return
@@ -274,20 +274,20 @@ class Daemon:
         elif self._timer.period_ns != period_ns:
             self._timer.set_period(period_ns)
 
-    def _say_missed(self) -> None:
+    def _log_missed(self) -> None:
         loop, ledger = self.machine.status.loop, self.machine.session.ledger
         missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered
-        if missed > self._said_missed:
-            self._said_missed = missed
+        if missed > self._logged_missed:
+            self._logged_missed = missed
             log.warning(
-                "timing since the start: %d ticks missed, %d frames late, %d unanswered (`status` says how late)",
+                "timing since the start: %d ticks missed, %d frames late, %d unanswered (details: `status`)",
                 loop.missed_ticks,
                 ledger.late_frames,
                 ledger.unanswered,
             )
 
-    def _let_publish(self) -> None:
-        """No subscriber: no telemetry is built."""
+    def _update_subscription(self) -> None:
+        """Pass on telemetry only while there is a subscriber."""
         self.machine.watch(self._server.publish if self._server.has_subscribers else None, now_ns())
 
 
@@ -296,5 +296,5 @@ def _header(machine: Machine, is_whole: bool) -> Header:
 
 
 def now_ns() -> int:
-    """The host's monotonic clock: the axis of all `t_..._ns`."""
+    """Return the host's monotonic clock: the axis of all `t_..._ns`."""
     return time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""A daemon's life, from its start to a signal: SIGTERM and SIGINT leave a quiet plate, at SIGHUP it begins anew."""
+"""Runs a daemon until a signal: SIGTERM and SIGINT stop it with a quiet plate, SIGHUP reloads the configuration."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ async def serve(
 ) -> Again | None:
     """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate.
 
-    At SIGHUP `reread` is asked for what shall run instead; then the plate is left quiet and that is returned. Where it
-    raises HapticdError its sentence is logged, and all stays as it is.
+    At SIGHUP `reread` returns the next configuration; then the plate is silenced and that is returned. If it raises
+    HapticdError, its sentence is logged and the daemon continues.
     """
     loop = asyncio.get_running_loop()
     asked: asyncio.Future[Again | None] = loop.create_future()
@@ -34,18 +34,18 @@ async def serve(
         try:
             again = await reread()
         except HapticdError as error:
-            log.error("SIGHUP: %s The configuration in force stays.", error)
+            log.error("SIGHUP: %s The present configuration stays.", error)
             return
         finally:
             rereading.clear()
-        _answer(asked, again, "SIGHUP: the new configuration is taken, the plate is made quiet")
+        _answer(asked, again, "SIGHUP: applying the new configuration, silencing the plate")
 
     def on_hangup() -> None:
         if reread is not None and not rereading:
             rereading.add(loop.create_task(read_again(reread)))
 
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, _answer, asked, None, f"{number.name}: stopping, the plate is made quiet")
+        loop.add_signal_handler(number, _answer, asked, None, f"{number.name}: stopping, silencing the plate")
     if reread is not None:
         loop.add_signal_handler(signal.SIGHUP, on_hangup)
     try:

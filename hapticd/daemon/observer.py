@@ -1,4 +1,4 @@
-"""What a machine and its parts tell of themselves while they work: to a recorder, or to nobody."""
+"""Observer: receives every input, output and decision of a machine, for recordings."""
 
 from __future__ import annotations
 

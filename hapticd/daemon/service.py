@@ -1,4 +1,4 @@
-"""`hapticd run`: from a configuration to a running daemon, with the simulated rig beside it where that is asked for.
+"""`hapticd run`: a daemon from a configuration, with the simulated rig if the configuration asks for it.
 
 What can be wrong is found before anything is opened: files are read and judged first. At SIGHUP another process does
 that, for a second thread in this one would keep the loop from its work, and the board waits 50 ms. Only once it has
@@ -39,13 +39,13 @@ from .settings import warm_up
 
 log = logging.getLogger("hapticd")
 
-SIGN_OF_LIFE_S = 0.2  # for the service manager, while a configuration is prepared
-JUDGE_WITHIN_S = 30.0
+WATCHDOG_EVERY_S = 0.2  # watchdog period while a configuration is prepared
+CHECK_WITHIN_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A configuration with all that it names: read, whole, and nothing opened but the simulated rig."""
+    """A configuration with all files that it names, read and checked; only the simulated rig is running."""
 
     config: Config
     modes: ModeShapes
@@ -57,7 +57,7 @@ class Prepared:
     remote: Remote | None
 
     def daemon(self, notifier: Notifier | None = None) -> Daemon:
-        """The daemon for it, not yet started."""
+        """Return a daemon for it, not yet started."""
         return Daemon(
             self.config,
             self.runtime_dir,
@@ -71,7 +71,7 @@ class Prepared:
 
 
 class ConfigLoader:
-    """Prepares configurations, and keeps the simulated rigs that they asked for until it is closed."""
+    """Prepares configurations, and owns the simulated rigs that they need until it is closed."""
 
     def __init__(self) -> None:
         self._rigs: dict[tuple[str, int], RigProcess] = {}
@@ -84,7 +84,7 @@ class ConfigLoader:
             rig.close()
 
     def prepare(self, config: Config) -> Prepared:
-        """Read what the configuration names. Raises HapticdError in one sentence."""
+        """Read the files that the configuration names. Raises HapticdError in one sentence."""
         measured = config.device.calibration_file
         rig_dir = self._rig_directory(config)
         if rig_dir != Path():
@@ -103,7 +103,7 @@ class ConfigLoader:
         )
 
     def _rig_directory(self, config: Config) -> Path:
-        """Where the simulated rig is: one that runs already, or one of our own; "." where none is asked for."""
+        """Return the simulated rig's directory: of one that runs already, or a new one; "." if none is needed."""
         if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
             return Path(config.sim.rig_dir)
         key = config.sim.scenario, config.sim.seed
@@ -113,16 +113,16 @@ class ConfigLoader:
 
 
 def check(config: Config) -> None:
-    """What `hapticd run --check` does. Raises HapticdError in one sentence where something is wrong."""
+    """Check a configuration (`hapticd run --check`). Raises HapticdError in one sentence."""
     with ConfigLoader() as config_loader:
         config_loader.prepare(config)
 
 
 def run(config: Config, reread: Callable[[], Config] | None = None, judge: Sequence[str] = ()) -> None:
-    """What `hapticd run` does, until SIGTERM or SIGINT; `reread` gives the configuration again at SIGHUP, after the
-    command `judge` has found nothing wrong with it."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: a started rig ends too
-    signal.signal(signal.SIGHUP, lambda *_: None)  # until then there is nothing to read again
+    """Run the service until SIGTERM or SIGINT. At SIGHUP the command `judge` checks the configuration file, then
+    `reread` returns it."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop handles it: a started rig ends too
+    signal.signal(signal.SIGHUP, lambda *_: None)  # until then there is nothing to reload
     with ConfigLoader() as config_loader, contextlib.closing(Notifier()) as notifier:
         asyncio.run(_serve(config_loader, config_loader.prepare(config), notifier, reread, judge))
 
@@ -136,7 +136,7 @@ async def _serve(
 ) -> None:
     async def read_again() -> Config:
         assert reread is not None
-        await _judged(judge)
+        await _check_elsewhere(judge)
         return reread()
 
     while True:
@@ -147,44 +147,47 @@ async def _serve(
     notifier.tell(stopping=1)
 
 
-async def _judged(command: Sequence[str]) -> None:
-    """Have another process prepare what shall run. Raises HapticdError with what it says, if it fails."""
+async def _check_elsewhere(command: Sequence[str]) -> None:
+    """Check the new configuration in another process. Raises HapticdError with its message."""
     if not command:
         return
     judge = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
     try:
-        _, said = await asyncio.wait_for(judge.communicate(), JUDGE_WITHIN_S)
+        _, output = await asyncio.wait_for(judge.communicate(), CHECK_WITHIN_S)
     except TimeoutError:
-        raise HapticdError(f"The configuration could not be judged within {JUDGE_WITHIN_S:g} s.") from None
+        raise HapticdError(f"Configuration check timed out after {CHECK_WITHIN_S:g} s.") from None
     finally:
         if judge.returncode is None:
             judge.kill()
     if judge.returncode != 0:
-        lines = said.decode(errors="replace").strip().splitlines()
-        raise HapticdError(lines[-1].removeprefix("hapticd: ") if lines else "The configuration could not be judged.")
+        lines = output.decode(errors="replace").strip().splitlines()
+        reason = lines[-1].removeprefix("hapticd: ") if lines else "Configuration check failed without a message."
+        raise HapticdError(reason)
 
 
 async def _prepared(config_loader: ConfigLoader, wanted: Config, before: Config, notifier: Notifier) -> Prepared:
-    """What shall run now that the plate is quiet; the configuration before, if since its judgement a file has gone."""
+    """Prepare the new configuration, or the previous one if a file vanished since the check."""
     preparing = asyncio.create_task(asyncio.to_thread(config_loader.prepare, wanted))
-    while not (await asyncio.wait({preparing}, timeout=SIGN_OF_LIFE_S))[0]:
+    while not (await asyncio.wait({preparing}, timeout=WATCHDOG_EVERY_S))[0]:
         notifier.tell(watchdog=1)
     try:
         return preparing.result()
     except HapticdError as error:
-        log.error("SIGHUP: %s The configuration in force stays.", error)
+        log.error("SIGHUP: %s The present configuration stays.", error)
         return config_loader.prepare(before)
 
 
 def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
-    """The configured mode shapes; for the simulated plate the rig's own cartography, computed here where no rig has
-    written one. Raises ModesError, ConfigError."""
+    """Return the configured mode map; for the simulated plate the rig's, computed here if no rig has written one.
+
+    Raises ModesError, ConfigError.
+    """
     if config.plate.modes_file:
         modes = ModeShapes.load(config.plate.modes_file)
     elif rig_dir is not None and (rig_dir / MODES_FILE).is_file():
         modes = ModeShapes.load(rig_dir / MODES_FILE)
     else:
-        from ..sim.plate.truth import PlateSettings, PlateTruth  # half the memory of a daemon that does not need it
+        from ..sim.plate.truth import PlateSettings, PlateTruth  # imported late: half the memory of a daemon without it
 
         modes = PlateTruth(PlateSettings()).cartography(config.sim.seed)
     if len(config.limits.w_limit_um) != modes.M:
@@ -196,7 +199,7 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
 
 
 def load_parasitic_modes(config: Config) -> ParasiticModes | None:
-    """The modes that only fingers drive, where the configuration names them. Raises ModesError, ConfigError."""
+    """Return the parasitic modes, if the configuration names them. Raises ModesError, ConfigError."""
     plate = config.plate
     if not plate.parasitic_modes_file:
         return None
@@ -209,7 +212,7 @@ def load_parasitic_modes(config: Config) -> ParasiticModes | None:
 
 
 def _on_rig(config: Config, rig_dir: Path) -> Config:
-    """The same with what was measured of the rig's plate, unless it names a plate's neighbouring modes itself."""
+    """Add what was measured of the rig's plate, unless the configuration names parasitic modes itself."""
     config = replace(config, sim=replace(config.sim, rig_dir=str(rig_dir)))
     file = rig_dir / PLATE_FILE
     if config.plate.parasitic_modes_file or config.device.port != SIMULATED or not file.is_file():
@@ -236,7 +239,7 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
 
 
 def _remote(config: Config) -> Remote | None:
-    """Where clients connect over TCP, if anywhere. Raises HapticdError where it would be without keys."""
+    """Return where clients connect over TCP, if anywhere. Raises HapticdError if keys are missing."""
     if not config.client.tcp:
         return None
     host, _, port = config.client.tcp.rpartition(":")

@@ -1,4 +1,4 @@
-"""From a configuration to what the core is told: plain values, and nothing opened."""
+"""Core settings from a configuration: plain values, nothing opened."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..values import AffineMap
 
 
 def warm_up(config: Config) -> None:
-    """Have the predictor's gains computed, which takes some 0.2 s, before a finger needs them."""
+    """Compute the predictor's gains, which takes some 0.2 s, before a finger needs them."""
     pipeline_settings(config).make_predictor()
 
 
 def pipeline_settings(config: Config) -> PipelineSettings:
-    """What the pipeline is told once."""
+    """Return the pipeline's settings."""
     prediction = config.prediction
     return PipelineSettings(
         w_limit_um=config.limits.reference_limit_um,
@@ -35,14 +35,14 @@ def pipeline_settings(config: Config) -> PipelineSettings:
 
 
 def friction_curve(config: Config) -> FrictionCurve:
-    """Amplitude against friction, as measured where it was."""
+    """Return amplitude against friction: measured, or the built-in curve."""
     if not config.plate.friction_curve:
         return DEFAULT_FRICTION_CURVE
     return FrictionCurve.from_amplitudes(config.plate.friction_curve)
 
 
 def plate_from_pad(config: Config) -> AffineMap:
-    """Where the pad lies under the plate."""
+    """Return the pose of the pad under the plate."""
     pad = config.trackpad
     if pad.matrix:
         return AffineMap(*pad.matrix, *pad.offset_mm)

@@ -143,7 +143,7 @@ def test_a_hang_up_with_a_bad_configuration_is_one_line_and_changes_nothing(
 
     assert asyncio.run(story()) is None
     said = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
-    assert said == ["SIGHUP: hapticd.toml: limits is wrong. The configuration in force stays."]
+    assert said == ["SIGHUP: hapticd.toml: limits is wrong. The present configuration stays."]
 
 
 class Manager(Notifier):

@@ -70,7 +70,7 @@ def test_a_board_that_falls_silent_is_said_once_and_greeted_until_it_answers(cap
     heard = bench.run(3000)
     names = [each.name for each in heard if each.t_ns > START_NS + 2000 * MS]
     assert set(names) == {"hello"}
-    assert lines(caplog) == ["board: it has fallen silent; it is greeted until it answers"]
+    assert lines(caplog) == ["board: silent; requesting its hello until it answers"]
     assert bench.state is State.IDLE
     bench.board.mute = False
     bench.run(1000)
@@ -347,7 +347,7 @@ def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> N
     for request, verdict in ((protocol.MSG_SET_CONTROLLER, 0), (protocol.MSG_SET_MODEL, 1)):
         bench.board.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(request, verdict))
     bench.run(50)
-    assert [line for line in lines(caplog) if "refused" in line] == ["board: it refused the calibration of a mode"]
+    assert [line for line in lines(caplog) if "refused" in line] == ["board: refused the calibration of a mode"]
 
 
 def test_a_calibration_reaches_the_board_with_every_greeting() -> None:

@@ -161,7 +161,7 @@ def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_lea
             with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
                 first = await asyncio.to_thread(client.status)
                 os.kill(os.getpid(), signal.SIGHUP)
-                await until(lambda: "SIGHUP: It is bad. The configuration in force stays." in caplog.text)
+                await until(lambda: "SIGHUP: It is bad. The present configuration stays." in caplog.text)
                 assert not serving.done()
                 bad.unlink()
                 os.kill(os.getpid(), signal.SIGHUP)
@@ -191,7 +191,7 @@ def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
         prepared = asyncio.run(service._prepared(config_loader, bad, configuration, Notifier({})))
     assert prepared.config == configuration
     assert (
-        "has 1 limits for a plate of 2 modes: give one for each mode. The configuration in force stays." in caplog.text
+        "has 1 limits for a plate of 2 modes: give one for each mode. The present configuration stays." in caplog.text
     )
 
 

@@ -74,7 +74,7 @@ def test_a_board_that_was_reset_behind_an_open_port_is_greeted_anew(
     assert after.board["reboots"] == 1
     assert after.board["deadman_trips"] == 0  # the new boot's own
     warned, greeted = lines(caplog)
-    assert warned == "WARNING board: its clock is another than before, as after a reset; it is greeted anew"
+    assert warned == "WARNING board: Clock discontinuity (board reset?): reconnecting"
     assert greeted.startswith("INFO board: firmware ")
     if t_fault_s > 2.0:
         tell("board reset behind an open port", after, "frames until it is greeted anew", warned)
@@ -103,7 +103,7 @@ def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCapture
     # It hears, and follows; then the greeting makes it let go.
     assert after.quiet_ms <= BOARD_SILENT_MS + STATUS_EVERY_MS + RING_DOWN_MS + LINK_MS
     assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
-    assert lines(caplog) == ["WARNING board: it has fallen silent; it is greeted until it answers"]
+    assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
     tell("board mute, but listening", after, "nothing for a second", *lines(caplog))
 
 
@@ -127,7 +127,7 @@ def test_a_silent_board_quiets_itself_and_is_greeted_until_it_answers(caplog: py
     after = worst(set_up, 1.5)
     assert after.quiet_ms <= SILENT_MS
     assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
-    assert lines(caplog) == ["WARNING board: it has fallen silent; it is greeted until it answers"]
+    assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
     tell("board silent both ways", after, "frames", *lines(caplog))
 
 

@@ -64,7 +64,7 @@ def test_a_daemon_that_ends_in_mid_stroke_says_zero_first() -> None:
     after = worst(set_up, 0.5)
     assert after.quiet_ms <= LINK_MS + LED_DOWN_MS
     assert after.back_ms <= HANDSHAKE_MS
-    tell("daemon ended in mid-stroke", after, "nothing", "INFO SIGTERM: stopping, the plate is made quiet")
+    tell("daemon ended in mid-stroke", after, "nothing", "INFO SIGTERM: stopping, silencing the plate")
 
 
 def test_a_client_that_dies_or_stops_is_released_when_its_time_to_live_ends(caplog: pytest.LogCaptureFixture) -> None:
@@ -88,7 +88,7 @@ def test_an_hour_that_only_the_host_s_clock_saw_is_a_new_beginning(caplog: pytes
     after = worst(set_up, 0.1)
     assert after.quiet_ms <= LINK_MS + SILENT_MS
     assert after.back_ms <= 250.0 + HANDSHAKE_MS
-    assert "WARNING board: it has fallen silent; it is greeted until it answers" in lines(caplog)
+    assert "WARNING board: silent; requesting its hello until it answers" in lines(caplog)
     tell("host suspended for an hour", after, "all targets and fingers", *lines(caplog))
 
 

@@ -79,7 +79,7 @@ def test_a_line_of_noise_alone_is_silence_and_is_survived(caplog: pytest.LogCapt
     assert board["state"] == "LIVE"
     assert board["deadman_trips"] == 1
     assert after.back_ms <= 250.0 + 150.0
-    assert lines(caplog) == ["WARNING board: it has fallen silent; it is greeted until it answers"]
+    assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
     tell("line that leaves no frame whole", after, "frames", *lines(caplog))
 
 

@@ -95,7 +95,7 @@ def test_a_signal_ends_in_a_quiet_plate(bench: Bench, number: signal.Signals) ->
     assert np.abs(arrays["reference_um"]).max() > 0.3
     assert not arrays["reference_um"][-1].any()
     assert np.abs(arrays["modal_um"][-1]).max() < 1e-3
-    assert service.said(number.name) == [f"INFO {number.name}: stopping, the plate is made quiet"]
+    assert service.said(number.name) == [f"INFO {number.name}: stopping, silencing the plate"]
     assert service.lines[-1] == service.said(number.name)[0]
     assert not any(stat.S_ISSOCK(path.lstat().st_mode) for path in bench.runtime_dir.iterdir())
 

@@ -145,7 +145,7 @@ def test_a_daemon_that_hangs_is_ended_by_the_watchdog(service: Boot) -> None:
 
 def test_a_configuration_that_is_wrong_is_refused_in_one_line_and_the_old_one_stays(service: Boot) -> None:
     found = service.step("refused")
-    (line,) = lines(service, "The configuration in force stays.")
+    (line,) = lines(service, "The present configuration stays.")
     assert "limits.w_limit" in line["text"]
     assert line["priority"] == ERROR
     assert found["after"]["MainPID"] == found["before"]["MainPID"]

@@ -37,7 +37,7 @@ class BoardClock:
 
     _WINDOW = 64
     _BEST_SHARE = 4  # one in four
-    _ENOUGH = 4  # exchanges before the clock is trusted
+    _ENOUGH = 4  # exchanges before the clock counts as known
     _MAX_RTT_NS = 1_000_000_000
     _MAX_RATE = 200e-6  # crystals and their temperature: 100 ppm, doubled
     _MIN_SPAN_NS = 2_000_000_000  # a rate from less is noise
@@ -76,7 +76,7 @@ class BoardClock:
         return True
 
     def reset(self) -> None:
-        """The board is another: forget its clock and the questions put to it."""
+        """Reset: the board was replaced; drop its clock and the pending requests."""
         self._exchanges.clear()
         if self._pending is not None:
             self._pending.clear()
@@ -205,5 +205,5 @@ class LinkLatency:
 
     @property
     def link_ns(self) -> int:
-        """What to plan with."""
+        """The one-way delay to plan with."""
         return self._delays.value if len(self._delays) >= self._ENOUGH else self._start_ns

@@ -1,4 +1,4 @@
-"""The latency ledger: what became of each reference frame, and how long each part of a touch's way takes.
+"""Latency ledger: counters and histograms of each reference frame and of each part of the touch path.
 
 Pure. `Ledger` keeps the last frames line by line and all frames as histograms; `LoopTiming` is the same for the event
 loop that carries the touch. A histogram costs one shift and one addition a value, and its memory does not grow.
@@ -29,7 +29,7 @@ class Histogram:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Reset."""
         self.count = 0
         self.longest_ns = self.shortest_ns = 0
         self._counts = [0] * _BUCKETS
@@ -98,11 +98,11 @@ class Ledger(Sequence[LedgerLine]):
     def __init__(self) -> None:
         self.age, self.horizon, self.link, self.late = Histogram(), Histogram(), Histogram(), Histogram()
         self.late_frames = 0
-        self.unanswered = 0  # frames that the board never said it applied: lost, or overtaken by the next
+        self.unanswered = 0  # frames that the board never acknowledged as applied: lost, or replaced by the next
         self._lines: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
 
     def book(self, line: LedgerLine) -> None:
-        """Write down a frame that the board applied."""
+        """Add a frame that the board applied."""
         self._lines.append(line)
         self.age.add(line.age_ns)
         self.horizon.add(line.horizon_ns)

@@ -1,4 +1,4 @@
-"""What is done every so often, as often as somebody looks; time is an argument."""
+"""Periodic timer, polled by its caller."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class PeriodicTimer:
-    """Something done every so often."""
+    """Due once every `every_ns`. Instants are arguments."""
 
     every_ns: int
     t_last_ns: int = 0
 
     def restart(self, t_now_ns: int) -> None:
-        """It was just done."""
+        """Count the period from now."""
         self.t_last_ns = t_now_ns
 
     def due(self, t_now_ns: int) -> bool:
-        """Whether it is time; then the interval starts anew."""
+        """Return whether the period has passed; then the next one starts."""
         if t_now_ns - self.t_last_ns < self.every_ns:
             return False
         self.t_last_ns = t_now_ns

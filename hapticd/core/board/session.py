@@ -1,14 +1,14 @@
-"""The conversation with the board: handshake, clocks, numbered frames, keep-alives, and the ledger of their latency.
+"""Board session: handshake, clock synchronisation, numbered frames, keep-alives, and the latency ledger.
 
-Pure: messages and instants in, commands out. The board is greeted when its link comes up and again when it stays
-silent or reboots; references are only sent once its hello was accepted, its clock is known, and it has answered what it
-must know of its controller and its modes, one by one.
+Messages and instants in, commands out. A hello is requested when the link comes up, and again when the board stays
+silent or reboots. References are sent only once the hello was accepted, the clock is known, and the board has answered
+the settings of its controller and its modes, one by one.
 
-While nothing is to be driven the session may `rest`: the board is left with a greeting, falls quiet, and needs no
-keep-alives. It keeps its clock, its controller and its models, so `wake` takes one write and no answer.
+While nothing is driven the session may `rest`: after a last hello request the board is quiet and needs no keep-alives.
+It keeps clock, controller and models, so `wake` takes one write and no answer.
 
-A board that does not answer is sent no more than it may have read (`flow`): of what is held back only the newest
-reference is kept, and goes out when it speaks again.
+A board that does not answer is sent no more than the send window allows: of the references held back only the newest is
+kept, and is sent when the board answers again.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ GREET_EVERY_NS: Final = 250_000_000
 INSTRUCT_EVERY_NS: Final = 100_000_000
 SETTLE_TIME_EVERY_NS: Final = 20_000_000  # until the clock is known
 TIME_EVERY_NS: Final = 500_000_000
-LEAP_US: Final = 2_000_000  # between two statuses: the board's clock is another, it was reset
+LEAP_US: Final = 2_000_000  # between two statuses: the board was reset
 CLOCK_WRAP_US: Final = 1 << 32
-KEEP_ALIVE_AFTER_NS: Final = 12_500_000  # of saying nothing: with a timer of 10 ms one goes every 20
+KEEP_ALIVE_AFTER_NS: Final = 12_500_000  # without a command: with a timer of 10 ms one goes every 20
 ARM_EVERY_NS: Final = 20_000_000  # slower than references come: zero frames must not come between them
-ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the way there and back: then a reference was lost, and is said again
-OVERDUE_NS: Final = 5_000_000  # beyond the way there and back: then an answer is missing
-MUTE_AFTER_NS: Final = 150_000_000  # of a status every 100 ms; its keep-alives would only be queued
-SILENT_AFTER_NS: Final = 1_000_000_000  # then it is greeted anew
+ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the round trip: then a reference was lost, and is sent again
+OVERDUE_NS: Final = 5_000_000  # beyond the round trip: then an answer is missing
+MUTE_AFTER_NS: Final = 150_000_000  # without a status, which comes every 100 ms; keep-alives would only be queued
+SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
 STALE_NS: Final = 50_000_000  # the board drops what is later than that
 REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 
 
 def _leapt(before_us: int, after_us: int) -> bool:
-    """Whether no line and no stalled host explains what two statuses say of the board's wrapped clock."""
+    """Whether the board's wrapped clock moved by more than a slow line or a stalled host explains."""
     half_us = CLOCK_WRAP_US // 2
     return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
 
@@ -75,15 +75,15 @@ class BoardSession:
         self._is_leaving = False
         self._controller = controller
         self._calibration = tuple(calibration)
-        self._untold: deque[BoardCommand] = deque()
+        self._settings_left: deque[BoardCommand] = deque()
         self._linked = False
         self._boot_id: int | None = None
         self._seq = 0
         self._t_numbered_ns = 0
         self._in_flight: dict[int, tuple[int, int, Tick]] = {}
-        self._flow = SendWindow()
+        self._window = SendWindow()
         self._held: tuple[SafeDrive, Tick] | None = None
-        self._t_heard_ns = 0
+        self._t_received_ns = 0
         self._greeting = PeriodicTimer(GREET_EVERY_NS)
         self._instructing = PeriodicTimer(INSTRUCT_EVERY_NS)
         self._asking_time = PeriodicTimer(SETTLE_TIME_EVERY_NS)
@@ -92,26 +92,26 @@ class BoardSession:
 
     @property
     def ready(self) -> bool:
-        """The board answered the handshake, knows what it must, and its clock is known: references may be sent."""
-        return self._linked and self.hello is not None and self.clock.ready and not self._untold
+        """Whether references may be sent: handshake and settings are answered and the clock is known."""
+        return self._linked and self.hello is not None and self.clock.ready and not self._settings_left
 
     def follows(self, t_now_ns: int) -> bool:
-        """The board says that it follows references, and has taken the last one or may yet: that one stands."""
+        """Whether the board follows references and has the last one, or may still acknowledge it."""
         if self.status is None or self.status.state is not BoardState.LIVE or self._held is not None:
             return False
         waited_ns = t_now_ns - self._t_numbered_ns
         return self.status.seq == self._seq or waited_ns < 2 * self.latency.link_ns + ANSWER_WITHIN_NS
 
     def link_up(self, t_now_ns: int) -> list[BoardCommand]:
-        """The port is open: greet."""
+        """The port is open: start the handshake."""
         self.link_down()
         self._linked = True
-        self._t_heard_ns = t_now_ns
+        self._t_received_ns = t_now_ns
         self._greeting.restart(t_now_ns)
         return [HelloRequest()]
 
     def link_down(self) -> None:
-        """The port is gone, and with it all that was known of the board."""
+        """The port is gone: drop all state of the board."""
         self._linked = self.is_resting = self._is_leaving = False
         self.hello = self.status = self._boot_id = None
         self.clock.reset()
@@ -126,47 +126,47 @@ class BoardSession:
         self.is_resting = self._is_leaving and self._boot_id == hello.boot_id
         self._is_leaving = False
         self.hello, self._boot_id = hello, hello.boot_id
-        self.status = None  # what was said before the greeting holds no more
-        self._t_heard_ns = t_now_ns
+        self.status = None  # an earlier status does not hold for this session
+        self._t_received_ns = t_now_ns
         self._forget_sent()
         if self.is_resting:
             return []
         self._asking_time.restart(t_now_ns)
         models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
-        self._untold = deque([SelectController(self._controller), *models])
+        self._settings_left = deque([SelectController(self._controller), *models])
         return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
 
     def receive_answer(self, t_now_ns: int) -> list[BoardCommand]:
-        """The board has heard the instruction it was given last, whatever it thinks of it: then the next one."""
-        self._t_heard_ns = t_now_ns
-        if self._untold:
-            self._untold.popleft()
+        """The board answered the last setting, whether it took it or not: send the next one."""
+        self._t_received_ns = t_now_ns
+        if self._settings_left:
+            self._settings_left.popleft()
         return self._instruction(t_now_ns)
 
     def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
-        """A time reply; one that went astray is ignored. One of another clock means a reset behind an open port."""
-        self._t_heard_ns = t_now_ns
+        """Take a time reply; a stray one is ignored. A discontinuity means a reset behind an open port."""
+        self._t_received_ns = t_now_ns
         relocks = self.clock.relocks
         if self.clock.update(reply, t_now_ns):
-            self._flow.read_until(min(reply.t_host_ns, t_now_ns - self._patience_ns), t_now_ns)
-            self._flow.answered()
+            self._window.read_until(min(reply.t_host_ns, t_now_ns - self._patience_ns), t_now_ns)
+            self._window.answered()
         if self.clock.relocks != relocks:
             self._start_over()
 
     def receive_status(self, status: BoardStatus, t_now_ns: int) -> None:
-        """Book the frame it acknowledges: link delay, and how late its first knot took effect."""
+        """Add the acknowledged frame to the ledger: link delay, and how late its first knot took effect."""
         if self.hello is None:
-            return  # who has not been accepted is not believed
-        self._t_heard_ns = t_now_ns
+            return  # before the handshake no status counts
+        self._t_received_ns = t_now_ns
         if self.status is not None and _leapt(self.status.t_board_us, status.t_board_us):
             self._start_over()
             return
         self.status = status
-        self._flow.named(status.seq)
-        self._flow.answered()
-        if self.clock.ready:  # who speaks also reads: what should be there and is not named was lost on the way
-            t_said_ns = self.clock.to_host_ns(status.t_board_us, near=t_now_ns)
-            self._flow.read_until(t_said_ns - self._patience_ns, t_now_ns)
+        self._window.named(status.seq)
+        self._window.answered()
+        if self.clock.ready:  # a board that sends also reads: frames missing from the acknowledgement were lost
+            t_status_ns = self.clock.to_host_ns(status.t_board_us, near=t_now_ns)
+            self._window.read_until(t_status_ns - self._patience_ns, t_now_ns)
         if not status.applied or not self.clock.ready:
             return
         sent = self._in_flight.pop(status.seq, None)
@@ -182,47 +182,47 @@ class BoardSession:
             self.ledger.book(LedgerLine(status.seq, t_sample_ns, t_sent_ns, t_applied_ns, *ages))
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
-        """Number a drive and lay it on the board's clock; nothing while the board is not ready. While it does not
-        answer, the drive is held back in the place of the one before."""
+        """Number a drive and convert it to the board's clock; nothing while the board is not ready. While it does not
+        answer, the drive is held back and replaces the one before."""
         if not self.ready:
             return []
-        if self._flow.is_full(t_now_ns, self._patience_ns):
+        if self._window.is_full(t_now_ns, self._patience_ns):
             self.held_back += 1
             self._held = drive, tick
             return self._question(t_now_ns)
-        is_overdue = self._flow.is_overdue(t_now_ns, 2 * self.latency.link_ns)
+        is_overdue = self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns)
         commands = self._numbered(drive, t_now_ns)
         self._drop_unanswered(t_now_ns)
         self._in_flight[self._seq] = (t_now_ns, drive.t_apply_ns, tick)
         return [*commands, *self._question(t_now_ns)] if is_overdue else commands
 
     def resume(self, t_now_ns: int) -> list[BoardCommand]:
-        """The board spoke: the reference that was held back, if it may go out now and is not past."""
-        if self._held is None or self._flow.is_full(t_now_ns, self._patience_ns):
+        """The board answered: send the reference that was held back, if it may go now and is not past."""
+        if self._held is None or self._window.is_full(t_now_ns, self._patience_ns):
             return []
         drive, tick = self._held
         return [] if t_now_ns - drive.t_apply_ns > STALE_NS else self.reference(drive, tick, t_now_ns)
 
     def timer(self, t_now_ns: int) -> list[BoardCommand]:
-        """What is due: greetings, time requests, keep-alives, and zero frames until the board trusts this host."""
+        """Return what is due: hello and time requests, keep-alives, and zero frames until the board is armed."""
         if not self._linked:
             return []
-        if self.hello is not None and t_now_ns - self._t_heard_ns > SILENT_AFTER_NS:
+        if self.hello is not None and t_now_ns - self._t_received_ns > SILENT_AFTER_NS:
             self._start_over()  # it hung or was replaced
         if self.hello is None:
             return [HelloRequest()] if self._greeting.due(t_now_ns) else []
         commands: list[BoardCommand] = []
-        if self._untold and self._instructing.due(t_now_ns):
+        if self._settings_left and self._instructing.due(t_now_ns):
             commands += self._instruction(t_now_ns)
         self._asking_time.every_ns = TIME_EVERY_NS if self.clock.ready else SETTLE_TIME_EVERY_NS
         if self._asking_time.due(t_now_ns):
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
-        if self.is_resting or not self.clock.ready or self.status is None or self._untold:
+        if self.is_resting or not self.clock.ready or self.status is None or self._settings_left:
             return commands
         if self.status.state is BoardState.TOOL:
-            return commands  # a person's sweep or voltage: it must end with its own host, so nothing here feeds it
-        is_full = self._flow.is_full(t_now_ns, self._patience_ns)
-        if is_full or self._flow.is_overdue(t_now_ns, 2 * self.latency.link_ns):
+            return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
+        is_full = self._window.is_full(t_now_ns, self._patience_ns)
+        if is_full or self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns):
             commands += self._question(t_now_ns)
         if is_full:
             return commands
@@ -234,23 +234,23 @@ class BoardSession:
         return commands
 
     def keep_alive(self, t_now_ns: int) -> list[BoardCommand]:
-        """What a board that `follows` must hear, if nothing else is said to it."""
+        """Return the keep-alive that is due for a board that `follows`, if any."""
         if not self._keeping_alive.due(t_now_ns):
             return []
-        if t_now_ns - self._t_heard_ns > MUTE_AFTER_NS + self._patience_ns:
+        if t_now_ns - self._t_received_ns > MUTE_AFTER_NS + self._patience_ns:
             self.held_back += 1
             return self._question(t_now_ns)
-        self._is_leaving = False  # no answer came in time: the line lost the greeting, and the session goes on
+        self._is_leaving = False  # no answer came in time: the hello request was lost, and the session goes on
         return [KeepAlive(self._seq)]
 
     def rest(self, t_now_ns: int) -> list[BoardCommand]:
-        """Leave a board that `follows` a zero frame: it answers, is quiet without a dead-man trip, and `is_resting`."""
+        """Let a board that `follows` a zero frame rest: it answers, and is quiet without a dead-man trip."""
         self._is_leaving = True
         self._keeping_alive.restart(t_now_ns)
         return [HelloRequest()]
 
     def wake(self, t_now_ns: int) -> list[BoardCommand]:
-        """Arm a board that rests, at once: it follows what comes next, and ramps in over 10 ms from now on."""
+        """Arm a resting board at once: it follows what comes next, ramping in over 10 ms."""
         if not self.is_resting or self.hello is None:
             return []
         self.is_resting = False
@@ -259,35 +259,35 @@ class BoardSession:
 
     @property
     def _patience_ns(self) -> int:
-        """How long the board may take to name a reference."""
+        """How long the board may take to acknowledge a reference."""
         return 2 * self.latency.link_ns + OVERDUE_NS
 
     def _question(self, t_now_ns: int) -> list[BoardCommand]:
-        """What a board that reads answers at once."""
-        return [TimeRequest(self.clock.request(t_now_ns))] if self._flow.may_ask(t_now_ns) else []
+        """Return a time request, which a board that reads answers at once, if one is due."""
+        return [TimeRequest(self.clock.request(t_now_ns))] if self._window.may_ask(t_now_ns) else []
 
     def _forget_sent(self) -> None:
-        """It is not known to whom what was sent so far went."""
+        """Drop all frames in flight."""
         self._in_flight.clear()
-        self._flow.clear()
+        self._window.clear()
         self._held = None
 
     def _start_over(self) -> None:
-        """The next timer greets: a board that was reset knows neither its controller nor its models any more."""
+        """Restart the handshake with the next timer: a board that was reset has lost controller and models."""
         self.hello = self.status = None
         self.is_resting = self._is_leaving = False
 
     def _instruction(self, t_now_ns: int) -> list[BoardCommand]:
-        """One at a time, for an answer names no more than the kind of command."""
+        """Return the setting to send now: one at a time, because an answer names only the kind of command."""
         self._instructing.restart(t_now_ns)
-        return [self._untold[0]] if self._untold else []
+        return [self._settings_left[0]] if self._settings_left else []
 
     def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
         self._seq = (self._seq + 1) & 0xFFFF
         self._t_numbered_ns = t_now_ns
         self._keeping_alive.restart(t_now_ns)
         self._arming.restart(t_now_ns)
-        self._flow.wrote(self._seq, t_now_ns)
+        self._window.wrote(self._seq, t_now_ns)
         self._held = None
         return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive)]
 

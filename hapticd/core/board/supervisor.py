@@ -1,7 +1,7 @@
-"""When the plate may move: a table of states and events.
+"""Supervisor: states and events that decide when the plate may move.
 
     IDLE -> ARMED     link and sensor are both up
-    ARMED -> ACTIVE   a finger that has a target is down; the only way into ACTIVE, and the only state that drives
+    ARMED -> ACTIVE   a finger that has a target is down; only from ARMED and ACTIVE are references sent
     FAULT             latched: left by CLEARED alone, whatever else happens
     STOPPED           the daemon is going down; nothing leaves it
 
@@ -24,17 +24,17 @@ class _Singleton(Enum):
 
 
 class State(_Singleton):
-    """What the daemon may do."""
+    """State of the daemon's output."""
 
     IDLE = "idle"  # board or trackpad is missing
-    ARMED = "armed"  # both are there, nobody touches
+    ARMED = "armed"  # both are there, no finger has a target
     ACTIVE = "active"  # references go out
-    FAULT = "fault"  # latched until a person clears it
+    FAULT = "fault"  # latched until a client clears it
     STOPPED = "stopped"  # shutting down
 
 
 class Event(_Singleton):
-    """What happened."""
+    """Input of the state machine."""
 
     LINK_UP = "link up"  # the board's handshake is done and its clock known
     LINK_DOWN = "link down"
@@ -43,7 +43,7 @@ class Event(_Singleton):
     TOUCHED = "touched"  # a finger that has a target is down, or a virtual one moves
     RELEASED = "released"
     BOARD_FAULT = "board fault"
-    CLEARED = "cleared"  # a person cleared the fault, and the board agreed
+    CLEARED = "cleared"  # a client cleared the fault, and the board agreed
     STOP = "stop"
 
 
@@ -83,7 +83,7 @@ TRANSITIONS: dict[tuple[State, Event], State] = (
     | {(State.STOPPED, event): State.STOPPED for event in Event}
 )
 
-# What the events say of the link and the sensor, and which of them a state needs.
+# The conditions that events set, and those that a state needs.
 CONDITIONS: dict[Event, tuple[str, bool]] = {
     Event.LINK_UP: ("link", True),
     Event.LINK_DOWN: ("link", False),

@@ -1,4 +1,4 @@
-"""Modes that nobody drives: what the fingers' friction puts into them, and the amplitudes that take it back.
+"""Parasitic (undriven) modes: how fingers excite them by friction, and the modal amplitudes that compensate it.
 
 A finger that slips on the plate brakes it where it is, and a force at one point drives every mode that moves there. Of
 those near the drive's frequency enough is left to be felt: on the reference plate a pair 84 Hz above gives the still
@@ -27,7 +27,7 @@ from ..phasors import Row, magnitude, re_im
 from .mode_shapes import ModeShapes
 
 Shapes = tuple[float, ...]  # of modes at one point
-Parts = tuple[list[float], list[float]]  # in phase with what is driven, and a quarter turn behind: (M,) each
+Parts = tuple[list[float], list[float]]  # in phase with the drive, and a quarter turn behind: (M,) each
 
 # Within a third of a millimetre of a common node the driven modes can hardly reach the still finger: less is taken
 # back there than it feels, for the amplitudes to stay small. It is the square of a shape.
@@ -37,7 +37,7 @@ WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits 
 
 
 class ParasiticModes:
-    """The modes beside the driven ones, as measured: shapes, decay (1/s) and detuning from the drive (rad/s) of each.
+    """Measured modes other than the driven ones: shapes, decay (1/s) and detuning from the drive (rad/s) of each.
 
     `finger_decay_1_s` is what one finger adds to the decay of a mode with |phi| = 1 under it. Raises ValueError for
     numbers that are not one for each mode, or not finite.
@@ -70,8 +70,11 @@ class ParasiticModes:
         modal_um: Row,
         w_limit_um: tuple[float, ...],
     ) -> Row:
-        """`modal_um` (M,) with what the still fingers among `places` (x_mm, y_mm, target_um) get of other modes taken
-        back; phi (N, M) are the driven shapes there. All are scaled together where one would pass its limit."""
+        """Return `modal_um` (M,) compensated for what the still fingers among `places` get of other modes.
+
+        places (N): x_mm, y_mm, target_um; phi (N, M): the driven shapes there. All modes are scaled together where one
+        would exceed its limit.
+        """
         still = [index for index, (_, _, target_um) in enumerate(places) if target_um == 0.0]
         if not still or len(still) == len(places):
             return modal_um

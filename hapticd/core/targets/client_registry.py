@@ -1,7 +1,7 @@
-"""Who goes by which name, and which of a client's messages is the newest.
+"""Client-name ownership and message order.
 
-A name belongs to the user who uses it, for as long as it is used. What that user says under it may arrive out of order,
-for a client's two sockets overtake each other; a stamp tells which message is older, and that one is dropped.
+A name belongs to the user who uses it, for as long as it is used. A client's messages may arrive out of order, because
+it has two sockets; its stamps order them, and an older message is dropped.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from ...errors import RequestError
 
-MAX_NAMES = 64  # names are free to invent: what they may occupy is not
-KEPT_NS = 5_000_000_000  # a name is remembered for so long at least: no message is on its way for longer
+MAX_NAMES = 64  # names cost a client nothing, so their number is bounded
+KEPT_NS = 5_000_000_000  # a name is kept at least this long: no message is under way for longer
 
 
 @dataclass(slots=True)
@@ -31,7 +31,8 @@ class ClientRegistry:
         return len(self._clients)
 
     def is_newest(self, name: str, user: str, stamp: int | None, ttl_ns: int, t_ns: int) -> bool:
-        """Whether a message is at least as new as all before it of this client. One without a stamp always is.
+        """Return whether a message is at least as new as all earlier ones of this client. One without a stamp always
+        is.
 
         Raises RequestError where the name is another user's, or there is no room for one more.
         """
@@ -47,7 +48,7 @@ class ClientRegistry:
         return True
 
     def _newcomer(self, name: str, user: str, t_ns: int) -> _Client:
-        """A new client, in the place of those that are long silent."""
+        """Register a client; expired names make room."""
         if len(self._clients) >= MAX_NAMES:
             self._clients = {known: client for known, client in self._clients.items() if t_ns < client.t_forgotten_ns}
         if len(self._clients) >= MAX_NAMES:

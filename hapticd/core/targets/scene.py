@@ -1,7 +1,7 @@
-"""What every finger should feel: the targets of all clients, who owns which finger and until when.
+"""The targets in force: what each finger should feel, which client owns it, and until when.
 
-A finger has one owner from the message that first asked for it until that client's time to live runs out or it gives
-the finger up. Nothing outlives its owner: a client that falls silent leaves a still plate.
+A finger has one owner, from the message that first requested it until that client's time to live runs out or it
+releases the finger. A client that stops sending leaves a still plate.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ __all__ = ["DEFAULT_FRICTION_CURVE", "MAX_CLIENTS", "MAX_VIRTUALS", "FrictionCur
 
 Key = int | str  # a finger's id, or a virtual finger's name
 
-MAX_CLIENTS = 16  # names are free to invent: what they may occupy is not
+MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
 MAX_VIRTUALS = 16  # each takes part in every solve
 
 
 @dataclass(frozen=True, slots=True)
 class Virtual:
-    """A virtual finger in the scene: who made it, and since when it walks its path."""
+    """A virtual finger in the scene: its owner, and when it started on its path."""
 
     name: str
     owner: str
@@ -32,7 +32,7 @@ class Virtual:
 
 @dataclass(slots=True)
 class _Held:
-    """One finger and what its owner wants for it. `target` is None for a virtual finger that only walks."""
+    """One finger with its owner's target. `target` is None for a virtual finger that only moves."""
 
     owner: str
     t_expires_ns: int
@@ -60,10 +60,10 @@ class Scene:
         self._held: dict[Key, _Held] = {}
         self._released: dict[Key, None] = {}  # in the order in which they were released
 
-    # --- what clients ask ---
+    # --- requests of clients ---
 
     def apply(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
-        """Put this in place of all that the client wanted before. Returns a sentence for each finger refused it."""
+        """Replace all earlier targets of the client. Returns one error message per refused finger."""
         self._drop_expired(t_ns)
         wanted: dict[Key, _Held] = {}
         refusals: list[str] = []
@@ -82,7 +82,7 @@ class Scene:
         return tuple(refusals)
 
     def release(self, client: str, key: Key) -> bool:
-        """The client gives up one finger; False where it did not hold it."""
+        """Release one finger; False if the client does not own it."""
         held = self._held.get(key)
         if held is None or held.owner != client:
             return False
@@ -90,11 +90,11 @@ class Scene:
         return True
 
     def release_client(self, client: str) -> None:
-        """The client gives up all its fingers."""
+        """Release all fingers of a client."""
         self._drop(self._keys_of(client))
 
     def expire(self, t_ns: int) -> tuple[Key, ...]:
-        """Release what has run out by `t_ns`. Returns all fingers released since the last call, however that was."""
+        """Release what has expired by `t_ns`. Returns all fingers released since the last call, for any reason."""
         if not self._held and not self._released:
             return ()
         self._drop_expired(t_ns)
@@ -102,30 +102,30 @@ class Scene:
         self._released.clear()
         return released
 
-    # --- what the touch path reads ---
+    # --- reading, for the touch path ---
 
     @property
     def next_expiry_ns(self) -> int | None:
-        """When `expire` next has something to do; None while nothing is held."""
+        """When the next target expires; None while there is none."""
         return min((held.t_expires_ns for held in self._held.values()), default=None)
 
     def target_of(self, key: Key) -> Target | None:
-        """What is wanted for a finger, or None."""
+        """The target of a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.target
 
     def owner_of(self, key: Key) -> str | None:
-        """The client that holds a finger, or None."""
+        """The client that owns a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.owner
 
     def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
-        """The amplitude wanted under a finger at this position; None where nobody wants anything for it."""
+        """The target amplitude of a finger at this position; None if it has no target."""
         held = self._held.get(key)
         return None if held is None or held.texture is None else held.texture(x_mm, y_mm)
 
     def detail(self, key: Key) -> Detail:
-        """How closely a finger's texture must be looked at."""
+        """How finely a finger's texture must be sampled."""
         held = self._held.get(key)
         return NO_DETAIL if held is None else held.detail
 
@@ -163,7 +163,7 @@ class Scene:
     # --- ownership ---
 
     def _refusal(self, message: ClientTargets, key: Key, room: int) -> str | None:
-        """Why the client cannot have this finger as it asks, if so."""
+        """Return why the client's request for this finger is refused, None if it is not."""
         owner = self.owner_of(key)
         if owner is None and self._is_crowded(message.client):
             return f"{_spoken(key)}: {MAX_CLIENTS} clients hold fingers already, one must release its own first."
@@ -184,7 +184,7 @@ class Scene:
         return f"{_spoken(key)} cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
 
     def _hold(self, message: ClientTargets, key: Key, t_ns: int) -> _Held:
-        """The finger in its client's hands; what did not change goes on, so that a refreshed walk keeps its phase."""
+        """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
         before = self._held.get(key, _UNHELD)
         target = message.targets.get(key)
         path = message.virtuals.get(key) if isinstance(key, str) else None

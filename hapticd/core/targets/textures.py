@@ -1,6 +1,6 @@
-"""What a finger should feel at a place: targets turned into functions of the position, and friction into amplitude.
+"""Targets as functions of position: amplitude in um over plate mm, and friction turned into amplitude.
 
-A function is made once, when a client asks, and called at every knot: it is plain arithmetic, about a microsecond.
+A function is made once per request and called at every knot: plain arithmetic, about a microsecond.
 It is finite and within the target's two amplitudes for every finite position; NaN and positions far from any plate
 give what silence would.
 """
@@ -77,8 +77,8 @@ DEFAULT_FRICTION_CURVE = FrictionCurve.exponential()
 
 
 class Detail(NamedTuple):
-    """How closely a texture must be looked at along a path: corners hide at no more than `finest_mm` from each other,
-    and where it is not `smooth`, it has some."""
+    """How finely a texture must be sampled along a path: its corners lie at least `finest_mm` apart; a `smooth` one has
+    none."""
 
     finest_mm: float
     smooth: bool
@@ -89,7 +89,7 @@ _PIECES_PER_WAVE = 4.0  # a smooth wave shows its curvature in the middle of a q
 
 
 def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
-    """What a target's texture holds between two places."""
+    """Return how finely a target's texture must be sampled."""
     match target:
         case GratingTarget(period_mm, duty_frac=0.0):
             return Detail(period_mm / _PIECES_PER_WAVE, True)

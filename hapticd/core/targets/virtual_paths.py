@@ -13,7 +13,7 @@ from ...values import VirtualPath
 
 
 class Walk:
-    """A path and when it was set out on. With `loop` it turns back at either end, else it ends on the last point."""
+    """A path with its start instant. With `loop` it reverses at either end, else it ends on the last point."""
 
     __slots__ = ("_arc_mm", "path", "t_start_ns")
 

@@ -1,4 +1,4 @@
-"""Who goes with whom: the linear assignment problem, for a handful of fingers and contacts.
+"""Linear assignment of contacts to fingers, for a handful of each.
 
 Shortest augmenting paths with prices (Jonker and Volgenant, A Shortest Augmenting Path Algorithm for Dense and Sparse
 Linear Assignment Problems, Computing 38, 1987): O(n^3), so the time for a full hand is bounded.

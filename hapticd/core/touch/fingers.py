@@ -1,4 +1,4 @@
-"""The fingers on the pad: who is down, and where each of them will be.
+"""The fingers on the pad: which are down, and where each of them will be.
 
 A report's contacts become fingers (`tracking`), its stamp an instant of the host (`sensor_clock`), and every finger has
 a predictor of its own (`prediction`) from its landing until it is lifted.
@@ -13,7 +13,7 @@ from ...values import Finger, FingerFrame, TouchFrame
 from .sensor_clock import SensorClock
 from .tracking import Tracker
 
-OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was laid anew
+OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was reset
 MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
 
 
@@ -26,10 +26,10 @@ class Predictor(Protocol):
 
 
 class Fingers:
-    """All that is known of a touch from the trackpad's side."""
+    """Tracked fingers with their predictors, from the trackpad's frames."""
 
     def __init__(self, make_predictor: Callable[[], Predictor], *, sensor_latency_ns: int, silence_ns: int) -> None:
-        """The pad's own latency, and after how long without a report it counts as silent."""
+        """`sensor_latency_ns`: the pad's own; `silence_ns`: without a report for so long the pad counts as silent."""
         self.down: tuple[Finger, ...] = ()
         self.predictors: dict[int, Predictor] = {}  # of those that are down, by finger id
         self.released: set[int] = set()  # those whose target ended while they were down
@@ -46,7 +46,7 @@ class Fingers:
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         if frame.t_ns == self._t_stamp_ns:
-            return FingerFrame(frame.t_ns, self.down, ())  # a pad whose clock stands is as good as silent
+            return FingerFrame(frame.t_ns, self.down, ())  # a pad whose clock stands still counts as silent
         self._t_stamp_ns = frame.t_ns
         self._t_read_ns = t_read_ns
         self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self._t_frame_ns else 0
@@ -57,7 +57,7 @@ class Fingers:
         for finger_id in tracked.lifted:
             self._forget(finger_id)
         if tracked.t_ns != frame.t_ns:
-            return tracked  # an old frame: it says nothing new
+            return tracked  # an old frame holds no news
         self._t_frame_ns = frame.t_ns
         self.t_sample_ns = t_sample_ns
         t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
@@ -69,7 +69,7 @@ class Fingers:
         return tracked
 
     def lift_all(self) -> None:
-        """The pad is gone or silent: nobody is known to touch, and its clock is strange."""
+        """Lift every finger and reset the clock: the pad is gone or silent."""
         for finger in self.down:
             self._forget(finger.finger_id)
         self.down = ()
@@ -78,15 +78,15 @@ class Fingers:
         self._t_frame_ns = self._old_in_a_row = 0
 
     def are_silent(self, t_now_ns: int) -> bool:
-        """Some are down and no report came for too long."""
+        """Whether fingers are down and no report came for too long."""
         return len(self.down) > 0 and t_now_ns - self._t_read_ns > self._silence_ns
 
     def release(self, keys: Sequence[int | str]) -> None:
-        """The targets of these ended: it is remembered of each that is down, until it is lifted."""
+        """Mark those of these fingers that are down as released, until they are lifted."""
         self.released.update(key for key in keys if isinstance(key, int) and key in self.predictors)
 
     def predicted_mm(self, finger_id: int, t_ns: int) -> tuple[float, float]:
-        """Where a finger that is down will be at an instant; from MAX_HORIZON_NS on it is taken to stay."""
+        """Return where a finger that is down will be at an instant, at most MAX_HORIZON_NS after the newest sample."""
         t_latest_ns = self.t_sample_ns + MAX_HORIZON_NS
         return self.predictors[finger_id].predict(t_ns if t_ns < t_latest_ns else t_latest_ns)
 

@@ -16,8 +16,8 @@ from .sample_clock import SampleClock
 _WINDOW: Final = 128
 _LOW: Final = 1 / 16
 _STAMP_SPREAD_NS: Final = 150_000  # from the low quantile to the median of what the filter leaves of jittered stamps
-_MOST_SPREAD_NS: Final = 2_000_000  # a wider one is a stalled host's, and says nothing of the earliest reports
-_MAX_AGE_NS: Final = 10_000_000_000  # over a pause a drifting clock becomes a stranger
+_MOST_SPREAD_NS: Final = 2_000_000  # a wider one comes from a stalled host, not from the stamps
+_MAX_AGE_NS: Final = 10_000_000_000  # drift beyond 200 ppm invalidates older offsets
 _MOST_EARLY_NS: Final = 5_000_000  # no jitter makes a report this early: the clock stepped
 _MOST_LATE_NS: Final = 250_000_000  # a stalled host makes reports late, but not this late
 _LATE_IN_A_ROW: Final = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
@@ -30,10 +30,10 @@ class SensorClock:
     """The trackpad's stamps on the host's axis, less the pad's own latency.
 
     Report i arrives at t_host = t_device + offset + lateness, and its stamp may itself be off by a millisecond. The
-    pad samples regularly, so its stamps are filtered first (`prediction_clock`): then only lateness is left to
-    tell from the offset, and a low quantile of (t_host - t_device) does, where the minimum would chase the worst of
-    what the filter leaves. A low quantile is itself off: too early by what the filter leaves, too late by an eighth of
-    the lateness. How wide the differences spread tells which. A window of 128 reports (1.4 s) follows a drift of 200
+    pad samples regularly, so its stamps are filtered first (`sample_clock`): then only lateness has to be
+    separated from the offset, and a low quantile of (t_host - t_device) does, where the minimum would chase the worst
+    of what the filter leaves. A low quantile is itself off: too early by what the filter leaves, too late by an eighth
+    of the lateness. How wide the differences spread tells which. A window of 128 reports (1.4 s) follows a drift of 200
     ppm 0.15 ms behind.
     """
 
@@ -59,7 +59,7 @@ class SensorClock:
         `t_filtered_ns` is that instant on the device's own axis.
 
         A step of the device's clock shows as a stamp that goes back, a report that is early, or lasting lateness;
-        the clock is then locked anew, on this report.
+        the clock then locks to this report.
         """
         difference_ns = t_host_ns - t_device_ns
         self._forget_old(t_host_ns)
@@ -99,8 +99,8 @@ class SensorClock:
         self._learned = 0
 
     def _forget_learning(self) -> None:
-        """A young window keeps only the later half of its reports: the filter's first guesses err by a stamp's whole
-        jitter, and those that say early would be the low quantile for as long as they stay."""
+        """Keep only the later half of a young window: the filter's first estimates err by a stamp's whole jitter, and
+        the early ones would be the low quantile for as long as they stay."""
         self._learned += 1
         if self._learned < 2 * _WINDOW and self._learned % 2 == 0 and len(self._differences) > 1:
             self._t_arrivals_ns.popleft()

@@ -18,7 +18,7 @@ from ...values import Contact, Finger, FingerFrame, TouchFrame
 from .assignment import least_cost_assignment
 
 _SHORTEST_S: Final = 4e-3  # two stamps closer than this are jitter: no speed is made of them
-_RENUMBERED_MM: Final = 1.0  # added to a distance when the contact's number speaks against it: settles near ties only
+_RENUMBERED_MM: Final = 1.0  # added to a distance when the contact's number differs: settles near ties only
 _FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position
 
 
@@ -39,7 +39,7 @@ _DEFAULT_SETTINGS = TrackerSettings()
 
 
 class _Track:
-    """A finger that is down: who it is, where it was last seen, and where it was going (mm, mm/s)."""
+    """A finger that is down: its ids, last position and velocity (mm, mm/s)."""
 
     __slots__ = ("contact_id", "finger_id", "vx", "vy", "x", "y")
 
@@ -86,7 +86,7 @@ class Tracker:
         self._unreported: tuple[int, ...] = ()
 
     def reset(self) -> None:
-        """The trackpad is gone: every finger is lifted (the next frame says so), and time may start anew."""
+        """Lift every finger (the next frame reports it) and accept any time next: the trackpad is gone."""
         self._unreported += tuple(track.finger_id for track in self._tracks.values())
         self._tracks = {}
         self._t_ns = None
@@ -115,7 +115,7 @@ class Tracker:
         return self._settle(frame.t_ns, pairs, contacts, elapsed_s)
 
     def _touching(self, contacts: Iterable[Contact], elapsed_s: float) -> dict[int, Contact]:
-        """What counts of a report: one contact for each number."""
+        """Return the valid contacts of a report, one for each number."""
         touching: dict[int, Contact] = {}
         for contact in contacts:
             if contact.touching and abs(contact.x_mm) <= _FARTHEST_MM and abs(contact.y_mm) <= _FARTHEST_MM:
@@ -150,7 +150,7 @@ class Tracker:
         return None if renumbered_perhaps else pairs
 
     def _pairs_after_gap(self, contacts: dict[int, Contact]) -> _Pairs:
-        """Where a finger was going says nothing any more; a number nearby is the best there is."""
+        """Match by number and distance alone: velocities are too old to use."""
         return [
             (track, contacts[contact_id])
             for contact_id, track in self._tracks.items()

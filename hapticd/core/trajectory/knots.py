@@ -4,8 +4,8 @@ Between knots the board interpolates linearly. A chord of span h errs by h^2 W''
 piece: so the middle is looked at, and becomes a knot if the chord misses it. A half then errs by a quarter, and is
 taken as it is where that is within the tolerance; beside an inflection, or the corner where a mode meets its limit, it
 may err by a little more.
-Where the wish itself has corners (a square grating's edges, a map's pixels) nothing is taken for granted and every half
-is looked at in turn, down to the board's own pace.
+Where the target itself has corners (a square grating's edges, a map's pixels) every half is checked in turn, down to
+the board's control tick.
 """
 
 from __future__ import annotations
