@@ -1,7 +1,7 @@
-"""Experiments on the closed loop: the firmware's own C on the bench, with the plate model behind its amplifiers.
+"""Experiments on the closed loop: the firmware's own C against the plate model.
 
-Shared by `hapticd bench firmware` and the firmware's tests. Plates follow the reference plate but for quality, damping
-and drift; the board is told the quality and nothing of the rest.
+Shared by `hapticd bench firmware` and the firmware's tests. Plates differ from the reference plate in quality, damping
+and drift; the board is configured with the quality alone.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ LANDED_DAMPING = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A plate as it is on the day: `damping` times the decay that the board knows, `detune_hz` from where it was.
+    """The true plate: `damping` times the decay that the board knows, resonances `detune_hz` off.
 
-    `loop_phase_rad` is the constant phase of both loops, `told_phase_rad` what the board was calibrated to.
+    `loop_phase_rad` is the constant phase of both loops, `calibrated_phase_rad` the phase that the board compensates.
     """
 
     quality: float = 500.0
     damping: float = 1.0
     detune_hz: float = 0.0
     loop_phase_rad: float = 0.0
-    told_phase_rad: float = 0.0
+    calibrated_phase_rad: float = 0.0
 
     @property
     def decay_1_s(self) -> float:
         return self.damping * reference_decay_1_s(self.quality)[0]
 
     def bound_ms(self, amplitude_um: float) -> float:
-        """No control whatever settles sooner: d|W|/dt <= g V - decay |W|, up to 2 % below; infinite if out of reach."""
+        """Shortest settling time (2 %) of any control law: d|W|/dt <= g V - decay |W|; infinite if out of reach."""
         share = (1.0 - SETTLED_FRAC) * amplitude_um * self.decay_1_s
         share /= reference_gain_um_per_v_s(self.quality) * LIMIT_V
         return -1e3 / self.decay_1_s * math.log1p(-share) if share < 1.0 else math.inf
@@ -79,7 +79,7 @@ class Law:
             control_hz=self.control_hz,
             decay_1_s=reference_decay_1_s(plate.quality),
             gain_um_per_v_s=(gain, gain),
-            loop_phase_rad=(plate.told_phase_rad,) * 2,
+            loop_phase_rad=(plate.calibrated_phase_rad,) * 2,
         )
         model = PlateModel(
             decay_1_s=plate.damping * np.array(config.decay_1_s),
@@ -93,8 +93,8 @@ class Law:
         return Board(model, config=config)
 
     def respond(self, plate: Plate, amplitude_um: float) -> Phasors:
-        """W_X (3 phases of ticks) from the step on: 0 to `amplitude_um`, then fingers land and take half as much again
-        of the bare plate's decay, then they lift."""
+        """W_X (3 phases of ticks) from the step on: 0 to `amplitude_um`, then fingers land and raise the decay by half
+        of the bare plate's, then they lift."""
         ticks = self.phase_ticks
         landing_1_s = np.zeros((4 * ticks, 1))
         landing_1_s[2 * ticks : 3 * ticks] = (LANDED_DAMPING - 1.0) * plate.decay_1_s
@@ -109,7 +109,7 @@ class Law:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What a step and a landing look like; times in ms, the rest as fractions of the amplitude."""
+    """Measures of a step and a landing; times in ms, the rest as fractions of the amplitude."""
 
     settling_ms: float
     overshoot_frac: float
@@ -119,14 +119,14 @@ class Response:
 
 
 def measure(w_um: Phasors, amplitude_um: float, tick_ms: float) -> Response:
-    """The measures of what `Law.respond` gives."""
+    """Measure the result of `Law.respond`."""
     phase = len(w_um) // 3
     stepped, landed = w_um[:phase], w_um[phase : 2 * phase]
     return Response(
         settling_ms=settling_ms(stepped, amplitude_um, tick_ms),
         overshoot_frac=float(stepped.real.max()) / amplitude_um - 1.0,
         cross_axis_frac=float(np.abs(stepped.imag).max()) / amplitude_um,
-        recovery_ms=max(settling_ms(landed, amplitude_um, tick_ms) - tick_ms, 0.0),  # it lands at the tick before
+        recovery_ms=max(settling_ms(landed, amplitude_um, tick_ms) - tick_ms, 0.0),  # the landing is at the tick before
         dip_frac=1.0 - float(np.abs(landed).min()) / amplitude_um,
     )
 
@@ -134,7 +134,7 @@ def measure(w_um: Phasors, amplitude_um: float, tick_ms: float) -> Response:
 def settling_ms(w_um: Phasors, target_um: complex, tick_ms: float) -> float:
     """Time after which the amplitude stays within 2 %; infinite if it does not.
 
-    It counts from the instant at which the host asks, unannounced: the board hears of it a tick later.
+    Counted from the instant at which the host asks; the board receives the step a tick later.
     """
     outside = np.flatnonzero(np.abs(w_um - target_um) > SETTLED_FRAC * abs(target_um))
     if len(outside) == 0:
@@ -149,9 +149,9 @@ def follow(
     every: int,
     touch: tuple[Floats, Floats] | None = None,
 ) -> BoardTrace:
-    """Drives the board with what `knots_at` says at each frame's start (s): (ms after it, amplitudes).
+    """Drive the board with the knots (ms after the frame, amplitudes) that `knots_at` gives for each frame's start (s).
 
-    `touch` is phi (ticks, F, P) and contact decay (ticks, F) as in `Board.run`; nobody touches if it is left out.
+    `touch` is phi (ticks, F, P) and contact decay (ticks, F) as in `Board.run`; without it no finger touches.
     """
     modes, plate_modes = board.model.modes, board.model.plate_modes
     phi, decay_1_s = touch or (np.zeros((ticks, 0, plate_modes)), np.zeros((ticks, 0)))
@@ -177,7 +177,7 @@ def step_trace(board: Board, from_um: Phasors, to_um: Phasors) -> BoardTrace:
 
 
 def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
-    """What the plate does from the tick of the step on."""
+    """The plate's amplitudes from the tick of the step on."""
     trace = step_trace(board, from_um, to_um)
     return trace.plate_um[len(trace) // 2 :]
 
@@ -187,7 +187,7 @@ def rms_um(w_um: Phasors) -> float:
 
 
 def tracking_figures(reference_um: Phasors, plate_um: Phasors, tick_ms: float) -> dict[str, float]:
-    """RMS error, the delay that explains most of it, and what that leaves."""
+    """RMS error, the delay of least error, and the error without that delay."""
     delay_ticks = _delay_ticks(reference_um, plate_um)
     return {
         "error_um": rms_um(plate_um - reference_um),

@@ -1,11 +1,12 @@
-"""How well the plate follows its reference under each control law, beside the voltage's bound and an outside LQG.
+"""Control laws of the firmware: how fast and how well the plate follows its reference.
 
-Everything but the LQG runs the firmware's own C against the plate model (`closed_loop`).
+Beside the laws stand an outside LQG (SciPy) and the bound that the amplifier's voltage sets. All but the LQG run the
+firmware's own C against the plate model (`closed_loop`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,65 +16,34 @@ from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 from . import lqg
 from .closed_loop import Law, Phasors, Plate, Response, measure
-from .loop_figures import (
-    LARGE_UM,
-    UNREACHABLE_UM,
-    node_leak_um,
-    other_mode_frac,
-    saturation_figures,
-    sinusoid_figures,
-    stroke_figures,
-)
-from .tables import Row, Table, finite_rows
+from .loop_figures import LARGE_UM, node_leak_um, sinusoid_figures, stroke_figures
+from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
 DEFAULT = "deadbeat"
-PAPER = "pi"
 BOUND = "the voltage's bound"
 LAWS = {
     "deadbeat": Law("deadbeat"),
     "deadbeat, 5 kHz": Law("deadbeat", 5000.0),
     "pi_ff": Law("pi_ff"),
-    "pi_ff, 5 kHz": Law("pi_ff", 5000.0),
     "pi": Law("pi"),
 }
-OUTSIDE = {"LQG (outside)": 2000.0, "LQG (outside), 5 kHz": 5000.0}
+OUTSIDE = {"LQG (SciPy)": 2000.0, "LQG (SciPy), 5 kHz": 5000.0}
 SMALL_UM = 0.4
-QUALITIES = (200.0, 500.0, 1000.0)
+QUALITY = 500.0
 CORNERS = tuple((damping, detune_hz) for damping in (0.5, 1.0, 1.5) for detune_hz in (-20.0, 0.0, 20.0))
-FREQUENCIES_HZ = (2.0, 5.0, 10.0, 15.0)
-SPEEDS_MM_S = (100.0, 200.0)
+SINUSOID_HZ, STROKE_MM_S = 10.0, 100.0
 
 Respond = Callable[[Plate, float], Phasors]
 
 
-def run(
-    *,
-    frequencies_hz: Sequence[float] = FREQUENCIES_HZ,
-    speeds_mm_s: Sequence[float] = SPEEDS_MM_S,
-    qualities: Sequence[float] = QUALITIES,
-    repeats: int = REPEATS,
-    ticks: int = 2000,
-) -> tuple[Table, ...]:
-    """All tables; `ticks` control ticks are timed on the host."""
-    times = compare({name: (_ticking(law, ticks), ticks) for name, law in LAWS.items()}, repeats)
-    steps = [
-        (name, {**_step_figures(respond, tick_ms), **_own_figures(name, times[name].figures("host_tick"))})
-        for name, respond, tick_ms in _followers()
-        if name in times
-    ]
-    steps += [(name, _step_figures(respond, ms)) for name, respond, ms in _followers() if name not in times]
-    steps.append((BOUND, {"small_ms": Plate().bound_ms(SMALL_UM), "large_ms": Plate().bound_ms(LARGE_UM)}))
-    return (
-        _step_table(finite_rows(steps)),
-        _corner_table(qualities),
-        _tracking_table(frequencies_hz),
-        _stroke_table(speeds_mm_s),
-    )
+def run(*, repeats: int = REPEATS, ticks: int = 2000) -> tuple[Table, Table]:
+    """Steps, and moving references; `ticks` control ticks are timed on the host."""
+    return _steps(repeats, ticks), _tracking()
 
 
 def _followers() -> Iterator[tuple[str, Respond, float]]:
-    """Everything that can be asked to follow a step: name, response, tick (ms)."""
+    """Name, step response and control tick (ms) of the laws, then of the LQG where SciPy is installed."""
     for name, law in LAWS.items():
         yield name, law.respond, law.tick_ms
     linalg = optional("scipy.linalg")
@@ -86,63 +56,56 @@ def _outside(control_hz: float, linalg: Any) -> Respond:
     return lambda plate, amplitude_um: lqg.respond(plate, amplitude_um, control_hz, linalg)
 
 
-# --- steps and landings ---
-
-
-def _step_figures(respond: Respond, tick_ms: float) -> dict[str, float]:
-    small = measure(respond(Plate(), SMALL_UM), SMALL_UM, tick_ms)
-    large = measure(respond(Plate(), LARGE_UM), LARGE_UM, tick_ms)
-    return {
-        "small_ms": small.settling_ms,
-        "large_ms": large.settling_ms,
-        "overshoot_frac": max(small.overshoot_frac, large.overshoot_frac),
-        "cross_axis_frac": max(small.cross_axis_frac, large.cross_axis_frac),
-        "landing_ms": large.recovery_ms,
-        "landing_dip_frac": large.dip_frac,
+def _steps(repeats: int, ticks: int) -> Table:
+    times = compare({name: (_ticking(law, ticks), ticks) for name, law in LAWS.items()}, repeats)
+    rows = []
+    for name, respond, tick_ms in _followers():
+        small, large = (measure(respond(Plate(), um), um, tick_ms) for um in (SMALL_UM, LARGE_UM))
+        worst = worst_response(respond, QUALITY, LARGE_UM, tick_ms)
+        figures = {
+            "small_ms": small.settling_ms,
+            "large_ms": large.settling_ms,
+            "worst_ms": worst.settling_ms,
+            "worst_overshoot_frac": worst.overshoot_frac,
+            "landing_ms": large.recovery_ms,
+            "landing_dip_frac": large.dip_frac,
+        }
+        if name in LAWS:
+            figures |= {"node_um": node_leak_um(LAWS[name]), **times[name].figures("host_tick")}
+        rows.append((name, figures))
+    worst_ms = max(plate.bound_ms(LARGE_UM) for plate in _corners(QUALITY) if plate.reaches(LARGE_UM))
+    bounds = {
+        "small_ms": Plate().bound_ms(SMALL_UM),
+        "large_ms": Plate().bound_ms(LARGE_UM),
+        "worst_ms": worst_ms,
     }
-
-
-def _own_figures(name: str, times: dict[str, float]) -> dict[str, float]:
-    law = LAWS[name]
-    saturation = saturation_figures(law)
-    return {
-        "other_mode_frac": other_mode_frac(law),
-        "node_um": node_leak_um(law),
-        "unreachable_phase_deg": saturation["phase_deg"],
-        "let_go_ms": saturation["let_go_ms"],
-        "largest_voltage_v": saturation["largest_voltage_v"],
-        **times,
-    }
-
-
-def _step_table(rows: tuple[Row, ...]) -> Table:
     return Table(
         name="step",
-        title="firmware: steps of one mode from 0 to 0.4 (small) and 2 um (large), Q 500, 2 kHz unless told",
+        title="firmware: settling of one mode to 2 % after a step from 0 to 0.4 (small) and 2 um (large), Q 500",
         default=DEFAULT,
-        rows=rows,
-        compared=("host_tick_us", "large_ms"),
+        rows=finite_rows([*rows, (BOUND, bounds)]),
+        compared=("large_ms", "worst_ms"),
         time="host_tick_us",
         error="large_ms",
         skipped={} if optional("scipy.linalg") else dict.fromkeys(OUTSIDE, "SciPy is not installed"),
         notes=(
-            "settling to 2 %, from the instant of asking; the board hears of it half a millisecond later",
-            "landing: fingers take half as much again of the bare decay, at 2 um; until it is back within 2 %",
-            "other mode: on the demo's plate; the 1 % that its sensors themselves mix is left out",
-            "node: what a still finger feels at most while the other's amplitude steps from 0.5 to 3 um",
-            f"unreachable: {UNREACHABLE_UM} um of a plate damped 1.8 times; then half of it (let go)",
-            "host tick: 1 control tick of firmware and plate model on this machine",
+            "from the instant of asking, 0.5 ms before the board receives the step; 2 kHz unless named",
+            "worst: of damping x0.5, x1, x1.5 and 20 Hz either way, where the voltage can hold 2 um",
+            "landing: fingers raise the damping by half at 2 um; time until the plate is back within 2 %",
+            "node: largest vibration of a still finger while the other's amplitude steps from 0.5 to 3 um",
+            "host tick: one control tick of firmware and plate model on this machine",
         ),
     )
 
 
-# --- the corners ---
+def _corners(quality: float) -> list[Plate]:
+    return [Plate(quality, damping, detune_hz) for damping, detune_hz in CORNERS]
 
 
 def worst_response(respond: Respond, quality: float, amplitude_um: float, tick_ms: float) -> Response:
-    """The worst of each measure over the corners that the voltage reaches: damping x0.5..x1.5, 20 Hz either way."""
-    plates = [Plate(quality, damping, detune_hz) for damping, detune_hz in CORNERS]
-    found = [measure(respond(p, amplitude_um), amplitude_um, tick_ms) for p in plates if p.reaches(amplitude_um)]
+    """The worst of each measure over the corners in which the voltage can hold the amplitude."""
+    plates = [plate for plate in _corners(quality) if plate.reaches(amplitude_um)]
+    found = [measure(respond(plate, amplitude_um), amplitude_um, tick_ms) for plate in plates]
     return Response(
         settling_ms=max(one.settling_ms for one in found),
         overshoot_frac=max(one.overshoot_frac for one in found),
@@ -152,69 +115,23 @@ def worst_response(respond: Respond, quality: float, amplitude_um: float, tick_m
     )
 
 
-def _corner_table(qualities: Sequence[float]) -> Table:
-    rows: list[tuple[str, dict[str, float]]] = []
-    for name, respond, tick_ms in _followers():
-        for quality in qualities:
-            worst = {um: worst_response(respond, quality, um, tick_ms) for um in (SMALL_UM, LARGE_UM)}
-            figures = {
-                "small_ms": worst[SMALL_UM].settling_ms,
-                "large_ms": worst[LARGE_UM].settling_ms,
-                "small_overshoot_frac": worst[SMALL_UM].overshoot_frac,
-                "large_overshoot_frac": worst[LARGE_UM].overshoot_frac,
-                "large_cross_axis_frac": worst[LARGE_UM].cross_axis_frac,
-            }
-            rows.append((f"{name}, Q {quality:g}", figures))
-    for quality in qualities:
-        plates = [Plate(quality, damping, detune_hz) for damping, detune_hz in CORNERS]
-        bounds = {um: max(p.bound_ms(um) for p in plates if p.reaches(um)) for um in (SMALL_UM, LARGE_UM)}
-        rows.append((f"{BOUND}, Q {quality:g}", {"small_ms": bounds[SMALL_UM], "large_ms": bounds[LARGE_UM]}))
-    return Table(
-        name="corners",
-        title="firmware: the worst over damping x0.5, x1, x1.5 and 20 Hz either way",
-        default=f"{DEFAULT}, Q {500.0 if 500.0 in qualities else qualities[0]:g}",
-        rows=finite_rows(rows),
-        compared=("large_ms",),
-        time="small_ms",
-        error="large_ms",
-        notes=("corners in which the voltage cannot hold the amplitude are left out",),
-    )
-
-
-# --- moving references ---
-
-
-def _tracking_table(frequencies_hz: Sequence[float]) -> Table:
-    rows = [
-        (f"{name}, {f_hz:g} Hz", {"frequency_hz": f_hz, **sinusoid_figures(law, f_hz)})
-        for name, law in LAWS.items()
-        for f_hz in frequencies_hz
-    ]
+def _tracking() -> Table:
+    rows = []
+    for name, law in LAWS.items():
+        sinusoid, strokes = sinusoid_figures(law, SINUSOID_HZ), stroke_figures(law, STROKE_MM_S)
+        figures = {"sinusoid_error_um": sinusoid["error_um"], "sinusoid_delay_ms": sinusoid["delay_ms"], **strokes}
+        rows.append((name, figures))
     return Table(
         name="tracking",
-        title="firmware: sinusoids of 3 um, sent as 3 ms knots 90 times a second",
-        default=f"{DEFAULT}, {10.0 if 10.0 in frequencies_hz else frequencies_hz[0]:g} Hz",
+        title="firmware: moving references: sinusoids of 3 um at 10 Hz, and two fingers' strokes at 10 cm/s",
+        default=DEFAULT,
         rows=finite_rows(rows),
-        compared=("error_um",),
-        error="error_um",
-        across="frequency_hz",
-        notes=("residual: what is left of the error once the delay is taken out",),
-    )
-
-
-def _stroke_table(speeds_mm_s: Sequence[float]) -> Table:
-    rows = [
-        (f"{name}, {speed:g} mm/s", stroke_figures(law, speed)) for name, law in LAWS.items() for speed in speeds_mm_s
-    ]
-    return Table(
-        name="strokes",
-        title="firmware: two fingers' strokes, known perfectly: how the plate follows the solver's amplitudes",
-        default=f"{DEFAULT}, {speeds_mm_s[0]:g} mm/s",
-        rows=finite_rows(rows),
-        compared=("error_um",),
-        time="error_um",
+        compared=("sinusoid_error_um", "leak_um"),
         error="leak_um",
-        notes=("leak: what the loop alone lets the still finger feel",),
+        notes=(
+            "error, delay, residual: of strokes whose positions are known; residual: error without the delay",
+            "leak: vibration that the loop alone causes at the still finger",
+        ),
     )
 
 

@@ -1,8 +1,7 @@
 """A client that offers the service messages as fast as it can: `python -m hapticd.bench.flood ENDPOINT NAME`.
 
-Each is whole and asks for nothing, so that the service reads it to its end. What the client's own socket does not take,
-for its queue is full, is dropped, and the next is offered at once. It ends with its standard input, and then prints how
-many it offered and how many its socket took.
+The messages are valid and without targets, so that the service parses all of each. Messages that the client's full
+socket refuses are dropped. When standard input ends, it prints the number of messages offered and sent.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import time
 import msgpack
 import zmq
 
-LOOK_EVERY = 1000  # messages, between two looks at standard input
+POLL_EVERY = 1000  # messages between two polls of standard input
 
 
 def main(endpoint: str, name: str) -> None:
@@ -24,7 +23,7 @@ def main(endpoint: str, name: str) -> None:
         socket.linger = 0
         socket.connect(endpoint)
         print("ready", flush=True)
-        while offered % LOOK_EVERY != 0 or not select.select([sys.stdin], [], [], 0.0)[0]:
+        while offered % POLL_EVERY != 0 or not select.select([sys.stdin], [], [], 0.0)[0]:
             message = {"v": 1, "client": name, "ttl_s": 0.5, "targets": [], "stamp": time.monotonic_ns()}
             offered += 1
             try:

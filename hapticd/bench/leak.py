@@ -1,11 +1,11 @@
-"""What fingers feel of each choice: lock-step strokes with one choice swapped at a time, beside what a pass costs.
+"""The closed loop in lock-step runs, with one choice changed at a time.
 
 The same trajectories, noise and plate for all; the firmware's C and the plate's true motion in the loop. A pass's time
 is that of the whole way from report to frame, without the board.
 
-    run        a sticky and a slippery finger: every choice on a touch's way, the paper's scheme, perfect knowledge
-    both_slip  two slippery fingers: turning the phase between them, beside changing signs
-    contact    the sticky finger as a disc that feels the RMS of what the plate does over it, taken for a point or disc
+    run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
+    both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
+    contact    the vibration over the sticky finger's contact, which the solver takes for a point or for a disc
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ import numpy as np
 import numpy.typing as npt
 
 from ..sim.lockstep import Settings, paper, perfect
-from ..sim.score import settled
+from ..sim.score import Score, settled
+from .baselines import PREDICTORS
 from .leak_runs import (
     DEFAULT,
     NOTHING_UM,
     SCENARIO,
     SECONDS,
     SEEDS,
+    Alternative,
     Figures,
-    Played,
+    FinishedRun,
+    changed,
     compared,
     over_seeds,
-    scored,
-    swapped,
 )
 from .tables import Table, finite_rows
 
@@ -39,103 +40,112 @@ PAPER = "the paper's scheme"
 BOTH_SLIP = "both-slip"
 SIGNS_ALONE = "signs alone"
 POINT = "a point"
-RADIUS_MM = 5.0
-_DIP_FRAC = 0.5  # of its target: less than this is felt as a catch
+RADIUS_MM = 5.0  # of a fingertip's contact
+OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
+_DIP_FRAC = 0.5  # of its target: a finger feels less as a catch
 _RINGS_MM = RADIUS_MM * np.sqrt((np.arange(4) + 0.5) / 4)  # equal areas
 _EVERY = 8  # ticks: a finger moves 0.4 mm
 
 
-def alternatives() -> dict[str, Settings]:
-    """By name, the settings of a run: hapticd's, with a single choice swapped, and the paper's."""
+def alternatives() -> dict[str, Alternative]:
+    """hapticd, hapticd with a single choice changed, and the paper's scheme, by name."""
     ours = Settings()
-    swaps: dict[str, dict[str, Mapping[str, Any]]] = {
-        DEFAULT: {},
-        "predictor hold": {"prediction": {"name": "hold"}},
-        "predictor linear": {"prediction": {"name": "linear"}},
-        "predictor kalman_ca": {"prediction": {"name": "kalman_ca"}},
+    found = {DEFAULT: Alternative(ours)}
+    found |= {f"predictor {name}": Alternative(ours, PREDICTORS[name].for_touch) for name in OTHER_PREDICTORS}
+    changes: dict[str, dict[str, dict[str, Any]]] = {
         "a single knot": {"solver": {"max_knots": 1}},
-        "policy paper": {"solver": {"policy": "paper"}},
         "controller pi": {"device": {"controller": "pi"}},
-        "no fade": {"solver": {"fade": 0.0}},
-        "effort 0.008, no fade": {"solver": {"effort": 0.008, "fade": 0.0}},
-        "effort 0.02, no fade": {"solver": {"effort": 0.02, "fade": 0.0}},
+        "no derating": {"solver": {"fade": 0.0}},
     }
-    told = {name: replace(ours, config=swapped(ours.config, swap)) for name, swap in swaps.items()}
-    return {**told, "neighbours unknown": replace(ours, parasitic_modes_known=False), PAPER: paper(ours)}
+    found |= {name: Alternative(replace(ours, config=changed(ours.config, one))) for name, one in changes.items()}
+    found["parasitic modes unknown"] = Alternative(replace(ours, parasitic_modes_known=False))
+    found[PAPER] = Alternative(paper(ours))
+    return found
 
 
 def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequence[str] | None = None) -> Table:
     """Compare the alternatives (all, or those in `names` and the default) on strokes of each seed."""
-    chosen = {name: settings for name, settings in alternatives().items() if names is None or name in (*names, DEFAULT)}
+    chosen = {name: one for name, one in alternatives().items() if names is None or name in (*names, DEFAULT)}
     known: list[Figures] = []
 
-    def judge(played: Played) -> Figures:
-        if played.name == DEFAULT:
-            known.append(scored(perfect(played.run)))
-        return scored(played.run.score)
+    def judge(finished: FinishedRun) -> Figures:
+        if finished.name == DEFAULT:
+            known.append(_figures(perfect(finished.run)))
+        return _figures(finished.run.score)
 
     rows = [*compared(chosen, judge, seeds=seeds, seconds=seconds), (PERFECT, over_seeds(known))]
-    return Table(
-        name="leak",
-        title=f"leak: {SCENARIO} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}; one choice swapped",
-        default=DEFAULT,
-        rows=finite_rows(rows),
-        compared=("time_us", "leak_um", "slip_error_um"),
-        time="time_us",
-        error="leak_um",
-        floor=NOTHING_UM,
-        notes=(
-            "leak: RMS at the finger that should be still; slip: mean share that the other gets of its 1 um",
-            "time: a pass from report to frame",
-        ),
+    return _table(
+        "leak",
+        f"{SCENARIO} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}; one choice changed",
+        rows,
+        ("time_us", "leak_um", "slip_error_um"),
+        "leak: RMS at the finger that should be still; slip: mean share that the other gets of its 1 um",
+        "time: a pass from report to frame",
     )
 
 
 def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
-    """Two slippery fingers on strokes: turning the phase between them, beside changing signs and the paper's scheme."""
+    """Compare ways past singular positions with two slippery fingers."""
     ours = Settings()
-    signs = replace(ours, config=swapped(ours.config, {"solver": {"phase_rotation": False}}))
-    chosen = {DEFAULT: ours, SIGNS_ALONE: signs, PAPER: paper(ours)}
-    return Table(
-        name="both_slip",
-        title=f"leak: {BOTH_SLIP} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}",
-        default=DEFAULT,
-        rows=finite_rows(compared(chosen, _smoothness, seeds=seeds, seconds=seconds, scenario=BOTH_SLIP)),
-        compared=("time_us", "slip_error_um", "dip_frac"),
-        time="time_us",
-        error="slip_error_um",
-        floor=NOTHING_UM,
-        notes=(
-            "dip: share of the time that a finger has less than half of its 1 um",
-            "step: of 1000 control ticks the one by which the reference changes most",
-        ),
+    signs = replace(ours, config=changed(ours.config, {"solver": {"phase_rotation": False}}))
+    chosen = {DEFAULT: Alternative(ours), SIGNS_ALONE: Alternative(signs), PAPER: Alternative(paper(ours))}
+    return _table(
+        "both_slip",
+        f"{BOTH_SLIP} at 10 cm/s, 0.05 mm of noise, seeds {', '.join(map(str, seeds))}",
+        compared(chosen, _smoothness, seeds=seeds, seconds=seconds, scenario=BOTH_SLIP),
+        ("time_us", "slip_error_um", "dip_frac"),
+        "dip: share of the time in which a finger has less than half of its 1 um",
+        "step: 99.9 % of the reference's changes from tick to tick are smaller",
     )
 
 
 def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
-    """What the solver takes a still finger for: a point, or discs of two radii.
+    """Compare models of a still finger in the solver: a point, and discs of two radii.
 
-    Neighbouring modes are unknown to all rows, for a disc has no zero to bring them back to.
+    Parasitic modes are unknown to all rows: a disc has no zero that they could be compensated to.
     """
     ours = Settings(parasitic_modes_known=False)
     chosen = {
-        name: replace(ours, config=swapped(ours.config, {"solver": {"contact_radius_mm": radius_mm}}))
+        name: Alternative(replace(ours, config=changed(ours.config, {"solver": {"contact_radius_mm": radius_mm}})))
         for name, radius_mm in ((POINT, 0.0), ("a disc of 2.5 mm", RADIUS_MM / 2), ("a disc of 5 mm", RADIUS_MM))
     }
-    return Table(
-        name="leak_contact",
-        title=f"leak: what the sticky finger feels over a contact of {RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
-        default=POINT,
-        rows=finite_rows(compared(chosen, _over_contact, seeds=seeds, seconds=seconds, timed=False)),
-        compared=("contact_leak_um", "leak_um", "slip_frac"),
-        error="contact_leak_um",
-        notes=("rows: what the solver takes the still finger for (solver.contact_radius_mm); leak: at its centre",),
+    return _table(
+        "leak_contact",
+        f"RMS over a sticky contact of {RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
+        compared(chosen, _over_contact, seeds=seeds, seconds=seconds, timed=False),
+        ("contact_leak_um", "leak_um", "slip_frac"),
+        "rows: the solver's model of the still finger (solver.contact_radius_mm); leak: at its centre",
     )
 
 
-def _smoothness(played: Played) -> Figures:
-    """How well slippery fingers are served, and how roughly the plate is asked to move."""
-    run = played.run
+def _table(
+    name: str, what: str, rows: Sequence[tuple[str, Mapping[str, float]]], compared_: tuple[str, ...], *notes: str
+) -> Table:
+    has_time = compared_[0] == "time_us"
+    return Table(
+        name=name,
+        title=f"leak: {what}",
+        default=rows[0][0],
+        rows=finite_rows(rows),
+        compared=compared_,
+        time="time_us" if has_time else "",
+        error=compared_[has_time],
+        floor=NOTHING_UM,
+        notes=notes,
+    )
+
+
+def _figures(score: Score) -> Figures:
+    return {
+        "leak_um": score.leak_um,
+        "slip_error_um": score.slip_error_um,
+        "slip_frac": score.slip_frac,
+        "limited_frac": score.limited_frac,
+    }
+
+
+def _smoothness(finished: FinishedRun) -> Figures:
+    run = finished.run
     counts = settled(run.t_s, run.target_um)
     steps_um = np.abs(np.diff(run.reference_um, axis=0)).max(axis=1)
     return {
@@ -146,9 +156,9 @@ def _smoothness(played: Played) -> Figures:
     }
 
 
-def _over_contact(played: Played) -> Figures:
+def _over_contact(finished: FinishedRun) -> Figures:
     """RMS over time and contact, of all plate modes, at the fingers that should be still."""
-    run, world = played.run, played.simulation.world
+    run, world = finished.run, finished.simulation.world
     counts = settled(run.t_s, run.target_um) & (run.target_um == 0.0)
     plate_um = world.recording().plate_um
     squares = []

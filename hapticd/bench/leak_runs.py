@@ -1,4 +1,4 @@
-"""Lock-step runs compared: some settings by name, the same scenario and seeds for all, and what is judged of each."""
+"""Lock-step runs of some alternatives on the same scenario and seeds, and their figures over all seeds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ import numpy as np
 from ..config.sections import Config
 from ..sim.lockstep import Run, Settings, Simulation
 from ..sim.scenarios import SCENARIOS
-from ..sim.score import Score
 from .timing import least, no_garbage_collection
 
 SCENARIO = "strokes"
@@ -24,8 +23,15 @@ DEFAULT = "hapticd"
 NOTHING_UM = 1e-9  # below it is rounding
 
 
-class Played(NamedTuple):
-    """A finished run, and the plate that it was played on."""
+class Alternative(NamedTuple):
+    """Settings of a run, and another predictor than the default where one is given."""
+
+    settings: Settings
+    make_predictor: Callable[[], Any] | None = None
+
+
+class FinishedRun(NamedTuple):
+    """A run of an alternative, and the simulation that holds its plate."""
 
     name: str
     simulation: Simulation
@@ -33,16 +39,21 @@ class Played(NamedTuple):
 
 
 Figures = Mapping[str, float]
-Judge = Callable[[Played], Figures]
+Judge = Callable[[FinishedRun], Figures]
 
 
-def swapped(config: Config, swap: Mapping[str, Mapping[str, Any]]) -> Config:
-    """The configuration with some keys of some sections replaced."""
-    return replace(config, **{name: replace(getattr(config, name), **keys) for name, keys in swap.items()})
+def changed(config: Config, changes: Mapping[str, Mapping[str, Any]]) -> Config:
+    """Return the configuration with some keys of some sections replaced."""
+    return replace(config, **{name: replace(getattr(config, name), **keys) for name, keys in changes.items()})
+
+
+def use_predictor(simulation: Simulation, make_predictor: Callable[[], Any]) -> None:
+    """Replace the predictor of all fingers to come."""
+    simulation.machine.pipeline._fingers.make_predictor = make_predictor
 
 
 def compared(
-    alternatives: Mapping[str, Settings],
+    alternatives: Mapping[str, Alternative],
     judge: Judge,
     *,
     seeds: Sequence[int],
@@ -50,46 +61,40 @@ def compared(
     scenario: str = SCENARIO,
     timed: bool = True,
 ) -> list[tuple[str, Figures]]:
-    """Rows of a table: each alternative's figures over all seeds, after what its passes take where `timed`."""
+    """Rows of a table: each alternative's figures over all seeds, after the mean time of its passes where `timed`."""
     judged: dict[str, list[Figures]] = {name: [] for name in alternatives}
     times_us: dict[str, list[float]] = {name: [] for name in alternatives}
     with no_garbage_collection():
         for seed in seeds:
-            for name, settings in alternatives.items():
-                played, time_us = _play(name, settings, seed, seconds, scenario)
-                judged[name].append(judge(played))
+            for name, alternative in alternatives.items():
+                finished, time_us = _finished(name, alternative, seed, seconds, scenario)
+                judged[name].append(judge(finished))
                 times_us[name].append(time_us)
     timing = {name: least(times_us[name]).figures() if timed else {} for name in alternatives}
     return [(name, {**timing[name], **over_seeds(judged[name])}) for name in alternatives]
 
 
 def over_seeds(judged: Sequence[Figures]) -> Figures:
-    """RMS of what is in um, means of shares."""
-    names = judged[0]
-    columns = {name: np.array([figures[name] for figures in judged]) for name in names}
+    """RMS of figures in um, means of the others."""
+    columns = {name: np.array([figures[name] for figures in judged]) for name in judged[0]}
     return {
         name: math.sqrt(np.mean(column**2)) if name.endswith("_um") else float(np.mean(column))
         for name, column in columns.items()
     }
 
 
-def scored(score: Score) -> Figures:
-    """A score's figures, as all tables of the leak call them."""
-    return {
-        "leak_um": score.leak_um,
-        "slip_error_um": score.slip_error_um,
-        "slip_frac": score.slip_frac,
-        "limited_frac": score.limited_frac,
-    }
-
-
-def _play(name: str, settings: Settings, seed: int, seconds: float, scenario: str) -> tuple[Played, float]:
+def _finished(
+    name: str, alternative: Alternative, seed: int, seconds: float, scenario: str
+) -> tuple[FinishedRun, float]:
     """A run, and the mean time of its passes in us."""
+    settings = alternative.settings
     simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed)
+    if alternative.make_predictor is not None:
+        use_predictor(simulation, alternative.make_predictor)
     taken_us: list[float] = []
     simulation.machine.reports = _timed(simulation.machine.reports, taken_us)  # type: ignore[method-assign]
     simulation.run(seconds)
-    return Played(name, simulation, simulation.result(scenario)), statistics.fmean(taken_us)
+    return FinishedRun(name, simulation, simulation.result(scenario)), statistics.fmean(taken_us)
 
 
 def _timed(method: Callable[..., Any], taken_us: list[float]) -> Callable[..., Any]:

@@ -1,6 +1,6 @@
-"""What the closed loop does beyond plain steps: other modes, nodes, saturation, moving references.
+"""Figures of the closed loop beyond plain steps: other modes, nodes, saturation, moving references.
 
-All figures come from the firmware's own C against the plate model; units are in their names.
+All run the firmware's own C against the plate model.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ UNREACHABLE_UM = 3.9
 
 
 def other_mode_frac(law: Law) -> float:
-    """The largest |W_Y| while W_X steps by 2 um on the demo's plate and its neighbours; what the sensors themselves
-    mix, no control can tell from the truth, so here they do not."""
+    """The largest |W_Y| over 2 um while W_X steps by 2 um on the simulated plate with its parasitic modes.
+
+    Without crosstalk between the sensors: no control law can tell that from motion.
+    """
     w_um = step(
         _truth_board(law, PlateTruth(PlateSettings(sensor_crosstalk=0.0))),
         np.zeros(2, complex),
@@ -32,15 +34,15 @@ def other_mode_frac(law: Law) -> float:
 
 
 def node_leak_um(law: Law) -> float:
-    """What a still finger feels at most while the other's amplitude steps: both modes go along its node."""
+    """Largest vibration of a still finger while the other's amplitude steps: both modes move along its node."""
     still, along = np.array([0.6, -0.8]), np.array([0.8, 0.6], dtype=np.complex128)
     w_um = step(law.board(Plate(), noise_um=0.0), 0.5 * along, 3.0 * along)
     return float(np.abs(w_um @ still).max())
 
 
 def saturation_figures(law: Law) -> dict[str, float]:
-    """A damped plate is asked for more than the voltage can hold, then for half of it: the phase of what it gives
-    meanwhile, and the time until it has let go."""
+    """A damped plate gets a reference beyond the voltage, then half of it: the phase error in saturation, and the time
+    to settle on the half."""
     plate = Plate(damping=1.8)
     asked: Phasors = np.array([UNREACHABLE_UM, 0.0], dtype=np.complex128)
     trace = step_trace(law.board(plate), asked, 0.5 * asked)
@@ -49,7 +51,7 @@ def saturation_figures(law: Law) -> dict[str, float]:
     response = measure(np.concatenate((left, left, left)), UNREACHABLE_UM / 2, law.tick_ms)
     return {
         "phase_deg": math.degrees(float(np.abs(np.angle(held)).max())),
-        "let_go_ms": response.settling_ms,
+        "release_ms": response.settling_ms,
         "largest_voltage_v": float(np.abs(trace.voltage_v).max()),
     }
 
@@ -72,16 +74,18 @@ def sinusoid_figures(law: Law, f_hz: float) -> dict[str, float]:
 
 
 def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[str, float]:
-    """Two fingers stroke the demo's plate, one slippery and one still, and both are known perfectly: how the plate
-    follows the solver's amplitudes, sent as 1 ms knots 90 times a second; the fingers damp and couple its modes."""
-    t_s, phi, wanted_um = _strokes(speed_mm_s, seconds)
+    """Tracking of the solver's amplitudes for two stroking fingers, one slippery and one still, at known positions.
+
+    Sent as 1 ms knots 90 times a second; the fingers damp and couple the plate's modes.
+    """
+    t_s, phi, solved_um = _strokes(speed_mm_s, seconds)
     truth = PlateTruth()
     board = _truth_board(law, truth)
     ticks, period_s = round(seconds * law.control_hz), 0.011
 
     def knots(now_s: float) -> list[tuple[float, Phasors]]:
         first = round(now_s * 1e3)
-        return [(float(i), wanted_um[min(first + i, len(wanted_um) - 1)] + 0j) for i in range(17)]
+        return [(float(i), solved_um[min(first + i, len(solved_um) - 1)] + 0j) for i in range(17)]
 
     at_ticks = np.minimum((np.arange(ticks) + 1) / law.control_hz, t_s[-1])
     phi_ticks = np.ascontiguousarray(phi[np.round(at_ticks * 1e3).astype(int)])
@@ -95,13 +99,13 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
 
 @lru_cache(maxsize=4)
 def _strokes(speed_mm_s: float, seconds: float) -> tuple[Floats, Floats, Floats]:
-    """Each millisecond: time (T,), shapes under both fingers (T, 2, P), wanted modal amplitudes (T, 2)."""
+    """Each millisecond: time (T,), shapes under both fingers (T, 2, P), modal amplitudes (T, 2) of the solver."""
     t_s: Floats = np.arange(round(seconds * 1e3) + 1, dtype=np.float64) * 1e-3
     actors = SCENARIOS["strokes"].build(1, speed_mm_s)
     paths = [actor.path for actor in actors if actor.path is not None]
     phi = PlateTruth().shapes(np.stack([path.position_mm(t_s + 1.0) for path in paths], axis=1))
-    wanted_um = solve_batch(phi[..., :2], (SLIPPERY_UM, STICKY_UM), 4.0)
-    return t_s, phi, wanted_um
+    solved_um = solve_batch(phi[..., :2], (SLIPPERY_UM, STICKY_UM), 4.0)
+    return t_s, phi, solved_um
 
 
 def _truth_board(law: Law, truth: PlateTruth) -> Board:

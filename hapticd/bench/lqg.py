@@ -1,8 +1,8 @@
-"""An outside reference for the firmware's control laws: the textbook's discrete LQG with a disturbance state.
+"""Reference for the firmware's control laws: a textbook discrete LQG with a disturbance state.
 
 Designed by SciPy's Riccati solver, run in float64, on the exact solution of one mode of the reference plate with the
-board's timing: the voltage comes one chunk after the tick, the measurement is the mean over a tick. It knows what the
-firmware knows: the nominal plate and the voltage limit.
+board's timing: the voltage takes effect one chunk after the tick, the measurement is the mean over a tick. Like the
+firmware it has the nominal plate and the voltage limit.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from ..sim.board.board import CHUNK_S, reference_decay_1_s, reference_gain_um_per_v_s
 from .closed_loop import LANDED_DAMPING, LIMIT_V, NOISE_UM, PHASE_S, Phasors, Plate
 
-ERROR_UM = 0.02  # Bryson's rule: an error of that much weighs as much as all the voltage
-DISTURBANCE_V = 3.0  # by which the disturbance may change within a millisecond
+ERROR_UM = 0.02  # Bryson's rule: this error weighs as much as the largest voltage
+DISTURBANCE_V = 3.0  # change of the disturbance within a millisecond
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """One mode under a constant voltage for a time: what it keeps, what it gains, and its mean, per um and per V."""
+    """One mode under a constant voltage for a time: final and mean amplitude, per initial um and per V."""
 
     keep: complex
     push: complex
@@ -46,7 +46,7 @@ class Lqg:
         gain = reference_gain_um_per_v_s(quality)
         early, late = hold(rate_1_s, gain, CHUNK_S), hold(rate_1_s, gain, tick_s - CHUNK_S)
         early_share = CHUNK_S / tick_s
-        # State: W at the tick, the voltage still out, the disturbance in volts.
+        # State: W at the tick, the voltage that is still in effect, the disturbance in volts.
         self._f = np.array(
             [[late.keep * early.keep, late.keep * early.push, late.keep * early.push + late.push], [0, 0, 0], [0, 0, 1]]
         )
@@ -76,7 +76,7 @@ class Lqg:
         return gains
 
     def tick(self, target_um: complex, measured_um: complex, last_v: complex) -> complex:
-        """The next voltage u for the mean over the tick that `last_v`, decided at the tick before, has ended."""
+        """Return the next voltage, given the mean over the tick that ended now; `last_v` was decided a tick before."""
         innovation_um = measured_um - self._h @ self._x - self._new_mean * last_v
         self._x = self._f @ (self._x + self._l * innovation_um) + self._g * last_v
         w_um, out_v, disturbance_v = self._x
@@ -86,7 +86,7 @@ class Lqg:
 
 
 def respond(plate: Plate, amplitude_um: float, control_hz: float, scipy_linalg: Any) -> Phasors:
-    """As `closed_loop.Law.respond`, from rest."""
+    """Like `closed_loop.Law.respond`, from rest."""
     controller = Lqg(plate.quality, control_hz, scipy_linalg)
     gain = reference_gain_um_per_v_s(plate.quality)
     ticks = round(PHASE_S * control_hz)

@@ -1,59 +1,56 @@
-"""The mode matrix at two fingers: how an interpolator's error leaks, and what it costs.
+"""The mode matrix of two fingers: leak and run time of each interpolator.
 
-The measure is what the whole path would leak if all else were perfect: two random positions, one finger at 1 um and
-one still, the modes solved from the map, and the plate's true shapes under the still finger. Each interpolator reads
-the raw scan (4.5 mm, 2 % of noise), the map fitted to it (1.4 mm), and, for its own share of the error, a map of the
-same step without noise.
+The leak is that of the whole path if all else were perfect: two random positions, one finger at 1 um and one still,
+the modes solved from the map, and the plate's true shapes under the still finger. Each interpolator reads the map that
+was fitted to a scan (4.5 mm, 2 % of noise) on a grid of 1.4 mm and, for its own share of the error, a map of the same
+grid without noise.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.public import solve_fast
 from ..design import ModeShape, fit_cartography, free_plate_modes, sample_cartography
-from ..design.free_fit import FreePlateModes
 from ..sim.plate.truth import DRIVEN_MODES, PlateSettings
-from .modes_ways import Points, Shapes, Way, analytic, ways
+from .interpolators import Evaluate, FloatArray, Interpolator, Points, interpolators
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-FloatArray = npt.NDArray[np.float64]
-
-NO_SCIPY = "scipy is not installed"
 W_LIMIT_UM = (4.0, 4.0)
-HALF_SIZE_MM = 58.0  # where fingers are
-DEFAULT = "bicubic at, fitted map"
-_FITTED, _RAW = "fitted map", "raw scan"
+HALF_SIZE_MM = 58.0  # the area that fingers reach
+DEFAULT = "bicubic"
 
 
 def run(*, pairs: int = 2000, seeds: Sequence[int] = (1, 2, 3), repeats: int = REPEATS, calls: int = 400) -> Table:
-    """Compare interpolators on `pairs` random finger pairs over the scans of `seeds`."""
+    """Compare interpolators on `pairs` random finger pairs over the scans of `seeds`; `calls` of them are timed."""
+    interpolate = optional("scipy.interpolate")
     points_mm = random_pairs_mm(pairs)
-    flat = points_mm.reshape(-1, 2)
-    true_phi = np.stack([shape.evaluate(flat) for shape in driven_shapes()], axis=-1).reshape(pairs, 2, -1)
-    slopes = np.stack([shape.gradient(flat) for shape in driven_shapes()], axis=1).reshape(pairs, 2, -1, 2)
-    found, exact = _alternatives(seeds)
-    timed = {name: _timed(of_scans[0].shapes, points_mm, calls) for name, of_scans in found.items()}
-    timed |= {
-        f"{name} and gradient": _timed(of_scans[0].with_gradient, points_mm, calls)
-        for name, of_scans in found.items()
-        if of_scans[0].with_gradient is not None
-    }
+    true_phi, true_slopes = _true_shapes(points_mm)
+    maps = [_fitted(seed) for seed in seeds]
+    x_mm, y_mm = maps[0].x_mm, maps[0].y_mm
+    without_noise = ModeShapes.from_grid(x_mm, y_mm, np.stack([one.on_grid(x_mm, y_mm) for one in driven_shapes()]))
+    of_maps = [interpolators(modes, interpolate) for modes in maps]
+    of_truth = interpolators(without_noise, interpolate)
+    timed = {name: _timed(one.shapes, points_mm, calls) for name, one in of_maps[0].items()}
+    timed |= {f"{name} gradient": _timed(one.with_gradient, points_mm, calls) for name, one in of_maps[0].items()}
     times = compare(timed, repeats)
-    rows = []
-    for name, of_scans in found.items():
-        figures = {**times[name].figures(), **_errors(of_scans, points_mm, true_phi, slopes)}
-        if (both := times.get(f"{name} and gradient")) is not None:
-            figures |= both.figures("gradient_time")
-        figures["interpolation_um_per_um"] = leak_um_per_um(_evaluate(exact[name].shapes, points_mm)[None], true_phi)
-        rows.append((name, figures))
+    rows = [
+        (
+            name,
+            {
+                **times[name].figures(),
+                **times[f"{name} gradient"].figures("gradient_time"),
+                **_errors([one[name] for one in of_maps], points_mm, true_phi, true_slopes),
+                "interpolation_um_per_um": leak_um_per_um(_evaluated(of_truth[name].shapes, points_mm)[None], true_phi),
+            },
+        )
+        for name in of_truth
+    ]
     return Table(
         name="modes",
         title="modes: the mode matrix of 2 fingers and 2 modes; um leaked at the still finger per um at the other",
@@ -62,27 +59,21 @@ def run(*, pairs: int = 2000, seeds: Sequence[int] = (1, 2, 3), repeats: int = R
         compared=("time_us", "gradient_time_us", "leak_um_per_um"),
         time="time_us",
         error="leak_um_per_um",
-        skipped={} if optional("scipy.interpolate") else dict.fromkeys(("RectBivariateSpline", "quintic"), NO_SCIPY),
+        skipped={} if interpolate else dict.fromkeys(("RectBivariateSpline", "quintic"), "scipy is not installed"),
         notes=("gradient time: shapes and gradients together; interpolation: the leak of a map without noise",),
     )
 
 
 @lru_cache(maxsize=1)
 def driven_shapes() -> tuple[ModeShape, ...]:
-    """The theory's X and Y, the truth of this bench."""
+    """Return the theory's X and Y, the ground truth of this bench."""
     theory = {shape.name: shape for _, shape in free_plate_modes()}
     return tuple(theory[name] for name in DRIVEN_MODES)
 
 
-def random_pairs_mm(pairs: int, least_apart_mm: float = 0.0) -> FloatArray:
-    """Positions (pairs, 2, 2) where fingers are, at least so far from each other; the same every time."""
-    random = np.random.default_rng(7)
-    kept = np.empty((0, 2, 2))
-    while len(kept) < pairs:
-        drawn = random.uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (pairs, 2, 2))
-        apart_mm = np.hypot(*(drawn[:, 0] - drawn[:, 1]).T)
-        kept = np.concatenate((kept, drawn[apart_mm >= least_apart_mm]))
-    return kept[:pairs]
+def random_pairs_mm(pairs: int) -> FloatArray:
+    """Positions (pairs, 2, 2) within the area that fingers reach; the same every time."""
+    return np.random.default_rng(7).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (pairs, 2, 2))
 
 
 def leak_um_per_um(phi: FloatArray, true_phi: FloatArray) -> float:
@@ -98,48 +89,26 @@ def leak_um_per_um(phi: FloatArray, true_phi: FloatArray) -> float:
     return float(still_um / slipping_um)
 
 
-def _alternatives(seeds: Sequence[int]) -> tuple[dict[str, list[Way]], dict[str, Way]]:
-    """Every way on every source: by name one for each scan, and one that reads the truth."""
-    interpolate = optional("scipy.interpolate")
+def _true_shapes(points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shapes (pairs, 2, M) and gradients (pairs, 2, M, 2)."""
+    flat = points_mm.reshape(-1, 2)
+    phi = np.stack([shape.evaluate(flat) for shape in driven_shapes()], axis=-1)
+    slopes = np.stack([shape.gradient(flat) for shape in driven_shapes()], axis=1)
+    return phi.reshape(len(points_mm), 2, -1), slopes.reshape(len(points_mm), 2, -1, 2)
+
+
+def _fitted(seed: int) -> ModeShapes:
     settings = PlateSettings()
-    scans = [
-        sample_cartography(driven_shapes(), settings.cartography_step_mm, settings.cartography_noise_frac, seed=seed)
-        for seed in seeds
-    ]
-    raw = [ModeShapes.from_grid(*scan) for scan in scans]
-    fits = [fit_cartography(*scan, normalise=False) for scan in scans]
-    found: dict[str, list[Way]] = {}
-    exact: dict[str, Way] = {}
-    for source, maps in ((_FITTED, [fit.modes for fit in fits]), (_RAW, raw)):
-        x_mm, y_mm = maps[0].x_mm, maps[0].y_mm
-        true_map = ModeShapes.from_grid(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in driven_shapes()]))
-        exact |= {f"{name}, {source}": way for name, way in ways(true_map, interpolate).items()}
-        for modes in maps:
-            for name, way in ways(modes, interpolate).items():
-                found.setdefault(f"{name}, {source}", []).append(way)
-    half_mm = (driven_shapes()[0].size_mm[0] / 2.0, driven_shapes()[0].size_mm[1] / 2.0)
-    found["analytic basis"] = [
-        analytic(_free_coefficients(scan, fit.wavelength_mm), half_mm) for scan, fit in zip(scans, fits, strict=True)
-    ]
-    exact["analytic basis"] = analytic([shape.coefficients for shape in driven_shapes()], half_mm)
-    return found, exact
+    scan = sample_cartography(driven_shapes(), settings.cartography_step_mm, settings.cartography_noise_frac, seed=seed)
+    return fit_cartography(*scan, normalise=False).modes
 
 
-def _free_coefficients(scan: tuple[FloatArray, FloatArray, FloatArray], wavelength_mm: float) -> list[FloatArray]:
-    """Of X and Y as sums of free-plate modes, each one table of Legendre products."""
-    x_mm, y_mm, shapes = scan
-    basis = FreePlateModes(driven_shapes()[0].size_mm, 2.0 * math.pi / wavelength_mm)
-    points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    coefficients = basis.fit(points, shapes.reshape(len(shapes), -1).T).fit.coefficients
-    return list(np.tensordot(coefficients.T, basis.tables(), axes=1))
-
-
-def _timed(way: Shapes, points_mm: FloatArray, calls: int) -> tuple[Callable[[], object], int]:
+def _timed(evaluate: Evaluate, points_mm: FloatArray, calls: int) -> tuple[Callable[[], object], int]:
     pairs = [_tuples(pair) for pair in points_mm[:calls].tolist()]
 
     def all_pairs() -> None:
         for pair in pairs:
-            way(pair)
+            evaluate(pair)
 
     return all_pairs, len(pairs)
 
@@ -148,21 +117,21 @@ def _tuples(pair: Sequence[Sequence[float]]) -> Points:
     return [(x, y) for x, y in pair]
 
 
-def _evaluate(way: Shapes, points_mm: FloatArray) -> FloatArray:
-    return np.array([np.asarray(way(_tuples(pair))) for pair in points_mm.tolist()], np.float64)
+def _evaluated(evaluate: Evaluate, points_mm: FloatArray) -> FloatArray:
+    return np.array([np.asarray(evaluate(_tuples(pair))) for pair in points_mm.tolist()], np.float64)
 
 
 def _errors(
-    of_scans: Sequence[Way], points_mm: FloatArray, true_phi: FloatArray, true_slopes: FloatArray
+    of_maps: Sequence[Interpolator], points_mm: FloatArray, true_phi: FloatArray, true_slopes: FloatArray
 ) -> dict[str, float]:
-    """Over all scans: leak, and RMS errors of shapes and gradients as shares of their own RMS."""
-    phi = np.stack([_evaluate(way.shapes, points_mm) for way in of_scans])
-    errors = {"leak_um_per_um": leak_um_per_um(phi, true_phi), "shape_error_frac": _share(phi - true_phi, true_phi)}
-    with_gradient = [way.with_gradient for way in of_scans if way.with_gradient is not None]
-    if with_gradient:
-        slopes = np.stack([_evaluate(way, points_mm)[..., 1:] for way in with_gradient])
-        errors["slope_error_frac"] = _share(slopes - true_slopes, true_slopes)
-    return errors
+    """Over all maps: leak, and RMS errors of shapes and gradients as shares of their own RMS."""
+    phi = np.stack([_evaluated(one.shapes, points_mm) for one in of_maps])
+    slopes = np.stack([_evaluated(one.with_gradient, points_mm)[..., 1:] for one in of_maps])
+    return {
+        "leak_um_per_um": leak_um_per_um(phi, true_phi),
+        "shape_error_frac": _share(phi - true_phi, true_phi),
+        "slope_error_frac": _share(slopes - true_slopes, true_slopes),
+    }
 
 
 def _share(error: FloatArray, true: FloatArray) -> float:

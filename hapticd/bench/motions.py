@@ -1,4 +1,4 @@
-"""The motions that predictors are judged on, and the pad that sees them.
+"""The motions that predictors are measured on, and the simulated pad that samples them.
 
 The pad samples regularly, with white noise on each axis, in steps of 0.02 mm, and stamps that are off by up to 1 ms.
 A motion and a seed always give the same touch; seeds differ in direction, phase, length and noise.
@@ -25,21 +25,21 @@ REST_AFTER_REACH_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Along:
-    """A path at an angle of `direction_rad`: `way_mm` (T,) -> (T,) along it, `aside_mm` across."""
+class RotatedPath:
+    """A path at an angle of `direction_rad`: `along_mm` and `across_mm` give the distances (T,) at times (T,)."""
 
-    way_mm: Callable[[FloatArray], FloatArray]
+    along_mm: Callable[[FloatArray], FloatArray]
     direction_rad: float
-    aside_mm: Callable[[FloatArray], FloatArray] = np.zeros_like
+    across_mm: Callable[[FloatArray], FloatArray] = np.zeros_like
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         cos, sin = math.cos(self.direction_rad), math.sin(self.direction_rad)
-        way_mm, aside_mm = self.way_mm(t_s), self.aside_mm(t_s)
-        return np.stack((cos * way_mm - sin * aside_mm, sin * way_mm + cos * aside_mm), axis=-1)
+        along_mm, across_mm = self.along_mm(t_s), self.across_mm(t_s)
+        return np.stack((cos * along_mm - sin * across_mm, sin * along_mm + cos * across_mm), axis=-1)
 
 
 class Motion(NamedTuple):
-    """`path(seed)`, how long it is followed, how many of the first samples are not judged, and the pad's noise."""
+    """A path for each seed, its duration, the number of first samples that do not count, and the pad's noise."""
 
     path: Callable[[int], Path]
     seconds: float = 3.0
@@ -48,7 +48,7 @@ class Motion(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """What the pad says: (stamp ns, x mm, y mm) a sample; when each was truly taken (T,), and the finger's path."""
+    """The pad's samples (stamp ns, x mm, y mm), the true time of each (T,), and the true path of the finger."""
 
     samples: list[tuple[int, float, float]]
     sampled_s: FloatArray
@@ -56,14 +56,14 @@ class Touch(NamedTuple):
 
 
 def sense(path: Path, seconds: float, seed: int, *, noise_mm: float = NOISE_MM, period_s: float = PERIOD_S) -> Touch:
-    """A touch of a path as the pad sees it."""
+    """Sample a path as the pad does."""
     rng = np.random.default_rng([seed, 5])
     sampled_s = np.asarray(period_s * (np.arange(round(seconds / period_s)) + rng.uniform()), np.float64)
     noisy_mm = path.position_mm(sampled_s) + noise_mm * rng.standard_normal((len(sampled_s), 2))
-    seen_mm = STEP_MM * np.round(noisy_mm / STEP_MM)
+    rounded_mm = STEP_MM * np.round(noisy_mm / STEP_MM)
     stamps_s = sampled_s + rng.uniform(-STAMP_ERROR_S, STAMP_ERROR_S, len(sampled_s))
     stamps_ns: list[int] = np.rint(stamps_s * 1e9).astype(np.int64).tolist()
-    return Touch([(t, x, y) for t, (x, y) in zip(stamps_ns, seen_mm.tolist(), strict=True)], sampled_s, path)
+    return Touch([(t, x, y) for t, (x, y) in zip(stamps_ns, rounded_mm.tolist(), strict=True)], sampled_s, path)
 
 
 def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> Touch:
@@ -72,27 +72,29 @@ def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> Touch:
 
 
 def _straight(speed_mm_s: float) -> Motion:
-    return Motion(lambda seed: Along(lambda t_s: speed_mm_s * t_s, float(seed)))
+    return Motion(lambda seed: RotatedPath(lambda t_s: speed_mm_s * t_s, float(seed)))
 
 
 def _slide(seed: int) -> Path:
-    """10 cm/s as a hand does it: the speed varies by a tenth, twice over, the path wobbles, the finger trembles."""
+    """A hand's slide at 10 cm/s: two sines of a tenth of the speed each, a lateral wobble, and tremor."""
     phase_rad = np.random.default_rng([seed, 6]).uniform(0.0, 2.0 * math.pi, 4)
     slow, fast, wobble, tremor = 2.0 * math.pi * np.array((1.3, 3.1, 2.0, 8.5))
 
-    def way_mm(t_s: FloatArray) -> FloatArray:
+    def along_mm(t_s: FloatArray) -> FloatArray:
         slowly = np.cos(slow * t_s + phase_rad[0]) / slow + np.cos(fast * t_s + phase_rad[1]) / fast
         return np.asarray(100.0 * (t_s - 0.1 * slowly) + 0.04 * np.sin(tremor * t_s + phase_rad[2]))
 
-    def aside_mm(t_s: FloatArray) -> FloatArray:
+    def across_mm(t_s: FloatArray) -> FloatArray:
         return np.asarray(0.4 * np.sin(wobble * t_s + phase_rad[2]) + 0.04 * np.sin(tremor * t_s + phase_rad[3]))
 
-    return Along(way_mm, float(seed), aside_mm)
+    return RotatedPath(along_mm, float(seed), across_mm)
 
 
 def _sine(speed_mm_s: float) -> Motion:
     """Back and forth over 80 mm; `speed_mm_s` is reached in the middle."""
-    return Motion(lambda seed: Along(lambda t_s: 40.0 * np.sin(speed_mm_s / 40.0 * t_s + seed), 1.7 * seed), warm_up=20)
+    return Motion(
+        lambda seed: RotatedPath(lambda t_s: 40.0 * np.sin(speed_mm_s / 40.0 * t_s + seed), 1.7 * seed), warm_up=20
+    )
 
 
 def _circle(speed_mm_s: float, radius_mm: float) -> Motion:
@@ -102,7 +104,7 @@ def _circle(speed_mm_s: float, radius_mm: float) -> Motion:
 
 
 def _reach(seed: int) -> Path:
-    """Minimum jerk there and back, one of three lengths."""
+    """Minimum jerk back and forth, one of three lengths."""
     length_mm, duration_s = REACHES[seed % len(REACHES)]
     return Reach((0.0, 0.0), _polar(length_mm, 1.3 * seed), duration_s, REST_AFTER_REACH_S)
 
@@ -111,12 +113,12 @@ def _stop(seed: int) -> Path:
     """10 cm/s, then to rest within 40 ms along half a cosine of speed: the end of a slide against a wall."""
     t_stop_s, stop_s = 0.5 + 0.0023 * seed, 0.04
 
-    def way_mm(t_s: FloatArray) -> FloatArray:
+    def along_mm(t_s: FloatArray) -> FloatArray:
         part = np.clip((t_s - t_stop_s) / stop_s, 0.0, 1.0)
         braked_s = stop_s * (part / 2.0 + np.sin(math.pi * part) / (2.0 * math.pi))
         return np.asarray(100.0 * (np.minimum(t_s, t_stop_s) + braked_s))
 
-    return Along(way_mm, float(seed))
+    return RotatedPath(along_mm, float(seed))
 
 
 def _polar(length_mm: float, direction_rad: float) -> tuple[float, float]:

@@ -1,12 +1,12 @@
-"""`hapticd bench soak`: an hour in which something goes wrong every two seconds, in virtual time.
+"""Stability soak, `hapticd bench soak`: an hour of virtual time with a fault every two seconds.
 
 Runs of 30 s, each a new daemon and a new board in this one process: two fingers circle, one slippery and one sticky,
-and faults of all kinds that the lock-step world knows come one after another, each at an instant, and for a time, that
-the seed draws. Looked at are every frame on its way to the board, the true plate at every control tick, what the daemon
-and the board make of each fault, and this process: memory, files, threads.
+while faults of all kinds follow each other at random instants and for random times. Checked are every frame to the
+board, the true plate at every control tick, the detection of and the recovery from each fault, and the memory, files
+and threads of this process.
 
-What this leaves out: faults at the same time, wear that takes longer than 30 s within one daemon, the event loop, the
-sockets and the kernel (`tests/integration` and `tests/io` have those).
+Not covered: simultaneous faults, wear within one daemon beyond 30 s, the event loop, sockets and the kernel
+(`tests/integration` and `tests/io` cover those).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import HapticdError
 from ..sim.board.faulty import FaultySimulation
@@ -31,17 +32,19 @@ from .tables import Row, Table
 
 log = logging.getLogger("hapticd")
 
+FloatArray = npt.NDArray[np.float64]
+
 RUN_S = 30.0
-FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board behind a wrapped clock is noticed after half a second
+FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board with a wrapped clock is detected after half a second
 LIFT_S, AT_REST_S = 28.8, 29.2
 QUIET_UM, DRIVEN_UM = 0.01, 0.3
-WARM_AFTER_RUNS = 24  # by then the simulation's caches are full: they keep 16 plates
+WARM_AFTER_RUNS = 24  # the simulation's caches are full by then: they keep 16 plates
 MOST_HOURS = 24.0
 
 
 @dataclass
 class Findings:
-    """What came of it; a sentence in `wrong` for each thing that should not have been."""
+    """Figures of the soak so far, and a sentence in `failures` for each violation."""
 
     virtual_s: float = 0.0
     frames: int = 0
@@ -49,12 +52,12 @@ class Findings:
     peak_plate_um: float = 0.0
     faults: Counter[str] = field(default_factory=Counter)
     latest_quiet_ms: dict[str, float] = field(default_factory=dict)
-    wrong: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One that was drawn; instants in seconds of the run."""
+    """One fault; instants in seconds of the run."""
 
     kind: Kind
     t_from_s: float
@@ -62,12 +65,12 @@ class Fault:
 
 
 def run(hours: float = 1.0, *, seed: int = 1) -> tuple[Table, ...]:
-    """Play it and judge it. Raises HapticdError where something was wrong, with all that was."""
+    """Run the soak. Raises HapticdError with all violations if there are any."""
     if not 0.0 < hours <= MOST_HOURS:  # False for NaN
         raise HapticdError(f"--hours: {hours:g} is out of bounds, it must be above 0 and at most {MOST_HOURS:g}.")
     findings = Findings()
     runs = max(1, round(hours * 3600.0 / RUN_S))
-    log.setLevel(logging.ERROR)  # the journal of two thousand faults
+    log.setLevel(logging.ERROR)  # two thousand faults would fill the log
     before = after = _resources()
     for number in range(1, runs + 1):
         play(findings, seed * 1_000_000 + number)
@@ -75,14 +78,14 @@ def run(hours: float = 1.0, *, seed: int = 1) -> tuple[Table, ...]:
             before = _resources()
     log.setLevel(logging.NOTSET)
     after = _resources()
-    findings.wrong += _grown(before, after)
-    if findings.wrong:
-        raise HapticdError(f"soak: {len(findings.wrong)} things went wrong:\n" + "\n".join(findings.wrong))
+    findings.failures += _grown(before, after)
+    if findings.failures:
+        raise HapticdError(f"soak: {len(findings.failures)} failures:\n" + "\n".join(findings.failures))
     return (_table(findings, runs, before, after),)
 
 
 def play(findings: Findings, seed: int) -> None:
-    """One run of RUN_S."""
+    """Play one run of RUN_S and check it."""
     rng = np.random.default_rng(seed)
     circles = [Circle((-25.0, 5.0), 15.0, 100.0), Circle((25.0, -5.0), 15.0, -100.0, start_rad=1.0)]
     actors = tuple(
@@ -96,13 +99,13 @@ def play(findings: Findings, seed: int) -> None:
         watch.expect(fault.kind, fault.t_from_s, fault.t_until_s, RECOVERY_S, rng)
     simulation.run(RUN_S)
     findings.virtual_s += RUN_S
-    findings.frames += watch.frames
-    findings.peak_reference_um = max(findings.peak_reference_um, watch.peak_um)
-    _judge(findings, simulation, watch, faults, f"run {seed}")
+    findings.frames += watch.references.frames
+    findings.peak_reference_um = max(findings.peak_reference_um, watch.references.peak_um)
+    _check(findings, simulation, watch, faults, f"run {seed}")
 
 
 def _drawn(rng: np.random.Generator) -> Iterator[Fault]:
-    """Faults one after another, each once in turn in an order of its own."""
+    """Draw faults one after another; each kind once per round, in random order."""
     t_s = FIRST_FAULT_S
     while True:
         for index in rng.permutation(len(KINDS)):
@@ -115,51 +118,55 @@ def _drawn(rng: np.random.Generator) -> Iterator[Fault]:
             yield Fault(kind, t_from_s, t_until_s)
 
 
-def _judge(findings: Findings, simulation: FaultySimulation, watch: Watch, faults: list[Fault], where: str) -> None:
+def _check(findings: Findings, simulation: FaultySimulation, watch: Watch, faults: list[Fault], where: str) -> None:
     w_limit_um = max(simulation.settings.config.limits.w_limit_um)
     t_s, level_um = simulation.level_um()
-    findings.peak_plate_um = max(findings.peak_plate_um, float(level_um.max()))
-    if watch.peak_um > w_limit_um:
-        findings.wrong.append(f"{where}: a frame asked for {watch.peak_um:g} um of {w_limit_um:g}.")
-    if level_um.max() > w_limit_um:
-        findings.wrong.append(f"{where}: the plate moved by {level_um.max():g} um of {w_limit_um:g}.")
+    plate_um = float(level_um.max())
+    findings.peak_plate_um = max(findings.peak_plate_um, plate_um)
+    for what, peak_um in (("a frame requested", watch.references.peak_um), ("the plate moved by", plate_um)):
+        if peak_um > w_limit_um:
+            findings.failures.append(f"{where}: {what} {peak_um:g} um, the limit is {w_limit_um:g}.")
     for fault in faults:
-        name = fault.kind.name
-        findings.faults[name] += 1
-        told = f"{where}, {name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
+        _check_fault(findings, fault, t_s, level_um, where)
+    findings.failures += [f"{where}, {sentence}" for sentence in watch.undetected]
+    if level_um[t_s > AT_REST_S].max() > QUIET_UM or simulation.machine.pipeline.fingers:
+        findings.failures.append(f"{where}: motion or fingers remain after both fingers were lifted.")
+
+
+def _check_fault(findings: Findings, fault: Fault, t_s: FloatArray, level_um: FloatArray, where: str) -> None:
+    name, quiet_within_ms = fault.kind.name, fault.kind.quiet_within_ms
+    findings.faults[name] += 1
+    which = f"{where}, {name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
+    if quiet_within_ms is not None:
         moving = t_s[(t_s > fault.t_from_s) & (t_s < fault.t_until_s) & (level_um > QUIET_UM)]
         quiet_ms = 1e3 * (float(moving[-1]) - fault.t_from_s) if len(moving) else 0.0
-        if fault.kind.quiet_within_ms is not None:
-            findings.latest_quiet_ms[name] = max(findings.latest_quiet_ms.get(name, 0.0), quiet_ms)
-            if quiet_ms > fault.kind.quiet_within_ms:
-                findings.wrong.append(f"{told}: the plate still moved after {quiet_ms:.0f} ms.")
-        end_s = fault.t_until_s + RECOVERY_S
-        if level_um[(t_s > end_s - 0.25) & (t_s <= end_s)].max() < DRIVEN_UM:
-            findings.wrong.append(f"{told}: the fingers are not driven again.")
-    findings.wrong += [f"{where}, {sentence}" for sentence in watch.unaccounted]
-    if level_um[t_s > AT_REST_S].max() > QUIET_UM or simulation.machine.pipeline.fingers:
-        findings.wrong.append(f"{where}: something stayed when both fingers had been lifted.")
+        findings.latest_quiet_ms[name] = max(findings.latest_quiet_ms.get(name, 0.0), quiet_ms)
+        if quiet_ms > quiet_within_ms:
+            findings.failures.append(f"{which}: the plate still moved after {quiet_ms:.0f} ms.")
+    end_s = fault.t_until_s + RECOVERY_S
+    if level_um[(t_s > end_s - 0.25) & (t_s <= end_s)].max() < DRIVEN_UM:
+        findings.failures.append(f"{which}: the fingers are not driven again.")
 
 
 def _resources() -> dict[str, float]:
-    """Of this process: memory in use, open files, threads. What the allocator keeps for later is not in use."""
+    """Memory in use, open files and threads of this process; free memory of the allocator is returned first."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
     with open("/proc/self/status", encoding="ascii") as file:
-        told = dict(line.split(":", 1) for line in file)
+        status = dict(line.split(":", 1) for line in file)
     return {
-        "memory_mb": int(told["VmRSS"].split()[0]) / 1024.0,
+        "memory_mb": int(status["VmRSS"].split()[0]) / 1024.0,
         "files": float(len(os.listdir("/proc/self/fd"))),
-        "threads": float(told["Threads"]),
+        "threads": float(status["Threads"]),
     }
 
 
 def _grown(before: dict[str, float], after: dict[str, float]) -> list[str]:
-    """Memory may grow by 1 %, the rest not at all."""
-    room = {"memory_mb": 0.01 * before["memory_mb"], "files": 0.0, "threads": 0.0}
-    grown = [name for name in room if after[name] - before[name] > room[name]]
+    """A sentence per resource that grew: memory may by 1 %, the others not at all."""
+    allowed = {"memory_mb": 0.01 * before["memory_mb"], "files": 0.0, "threads": 0.0}
+    grown = [name for name in allowed if after[name] - before[name] > allowed[name]]
     return [f"{name} grew from {before[name]:g} to {after[name]:g}." for name in grown]
 
 
@@ -178,12 +185,12 @@ def _table(findings: Findings, runs: int, before: dict[str, float], after: dict[
     warm = min(WARM_AFTER_RUNS, runs)
     return Table(
         name="soak",
-        title=f"{findings.virtual_s / 3600.0:.2f} h in which things go wrong, in virtual time",
+        title=f"soak: faults in {findings.virtual_s / 3600.0:.2f} h of virtual time",
         default="all",
         rows=(Row("all", total), *kinds),
         compared=(),
         notes=(
-            "every fault was told of, and the fingers were driven again after it",
+            "every fault was detected, and the fingers were driven again after it",
             *(f"{name}: {before[name]:.4g} after {warm} runs, {after[name]:.4g} after all {runs}" for name in before),
         ),
     )

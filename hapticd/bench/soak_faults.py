@@ -1,4 +1,4 @@
-"""What can go wrong in a soak: kinds of faults, how long they last, when the plate must be quiet, what must tell."""
+"""Kinds of faults in a soak: duration, time until the plate must be quiet, and the counter that must detect each."""
 
 from __future__ import annotations
 
@@ -16,29 +16,42 @@ from ..wire import protocol
 from ..wire.framing import FrameSplitter
 
 LONGEST_FRAME = 4096
-JUST_BEFORE_S = 0.002  # the end of a fault: what it has done shows by now, what comes after it has not begun
+JUST_BEFORE_S = 0.002  # before the end of a fault: its effect shows, and the next event has not begun
+
+
+class ReferenceMeter:
+    """Counts references in the bytes to the board; `peak_um` is their largest modal amplitude."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.peak_um = 0.0
+        self._splitter = FrameSplitter(LONGEST_FRAME)
+
+    def feed(self, data: bytes) -> None:
+        """Decode bytes as the board does."""
+        for message in self._splitter.feed(data):
+            if message[0] == protocol.MSG_REFERENCE:
+                self.frames += 1
+                self.peak_um = max(self.peak_um, reference_peak_um(message))
 
 
 class Watch:
-    """Stands at every line of a simulation: lets faults loose when they are due, and counts what passes.
+    """Injects faults into the links of a simulation, and measures the references to the board.
 
-    `peak_um` is the largest modal amplitude of all references that the daemon sent; `unaccounted` has a sentence for
-    each fault of which nobody told.
+    `undetected` has a sentence for each fault that no counter showed.
     """
 
     def __init__(self, simulation: FaultySimulation) -> None:
         self.simulation = simulation
-        self.frames = 0
-        self.peak_um = 0.0
-        self.unaccounted: list[str] = []
-        self._splitter = FrameSplitter(LONGEST_FRAME)
+        self.references = ReferenceMeter()
+        self.undetected: list[str] = []
         self._windows: dict[str, list[tuple[int, int, Way]]] = {"board": [], "host": [], "report": []}
         simulation.ways |= {"board": self._to_board, "host": self._way("host"), "report": self._way("report")}
 
     def expect(
         self, kind: Kind, t_from_s: float, t_until_s: float, recovery_s: float, rng: np.random.Generator
     ) -> None:
-        """Let a fault of this kind loose at `t_from_s`, end it at `t_until_s`, and see whether it was noticed."""
+        """Inject a fault from `t_from_s` to `t_until_s`, and check that it was detected."""
         kind.set_up(self, t_from_s, t_until_s, rng)
         before: list[float] = []
         at = self.simulation.at
@@ -46,12 +59,12 @@ class Watch:
 
         def look(_: int) -> None:
             if not kind.trace(self.simulation) > before[0]:
-                self.unaccounted.append(f"{kind.name} from {t_from_s:.3f} to {t_until_s:.3f} s: nobody noticed.")
+                self.undetected.append(f"{kind.name} from {t_from_s:.3f} to {t_until_s:.3f} s: not detected.")
 
         at((t_until_s - JUST_BEFORE_S) if kind.shows_meanwhile else t_until_s + recovery_s - JUST_BEFORE_S, look)
 
     def between(self, stream: str, t_from_s: float, t_until_s: float, way: Way) -> None:
-        """What passes on "board", "host" or "report" meanwhile goes this way."""
+        """Pass data on "board", "host" or "report" through `way` in this time."""
         self._windows[stream].append((_instant_ns(t_from_s), _instant_ns(t_until_s), way))
 
     def _way(self, stream: str) -> Way:
@@ -64,10 +77,7 @@ class Watch:
         return way
 
     def _to_board(self, t_ns: int, data: bytes) -> Iterable[tuple[int, bytes]]:
-        for message in self._splitter.feed(data):
-            if message[0] == protocol.MSG_REFERENCE:
-                self.frames += 1
-                self.peak_um = max(self.peak_um, reference_peak_um(message))
+        self.references.feed(data)
         return self._way("board")(t_ns, data)
 
 
@@ -76,8 +86,8 @@ Trace = Callable[[FaultySimulation], float]
 
 
 class Kind(NamedTuple):
-    """A kind of fault. `trace` is a figure that grows where it was noticed: by its end, where it `shows_meanwhile`,
-    else after it. `quiet_within_ms` is None where the plate need not fall quiet."""
+    """A kind of fault. `trace` is a counter that grows on detection: by the end of the fault if it `shows_meanwhile`,
+    else after it. `quiet_within_ms` is None where the plate need not become quiet."""
 
     name: str
     lasts_s: tuple[float, float]
@@ -92,7 +102,7 @@ def _instant_ns(t_s: float) -> int:
 
 
 def reference_peak_um(reference: bytes) -> float:
-    """The largest modal amplitude of a REFERENCE: seq u16, t_apply u32, knots u8, modes u8, then the knots."""
+    """Return the largest modal amplitude of a REFERENCE: seq u16, t_apply u32, knots u8, modes u8, then the knots."""
     knots, modes = reference[7], reference[8]
     knot = struct.Struct(f"<H{2 * modes}f")
     peak_um = 0.0
@@ -101,11 +111,11 @@ def reference_peak_um(reference: bytes) -> float:
     return peak_um
 
 
-# --- what is done ---
+# --- injection ---
 
 
 def _act(begin: str, end: str) -> SetUp:
-    """Two acts of the simulation, at the fault's beginning and its end."""
+    """Call two methods of the simulation, at the fault's beginning and end."""
 
     def set_up(watch: Watch, t_from_s: float, t_until_s: float, _: np.random.Generator) -> None:
         watch.simulation.at(t_from_s, getattr(watch.simulation, begin))
@@ -135,14 +145,14 @@ def _reset(watch: Watch, t_from_s: float, _until_s: float, _: np.random.Generato
 
 
 def _garbage(watch: Watch, t_from_s: float, t_until_s: float, rng: np.random.Generator) -> None:
-    """From both ends, beside what is said."""
+    """Random bytes from both ends, between the frames."""
     noise = [rng.bytes(int(rng.integers(1, 200))) + b"\0" for _ in range(8)]
     for stream in ("board", "host"):
         watch.between(stream, t_from_s, t_until_s, lambda t_ns, data: [(t_ns, noise[t_ns % 8]), (t_ns, data)])
 
 
 def _hostile(watch: Watch, t_from_s: float, t_until_s: float, rng: np.random.Generator) -> None:
-    """Messages of a client that means harm, or does not know better."""
+    """Random bytes as messages of a client."""
     for t_s in rng.uniform(t_from_s, t_until_s - 2 * JUST_BEFORE_S, 20):
         payload = rng.bytes(int(rng.integers(0, 300)))
         watch.simulation.at(float(t_s), lambda t_ns, payload=payload: _send(watch, payload, t_ns))  # type: ignore[misc]
@@ -152,7 +162,7 @@ def _send(watch: Watch, payload: bytes, t_ns: int) -> None:
     watch.simulation.machine.targets(payload, t_ns, "uid 65534")
 
 
-# --- what must tell of it ---
+# --- detection ---
 
 
 def _is_idle(simulation: FaultySimulation) -> float:
@@ -163,7 +173,7 @@ def _has_no_fingers(simulation: FaultySimulation) -> float:
     return float(not simulation.machine.pipeline.fingers)
 
 
-def _holds_nothing(simulation: FaultySimulation) -> float:
+def _has_no_targets(simulation: FaultySimulation) -> float:
     return float(simulation.machine.scene.next_expiry_ns is None)
 
 
@@ -181,7 +191,7 @@ def _trips(simulation: FaultySimulation) -> float:
 
 
 def _damaged(simulation: FaultySimulation) -> float:
-    """Frames that either end dropped."""
+    """Frames that either end dropped as damaged."""
     status = simulation.machine.session.status
     return sum(simulation.machine.board.dropped.values()) + (0.0 if status is None else status.bad_frames)
 
@@ -195,7 +205,7 @@ def _refused(simulation: FaultySimulation) -> float:
 
 
 _SHORT_S = (0.15, 0.6)
-_DEADMAN_MS = 90.0  # the last frame's way, 50 ms, the ramp, and the ring-down from as much as the limits allow
+_DEADMAN_MS = 90.0  # the last frame's link delay, 50 ms, the ramp, and the ring-down from the limit
 
 KINDS = (
     Kind("trackpad unplugged", _SHORT_S, 20.0, _act("pull_trackpad", "plug_trackpad"), _is_idle),
@@ -206,7 +216,7 @@ KINDS = (
     Kind("board mute", (1.25, 1.4), 1120.0, _cut("host"), _has_no_board),
     Kind("board silent both ways", _SHORT_S, _DEADMAN_MS, _cut("board", "host"), _trips, shows_meanwhile=False),
     Kind("daemon stopped", _SHORT_S, _DEADMAN_MS, _act("stop_daemon", "resume_daemon"), _trips, shows_meanwhile=False),
-    Kind("client stopped", (0.7, 0.8), 540.0, _act("stop_client", "resume_client"), _holds_nothing),
+    Kind("client stopped", (0.7, 0.8), 540.0, _act("stop_client", "resume_client"), _has_no_targets),
     Kind("a third of all frames lost", _SHORT_S, None, _bad_line(LineFaults(lost=0.3)), _unanswered, False),
     Kind("a third of all frames damaged", _SHORT_S, None, _bad_line(LineFaults(corrupted=0.3)), _damaged, False),
     Kind("a third of all frames cut short", _SHORT_S, None, _bad_line(LineFaults(truncated=0.3)), _damaged, False),

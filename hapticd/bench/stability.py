@@ -28,7 +28,6 @@ from ..wire.board_messages import FRAME_MAX
 from ..wire.device import encode_reference
 from ..wire.framing import FrameSplitter
 from ..wire.protocol import REFERENCE
-from . import stability_modes, stability_prediction
 from .hard_problems import SITUATIONS, Problem, row_tuples
 from .modes import W_LIMIT_UM
 from .tables import Table, finite_rows
@@ -48,39 +47,8 @@ NOTHING_UM = 1e-12  # drifts below are rounding
 
 
 def run(*, problems: int = 200, steps: int = STEPS) -> tuple[Table, ...]:
-    """The situations, `problems` of each, the long walk, and what modes and prediction say of theirs."""
-    return situations(problems), walk(steps), mode_digits(), prediction_digits()
-
-
-def mode_digits() -> Table:
-    """The modes' correct digits, and positions that no finger has."""
-    rows = stability_modes.rows()
-    return Table(
-        name="mode_digits",
-        title="stability: mode shapes, worst of all points",
-        default=rows[0][0],
-        rows=finite_rows(rows),
-        compared=(),
-        skipped={} if optional("mpmath") else {"modes' digits": "mpmath is not installed"},
-        notes=("digits: correct decimals against 50 digits; 17 where nothing shows",),
-    )
-
-
-def prediction_digits() -> Table:
-    """Prediction: origins of time, intervals that no pad keeps, a long run, and the gains' correct digits."""
-    rows, skipped = stability_prediction.run()
-    return Table(
-        name="prediction_digits",
-        title="stability: prediction, worst of all predictors",
-        default=rows[0][0],
-        rows=finite_rows(rows),
-        compared=(),
-        skipped=skipped,
-        notes=(
-            "changed: predictions that differ in any bit when time starts elsewhere; thrown: by one awkward sample",
-            "digits: correct decimals of a gain against 50 digits; off steady: from the solved Riccati equation",
-        ),
-    )
+    """The situations, `problems` of each, and the long walk."""
+    return situations(problems), walk(steps)
 
 
 # --- situations -----------------------------------------------------------------------------------------------------

@@ -1,9 +1,8 @@
-"""Who notes when the machine itself stands still: `python -m hapticd.bench.stall_monitor PROCESSOR PRIORITY`.
+"""Stall monitor of one processor: `python -m hapticd.bench.stall_monitor PROCESSOR PRIORITY`.
 
-It sleeps for 5 ms again and again, ahead of everybody else on its processor (SCHED_FIFO at PRIORITY, where that is
-granted). What keeps it asleep is no other program but the hypervisor or the kernel, and no priority helps against that.
-Each line on standard input is answered with the longest time, in ms, by which one waking came too late after the one
-before it, since the last such line.
+Sleeps for 5 ms at a time with SCHED_FIFO at PRIORITY, where that is granted: then only the hypervisor or the kernel
+can delay it, as they delay the service. For each line on standard input it prints the longest delay in ms between two
+wake-ups since the last such line.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ SLEEP_S = 0.005
 
 
 def main(processor: int, priority: int) -> None:
-    """Watch until standard input ends."""
+    """Monitor until standard input ends."""
     with contextlib.suppress(OSError):
         os.sched_setaffinity(0, {processor})
     with contextlib.suppress(OSError):
@@ -26,10 +25,10 @@ def main(processor: int, priority: int) -> None:
     late_s, t_woke_s = 0.0, time.monotonic()
     print("ready", flush=True)
     while True:
-        asked, _, _ = select.select([sys.stdin], [], [], SLEEP_S)
-        t_asleep_s, t_woke_s = t_woke_s, time.monotonic()  # from waking to waking: no instant is outside
-        late_s = max(late_s, t_woke_s - t_asleep_s - SLEEP_S)  # asked or not: the question may come while all stands
-        if not asked:
+        requested, _, _ = select.select([sys.stdin], [], [], SLEEP_S)
+        t_last_s, t_woke_s = t_woke_s, time.monotonic()  # from wake-up to wake-up, so that no instant is missed
+        late_s = max(late_s, t_woke_s - t_last_s - SLEEP_S)  # also with a request, which may arrive in a stall
+        if not requested:
             continue
         if not sys.stdin.readline():
             return

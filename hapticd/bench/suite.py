@@ -1,4 +1,4 @@
-"""`hapticd bench`: which parts there are, how they are run, and where their figures go."""
+"""Parts of `hapticd bench`, and where their figures go: tables, JSON, a picture."""
 
 from __future__ import annotations
 
@@ -16,15 +16,10 @@ from .. import __version__
 from ..errors import UsageError
 from ..files.outputs import check_writable, write_text
 from . import (
-    carrier,
     firmware,
-    knots,
     leak,
-    leak_share,
+    leak_budget,
     modes,
-    modes_contact,
-    modes_fit,
-    modes_scale,
     prediction,
     singular,
     soak,
@@ -36,17 +31,14 @@ from . import (
     stability,
     tick,
 )
-from . import (
-    leak_budget as remains,
-)
 from .tables import Table, plain, render
 
 __all__ = ["PARTS", "run"]
 
 
 class Extent(NamedTuple):
-    """How long the parts take that can be told: seconds of paced passes, steps of the long walk, a soak's virtual hours
-    or real seconds."""
+    """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours or real
+    seconds of the soak."""
 
     seconds: float
     steps: int
@@ -59,26 +51,18 @@ Part = Callable[[Extent], tuple[Table, ...]]
 MOST_STEPS = 1_000_000_000  # half an hour
 
 PARTS: dict[str, Part] = {
-    "modes": lambda _: (modes.run(), modes_fit.run(), modes_contact.run(), modes_scale.run()),
+    "modes": lambda _: (modes.run(),),
     "prediction": lambda _: prediction.run(),
     "solver": lambda _: (solver.run(), *solver_tracks.run(), solver_contacts.run(), solver_sizes.run()),
-    "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (
-        leak.run(),
-        leak_share.run(),
-        leak.both_slip(),
-        singular.run(),
-        leak.contact(),
-        remains.run(),
-    ),
-    "firmware": lambda _: (*firmware.run(), *carrier.run()),
+    "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak.contact(), leak_budget.run()),
+    "firmware": lambda _: firmware.run(),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
     ),
 }
-APART = ("soak",)  # it compares nothing and takes minutes: not one of `all`
+APART = ("soak",)  # not part of `all`: it compares nothing and takes minutes
 
 
 def run(
@@ -91,7 +75,7 @@ def run(
     hours: float = 1.0,
     real_time_s: float | None = None,
 ) -> None:
-    """Run a part, or `all`: tables as they are found, then JSON and the picture where they are asked for.
+    """Run a part, or `all`: print each table, then write JSON and the picture if requested.
 
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
     """
@@ -101,24 +85,27 @@ def run(
         raise UsageError(f"--steps: {steps} is out of bounds, it must be 0 .. {MOST_STEPS}.")
     check_writable(json_file, plot)
     out = sys.stderr if json_file == "-" else sys.stdout
-    told: dict[str, dict[str, Any]] = {}
+    figures: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
     for name, tables in _results(part, Extent(seconds, steps, hours, real_time_s)):
-        told[name] = {table.name: plain(table) for table in tables}
+        figures[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)
     if json_file is not None:
-        write_text(json.dumps({"machine": _machine(), "parts": told}, indent=2, allow_nan=False) + "\n", json_file)
+        write_text(json.dumps({"machine": _machine(), "parts": figures}, indent=2, allow_nan=False) + "\n", json_file)
+    drawn = [table for table in found if _is_drawn(table)]
+    if plot is not None and not drawn:
+        raise UsageError(f"--plot: {part} has no table of error over run time; leave the option out.")
     if plot is not None:
         from .plot import draw
 
-        draw([table for table in found if _is_drawn(table)], plot)
+        draw(drawn, plot)
         print(f"picture: {plot}", file=out)
 
 
 def _is_drawn(table: Table) -> bool:
-    """A picture shows error over time, a line over something, or the times of passes; other tables are for reading."""
-    return bool(table.time or table.across or "hot_us" in table.compared)
+    """A picture shows error over run time, or the run times of passes."""
+    return bool(table.time or "hot_us" in table.compared)
 
 
 def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
@@ -133,7 +120,7 @@ def _print(tables: tuple[Table, ...], out: TextIO) -> None:
 
 
 def _machine() -> dict[str, str | int]:
-    """Where the times were taken: they compare within a run, not between machines."""
+    """The machine that the times belong to: they compare within a run, not between machines."""
     return {
         "hapticd": __version__,
         "python": platform.python_version(),

@@ -1,7 +1,7 @@
-"""What a benchmark found: rows of figures with their units, ratios to the default, for a person and as JSON.
+"""Results of a benchmark: rows of figures, ratios to the default, as text and as JSON.
 
 Every figure's name ends in its unit (`time_us`, `leak_um_per_um`, `limits_broken_count`), and a ratio's in `_ratio`.
-Only finite numbers are kept: an alternative that has no such figure has no such key.
+Only finite numbers are kept: an alternative without a figure lacks its key.
 """
 
 from __future__ import annotations
@@ -41,9 +41,8 @@ class Row:
 class Table:
     """Alternatives compared in one run.
 
-    `compared` names the figures whose ratios to the row `default` are told. A picture sets the figure
-    `error` over `time`; or draws it as lines over `across`, rows named "line, where"; or, without either, as a bar for
-    each row. Error figures below `floor` count as nothing. `skipped` says why an alternative is missing.
+    `compared` names the figures whose ratios to the row `default` are given. A picture shows the figure `error` over
+    `time`; error figures below `floor` count as zero. `skipped` has the reason for each missing alternative.
     """
 
     name: str
@@ -53,51 +52,50 @@ class Table:
     compared: tuple[str, ...]
     time: str = ""
     error: str = ""
-    across: str = ""
     floor: float = 0.0
     skipped: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def row(self, name: str) -> Row:
-        """The alternative of this name; KeyError where there is none."""
+        """Return the row of this name; KeyError if there is none."""
         for row in self.rows:
             if row.name == name:
                 return row
         raise KeyError(name)
 
     def columns(self) -> list[str]:
-        """All figures' names, in the order in which the rows first have them."""
+        """Return the names of all figures, in the order of their first appearance."""
         return list(dict.fromkeys(name for row in self.rows for name in row.figures))
 
     def ratios(self, row: Row) -> dict[str, float]:
-        """The compared figures over the default's, where both mean something."""
+        """Return the compared figures over the default's, where both are positive numbers."""
         base = self.row(self.default).figures
-        told: dict[str, float] = {}
+        ratios: dict[str, float] = {}
         for name in self.compared:
             value, reference = row.figures.get(name, math.nan), base.get(name, math.nan)
             least = self.floor if name == self.error else 0.0
             if value >= least and reference > least:  # False for NaN
-                told[ratio_name(name)] = value / reference
-        return told
+                ratios[ratio_name(name)] = value / reference
+        return ratios
 
 
 def unit(name: str) -> str:
-    """The unit that a figure's name ends in."""
+    """Return the unit at the end of a figure's name."""
     return next((text for suffix, text in UNITS.items() if name.endswith(suffix)), "")
 
 
 def stem(name: str) -> str:
-    """A figure's name without its unit."""
+    """Return a figure's name without its unit."""
     return next((name.removesuffix(suffix) for suffix in UNITS if name.endswith(suffix)), name)
 
 
 def ratio_name(name: str) -> str:
-    """What the ratio of a figure to the default's is called."""
+    """Return the name of the ratio of a figure to the default's."""
     return f"{stem(name)}_ratio"
 
 
 def plain(table: Table) -> dict[str, Any]:
-    """The table for JSON: finite numbers and texts only."""
+    """Return the table for JSON: finite numbers and strings only."""
     return {
         "title": table.title,
         "default": table.default,
@@ -107,7 +105,7 @@ def plain(table: Table) -> dict[str, Any]:
 
 
 def render(table: Table) -> str:
-    """The table for a person: figures with the ratio to the default's beside those that are compared."""
+    """Return the table as text; compared figures carry their ratio to the default's."""
     columns = [_Column(table, name) for name in table.columns() if not stem(name).endswith(SPREAD)]
     name_width = max(_NAME_WIDTH, *(len(row.name) + 2 for row in table.rows))
     lines = [table.title]
@@ -120,13 +118,13 @@ def render(table: Table) -> str:
         mark = "* " if row.name == table.default else "  "
         cells = [column.cell(row).rjust(column.width) for column in columns]
         lines.append((mark + row.name).ljust(name_width) + "".join(_GAP + cell for cell in cells))
-    lines += [f"  {name}: left out, {why}" for name, why in table.skipped.items()]
+    lines += [f"  {name}: skipped, {why}" for name, why in table.skipped.items()]
     lines += [f"  {note}" for note in table.notes]
     return "\n".join(line.rstrip() for line in lines)
 
 
 class _Column:
-    """One printed column: a figure, its spread where there is one, and its ratio where it is compared."""
+    """One printed column: a figure, with its spread and ratio if it has them."""
 
     def __init__(self, table: Table, name: str) -> None:
         self._table, self._name = table, name
@@ -158,7 +156,7 @@ class _Column:
 
 
 def number(value: float) -> str:
-    """Three significant digits, without an exponent where a person can do without."""
+    """Format with three significant digits, without an exponent down to 1e-6."""
     if value == 0.0:
         return "0"
     digits = 2 - int(f"{value:.2e}".partition("e")[2])
@@ -168,7 +166,7 @@ def number(value: float) -> str:
 
 
 def finite_rows(rows: Sequence[tuple[str, Mapping[str, float]]]) -> tuple[Row, ...]:
-    """Rows of their finite figures, as plain floats."""
+    """Return rows with their finite figures as plain floats."""
     return tuple(Row(name, _finite(figures)) for name, figures in rows)
 
 

@@ -1,8 +1,7 @@
-"""Run times that can be compared: alternatives take turns, and each one's least time counts.
+"""Comparable run times: alternatives take turns, and the least time of each counts.
 
-Whatever else a machine does only ever adds time, so the least of several repeats is the nearest to what the code
-itself takes; the spread (greatest less least) tells how much was added. Alternatives take turns within each repeat, so
-that a busy second falls on all of them.
+Other load only ever adds time, so the least of several repeats is nearest to the time of the code itself; the spread
+(greatest less least) shows how much was added. Alternatives take turns within each repeat, so that load hits all alike.
 """
 
 from __future__ import annotations
@@ -19,18 +18,18 @@ REPEATS = 7
 
 
 class Timing(NamedTuple):
-    """The least time of one call, and by how much the worst repeat took longer."""
+    """The least time of one call, and the greatest less that."""
 
     best_us: float
     spread_us: float
 
     def figures(self, name: str = "time") -> dict[str, float]:
-        """As figures of a row."""
+        """Return both as figures of a row."""
         return {f"{name}_us": self.best_us, f"{name}_spread_us": self.spread_us}
 
 
 def compare(runs: Mapping[str, tuple[Callable[[], object], int]], repeats: int = REPEATS) -> dict[str, Timing]:
-    """Time alternatives: each is a call and the number of operations that it makes; times are per operation."""
+    """Time alternatives: a call and the number of its operations each; times are per operation."""
     taken_us: dict[str, list[float]] = {name: [] for name in runs}
     with no_garbage_collection():
         for _ in range(repeats):
@@ -42,19 +41,19 @@ def compare(runs: Mapping[str, tuple[Callable[[], object], int]], repeats: int =
 
 
 def least(times_us: list[float]) -> Timing:
-    """What repeats of the same work say."""
+    """Return the timing of repeats of the same work."""
     return Timing(min(times_us), max(times_us) - min(times_us))
 
 
 def least_by_pass(repeats_us: Sequence[Sequence[float]]) -> Timing:
-    """The mean time of passes of which each was made once in every repeat: of each its least time counts."""
+    """Return the mean over all passes of each pass's least time; each repeat has every pass once."""
     best_us = statistics.fmean(min(times_us) for times_us in zip(*repeats_us, strict=True))
     return Timing(best_us, max(statistics.fmean(times_us) for times_us in repeats_us) - best_us)
 
 
 @contextlib.contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """A collection in the middle of one alternative would be counted as its own."""
+    """Disable garbage collection: it would count as run time of one alternative."""
     was_enabled = gc.isenabled()
     gc.collect()
     gc.disable()
@@ -66,7 +65,7 @@ def no_garbage_collection() -> Iterator[None]:
 
 
 def optional(module: str) -> Any | None:
-    """An outside reference that the comparison can do without: the module, or None where it is not installed."""
+    """Return the module of an optional library, or None where it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError:

@@ -1,27 +1,29 @@
-"""`hapticd bench`."""
+"""The command `hapticd bench`."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-PARTS = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "soak", "all")
+PARTS = ("modes", "prediction", "solver", "stability", "tick", "leak", "firmware", "soak", "all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which part, and what is written."""
+    """Add the arguments of `hapticd bench`."""
     parser.add_argument("part", nargs="?", choices=PARTS, default="all", metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
-    parser.add_argument("--steps", type=int, default=10_000_000, help="of stability's long walk (default 10000000)")
-    parser.add_argument("--hours", type=float, default=1.0, help="of soak's virtual time (default 1); not in all")
+    parser.add_argument("--seconds", type=float, default=2.0, help="tick: length of a paced measurement (default 2)")
+    parser.add_argument(
+        "--steps", type=int, default=10_000_000, help="stability: length of the walk (default 10000000)"
+    )
+    parser.add_argument("--hours", type=float, default=1.0, help="soak: virtual time (default 1); not part of all")
     parser.add_argument(
         "--real-time",
         type=float,
         metavar="SECONDS",
-        help="soak the service itself, beside hogs and floods, so long each",
+        help="soak: run the service in real time, alone, beside CPU hogs and under a flood of messages, each so long",
     )
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw error against run time")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="plot error against run time")
     parser.set_defaults(command=_bench)
 
 

@@ -1,4 +1,4 @@
-"""`hapticd bench` on the command line: where tables, JSON and the picture go, and what it refuses."""
+"""`hapticd bench` on the command line: tables, JSON, the picture, and refused arguments."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import firmware, solver, stability, suite
+from hapticd.bench import firmware, solver, suite
+from hapticd.bench.tables import Row, Table
 from hapticd.errors import HapticdError
+from hapticd.tools.bench import PARTS
 
 
 @pytest.fixture
@@ -17,37 +19,25 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two parts of tiny sizes in place of all."""
     parts = {
         "solver": lambda _: (solver.run(problems=20, repeats=1, timed=2),),
-        "firmware": lambda _: firmware.run(
-            frequencies_hz=(5.0,), speeds_mm_s=(100.0,), qualities=(500.0,), repeats=1, ticks=5
-        ),
+        "firmware": lambda _: firmware.run(repeats=1, ticks=5),
     }
     monkeypatch.setattr(suite, "PARTS", parts)
 
 
 def test_the_command_knows_every_part() -> None:
-    assert list(suite.PARTS) == [
-        "modes",
-        "prediction",
-        "solver",
-        "knots",
-        "stability",
-        "tick",
-        "leak",
-        "firmware",
-        "soak",
-    ]
+    assert (*suite.PARTS, "all") == PARTS
 
 
 @pytest.mark.usefixtures("quick")
-def test_all_parts_are_told_as_tables_json_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_parts_give_tables_json_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figures, picture = tmp_path / "bench.json", tmp_path / "bench.png"
     assert main(["bench", "all", "--json", str(figures), "--plot", str(picture)]) == 0
-    told = json.loads(figures.read_text(encoding="utf-8"))
-    assert {part: list(tables) for part, tables in told["parts"].items()} == {
+    written = json.loads(figures.read_text(encoding="utf-8"))
+    assert {part: list(tables) for part, tables in written["parts"].items()} == {
         "solver": ["solver"],
-        "firmware": ["step", "corners", "tracking", "strokes"],
+        "firmware": ["step", "tracking"],
     }
-    assert told["machine"]["cpu_count"] >= 1
+    assert written["machine"]["cpu_count"] >= 1
     assert picture.read_bytes().startswith(b"\x89PNG")
     out = capsys.readouterr().out
     assert "solve_fast" in out
@@ -55,15 +45,19 @@ def test_all_parts_are_told_as_tables_json_and_a_picture(tmp_path: Path, capsys:
     assert str(picture) in out
 
 
-def test_a_picture_leaves_out_the_tables_that_are_for_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(suite.PARTS, "stability", lambda extent: stability.run(problems=1, steps=extent.steps))
-    picture = tmp_path / "bench.png"
-    assert main(["bench", "stability", "--steps", "100", "--plot", str(picture)]) == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
+@pytest.mark.usefixtures("quick")
+def test_a_picture_of_tables_without_run_times_is_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = Table("counts", "counts", "all", (Row("all", {"faults_count": 1.0}),), ())
+    monkeypatch.setitem(suite.PARTS, "soak", lambda _: (table,))
+    assert main(["bench", "soak", "--plot", str(tmp_path / "bench.png")]) == 2
+    assert "soak has no table of error over run time" in capsys.readouterr().err
+    assert not (tmp_path / "bench.png").exists()
 
 
 @pytest.mark.usefixtures("quick")
-def test_json_on_standard_output_stands_there_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_on_standard_output_is_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "firmware", "--json", "-"]) == 0
     streams = capsys.readouterr()
     assert list(json.loads(streams.out)["parts"]) == ["firmware"]
@@ -75,7 +69,7 @@ def test_json_on_standard_output_stands_there_alone(capsys: pytest.CaptureFixtur
     "arguments",
     [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"], ["--steps", "-1"]],
 )
-def test_what_cannot_be_done_is_one_sentence_before_anything_runs(
+def test_a_wrong_argument_is_one_sentence_before_anything_runs(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""The soak in short, and that it would see what it is there to see."""
+"""The soak in short, and that it reports faults that are missed, motion that goes on and resources that grow."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def findings() -> Findings:
     return found
 
 
-def test_half_a_minute_of_faults_leaves_nothing_to_say(findings: Findings) -> None:
-    assert findings.wrong == []
+def test_half_a_minute_of_faults_has_no_failure(findings: Findings) -> None:
+    assert findings.failures == []
     assert findings.faults.total() >= len(KINDS)  # each kind at least once
     assert set(findings.faults) == {kind.name for kind in KINDS}
     assert findings.frames > 1000
@@ -36,7 +36,7 @@ def test_an_hour_has_two_thousand_faults() -> None:
     assert sum(drawn) >= 2000
 
 
-def test_a_fault_that_nobody_notices_and_a_plate_that_moves_on_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_undetected_fault_and_a_plate_that_still_moves_are_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = Kind("nothing", (0.3, 0.4), 5.0, lambda *_: None, lambda _: 0.0)
     monkeypatch.setattr(soak, "KINDS", (nothing,))
     monkeypatch.setattr(soak, "RUN_S", 4.0)
@@ -44,17 +44,17 @@ def test_a_fault_that_nobody_notices_and_a_plate_that_moves_on_are_told(monkeypa
     monkeypatch.setattr(soak, "AT_REST_S", 3.4)
     found = Findings()
     soak.play(found, 1)
-    assert any("nobody noticed" in sentence for sentence in found.wrong)
-    assert any("the plate still moved after 3" in sentence for sentence in found.wrong)
+    assert any("not detected" in sentence for sentence in found.failures)
+    assert any("the plate still moved after 3" in sentence for sentence in found.failures)
 
 
-def test_the_largest_amplitude_of_every_frame_is_seen() -> None:
+def test_the_largest_amplitude_of_every_frame_counts() -> None:
     watch = Watch(FaultySimulation((), Settings(), 1))
     drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
     frame = device.encode_reference(1, drive, 1000)
     assert list(watch._to_board(0, frame)) == [(0, frame)]
-    assert watch.frames == 1
-    assert watch.peak_um == pytest.approx(3.5, rel=1e-6)
+    assert watch.references.frames == 1
+    assert watch.references.peak_um == pytest.approx(3.5, rel=1e-6)
 
 
 def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,18 +63,18 @@ def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
         found.faults["trackpad silent"] += 1
         found.latest_quiet_ms["trackpad silent"] = float(seed % 10)
         if seed == 3_000_002:
-            found.wrong.append("run 3000002: something.")
+            found.failures.append("run 3000002: something.")
 
     monkeypatch.setattr(soak, "play", play)
     monkeypatch.setattr(soak, "_resources", lambda: {"memory_mb": 100.0, "files": 9.0, "threads": 1.0})
     (table,) = soak.run(0.1, seed=1)
     assert dict(table.row("trackpad silent").figures) == {"faults_count": 12.0, "quiet_after_ms": 2.0}
     assert table.row("all").figures["faults_count"] == 12.0
-    with pytest.raises(HapticdError, match=r"soak: 1 things went wrong:\nrun 3000002: something\."):
+    with pytest.raises(HapticdError, match=r"soak: 1 failures:\nrun 3000002: something\."):
         soak.run(0.1, seed=3)
 
 
-def test_a_process_that_grows_is_told() -> None:
+def test_a_process_that_grows_is_a_failure() -> None:
     before = {"memory_mb": 100.0, "files": 9.0, "threads": 1.0}
     assert soak._grown(before, {**before, "memory_mb": 101.0}) == []
     assert soak._grown(before, {**before, "memory_mb": 120.0}) == ["memory_mb grew from 100 to 120."]
@@ -87,5 +87,5 @@ def test_hours_out_of_bounds_are_one_sentence(hours: float) -> None:
         soak.run(hours)
 
 
-def test_the_kinds_have_names_of_their_own() -> None:
+def test_no_two_kinds_have_the_same_name() -> None:
     assert len({kind.name for kind in soak_faults.KINDS}) == len(KINDS)

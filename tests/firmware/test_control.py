@@ -131,7 +131,7 @@ def test_a_reference_out_of_reach_saturates_and_lets_go_again(law: Law) -> None:
 def test_the_default_law_saturates_with_its_phase_kept_and_has_nothing_to_unwind(law: Law) -> None:
     told = saturation_figures(law)
     assert told["phase_deg"] < 0.1
-    assert told["let_go_ms"] <= 1.5
+    assert told["release_ms"] <= 1.5
     assert saturation_figures(PI)["phase_deg"] > 3.0
 
 
@@ -189,7 +189,7 @@ def test_ten_degrees_of_loop_phase_are_borne(law: Law, phase_rad: float) -> None
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("phase_rad", [-2.5, 0.8, math.pi])
 def test_a_calibrated_loop_phase_costs_nothing(law: Law, phase_rad: float) -> None:
-    told = law.respond(Plate(loop_phase_rad=phase_rad, told_phase_rad=phase_rad), 2.0)
+    told = law.respond(Plate(loop_phase_rad=phase_rad, calibrated_phase_rad=phase_rad), 2.0)
     np.testing.assert_allclose(told, law.respond(Plate(), 2.0), rtol=0.0, atol=3e-5)
 
 

@@ -1,4 +1,4 @@
-"""What the chosen parts are compared with: predictors, solver policies and the paper's scheme, as plain Python."""
+"""The alternatives that the chosen parts are measured against: predictors, the paper's scheme, solver policies."""
 
 from .predictors import PREDICTORS, make_predictor
 

@@ -1,6 +1,6 @@
 """The founding paper's control scheme: hold the last position, invert Phi, no sign freedom, one step per report.
 
-Its plain PI loop is the firmware's law "pi". The simulation runs it beside hapticd on the same fingers.
+Its plain PI loop is the firmware's law "pi". The simulation runs it on the same fingers as hapticd.
 """
 
 from __future__ import annotations

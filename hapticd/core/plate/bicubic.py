@@ -1,9 +1,8 @@
-"""Smooth surfaces through a grid: one bicubic polynomial per cell, twice continuously differentiable.
+"""Bicubic spline surfaces through a grid: one polynomial per cell, twice continuously differentiable.
 
-The competitor, B-spline coefficients with weights shared by all surfaces, is built faster and evaluated in twice the
-time (2.9 against 1.2 us for two surfaces in plain Python). Cells may differ in size. Ends are "not-a-knot" (the first
-two and the last two cells of a line share one cubic): natural ends, which force the curvature to zero, err up to ten
-times more at an edge (measured on plate waves at a 2.25 mm step), and an edge is where a free plate moves most.
+Cells may differ in size. Ends are "not-a-knot": the first two and the last two cells of a line share one cubic. Natural
+ends, whose curvature is zero, err up to ten times more at an edge (plate waves, 2.25 mm step), where a free plate moves
+most.
 
 Source: C. de Boor, A Practical Guide to Splines, ch. IV (slopes, not-a-knot) and ch. XVII (tensor products).
 """
@@ -19,14 +18,14 @@ FloatArray = npt.NDArray[np.float64]
 
 COEFFICIENTS = 16  # of one surface in one cell, powers of x fastest
 
-_FILL_STEPS = 500  # far above what scattered gaps need; a gap too wide to converge is still filled smoothly
+_FILL_STEPS = 500  # far more than scattered gaps need; a gap too wide to converge is still filled smoothly
 
 
 class BicubicSurfaces:
     """M surfaces over one rectangular grid, evaluated many points at a time.
 
-    `patches` (cells, M, 16) are the coefficients for who evaluates one point (`Patch`): cells row by row from the
-    lowest y, of each surface the powers y^d x^c, those of x fastest, of the distances to the cell's lower left corner.
+    `patches` (cells, M, 16) are the coefficients for single points (`Patch`): cells row by row from the lowest y; for
+    each surface the powers y^d x^c, x fastest, of the distances to the cell's lower left corner.
     """
 
     __slots__ = ("_by_power", "patches", "x_knots", "y_knots")
@@ -36,15 +35,15 @@ class BicubicSurfaces:
         self.x_knots, self.y_knots = x_knots, y_knots
         along_x = np.einsum("icn,myn->myic", _cell_operator(x_knots), values, optimize=True)
         patches = np.einsum("jdn,mnic->djcim", _cell_operator(y_knots), along_x, optimize=True)
-        # patches is (y^d, rows, x^c, columns, M); what one point needs of it lies together, which is what counts for a
-        # tick on a cold cache. Python floats of their own would take the fourfold memory.
+        # patches is (y^d, rows, x^c, columns, M). The coefficients of one cell are contiguous: a tick reads them with a
+        # cold cache. Python floats would take four times the memory.
         by_cell = np.ascontiguousarray(patches.transpose(1, 3, 4, 0, 2))
         by_cell.setflags(write=False)
         self.patches = by_cell.reshape(-1, values.shape[0], COEFFICIENTS)
         self._by_power = self.patches.reshape(-1, values.shape[0], 4, 4).transpose(2, 3, 0, 1)
 
     def evaluate(self, points: FloatArray) -> FloatArray:
-        """Values (N, M) at `points` (N, 2); points outside are clamped to the edge, NaN gives zeros."""
+        """Return values (N, M) at `points` (N, 2); points outside are clamped to the edge, NaN gives zeros."""
         cell, u, v = self._locate(points)
         value = self._row(3, cell, u)
         for power in (2, 1, 0):
@@ -52,7 +51,7 @@ class BicubicSurfaces:
         return _silence_nan(value, points)
 
     def gradient(self, points: FloatArray) -> FloatArray:
-        """Derivatives (N, M, 2) along x and y of what `evaluate` gives: zero across an edge outside of it."""
+        """Return the derivatives (N, M, 2) of `evaluate` along x and y; outside, those across the edge are zero."""
         cell, u, v = self._locate(points)
         along_x = self._row_slope(3, cell, u)
         for power in (2, 1, 0):
@@ -84,8 +83,10 @@ class BicubicSurfaces:
 
 
 class Patch:
-    """One surface in one cell, for who evaluates one point: its coefficients lie together, and as machine code they
-    are plain doubles. `u`, `v` are the distances to the cell's lower left corner."""
+    """One surface in one cell, for single points: attributes, which are plain doubles as machine code.
+
+    `u`, `v` are the distances to the cell's lower left corner.
+    """
 
     __slots__ = (
         *("_a0", "_a1", "_a2", "_a3", "_b0", "_b1", "_b2", "_b3"),
@@ -99,7 +100,7 @@ class Patch:
         self._d0, self._d1, self._d2, self._d3 = coefficients[12:16]
 
     def value(self, u: float, v: float) -> float:
-        """The surface at one point."""
+        """Return the value at one point."""
         a = ((self._a3 * u + self._a2) * u + self._a1) * u + self._a0
         b = ((self._b3 * u + self._b2) * u + self._b1) * u + self._b0
         c = ((self._c3 * u + self._c2) * u + self._c1) * u + self._c0
@@ -107,7 +108,7 @@ class Patch:
         return ((d * v + c) * v + b) * v + a
 
     def slope(self, u: float, v: float) -> tuple[float, float, float]:
-        """The surface and its derivatives along x and y."""
+        """Return the value and the derivatives along x and y."""
         a1, a2, a3 = self._a1, self._a2, self._a3
         b1, b2, b3 = self._b1, self._b2, self._b3
         c1, c2, c3 = self._c1, self._c2, self._c3
@@ -120,11 +121,11 @@ class Patch:
 
 
 def fill_gaps(x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> FloatArray:
-    """`values` (M, ny, nx) with every NaN replaced so that the surface bends as evenly as it can.
+    """Return `values` (M, ny, nx) with every NaN replaced by the smoothest interpolation.
 
-    What is least is the sum of the squared fourth differences along both axes (by conjugate gradients). At 6 points
-    per wavelength a lost point inside the map comes back within 1 % of the peak RMS, one on its border within 6 %.
-    Meant for a few lost points: `design.fit_cartography` uses the whole map instead.
+    Minimises the sum of the squared fourth differences along both axes (conjugate gradients). At 6 points per
+    wavelength the error of a lost point is 1 % of the peak RMS inside the map, 6 % on its border. Meant for a few lost
+    points: `design.fit_cartography` uses the whole map instead.
     """
     rough_x, rough_y = _roughness(x_knots), _roughness(y_knots)
     return np.stack([_fill_surface(surface, rough_x, rough_y) for surface in values])
@@ -196,6 +197,6 @@ def _outside(coordinate: FloatArray, knots: FloatArray) -> npt.NDArray[np.bool_]
 
 
 def _silence_nan(values: FloatArray, points: FloatArray) -> FloatArray:
-    """Zero wherever a coordinate is NaN: nobody knows where that is, and silence is the safe answer."""
+    """Set values to zero where a coordinate is NaN: no amplitude is the safe answer for an unknown position."""
     values[np.isnan(points).any(axis=1)] = 0.0
     return values

@@ -1,12 +1,10 @@
-"""Mode shapes as the daemon uses them: from a measured map to the mode matrix Phi at the fingers (paper eq. 1-3).
+"""Mode shapes: from a measured mode map to the mode matrix Phi at the fingers (paper eq. 1-3).
 
-A map is values on a rectangular grid; between its points the shapes are bicubic splines. Two ways in: `at` and
-`at_with_gradient` give one point in plain Python floats, for the tick; `evaluate` and `gradient` take arrays of points.
-Both do the same operations in the same order, so they agree to the last bit. Of the interpolators compared in `hapticd
-bench modes` this is the cheapest whose own error does not show: read from a fitted map the reference plate's still
-finger gets 0.011 um per um at the other, of which 1e-5 is interpolation (bilinear: 5e-3, and a tenth of its slopes).
+A map is values on a rectangular grid; between its points the shapes are bicubic splines. `at` and `at_with_gradient`
+evaluate one point in plain Python floats, for the tick; `evaluate` and `gradient` take arrays of points. Both do the
+same operations in the same order and agree to the last bit. README.md compares interpolators.
 
-Outside the map the shapes are those of the nearest edge point, and `inside` says so; a NaN position gives zeros.
+Outside the map the shapes are those of the nearest edge point, which `inside` reports; a NaN position gives zeros.
 """
 
 from __future__ import annotations
@@ -61,9 +59,8 @@ class ModeShapes:
     def from_grid(cls, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> ModeShapes:
         """Interpolate `shapes` (M, ny, nx) over increasing axes `x_mm` (nx,), `y_mm` (ny,), at least 4 points each.
 
-        The values are kept as they are: neither smoothed nor scaled, which is the work of `design.fit_cartography`.
-        Up to a quarter of a mode's points may be NaN; they are filled as smoothly as their neighbours allow.
-        Raises ModesError when this is not a map.
+        The values are kept as they are; `design.fit_cartography` smooths and scales. Up to a quarter of a mode's points
+        may be NaN; they are interpolated (`fill_gaps`). Raises ModesError for an invalid map.
         """
         return cls(x_mm, y_mm, shapes)
 
@@ -86,12 +83,12 @@ class ModeShapes:
             raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
 
     def at(self, x_mm: float, y_mm: float) -> Row:
-        """All M shapes at one point: the tick's way, plain floats only. Clamped outside; zeros for NaN."""
+        """Return all M shapes at one point as floats; clamped outside, zeros for NaN."""
         cell, u, v = self._located(x_mm, y_mm)
         return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
 
     def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
-        """Of all M shapes at one point (phi, dphi/dx, dphi/dy), in 1 and 1/mm: `at` and `gradient` in one pass."""
+        """Return (phi, dphi/dx, dphi/dy) of all M shapes at one point, in 1 and 1/mm: `at` and `gradient` in one."""
         if not self._is_on_map(x_mm, y_mm):
             return self._beyond_with_gradient(x_mm, y_mm)
         cell, u, v = self._located(x_mm, y_mm)
@@ -103,7 +100,7 @@ class ModeShapes:
         return x_knots[0] <= x_mm <= x_knots[-1] and y_knots[0] <= y_mm <= y_knots[-1]
 
     def _located(self, x_mm: float, y_mm: float) -> tuple[int, float, float]:
-        """The cell of the nearest point on the map, and the distances to its lower left corner; cell -1 for NaN."""
+        """Cell of the nearest point on the map, and distances to its lower left corner; cell -1 for NaN."""
         x_knots, y_knots = self._x_knots, self._y_knots
         if not self._is_on_map(x_mm, y_mm):
             if x_mm != x_mm or y_mm != y_mm:
@@ -115,14 +112,14 @@ class ModeShapes:
         return row * self._columns + column, x_mm - x_knots[column], y_mm - y_knots[row]
 
     def _patches(self, cell: int) -> tuple[Patch, ...]:
-        """The cell's surfaces, made when a finger first comes there."""
+        """The cell's surfaces, built on first use."""
         patches = self._cells[cell]
         if patches is None:
             patches = self._cells[cell] = tuple([Patch(row) for row in self._surfaces.patches[cell].tolist()])
         return patches
 
     def _beyond_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
-        """Outside the map: the edge's shapes, which do not change across it."""
+        """Outside the map: the shapes of the edge, with zero slope across it."""
         if x_mm != x_mm or y_mm != y_mm:
             return ((0.0, 0.0, 0.0),) * self.M
         edge_x_mm = min(max(x_mm, self._x_knots[0]), self._x_knots[-1])
@@ -132,14 +129,14 @@ class ModeShapes:
         return tuple([(phi, dx if is_on_x else 0.0, dy if is_on_y else 0.0) for phi, dx, dy in slopes])
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """The mode matrix (N, M) at `points_mm` (N, 2). Raises ValueError for any other form."""
+        """Return the mode matrix (N, M) at `points_mm` (N, 2). Raises ValueError for another shape."""
         points = _points(points_mm)
         if len(points) <= _FEW_POINTS:
             return np.array([self.at(x_mm, y_mm) for x_mm, y_mm in points.tolist()], float).reshape(-1, self.M)
         return self._surfaces.evaluate(points)
 
     def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """d(evaluate)/dx and /dy, (N, M, 2) in 1/mm, at `points_mm` (N, 2): outside the map, along its edge only."""
+        """Return d(evaluate)/dx and /dy, (N, M, 2) in 1/mm, at `points_mm` (N, 2); outside, along the edge only."""
         points = _points(points_mm)
         if len(points) <= _FEW_POINTS:
             rows = [self.at_with_gradient(x_mm, y_mm) for x_mm, y_mm in points.tolist()]
@@ -147,19 +144,21 @@ class ModeShapes:
         return self._surfaces.gradient(points)
 
     def steepest_1_mm(self) -> float:
-        """The greatest slope of any mode, in 1/mm, seen at the map's points and halfway between them; looked for once,
-        for that takes 50 ms."""
+        """Return the greatest slope of any mode, in 1/mm, at the map's points and halfway between them.
+
+        Computed once, because it takes 50 ms.
+        """
         if self._steepest_1_mm is None:
-            self._steepest_1_mm = self._found_steepest_1_mm()
+            self._steepest_1_mm = self._measured_steepest_1_mm()
         return self._steepest_1_mm
 
-    def _found_steepest_1_mm(self) -> float:
+    def _measured_steepest_1_mm(self) -> float:
         x, y = (np.sort(np.concatenate((knots, (knots[1:] + knots[:-1]) / 2.0))) for knots in (self.x_mm, self.y_mm))
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return float(np.hypot(*np.moveaxis(self._surfaces.gradient(points), -1, 0)).max())
 
     def inside(self, points_mm: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether each of `points_mm` (N, 2) lies on the map, edge included (N,): if not, its shapes are clamped."""
+        """Return whether each of `points_mm` (N, 2) lies on the map or its edge; shapes outside are clamped."""
         x, y = _points(points_mm).T
         on_x = (x >= self.x_mm[0]) & (x <= self.x_mm[-1])
         return np.asarray(on_x & (y >= self.y_mm[0]) & (y <= self.y_mm[-1]), np.bool_)
@@ -192,7 +191,7 @@ def _suffix(path: Path) -> str:
 
 
 def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:
-    """Between which knots a position lies that is not outside: on an even grid found at once, on others searched."""
+    """Index of the knot interval of a position within the knots: computed on an even grid, else by bisection."""
     last = len(knots) - 1
     guess = min(int((position_mm - knots[0]) * per_mm), last - 1)
     if knots[guess] <= position_mm < knots[guess + 1]:
@@ -231,7 +230,9 @@ def _whole_shapes(x_mm: FloatArray, y_mm: FloatArray, values: npt.ArrayLike) -> 
     if shapes.size > _MAX_VALUES:
         raise ModesError(f"the shapes have {shapes.size} values, more than {_MAX_VALUES}; measure on a coarser grid.")
     if (np.abs(shapes) > _MAX_VALUE).any():
-        raise ModesError("a shape is infinite or absurdly large somewhere; measure that point again or leave it empty.")
+        raise ModesError(
+            f"a shape is infinite or absurdly large (above {_MAX_VALUE:g}); measure that point again or leave it empty."
+        )
     missing_frac = np.isnan(shapes).mean(axis=(1, 2))
     worst = int(np.argmax(missing_frac))
     if missing_frac[worst] > _MAX_MISSING_FRAC:

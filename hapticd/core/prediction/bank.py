@@ -1,16 +1,16 @@
-"""The default motion model: seven fixed-gain Kalman filters, weighted by how well each foresaw the last samples.
+"""The default motion model: seven fixed-gain Kalman filters, weighted by their likelihoods.
 
-One filter holds still (a random walk), three assume constant acceleration disturbed by white jerk, three constant jerk
-disturbed by white snap; their densities (`prediction_gains.MODELS`) lie so far apart that one of them always fits:
-rest, a straight slide, a change of speed, a stop, and, which is what the jerk is for, arcs and sines. Weights follow
-the interacting-multiple-model recursion (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988) with two
-simplifications that save the matrix arithmetic and lose nothing on the bench: covariances are not mixed, so the gains
-are those of the single filters and precomputed; both axes share gains and weights.
+One filter assumes rest (a random walk), three constant acceleration disturbed by white jerk, three constant jerk
+disturbed by white snap. Their densities (`gains.MODELS`) are so far apart that one of them fits rest, straight slides,
+changes of speed and stops; the models of constant jerk fit arcs and sines. Weights follow the
+interacting-multiple-model recursion (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988) with two
+simplifications that save the matrix arithmetic and cost no accuracy on the bench: covariances are not mixed, so the
+gains are those of the single filters and precomputed; both axes share gains and weights.
 
-How noisy the pad is decides how far the filters trust a sample. It is measured while the finger moves
-(`prediction_noise`), and the gains of the nearest of a few noises are used.
+The noise of the pad's positions sets how far a sample corrects the filters. It is measured while the finger moves
+(`noise_meter`); of the precomputed noise levels the nearest is used.
 
-The arithmetic is written out on floats: at this size numpy would spend its time on calls, not on numbers.
+The arithmetic is written out on floats: at this size numpy's time is the overhead of its calls.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from .gains import MODELS, Gain, bank_gains
 from .motion import Sample, checked
 from .noise_meter import NoiseMeter
 
-# No finger on a plate is faster or changes speed faster than this; a model that says so has seen a bad sample.
+# No finger on a plate exceeds these; a model beyond them has taken a bad sample.
 MAX_SPEED_MM_S: Final = 4e3
 MAX_ACCELERATION_MM_S2: Final = 2e5
 
-_STAY: Final = 0.994  # probability that the model that fits this sample fits the next
+_STAY: Final = 0.994  # probability that a model that fits this sample fits the next
 _SWITCH: Final = (1.0 - _STAY) / (len(MODELS) - 1)  # to each of the others
-_STAMP_VAR_S2: Final = 0.2e-3**2  # jitter left in the filtered stamps: at speed it excuses part of an innovation
-_ACCELERATION_DAMPING: Final = 0.58  # fingers do not accelerate for long: the best constant share to extrapolate
+_STAMP_VAR_S2: Final = 0.2e-3**2  # jitter left in the filtered stamps: at speed it widens the expected innovation
+_ACCELERATION_DAMPING: Final = 0.58  # share that is extrapolated, because fingers do not accelerate for long; fitted
 
-# On an arc and in a sine the jerk opposes the velocity: j = -omega^2 v. A jerk along the velocity begins a motion or
-# ends it and is soon over; believed, it would carry the prediction 0.15 mm beyond the end of a reach, not 0.10.
+# On an arc and in a sine the jerk opposes the velocity: j = -omega^2 v. A jerk along the velocity occurs where a motion
+# starts or stops and is short; kept in full it would raise the overshoot of a reach from 0.10 to 0.15 mm.
 _JERK_KEPT_ALONG: Final = 0.3  # from sample to sample
 
-# Gains belong to an interval, not to a pad: with those of 11 ms, samples 22 ms apart (every other report lost) would
-# make the fastest filter unstable. They are kept for intervals a quarter octave apart, from half a period to the
-# longest gap; gains an eighth off their interval cost less than 1 % of accuracy.
+# Gains depend on the interval: with those for 11 ms the fastest filter is unstable at 22 ms (every other report lost).
+# They are tabulated for intervals a quarter octave apart, from half a period to the longest gap; an interval an eighth
+# of an octave off costs less than 1 % of accuracy.
 _INTERVALS_PER_OCTAVE: Final = 4
 _SHORTEST_INDEX: Final = -4
 _LONGEST_INDEX: Final = 10
 
-# And to a noise: kept for half octaves about the one expected. Trusting a noise a quarter octave off costs 2 %.
+# Gains also depend on the noise: tabulated in half octaves around the expected one. A quarter octave off costs 2 %.
 _LEVELS_PER_OCTAVE: Final = 2
 _QUIETEST_LEVEL: Final = -4
 _LOUDEST_LEVEL: Final = 2
 _SAMPLES_PER_CHOICE: Final = 8
-_LEAST_CHANGE: Final = 1.0  # levels: more than a measurement strays by chance, and gains do not change to and fro
+_LEAST_CHANGE: Final = 1.0  # levels: above the scatter of the measurement, so that the gains do not toggle
 
 _State = tuple[float, float, float, float, float, float, float, float]  # x, y in mm, then velocity, acceleration, jerk
 
@@ -55,9 +55,9 @@ _State = tuple[float, float, float, float, float, float, float, float]  # x, y i
 class ModelBank:
     """`period_ms` is the nominal sample period, `noise_mm` the standard error of one position on one axis.
 
-    That noise holds until enough of the touch was seen; then the last `noise_samples` samples tell it, from a
-    quarter to twice of what was expected; 0 keeps it. Making the first bank of a given (period, noise) computes its
-    gain tables, some 0.2 s; later ones share them.
+    That noise holds until the touch has enough samples; then it is measured over the last `noise_samples` samples,
+    within a quarter to twice `noise_mm`; `noise_samples` = 0 keeps `noise_mm`. The first bank of a given (period,
+    noise) computes its gain tables, some 0.2 s; later ones share them.
     """
 
     __slots__ = (
@@ -150,9 +150,9 @@ def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 
 class _Filter:
-    """A model of the bank: its state, its weight in the bank, and how well it foresaw the last sample.
+    """A model of the bank: its state, its weight, and its innovation at the last sample.
 
-    `misfit` is chi^2 / 2, `spread` the variance (mm^2) that was expected of the innovation on one axis.
+    `misfit` is chi^2 / 2, `spread` the expected variance (mm^2) of the innovation on one axis.
     """
 
     __slots__ = ("misfit", "spread", "state", "weight")
@@ -168,7 +168,7 @@ class _Filter:
 
 
 class _Rest(_Filter):
-    """No motion: how much time has passed does not matter."""
+    """No motion: the interval does not matter."""
 
     __slots__ = ()
 
@@ -252,9 +252,10 @@ _FILTERS: dict[int, type[_Filter]] = {1: _Rest, 3: _Slide, 4: _Bend}  # by a mod
 
 
 def _weigh(filters: list[_Filter]) -> None:
-    """Posterior weights: fit * exp(-misfit), normalised; the best misfit is taken out, so they cannot all underflow.
+    """Posterior weights: prior * exp(-misfit) / spread, normalised.
 
-    One may: `_SWITCH` gives even a model of no weight its chance at the next sample.
+    The least misfit is subtracted first, so that not all weights underflow. A single one may: `_SWITCH` raises it again
+    at the next sample.
     """
     best = math.inf
     for model in filters:

@@ -4,7 +4,7 @@ A model's order is the number of its states on one axis: 1 a random walk, 3 cons
 4 constant jerk driven by white snap. State x = (position, velocity, ...), transition F_ij = T^(j-i) / (j-i)!, process
 noise Q_ij = q T^k / (k (n-1-i)! (n-1-j)!) with k = 2n-1-i-j, one position measured with variance r^2 (Bar-Shalom, Li,
 Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section 6.2). Gains do not depend on the
-data, so those of regular samplers are computed once, for all intervals and densities together.
+data: those of regular samplers are computed once, for all intervals and densities together.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ FloatArray = npt.NDArray[np.float64]
 # circles, sines, stops and strokes together.
 MODELS = ((1, 1e-3), (3, 3e3), (3, 3.7e5), (3, 5.2e8), (4, 3e7), (4, 1.1e9), (4, 1.3e10))
 
-STEPS = 100  # by then every model that moves is within 0.1 % of its steady gain
+STEPS = 100  # every model of motion is within 0.1 % of its steady gain by then
 
-# What is known of a finger that has just come down: it moves at some 10 cm/s, in any direction. Variances of velocity,
-# acceleration and jerk, mm and s.
+# A finger that has just landed moves at some 10 cm/s in any direction: variances of velocity, acceleration and jerk,
+# in mm and s.
 _START_VARIANCES = (1e4, 1e5, 1e7)
 
 _FACTORIAL = (1, 1, 2, 6)
 
 
-# What one mm of innovation adds to position, velocity (1/s), acceleration (1/s^2), jerk (1/s^3); its variance (mm^2).
+# Corrections of position, velocity (1/s), acceleration (1/s^2) and jerk (1/s^3) per mm of innovation; the innovation's
+# variance (mm^2).
 Gain = tuple[float, float, float, float, float]
 
 _GAIN = struct.Struct("=5d")
@@ -40,10 +41,10 @@ _ROW_BYTES = len(MODELS) * _GAIN.size
 
 
 class Rows:
-    """The gains of one interval: a row per sample after the first, of a `Gain` for each of `MODELS`.
+    """The gains of one interval, a read-only sequence: a row per sample after the first, a `Gain` for each of `MODELS`.
 
-    A sequence to read from. It keeps plain numbers, 40 bytes a gain where Python's objects take 220, and makes the row
-    that is asked for: a touch reads each once, and from its second second on only the last.
+    Packed doubles, 40 bytes a gain where Python objects take 220. A row is unpacked on access: a touch reads each once,
+    and after a second only the last.
     """
 
     __slots__ = ("_length", "_numbers", "_steady")
@@ -71,10 +72,7 @@ class Rows:
 
 @lru_cache(maxsize=16)  # two configurations of some levels each
 def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, ...]:
-    """For each interval the rows of gains, one per sample after the first, the last for all that follow.
-
-    A row holds the gains in the order of `MODELS`. Takes some 20 ms the first time.
-    """
+    """Return the gains of each interval; the last row holds for all later samples. Takes some 20 ms the first time."""
     columns = np.concatenate(
         [
             kalman_gains(intervals_s, [density for order_, density in MODELS if order_ == order], noise_mm, order)
@@ -88,7 +86,7 @@ def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, .
 def kalman_gains(
     intervals_s: Sequence[float], densities: Sequence[float], noise_mm: float, order: int, steps: int = STEPS
 ) -> FloatArray:
-    """Gains (steps, intervals, densities, 5), from the second sample of a touch on; in the order of a `Gain`."""
+    """Return gains (steps, intervals, densities, 5) from the second sample of a touch on, in the order of a `Gain`."""
     transition, process = process_model(np.asarray(intervals_s)[:, None], np.asarray(densities), order)
     covariance = start_covariance(noise_mm, order)
     noise_mm2 = noise_mm * noise_mm
@@ -115,7 +113,7 @@ def riccati_step(
 
 
 def start_covariance(noise_mm: float, order: int) -> FloatArray:
-    """(n, n) after the first sample of a touch."""
+    """Return the covariance (n, n) after the first sample of a touch."""
     return np.diag([noise_mm * noise_mm, *_START_VARIANCES[: order - 1]])
 
 

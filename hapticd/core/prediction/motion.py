@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 
 class Sample(NamedTuple):
-    """A position, the time since the one before it (> 0), and the period of the sampler that made both."""
+    """A position, the time since the previous one (> 0), and the period of the sampler."""
 
     interval_s: float
     period_s: float
@@ -15,10 +15,10 @@ class Sample(NamedTuple):
 
 
 class MotionModel(Protocol):
-    """A filter for one touch: samples in, at their true sampling times; position and velocity ahead of the last out."""
+    """A filter for one touch: takes samples at their true sampling times, extrapolates position and velocity."""
 
     def start(self, x_mm: float, y_mm: float) -> None:
-        """The first sample of a touch; whatever came before is forgotten."""
+        """Take the first sample of a touch; earlier ones are dropped."""
 
     def step(self, sample: Sample) -> None:
         """Take the next sample."""
@@ -31,7 +31,7 @@ class MotionModel(Protocol):
 
 
 def checked(name: str, value: float, low: float, high: float) -> float:
-    """`value` as a float if it lies in [low, high]; ValueError with one sentence otherwise (NaN included)."""
+    """Return `value` if it lies in [low, high]; raises ValueError otherwise, NaN included."""
     if not low <= value <= high:
         raise ValueError(f"Predictor setting {name} is {value!r}: give a number from {low:g} to {high:g}.")
     return value

@@ -1,9 +1,9 @@
-"""How noisy a pad's positions are, found from the positions themselves while the finger moves.
+"""Noise of a pad's positions, measured on the positions of a moving finger.
 
-Third differences of regular samples: a parabola has none, and what a hand's jerk leaves of them is a tenth of the
-noise's share (0.007 mm at 5 m/s^3 and 11 ms, where white noise of 0.05 mm gives 0.22). Their median size ignores the
-few that a start or a stop makes large. Source: von Neumann et al., The Mean Square Successive Difference, Annals of
-Mathematical Statistics 12 (1941), carried to the third order and made robust.
+From third differences of regular samples: a parabola has none, and the jerk of a hand adds a tenth of the noise's share
+(0.007 mm at 5 m/s^3 and 11 ms, where white noise of 0.05 mm gives 0.22). The median ignores the few large ones of a
+start or stop. Source: von Neumann et al., The Mean Square Successive Difference, Annals of Mathematical Statistics 12
+(1941), extended to the third order and made robust.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Final
 
 from ..rolling_quantile import RollingQuantile
 
-_LEAST_SAMPLES: Final = 64  # fewer tell less than what is known of pads beforehand
-_LONGEST_PERIODS: Final = 1.5  # after a lost sample differences begin anew
+_LEAST_SAMPLES: Final = 64  # fewer are less accurate than the expected noise
+_LONGEST_PERIODS: Final = 1.5  # after a lost sample the differences restart
 # Of a third difference (1, -3, 3, -1) of unit noise: variance 1 + 9 + 9 + 1 on each axis; its length over both axes is
 # Rayleigh's, of median sqrt(2 ln 2).
 _MEDIAN_OF_UNIT_NOISE: Final = math.sqrt(20.0 * 2.0 * math.log(2.0))
@@ -31,14 +31,14 @@ class NoiseMeter:
         self.restart()
 
     def restart(self) -> None:
-        """The samples to come do not follow regularly on those before; what was found stays."""
+        """Restart the differences, because the next sample is not a period after the last; keep the measured noise."""
         self._seen = 0
         self._axes = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # x of the last three samples, then y
 
     def update(self, x_mm: float, y_mm: float, periods: float) -> None:
-        """Take a sample that came `periods` of the pad's period after the one before it.
+        """Take a sample, `periods` of the pad's period after the previous one.
 
-        A difference of zero is left out: pads repeat a resting finger's counts exactly, which tells nothing.
+        Differences of zero are ignored: pads repeat the counts of a resting finger exactly.
         """
         if periods > _LONGEST_PERIODS:
             self.restart()
@@ -50,8 +50,8 @@ class NoiseMeter:
             if length_mm > 0.0:
                 self._lengths.push(int(length_mm * _UNITS_PER_MM))
 
-    def noise_mm(self, otherwise_mm: float) -> float:
-        """What the samples say, or `otherwise_mm` while they are too few."""
+    def noise_mm(self, default_mm: float) -> float:
+        """Return the measured noise, or `default_mm` while the samples are too few."""
         if len(self._lengths) < _LEAST_SAMPLES:
-            return otherwise_mm
+            return default_mm
         return self._lengths.value / (_UNITS_PER_MM * _MEDIAN_OF_UNIT_NOISE)

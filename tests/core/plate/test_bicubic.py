@@ -1,4 +1,4 @@
-"""Bicubic surfaces: what a spline promises, checked against polynomials, scipy and differences."""
+"""Bicubic surfaces against polynomials, scipy and finite differences."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_it_is_the_not_a_knot_spline_of_scipy(seed: int) -> None:
     np.testing.assert_allclose(surfaces.evaluate(points), expected, rtol=0.0, atol=1e-11)
 
 
-def test_the_grid_s_own_values_come_back() -> None:
+def test_the_grid_s_own_values_are_reproduced() -> None:
     surfaces, values, _ = random_surfaces(5)
     grid = np.stack(np.meshgrid(surfaces.x_knots, surfaces.y_knots), axis=-1).reshape(-1, 2)
 
@@ -88,20 +88,20 @@ def test_slope_and_curvature_do_not_jump_between_cells() -> None:
         np.testing.assert_allclose(before, after, rtol=0.0, atol=2e-3 * 2 * step)
 
 
-def test_beyond_the_edge_the_surface_goes_on_level() -> None:
+def test_beyond_the_edge_the_surface_is_constant() -> None:
     surfaces, _, _ = random_surfaces(8)
     corner = np.array([[surfaces.x_knots[-1], surfaces.y_knots[0]]])
     beyond = np.array([[np.inf, -1e9]])
 
     np.testing.assert_array_equal(surfaces.evaluate(beyond), surfaces.evaluate(corner))
     np.testing.assert_array_equal(surfaces.gradient(beyond), np.zeros((1, 3, 2)))
-    beside = np.array([[surfaces.x_knots[-1] + 1.0, 0.3]])
+    outside = np.array([[surfaces.x_knots[-1] + 1.0, 0.3]])
     on_edge = np.array([[surfaces.x_knots[-1], 0.3]])
-    np.testing.assert_array_equal(surfaces.gradient(beside)[..., 1], surfaces.gradient(on_edge)[..., 1])
-    np.testing.assert_array_equal(surfaces.gradient(beside)[..., 0], np.zeros((1, 3)))
+    np.testing.assert_array_equal(surfaces.gradient(outside)[..., 1], surfaces.gradient(on_edge)[..., 1])
+    np.testing.assert_array_equal(surfaces.gradient(outside)[..., 0], np.zeros((1, 3)))
 
 
-def test_an_unknown_position_gives_zeros_and_touches_no_other_point() -> None:
+def test_an_unknown_position_gives_zeros_and_changes_no_other_point() -> None:
     surfaces, _, random = random_surfaces(9)
     points = points_within(random, surfaces, 4)
     alone = surfaces.evaluate(points[[0, 3]])
@@ -139,7 +139,7 @@ def test_a_gap_in_a_slope_is_filled_exactly_even_on_the_smallest_uneven_grid(nx:
     np.testing.assert_allclose(fill_gaps(x, y, holed[None])[0], slope, rtol=0.0, atol=1e-8)
 
 
-def test_a_gap_that_the_smallest_grid_leaves_open_is_still_filled_with_numbers() -> None:
+def test_a_gap_too_wide_for_the_smallest_grid_is_still_filled_with_numbers() -> None:
     knots = np.arange(4.0)
     holed = np.ones((1, 4, 4))
     holed[0, 1:3, 1:3] = np.nan

@@ -1,4 +1,4 @@
-"""ModeShapes: one map, two ways to read it, and no way to get nonsense out of it."""
+"""ModeShapes: single points and arrays agree to the last bit; positions and maps are validated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WAVE_RAD_MM = 2.0 * math.pi / 27.0
 
 
 def waves(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """Two plate waves, one along each axis, at points of any form: (2, ...)."""
+    """Two plate waves, one along each axis, at points of any shape: (2, ...)."""
     return np.stack(
         (
             np.cos(WAVE_RAD_MM * x_mm + 0.4) * np.cos(0.02 * y_mm),
@@ -35,12 +35,12 @@ def anywhere(count: int, reach_mm: float = 80.0) -> np.ndarray:
     return np.random.default_rng(count).uniform(-reach_mm, reach_mm, (count, 2))
 
 
-def test_the_map_says_how_many_modes_it_has(modes: ModeShapes) -> None:
+def test_the_map_has_a_number_of_modes(modes: ModeShapes) -> None:
     assert modes.M == 2
     assert modes.shapes.shape == (2, modes.y_mm.size, modes.x_mm.size)
 
 
-def test_a_wave_is_met_between_the_points_of_the_map(modes: ModeShapes) -> None:
+def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes) -> None:
     points = anywhere(5000, 68.75)
 
     error = modes.evaluate(points) - waves(points[:, 0], points[:, 1]).T
@@ -72,7 +72,7 @@ def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm
     np.testing.assert_array_equal(rows[:, 1:], modes.gradient(np.full((40, 2), (x_mm, y_mm)))[0])
 
 
-def test_value_and_gradient_agree_on_the_plate_beside_it_and_on_every_line(modes: ModeShapes) -> None:
+def test_value_and_gradient_agree_on_the_plate_off_it_and_on_every_line(modes: ModeShapes) -> None:
     points = np.concatenate((anywhere(300), np.stack((modes.x_mm, modes.y_mm[::-1]), axis=-1)))
 
     rows = np.array([modes.at_with_gradient(x, y) for x, y in points.tolist()])
@@ -88,7 +88,7 @@ def test_one_point_and_many_points_agree_on_every_line_of_the_grid(modes: ModeSh
     np.testing.assert_array_equal(modes.evaluate(points), [modes.at(x, y) for x, y in points.tolist()])
 
 
-def test_outside_the_map_the_edge_counts_and_inside_says_so(modes: ModeShapes) -> None:
+def test_outside_the_map_shapes_are_the_edge_s_and_inside_is_false(modes: ModeShapes) -> None:
     points = np.array([[68.75, -68.75], [68.76, 0.0], [0.0, -math.inf], [math.nan, 0.0], [0.0, 0.0]])
 
     np.testing.assert_array_equal(modes.inside(points), [True, False, False, False, True])
@@ -96,13 +96,13 @@ def test_outside_the_map_the_edge_counts_and_inside_says_so(modes: ModeShapes) -
     assert modes.at(3.0, -math.inf) == modes.at(3.0, -68.75)
 
 
-def test_an_unknown_position_is_silent(modes: ModeShapes) -> None:
+def test_an_unknown_position_has_zero_shapes(modes: ModeShapes) -> None:
     assert modes.at(math.nan, 0.0) == modes.at(0.0, math.nan) == (0.0, 0.0)
     np.testing.assert_array_equal(modes.gradient(np.array([[math.nan, 1.0]])), np.zeros((1, 2, 2)))
 
 
-def test_the_gradient_is_the_slope_of_what_evaluate_gives(modes: ModeShapes) -> None:
-    points = anywhere(400)  # on the plate and beside it
+def test_the_gradient_is_the_slope_of_evaluate(modes: ModeShapes) -> None:
+    points = anywhere(400)  # on the plate and off it
     step_mm = 1e-5
 
     for axis in (0, 1):
@@ -125,12 +125,12 @@ def test_no_points_give_no_rows(modes: ModeShapes) -> None:
 
 
 @pytest.mark.parametrize("points", [np.zeros(2), np.zeros((3, 3)), np.zeros((2, 1, 2))])
-def test_points_of_another_form_are_refused(modes: ModeShapes, points: np.ndarray) -> None:
+def test_points_of_another_shape_are_refused(modes: ModeShapes, points: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"\(N, 2\)"):
         modes.evaluate(points)
 
 
-def test_the_map_keeps_its_own_copy_and_lets_nobody_change_it() -> None:
+def test_the_map_has_its_own_read_only_copy() -> None:
     axis_mm = np.linspace(-10.0, 10.0, 5)
     values = np.ones((1, 5, 5))
     modes = ModeShapes.from_grid(axis_mm, axis_mm, values)
@@ -181,7 +181,7 @@ def with_value(shapes: np.ndarray, where: tuple[object, ...], value: float) -> n
         (AXIS_MM, AXIS_MM, with_value(FLAT, (1, slice(0, 2)), math.nan), "mode 2 has no value at 33 %"),
     ],
 )
-def test_what_is_no_map_is_refused_in_a_sentence(
+def test_an_invalid_map_is_refused_in_a_sentence(
     x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
 ) -> None:
     with pytest.raises(ModesError, match=what) as refusal:

@@ -1,4 +1,4 @@
-"""The noise meter: what it finds of white noise on any motion, what it ignores, and what the bank makes of it."""
+"""The noise meter: white noise on any motion, ignored samples, and its effect on the bank."""
 
 from __future__ import annotations
 
@@ -37,25 +37,25 @@ def fed(meter: NoiseMeter, points_mm: list[tuple[float, float]], periods: float 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("noise_mm", [0.01, 0.05, 0.2])
-def test_white_noise_is_found_to_a_seventh_whatever_the_motion(noise_mm: float, motion: str) -> None:
+def test_white_noise_is_measured_to_a_seventh_on_any_motion(noise_mm: float, motion: str) -> None:
     found = [fed(NoiseMeter(128), noisy(noise_mm, 200, seed, motion)).noise_mm(0.0) for seed in range(20)]
     assert np.mean(found) == pytest.approx(noise_mm, rel=0.1)
     assert np.std(found) < noise_mm / 7
 
 
-def test_until_it_has_seen_enough_it_says_what_was_expected() -> None:
+def test_with_too_few_samples_it_returns_the_default() -> None:
     assert fed(NoiseMeter(128), noisy(0.05, 60)).noise_mm(0.123) == 0.123
     assert fed(NoiseMeter(128), noisy(0.05, 80)).noise_mm(0.123) != 0.123
 
 
-def test_a_pad_that_repeats_a_resting_finger_says_nothing_of_its_noise() -> None:
+def test_repeated_counts_of_a_resting_finger_do_not_lower_the_noise() -> None:
     moving = fed(NoiseMeter(128), noisy(0.05, 200))
     found = moving.noise_mm(0.0)
     fed(moving, [(1.0, 2.0)] * 500)
     assert moving.noise_mm(0.0) == pytest.approx(found, rel=0.1)
 
 
-def test_a_lost_sample_makes_no_noise() -> None:
+def test_a_lost_sample_adds_no_noise() -> None:
     straight = [(9.0 * k, -4.0 * k) for k in range(200)]
     meter = fed(
         NoiseMeter(128), [(x + dx, y + dy) for (x, y), (dx, dy) in zip(straight, noisy(0.05, 200), strict=True)]
@@ -67,7 +67,7 @@ def test_a_lost_sample_makes_no_noise() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(0.0, 10.0)), max_size=120))
-def test_whatever_comes_the_noise_is_finite_and_not_negative(samples: list[tuple[float, float, float]]) -> None:
+def test_for_any_samples_the_noise_is_finite_and_not_negative(samples: list[tuple[float, float, float]]) -> None:
     meter = NoiseMeter(8)
     for x_mm, y_mm, periods in samples:
         meter.update(x_mm, y_mm, periods)
@@ -75,9 +75,7 @@ def test_whatever_comes_the_noise_is_finite_and_not_negative(samples: list[tuple
 
 
 @pytest.mark.parametrize(("noise_mm", "gain"), [(0.015, 0.9), (0.15, 0.9)])
-def test_a_bank_that_expects_another_noise_comes_to_predict_better_than_one_that_insists(
-    noise_mm: float, gain: float
-) -> None:
+def test_a_bank_with_a_wrong_noise_predicts_better_if_it_measures(noise_mm: float, gain: float) -> None:
     def rms_mm(noise_samples: float) -> float:
         errors_mm = []
         for seed in range(4):
@@ -95,12 +93,11 @@ def test_a_bank_that_expects_another_noise_comes_to_predict_better_than_one_that
     assert rms_mm(128.0) < gain * rms_mm(0.0)
 
 
-def test_the_noise_expected_and_found_is_the_noise_kept() -> None:
-    """Where the pad is as noisy as expected, measuring changes nothing."""
-    measuring, told = ModelBank(period_ms=11.25), ModelBank(period_ms=11.25, noise_samples=0.0)
+def test_measuring_the_expected_noise_changes_nothing() -> None:
+    measuring, fixed = ModelBank(period_ms=11.25), ModelBank(period_ms=11.25, noise_samples=0.0)
     points_mm = noisy(0.053, 400, seed=3, motion="bend")
-    for bank in (measuring, told):
+    for bank in (measuring, fixed):
         bank.start(*points_mm[0])
         for x_mm, y_mm in points_mm[1:]:
             bank.step(Sample(PERIOD_S, PERIOD_S, x_mm, y_mm))
-    assert measuring.position(0.015) == told.position(0.015)
+    assert measuring.position(0.015) == fixed.position(0.015)

@@ -1,4 +1,4 @@
-"""What every predictor promises: names and settings, hostile samples, origins of time and place, bounds."""
+"""Properties of every predictor: names and settings, hostile samples, origins of time and place, bounds."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ def fed(touch: Touch, name: str = "default", **chosen: float) -> Predictor:
 # --- names and settings ---
 
 
-def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
-    with pytest.raises(ValueError, match=r"'kalman'.*alpha_beta, .*default, .*linear") as refusal:
+def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"'kalman'.*default, .*linear") as refusal:
         make_predictor("kalman")
     assert all(name in str(refusal.value) for name in PREDICTORS)
 
 
 @every_predictor
-def test_an_unknown_setting_is_answered_with_the_known_ones(name: str) -> None:
+def test_an_unknown_setting_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(ValueError, match=r"'horizon'.*period_ms") as refusal:
         make_predictor(name, horizon=3.0)
     assert all(setting in str(refusal.value) for setting in PREDICTORS[name].defaults)
 
 
 @every_predictor
-def test_every_setting_refuses_what_is_no_number_in_its_range(name: str) -> None:
+def test_every_setting_refuses_values_out_of_its_range(name: str) -> None:
     for setting in PREDICTORS[name].defaults:
         for wrong in (math.nan, math.inf, -1.0, 1e15, "1", None):
             with pytest.raises(ValueError, match=rf"{setting}.*give a number from"):
@@ -64,7 +64,7 @@ def test_every_setting_refuses_what_is_no_number_in_its_range(name: str) -> None
 
 
 @every_predictor
-def test_the_defaults_shown_are_the_defaults_used(name: str) -> None:
+def test_the_listed_defaults_are_the_defaults(name: str) -> None:
     touch = slide()
     plain, spelled_out = fed(touch, name), fed(touch, name, **PREDICTORS[name].defaults)
     assert plain.predict(touch[-1][0] + AHEAD_NS) == spelled_out.predict(touch[-1][0] + AHEAD_NS)
@@ -74,20 +74,20 @@ def test_the_defaults_shown_are_the_defaults_used(name: str) -> None:
 
 
 @every_predictor
-def test_before_the_first_sample_the_finger_is_nowhere(name: str) -> None:
+def test_before_the_first_sample_the_prediction_is_nan(name: str) -> None:
     predictor = make_predictor(name)
     assert all(map(math.isnan, predictor.predict(0) + predictor.velocity(0)))
 
 
 @every_predictor
-def test_the_first_sample_is_usable_at_once(name: str) -> None:
+def test_the_first_sample_is_the_first_prediction(name: str) -> None:
     predictor = fed([(0, 12.0, -7.0)], name)
     assert predictor.predict(AHEAD_NS) == (12.0, -7.0)
     assert predictor.velocity(AHEAD_NS) == (0.0, 0.0)
 
 
 @every_predictor
-def test_reset_is_as_good_as_new(name: str) -> None:
+def test_a_reset_predictor_is_like_a_new_one(name: str) -> None:
     predictor = fed(slide(seed=1), name)
     predictor.reset()
     assert all(map(math.isnan, predictor.predict(0)))
@@ -139,7 +139,7 @@ def test_the_axes_are_treated_alike(name: str) -> None:
 
 @every_predictor
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e300])
-def test_a_sample_that_is_no_position_is_as_if_it_never_came(name: str, wrong: float) -> None:
+def test_an_invalid_position_is_ignored(name: str, wrong: float) -> None:
     touch = slide()
     t_ns = touch[-1][0]
     predictor = fed([(touch[0][0] - 1, wrong, 0.0), *touch], name)
@@ -158,7 +158,7 @@ def test_a_stamp_that_does_not_increase_is_ignored(name: str, back_ns: int) -> N
 
 
 @every_predictor
-def test_a_sample_a_microsecond_later_does_not_throw_the_finger(name: str) -> None:
+def test_a_sample_a_microsecond_later_moves_the_prediction_by_millimetres_at_most(name: str) -> None:
     touch = slide()
     t_ns, x, y = touch[-1]
     predicted = fed([*touch, (t_ns + 1000, x + 0.1, y - 0.1)], name).predict(t_ns + AHEAD_NS)
@@ -167,7 +167,7 @@ def test_a_sample_a_microsecond_later_does_not_throw_the_finger(name: str) -> No
 
 @every_predictor
 @pytest.mark.parametrize("silence_ns", [70_000_000, 10**10, 2**62])
-def test_after_a_long_silence_a_touch_starts_anew(name: str, silence_ns: int) -> None:
+def test_after_a_long_silence_the_motion_restarts(name: str, silence_ns: int) -> None:
     touch = slide()
     predictor = fed([*touch, (touch[-1][0] + silence_ns, -30.0, 20.0)], name)
     assert predictor.predict(touch[-1][0] + silence_ns + AHEAD_NS) == (-30.0, 20.0)
@@ -193,7 +193,7 @@ def test_an_equal_position_after_a_long_silence_is_no_stale_duplicate(name: str)
     assert predictor.predict(t_ns + 10**9 + AHEAD_NS) == (x, y)
 
 
-def test_a_finger_that_stops_dead_is_heard_at_the_second_equal_sample() -> None:
+def test_a_finger_that_stops_abruptly_is_detected_at_the_second_equal_sample() -> None:
     touch = [(k * PERIOD_NS, 2.0 * k, 0.0) for k in range(20)]
     x = touch[-1][1]
     held = [*touch, *((k * PERIOD_NS, x, 0.0) for k in range(20, 24))]
@@ -232,7 +232,7 @@ places_mm = st.one_of(st.floats(-80.0, 80.0), st.floats(-1e6, 1e6), st.floats())
 @every_predictor
 @settings(deadline=None, max_examples=60)
 @given(samples=st.lists(st.tuples(gaps_ns, places_mm, places_mm), min_size=1, max_size=30))
-def test_whatever_comes_a_prediction_is_finite_and_no_farther_than_a_finger_gets(
+def test_for_any_samples_a_prediction_is_finite_and_within_reach_of_a_finger(
     name: str, samples: list[tuple[int, float, float]]
 ) -> None:
     predictor = make_predictor(name)
@@ -251,7 +251,7 @@ def test_whatever_comes_a_prediction_is_finite_and_no_farther_than_a_finger_gets
         assert math.dist(predicted, start) <= farthest_mm + 1e-9 * math.hypot(*start)
 
 
-def test_numpy_scalars_are_as_good_as_floats() -> None:
+def test_numpy_scalars_give_the_same_as_floats() -> None:
     touch = slide()
     t_ns = touch[-1][0] + AHEAD_NS
     arrays = [(t, np.float64(x), np.float64(y)) for t, x, y in touch]

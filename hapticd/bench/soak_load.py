@@ -1,4 +1,4 @@
-"""The programs beside the service in a soak in real time: witnesses of the machine, hogs, clients that flood."""
+"""Load on a real-time soak: stall monitors, busy loops on all processors, clients that flood the service."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Counts = dict[str, float]
 
 @contextlib.contextmanager
 def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Popen[str]]]:
-    """Programs that say so when they are ready, from then to the end of this."""
+    """Run Python programs that print a line when they are ready; kill those that still run at the end."""
     running = [
         subprocess.Popen([sys.executable, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         for command in commands
@@ -34,15 +34,15 @@ def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Po
                 process.communicate()
 
 
-def witnesses(priority: int) -> AbstractContextManager[list[subprocess.Popen[str]]]:
-    """One for each processor, with `priority` ahead of rig and service."""
+def stall_monitors(priority: int) -> AbstractContextManager[list[subprocess.Popen[str]]]:
+    """Run a stall monitor on each processor; `priority` is above that of rig and service."""
     processors = sorted(os.sched_getaffinity(0))
     return _processes([("-m", "hapticd.bench.stall_monitor", f"{number}", f"{priority}") for number in processors])
 
 
 @contextlib.contextmanager
 def hogs() -> Iterator[list[Counts]]:
-    """One program for each processor that never pauses."""
+    """Run a busy loop for each processor."""
     hog = ("-c", "print(flush=True)\nwhile True: pass")
     with _processes([hog] * len(os.sched_getaffinity(0))):
         yield []
@@ -50,21 +50,21 @@ def hogs() -> Iterator[list[Counts]]:
 
 @contextlib.contextmanager
 def flood(endpoint: str) -> Iterator[list[Counts]]:
-    """Clients that offer as many messages as they can; what they offered a second is told at the end."""
-    told: list[Counts] = []
+    """Run clients that offer as many messages as they can; the yielded list gets their rates at the end."""
+    rates: list[Counts] = []
     commands = [("-m", "hapticd.bench.flood", endpoint, f"flood {number}") for number in range(FLOODERS)]
     with _processes(commands) as running:
         t_from_s = time.monotonic()
-        yield told
+        yield rates
         lasted_s = time.monotonic() - t_from_s
-        said = [process.communicate()[0].split() for process in running]
-    offered, sent = (sum(float(words[column]) for words in said) / lasted_s for column in (0, 1))
-    told.append({"offered_hz": offered, "sent_hz": sent})
+        counts = [process.communicate()[0].split() for process in running]
+    offered, sent = (sum(float(words[column]) for words in counts) / lasted_s for column in (0, 1))
+    rates.append({"offered_hz": offered, "sent_hz": sent})
 
 
-def stood_ms(witnesses: Sequence[subprocess.Popen[str]]) -> float:
-    """The longest that any processor stood still, since this was asked last."""
-    for witness in witnesses:
-        assert witness.stdin is not None
-        print(file=witness.stdin, flush=True)
-    return max(float(witness.stdout.readline()) for witness in witnesses if witness.stdout is not None)
+def longest_stall_ms(monitors: Sequence[subprocess.Popen[str]]) -> float:
+    """Return the longest stall of any processor since the last call."""
+    for monitor in monitors:
+        assert monitor.stdin is not None
+        print(file=monitor.stdin, flush=True)
+    return max(float(monitor.stdout.readline()) for monitor in monitors if monitor.stdout is not None)

@@ -1,0 +1,65 @@
+"""The leak benches on small sizes: alternatives of the loop, two slippery fingers, contacts, the leak budget."""
+
+from __future__ import annotations
+
+import pytest
+
+from hapticd.bench import leak, leak_budget
+from hapticd.bench.tables import Table
+
+CHANGES = ("predictor hold", "a single knot", "the paper's scheme")
+
+
+def figures(table: Table, name: str) -> dict[str, float]:
+    return {row.name: row.figures[name] for row in table.rows}
+
+
+def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge() -> None:
+    leaks_um = figures(leak.run(seeds=(1,), seconds=2.0, names=CHANGES), "leak_um")
+    assert set(leaks_um) == {leak.DEFAULT, *CHANGES, leak.PERFECT}
+    assert leaks_um[leak.PERFECT] < leak.NOTHING_UM < leaks_um[leak.DEFAULT]
+    assert leaks_um["predictor hold"] > 3 * leaks_um[leak.DEFAULT]
+    assert leaks_um[leak.PAPER] > 4 * leaks_um[leak.DEFAULT]
+    assert leaks_um["a single knot"] > leaks_um[leak.DEFAULT]
+
+
+def test_every_alternative_of_the_leak_is_another_run() -> None:
+    alternatives = leak.alternatives()
+    assert len(set(alternatives.values())) == len(alternatives)
+
+
+def test_two_slippery_fingers_dip_less_with_phase_continuation_than_with_sign_changes() -> None:
+    table = leak.both_slip(seeds=(1,), seconds=4.0)
+    for name in ("slip_error_um", "dip_frac", "step_um"):
+        of = figures(table, name)
+        assert of[leak.DEFAULT] < of[leak.SIGNS_ALONE]
+    slip_error_um = figures(table, "slip_error_um")
+    assert slip_error_um[leak.SIGNS_ALONE] < slip_error_um[leak.PAPER]
+
+
+def test_a_disc_in_the_solver_lowers_the_leak_over_the_contact_and_raises_it_at_the_centre() -> None:
+    table = leak.contact(seeds=(1,), seconds=3.0)
+    point, disc = (table.row(name).figures for name in (leak.POINT, "a disc of 5 mm"))
+    assert disc["contact_leak_um"] < point["contact_leak_um"]
+    assert disc["leak_um"] > point["leak_um"]
+
+
+@pytest.fixture(scope="module")
+def budget() -> Table:
+    return leak_budget.run(seeds=(1,), seconds=3.0)
+
+
+def test_each_part_made_perfect_leaks_less(budget: Table) -> None:
+    leaks_um = figures(budget, "leak_um")
+    ours_um = leaks_um[leak.DEFAULT]
+    assert len(leaks_um) == len(budget.rows) == 2 * 2 * 3
+    assert leaks_um["true positions"] < 0.8 * ours_um
+    assert leaks_um["true parasitic modes + loop"] < leaks_um["true parasitic modes"] < ours_um
+    assert leaks_um["true positions + map"] < leaks_um["true positions"]
+    assert leaks_um["true positions + map + parasitic modes + loop"] < 0.15 * ours_um
+
+
+def test_the_true_path_errs_by_the_polyline_s_chord_alone(budget: Table) -> None:
+    errors_mm = figures(budget, "position_error_mm")
+    assert errors_mm["true positions"] < 0.02
+    assert errors_mm[leak.DEFAULT] > 0.08
