@@ -30,8 +30,6 @@ from . import (
     soak,
     soak_real_time,
     solver,
-    solver_contacts,
-    solver_sizes,
     solver_tracks,
     stability,
     tick,
@@ -61,7 +59,7 @@ MOST_STEPS = 1_000_000_000  # half an hour
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(), modes_fit.run(), modes_contact.run(), modes_scale.run()),
     "prediction": lambda _: prediction.run(),
-    "solver": lambda _: (solver.run(), *solver_tracks.run(), solver_contacts.run(), solver_sizes.run()),
+    "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes()),
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),

@@ -19,11 +19,6 @@ from hapticd.bench import (
     leak,
     modes,
     prediction,
-    solver,
-    solver_contacts,
-    solver_sizes,
-    solver_tracks,
-    stability,
     tick,
 )
 from hapticd.bench.baselines import PREDICTORS
@@ -38,14 +33,7 @@ from hapticd.sim.scenarios import SCENARIOS
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=120, seeds=(1,), repeats=1, calls=5),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
-    "solver": lambda: (
-        solver.run(problems=120, repeats=1, timed=5),
-        *solver_tracks.run(strokes=6, repeats=1),
-        solver_contacts.run(pairs=60, repeats=1),
-        solver_sizes.run(calls=1, repeats=1),
-    ),
     "knots": lambda: knots.run(seconds=0.3, repeats=1),
-    "stability": lambda: stability.run(problems=5, steps=10_000),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=SWAPS), leak.both_slip(seeds=(1,), seconds=4.0)),
     "firmware": lambda: firmware.run(
@@ -134,88 +122,10 @@ def test_numpy_fits_the_parabola_that_we_fit() -> None:
                 assert figure(table, "numpy polyfit", name) == pytest.approx(figure(table, "least_squares", name))
 
 
-def test_our_solvers_agree_and_never_break_a_limit() -> None:
-    table = part("solver")[0]
-    ours = table.row("solve_fast").figures
-    for name in ("solve", "solve_batch"):
-        for key in ("leak_um", "slip_error_um", "both_slip_error_um"):
-            assert figure(table, name, key) == pytest.approx(ours[key], abs=1e-9)
-    assert all(row.figures["limits_broken_count"] == 0 for row in table.rows if row.name.startswith("solve"))
-    assert ours["leak_um"] < solver.NOTHING_UM
-
-
-def test_cutting_each_mode_at_its_limit_by_itself_leaks() -> None:
-    table = part("solver")[0]
-    assert figure(table, "numpy solve + clip", "leak_um") > 0.01
-    assert figure(table, "solve_fast", "both_slip_error_um") < figure(table, "numpy solve + clip", "both_slip_error_um")
-
-
-def test_a_general_solver_of_quadratic_programmes_finds_our_solution() -> None:
-    pytest.importorskip("daqp")
-    table = part("solver")[0]
-    assert figure(table, "daqp", "leak_um") < 1e-6
-    assert figure(table, "daqp", "slip_error_um") == pytest.approx(
-        figure(table, "solve_fast", "slip_error_um"), abs=1e-6
-    )
-
-
-def test_phases_sag_less_often_than_signs_and_miss_less_far_out() -> None:
-    table = part("solver")[1]
-    assert figure(table, "solve_phased_fast", "sags_count") < 0.5 * figure(table, "solve_fast", "sags_count")
-    assert figure(table, "solve_phased_fast", "far_error_um") < figure(table, "solve_fast", "far_error_um")
-
-
-def test_a_general_minimiser_finds_nothing_better_for_targets_out_of_reach() -> None:
-    pytest.importorskip("scipy")
-    table = part("solver")[1]
-    # every tenth knot against all of them: the same figure but for the sample
-    assert figure(table, "solve_phased_fast", "far_error_um") == pytest.approx(
-        figure(table, "L-BFGS-B", "far_error_um"), rel=0.05
-    )
-
-
-def test_through_singular_positions_ours_usually_steps_far_less_than_the_inverse() -> None:
-    table = part("solver")[2]
-    ours, papers = (figure(table, name, "usual_singular_step_um") for name in ("solve_fast", "solve_fast, paper"))
-    assert 3 * ours < papers
-    shares = [
-        figure(table, name, "share_frac") for name in ("solve_fast", "solve_fast, 3 modes", "solve_fast, 4 modes")
-    ]
-    assert shares == sorted(shares)
-
-
-def test_a_disc_s_own_axis_leaks_least_over_the_contact_of_all_with_one_line() -> None:
-    table = part("solver")[3]
-    disc = figure(table, "disc", "contact_leak_um")
-    assert disc < figure(table, "point", "contact_leak_um")
-    for name in ("disc, solve with gram", "disc, solve_batch with gram"):
-        assert figure(table, name, "contact_leak_um") == pytest.approx(disc)
-
-
-def test_nothing_fails_at_the_ends_of_the_solver_s_range() -> None:
-    situations, walk, *_ = part("stability")
-    for row in situations.rows:
-        assert row.figures["failures_count"] == row.figures["limits_broken_count"] == 0, row.name
-        assert row.figures["leak_um"] < 1e-12, row.name
-        assert row.figures["wire_leak_um"] < 1e-3, row.name
-    assert figure(situations, "condition 1", "digits_one_still_count") >= 14
-    assert (
-        figure(situations, "condition 1e+08", "digits_one_still_count") >= 7
-    )  # the rows' own digits less the condition
-    for row in walk.rows:
-        assert row.figures["drift_um"] < stability.NOTHING_UM, row.name
-    assert figure(walk, "solve_fast, one still", "drift_um") == 0.0
-
-
 def test_outside_references_that_are_missing_are_left_out_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (modes, solver, solver_tracks, stability):
+    for module in (modes,):
         monkeypatch.setattr(module, "optional", lambda _: None)
-    for table in (
-        modes.run(pairs=5, seeds=(1,), repeats=1, calls=1),
-        solver.run(problems=5, repeats=1, timed=1),
-        solver_tracks.run(strokes=1, repeats=1)[0],
-        stability.situations(1),
-    ):
+    for table in (modes.run(pairs=5, seeds=(1,), repeats=1, calls=1),):
         assert table.skipped
         assert not [row.name for row in table.rows if row.name.startswith(tuple(table.skipped))]
         assert all(f"{name}: left out" in render(table) for name in table.skipped)

@@ -11,8 +11,8 @@ from functools import partial
 
 from ...config import Config
 from ...core.pipeline import PipelineSettings
-from ...core.solver.arithmetic import Row, within
-from ...core.solver.policies import Rows, solve_fast
+from ...core.solver.arithmetic import Row, Rows, within
+from ...core.solver.general import solve_fast
 from ...daemon.settings import FILTERED_STAMP_ERROR_MS, pipeline_settings
 from .predictors import make_predictor
 
