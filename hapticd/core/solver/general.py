@@ -188,15 +188,20 @@ def _solved(problem: Problem, patterns: FloatArray) -> list[Candidate]:
             modal[index], got[index], patterns[index], float(errors[index]), float(squares[index]), not fits[index]
         )
         if one.is_bent:
-            one = _bent(problem, patterns[index])
+            one = _bent(problem, patterns[index], free[index])
         candidates.append(one)
         best = one if best is None or one.error < best.error else best
     return candidates
 
 
-def _bent(problem: Problem, signs: FloatArray) -> Candidate:
-    """The best of a sign pattern within the limits."""
-    z = least_norm_in_polytope(problem.factored, signs * problem.targets, problem.basis, problem.box)
+def _bent(problem: Problem, signs: FloatArray, free: FloatArray) -> Candidate:
+    """The best of a sign pattern within the limits; `free` (r,) is the best without them."""
+    if len(free) == 1:  # a line: clamped
+        line = np.abs(problem.basis[:, 0])
+        top = float(np.min(problem.box[line > NOISE] / line[line > NOISE]))
+        z = np.clip(free, -top, top)
+    else:
+        z = least_norm_in_polytope(problem.factored, signs * problem.targets, problem.basis, problem.box)
     modal, got = problem.basis @ z, np.abs(problem.gains @ z)
     return Candidate(modal, got, signs, float(got @ (got - 2.0 * problem.targets)), float(modal @ modal), True)
 

@@ -42,20 +42,26 @@ def nearer_hand(modal: Row, limits: Row, previous: Row) -> Row:
     turned: list[float] = []
     if is_real and sin == 0.0:
         for k in range(len(limits)):
-            turned += (modal[2 * k] * cos, 0.0)
+            turned.append(modal[2 * k] * cos)
+            turned.append(0.0)
         return tuple(turned)
     for k in range(len(limits)):
         a, b = modal[2 * k], hand * modal[2 * k + 1]
-        turned += (a * cos - b * sin, a * sin + b * cos)
+        turned.append(a * cos - b * sin)
+        turned.append(a * sin + b * cos)
     shave = 2.0**-53
-    while _is_beyond(turned, limits):
+    while _beyond(turned, limits) > 0:
         turned = [part * (1.0 - shave) for part in turned]
         shave *= 2.0
     return tuple(turned)
 
 
-def _is_beyond(modal: list[float], limits: Row) -> bool:
-    return any(magnitude(modal[2 * k], modal[2 * k + 1]) > limits[k] * _LAST_BIT for k in range(len(limits)))
+def _beyond(modal: list[float], limits: Row) -> int:
+    """How many modes are beyond their limits."""
+    count = 0
+    for k in range(len(limits)):
+        count += magnitude(modal[2 * k], modal[2 * k + 1]) > limits[k] * _LAST_BIT
+    return count
 
 
 # --- two fingers on two modes ---------------------------------------------------------------------------------------
