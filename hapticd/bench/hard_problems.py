@@ -1,4 +1,4 @@
-"""Problems at the ends of the solver's range, for `bench.stability`: conditions, scales, targets, places, sizes."""
+"""Problems at the ends of the solver's range for `bench.stability`: conditions, scales, targets, places, sizes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.solver.checks import Rows
+from ..core.solver.arithmetic import Rows
 from ..sim.plate.truth import PlateTruth
 from .modes import W_LIMIT_UM
 
@@ -17,7 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Problem(NamedTuple):
-    """What a solve is asked."""
+    """Input of one solve."""
 
     rows: Rows
     targets: tuple[float, ...]
@@ -60,7 +60,7 @@ def _wanting(target_um: float) -> Callable[[np.random.Generator], Problem]:
 
 
 def _placed(place: Callable[[np.random.Generator], FloatArray]) -> Callable[[np.random.Generator], Problem]:
-    """Two fingers at places on the plate, as its map tells of them."""
+    """Two fingers at places on the plate, with shapes from its map."""
     return lambda random: _pair(_map().evaluate(place(random)), random)
 
 

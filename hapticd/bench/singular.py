@@ -1,9 +1,9 @@
-"""Through singular positions: by how much the reference steps from knot to knot, beside the paper's formula.
+"""Step of the reference from knot to knot at singular positions, beside the paper's formula.
 
 Two fingers cross the plate on random straight lines at 100 mm/s, one still, one at 1 um, shapes known exactly; a knot
 every 2.8 ms. The measure: of the knots between which the determinant of the mode matrix changes its sign, the largest
 change of any mode's amplitude. The paper's formula flips there from one limit to the other, 8 um. The median of all
-crossings is what a person usually gets, the largest what the amplifiers must bear.
+crossings is the usual step, the largest is what the amplifiers must bear.
 """
 
 from __future__ import annotations
@@ -16,34 +16,36 @@ import numpy.typing as npt
 from ..config.sections import Config
 from ..core.phasors import Row
 from ..core.plate.mode_shapes import ModeShapes
+from ..core.solver.general import solve_fast
 from ..core.solver.instant import InstantSolver, PointSolver
-from ..core.solver.policies import solve_fast
 from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
 from .baselines.paper_scheme import invert
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
-from .solver_tracks import KNOTS, ONE_STILL_UM, strokes_mm
+from .solver_tracks import KNOTS, strokes_mm
 from .tables import Table, finite_rows
 
 FloatArray = npt.NDArray[np.float64]
 
 DEFAULT = "hapticd"
 PAPER = "the paper's formula"
+NO_DERATING = "no derating"
+ONE_STILL_UM = (1.0, 0.0)
 POSITION_ERROR_MM = 0.12  # RMS on each axis: what the prediction is off by on strokes
 _KNOT_NS = 2_800_000
 _MAP_POINTS = 138  # a millimetre apart
 
 
 def run(*, strokes: int = 40) -> Table:
-    """Steps, share and price of the reference on `strokes` strokes, for hapticd, with parts left out, and the paper."""
-    fade = Config().solver.fade
+    """Steps, share and price of the reference on `strokes` strokes: hapticd, without derating, and the paper."""
+    price = Config().solver.fade
     points_mm = strokes_mm(strokes)
     modes = _true_map()
     ways: dict[str, tuple[PointSolver, float]] = {
-        DEFAULT: (solve_fast, fade),
-        "no fade": (solve_fast, 0.0),
+        DEFAULT: (solve_fast, price),
+        NO_DERATING: (solve_fast, 0.0),
         PAPER: (invert, 0.0),
     }
-    walks = {name: _walked(modes, points_mm, solve, fade) for name, (solve, fade) in ways.items()}
+    walks = {name: _walked(modes, points_mm, solve, price) for name, (solve, price) in ways.items()}
     return Table(
         name="singular",
         title=f"leak: the largest step at singular positions: one finger still, one at 1 um, {strokes} strokes",
@@ -65,9 +67,9 @@ def _true_map() -> ModeShapes:
     return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
 
 
-def _walked(modes: ModeShapes, points_mm: FloatArray, solve: PointSolver, fade: float) -> FloatArray:
+def _walked(modes: ModeShapes, points_mm: FloatArray, solve: PointSolver, price: float) -> FloatArray:
     """Modal amplitudes (strokes, KNOTS, M), each stroke from a plate at rest."""
-    solver = InstantSolver(modes, W_LIMIT_UM, fade=fade, phase_rotation=solve is not invert, solve=solve)
+    solver = InstantSolver(modes, W_LIMIT_UM, fade=price, phase_rotation=solve is not invert, solve=solve)
     return np.array([_stroke(solver, stroke) for stroke in points_mm.tolist()])
 
 

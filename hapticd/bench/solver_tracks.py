@@ -1,4 +1,4 @@
-"""What the solver's freedoms are worth on the way: signs and phases along strokes.
+"""Signs against free phases along strokes of two slipping fingers.
 
 Two fingers cross the plate on random straight lines at 100 mm/s, a knot every 2.8 ms, shapes known exactly. Between
 knots the board interpolates: a chord on which a finger gets less than at both ends is a sag that it feels.
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver.policies import Rows
+from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve_fast, solve_phased_fast
 from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from .baselines.solver import solve_rows
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
@@ -32,12 +33,6 @@ ONE_STILL_UM = (1.0, 0.0)
 SAG_FRAC = 0.1  # of a finger's amplitude: what counts as a sag
 
 
-def run(*, strokes: int = 40, repeats: int = REPEATS) -> tuple[Table, Table]:
-    """Both tables, of the same `strokes`."""
-    points_mm = strokes_mm(strokes)
-    return both_slip(points_mm, repeats), one_still(points_mm, repeats)
-
-
 def strokes_mm(strokes: int) -> FloatArray:
     """Positions (strokes, KNOTS, 2 fingers, 2) on lines that stay on the plate."""
     random = np.random.default_rng(17)
@@ -48,18 +43,15 @@ def strokes_mm(strokes: int) -> FloatArray:
     return np.asarray(middle_mm + heading * np.linspace(-half_mm, half_mm, KNOTS)[None, :, None, None])
 
 
-# --- both fingers slip ----------------------------------------------------------------------------------------------
-
-
-def both_slip(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
-    """Signs against phases: what two slipping fingers miss, and how often a change of pattern makes one sag."""
+def run(*, strokes: int = 40, repeats: int = REPEATS) -> Table:
+    """What two slipping fingers miss, and how often a change of pattern makes one sag."""
+    points_mm = strokes_mm(strokes)
     phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     tracks = [rows_of(stroke) for stroke in phi]
     ways: dict[str, Way] = {
-        "solve_fast": _signs,
-        "solve_fast, hysteresis 0.05": lambda track, wanted_um: _signs(track, wanted_um, hysteresis=0.05),
-        "solve_fast, paper": lambda track, wanted_um: _signs(track, wanted_um, policy="paper"),
-        "solve_phased_fast": _phases,
+        "solve_fast": partial(_walked, solve_fast),
+        "paper": partial(_walked, partial(solve_rows, policy="paper")),
+        "solve_phased_fast": partial(_walked, solve_phased_fast),
     }
     times = _times(ways, tracks, NEAR_UM, repeats)
     rows = []
@@ -95,38 +87,23 @@ def both_slip(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
     )
 
 
-def _signs(
-    track: Track,
-    wanted_um: tuple[float, ...],
-    *,
-    policy: str = "keep_zero",
-    effort: float = 0.0,
-    hysteresis: float = 0.0,
-) -> list[tuple[float, ...]]:
-    limits = (W_LIMIT_UM[0],) * len(track[0][0])
-    previous: tuple[float, ...] | None = None
-    told = []
+def _walked(solve: Callable[..., Any], track: Track, wanted_um: tuple[float, ...]) -> list[Sequence[complex]]:
+    """Modal amplitudes knot by knot, each solved from the last one's."""
+    previous: Sequence[complex] | None = None
+    found = []
     for rows in track:
-        previous, _ = solve_fast(rows, wanted_um, limits, previous, policy, effort, hysteresis)
-        told.append(previous)
-    return told
-
-
-def _phases(track: Track, wanted_um: tuple[float, ...]) -> list[tuple[complex, ...]]:
-    previous: tuple[complex, ...] | None = None
-    told = []
-    for rows in track:
-        previous, _ = solve_phased_fast(rows, wanted_um, W_LIMIT_UM, previous)
-        told.append(previous)
-    return told
+        previous, _ = solve(rows, wanted_um, W_LIMIT_UM, previous)
+        assert previous is not None
+        found.append(previous)
+    return found
 
 
 def _general_minimiser(optimize: Any, phi: FloatArray) -> dict[str, float]:
-    """What is least over two magnitudes and the phase between, knot by knot: the bound for all phasors."""
+    """The least errors over two magnitudes and the phase between, knot by knot: a bound for all phasors."""
     some = phi[:, ::10].reshape(-1, 2, 2)
     bounds = [(0.0, limit) for limit in W_LIMIT_UM] + [(0.0, np.pi)]
     starts = [(x, x, angle) for x in (1.0, 3.0) for angle in (0.3, 2.8)]
-    told = {}
+    found = {}
     for name, wanted in (("error_um", NEAR_UM), ("far_error_um", FAR_UM)):
         target = np.array(wanted)
 
@@ -134,58 +111,8 @@ def _general_minimiser(optimize: Any, phi: FloatArray) -> dict[str, float]:
             return float(np.sum((np.abs(one @ np.array([v[0], v[1] * np.exp(1j * v[2])])) - target) ** 2))
 
         least = [min(optimize.minimize(missed, at, args=(one,), bounds=bounds).fun for at in starts) for one in some]
-        told[name] = float(np.sqrt(np.mean(least) / 2))
-    return told
-
-
-# --- one finger is still --------------------------------------------------------------------------------------------
-
-
-def one_still(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
-    """The reference's steps from knot to knot, largest at singular positions, and the slipping finger's share."""
-    shapes = PlateTruth().shapes(points_mm)
-    side = np.sign(np.linalg.det(shapes[..., : len(DRIVEN_MODES)]))
-    crosses = side[:, 1:] != side[:, :-1]
-    ways: dict[str, tuple[int, Way]] = {
-        "solve_fast": (2, _signs),
-        "solve_fast, effort 0.02": (2, lambda track, wanted_um: _signs(track, wanted_um, effort=0.02)),
-        "solve_fast, least_squares": (2, lambda track, wanted_um: _signs(track, wanted_um, policy="least_squares")),
-        "solve_fast, paper": (2, lambda track, wanted_um: _signs(track, wanted_um, policy="paper")),
-        "solve_phased_fast": (2, _phases),
-        "solve_fast, 3 modes": (3, _signs),
-        "solve_fast, 4 modes": (4, _signs),
-    }
-    rows = []
-    for name, (modes, way) in ways.items():
-        phi = shapes[..., :modes]
-        tracks = [rows_of(stroke) for stroke in phi]
-        modal_um = np.array([way(track, ONE_STILL_UM) for track in tracks])
-        got_um = np.abs(np.einsum("sknm,skm->skn", phi, modal_um))
-        steps_um = np.max(np.abs(np.diff(modal_um, axis=1)), axis=-1)
-        figures = {
-            **_times({name: way}, tracks[:5], ONE_STILL_UM, repeats)[name],
-            "singular_step_um": float(np.max(steps_um[crosses])),
-            "usual_singular_step_um": float(np.median(steps_um[crosses])),
-            "largest_step_um": float(np.max(steps_um)),
-            "usual_step_um": float(np.median(steps_um)),
-            "share_frac": float(np.mean(np.minimum(got_um[..., 0] / ONE_STILL_UM[0], 1.0))),
-            "leak_um": float(np.sqrt(np.mean(got_um[..., 1] ** 2))),
-        }
-        rows.append((name, figures))
-    return Table(
-        name="one_still",
-        title="solver, one finger still, one at 1 um: strokes; the reference's step from knot to knot of 2.8 ms",
-        default="solve_fast",
-        rows=finite_rows(rows),
-        compared=("singular_step_um", "share_frac"),
-        time="time_us",
-        error="singular_step_um",
-        notes=(
-            f"singular step: where the two-mode matrix changes the sign of its determinant, {np.sum(crosses)} times",
-            "with one finger still, two modes leave one line: its share is the most that limits and zero allow",
-            "3, 4 modes: the plate's neighbouring pair as if it were driven, within the same limits",
-        ),
-    )
+        found[name] = float(np.sqrt(np.mean(least) / 2))
+    return found
 
 
 # --- figures --------------------------------------------------------------------------------------------------------
@@ -222,5 +149,5 @@ def _sags_frac(phi: FloatArray, modal_um: Phasors) -> FloatArray:
 
 
 def rms(values: FloatArray) -> float:
-    """Over all of them."""
+    """Root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))

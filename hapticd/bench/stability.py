@@ -1,9 +1,9 @@
-"""What the solver does at the ends of its range: `hapticd bench stability`.
+"""The solver at the ends of its range: `hapticd bench stability`.
 
-Every situation is solved by every policy and with free phases, warnings raised as errors. What counts is what breaks:
-an exception, a number that is not finite, a limit; what the still finger gets, before and after the wire's float32; and
-how many digits agree with the same solution at 60 digits (mpmath). The long walk asks whether anything adds up
-over consecutive steps, each of which begins at the last one's amplitudes.
+Every situation is solved with signs and with free phases, warnings raised as errors. Counted are exceptions, numbers
+that are not finite, broken limits; what the still finger gets, before and after the wire's float32; and the digits that
+agree with the same solution at 60 digits (mpmath). The long walk shows whether errors add up over consecutive steps,
+each of which begins at the last one's amplitudes.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver.checks import Rows
-from ..core.solver.policies import POLICIES
+from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve, solve_fast, solve_phased_fast
 from ..core.trajectory.gate import gate
 from ..sim.plate.truth import PlateTruth
@@ -64,16 +63,16 @@ def situations(problems: int = 200) -> Table:
         rows.append((name, _figures(made, mpmath)))
     return Table(
         name="stability",
-        title="stability: the solver at the ends of its range, every policy; worst of all problems",
+        title="stability: the solver at the ends of its range; worst of all problems",
         default=DEFAULT,
         rows=finite_rows(rows),
         compared=(),
         skipped={} if mpmath else {"digits": "mpmath is not installed"},
         notes=(
             "failures: exceptions, warnings, numbers that are not finite; limits broken: by the last bit",
-            "leak: keep_zero's and free phases' still finger, its row's largest entry 1; wire leak: after the float32",
-            f"digits: of W, two fingers on two modes, in which keep_zero agrees with {DIGITS}-digit arithmetic",
-            "(both slip: where no limit is met); W carries the rows' condition, the still finger's zero does not",
+            "leak: what a still finger gets, its row's largest entry 1; wire leak: after the float32",
+            f"digits: of W, two fingers on two modes, that agree with {DIGITS}-digit arithmetic (both slip: where no",
+            "limit is met); W carries the rows' condition, the still finger's zero does not",
         ),
     )
 
@@ -82,16 +81,14 @@ def _figures(problems: Sequence[Problem], mpmath: Any | None) -> dict[str, float
     failures, broken, leak_um, wire_leak_um = 0, 0, 0.0, 0.0
     digits: dict[bool, list[float]] = {True: [], False: []}  # by whether the second finger is still
     for problem in problems:
-        told = _told(problem)
-        failures += len(POLICIES) + 2 - len(told)
-        for modal in told.values():
+        solved = _solved(problem)
+        failures += len(_WAYS) - len(solved)
+        for modal in solved.values():
             broken += any(math.hypot(w.real, w.imag) > b for w, b in zip(modal, problem.limits, strict=True))
-        for name in ("keep_zero", "phases"):
-            if name in told:
-                leak_um = max(leak_um, leak(problem, told[name]))
-                wire_leak_um = max(wire_leak_um, leak(problem, wired(told[name], problem.limits)))
-        if mpmath is not None and "keep_zero" in told:
-            agree = agreeing_digits(mpmath, problem, told["keep_zero"])
+            leak_um = max(leak_um, leak(problem, modal))
+            wire_leak_um = max(wire_leak_um, leak(problem, wired(modal, problem.limits)))
+        if mpmath is not None and "signs" in solved:
+            agree = agreeing_digits(mpmath, problem, solved["signs"])
             digits[problem.targets[1:2] == (0.0,)] += [] if math.isnan(agree) else [agree]
     return {
         "problems_count": len(problems),
@@ -106,24 +103,26 @@ def _figures(problems: Sequence[Problem], mpmath: Any | None) -> dict[str, float
     }
 
 
-def _told(problem: Problem) -> dict[str, Phasors]:
-    """What each policy, the public edge and free phases answer; whoever fails is missing."""
-    ways: dict[str, Callable[[], Phasors]] = {
-        **{policy: (lambda name=policy: solve_fast(*problem, None, name)[0]) for policy in POLICIES},  # type: ignore[misc]
-        "solve": lambda: solve(*problem).modal_um.tolist(),
-        "phases": lambda: solve_phased_fast(*problem)[0],
-    }
-    told: dict[str, Phasors] = {}
-    for name, way in ways.items():
+_WAYS: dict[str, Callable[[Problem], Phasors]] = {
+    "signs": lambda problem: solve_fast(*problem)[0],
+    "phases": lambda problem: solve_phased_fast(*problem)[0],
+    "solve": lambda problem: solve(*problem).modal_um.tolist(),
+}
+
+
+def _solved(problem: Problem) -> dict[str, Phasors]:
+    """Solutions by signs, by free phases and by the public function; a failed one is missing."""
+    solved: dict[str, Phasors] = {}
+    for name, way in _WAYS.items():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             try:
-                modal = way()
+                modal = way(problem)
             except (ArithmeticError, ValueError, Warning, np.linalg.LinAlgError):
                 continue
         if all(math.isfinite(w.real) and math.isfinite(w.imag) for w in modal):
-            told[name] = modal
-    return told
+            solved[name] = modal
+    return solved
 
 
 def leak(problem: Problem, modal: Phasors) -> float:

@@ -25,8 +25,6 @@ from . import (
     soak,
     soak_real_time,
     solver,
-    solver_contacts,
-    solver_sizes,
     solver_tracks,
     stability,
     tick,
@@ -53,7 +51,7 @@ MOST_STEPS = 1_000_000_000  # half an hour
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda _: prediction.run(),
-    "solver": lambda _: (solver.run(), *solver_tracks.run(), solver_contacts.run(), solver_sizes.run()),
+    "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes()),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak.contact(), leak_budget.run()),

@@ -19,6 +19,7 @@ from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, T
 from .phasors import Row, magnitude, re_im
 from .plate.mode_shapes import ModeShapes
 from .plate.parasitic_modes import ParasiticModes
+from .solver.general import solve_fast
 from .solver.instant import (
     InstantSolver,
     Key,
@@ -30,7 +31,6 @@ from .solver.instant import (
     points,
     settles_ns,
 )
-from .solver.policies import solve_fast
 from .targets.scene import Scene
 from .touch.fingers import Fingers, Predictor
 from .trajectory.gate import gate, silence

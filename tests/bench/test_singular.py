@@ -1,4 +1,4 @@
-"""Through singular positions the reference that hapticd plays steps far less than the paper's formula, at worst too."""
+"""At singular positions the reference steps far less than by the paper's formula, at worst too."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def test_the_largest_step_is_a_third_of_the_paper_s_at_most(table: Table) -> Non
     assert ours["usual_step_um"] < ours["largest_step_um"] <= ours["anywhere_um"] < 8.0 / 3.0
 
 
-def test_what_fades_costs_the_still_finger_less_and_the_slipping_one_little(table: Table) -> None:
-    ours, riding = (table.row(name).figures for name in (singular.DEFAULT, "no fade"))
+def test_derating_costs_the_still_finger_less_and_the_slipping_one_little(table: Table) -> None:
+    ours, riding = (table.row(name).figures for name in (singular.DEFAULT, singular.NO_DERATING))
     assert ours["price_um"] < 0.85 * riding["price_um"]
     assert 0.93 * riding["share_frac"] < ours["share_frac"] < riding["share_frac"]
 

@@ -1,15 +1,15 @@
-"""What an amplitude is worth: how far it gives way where it costs a still finger more than it gives a slipping one.
+"""Derating: scale amplitudes down where they cost a still finger more than they give a slipping one.
 
 Two things go wrong near singular positions, where modes at their limits give the slipping finger next to nothing:
 
     price   a position is never known to better than a tenth of a millimetre. Of an error e the still finger feels
-            e |grad w|, whatever is exactly zero at the position foretold. Of all amplitudes that give the slipping
+            e |grad w|, although w is exactly zero at the predicted position. Of all amplitudes that give the slipping
             finger the same mean, those cost the least whose share of the target is in proportion to |grad w|^2.
     slew    where the still finger crosses a common node of the modes any amplitudes are zero there, and those that
-            stay so turn about at once. Zero all the way takes |dW/dP| >= |grad w| / |phi|, um per mm of its way.
+            stay so change sign at once. Zero all the way takes |dW/dP| >= |grad w| / |phi|, um per mm of its way.
 
-All modes are scaled together, so every zero stays. What is left out: the slope of |W| with the slipping finger's way
-(the floor of the share bounds it), and still fingers so close to each other that their zeros are one.
+All modes are scaled together, so every zero stays. Left out: the slope of |W| with the slipping finger's way (the floor
+of the share bounds it), and still fingers so close to each other that their zeros are one.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from ..plate.mode_shapes import ModeShapes
 
 Slope = tuple[float, float, float]  # of one mode at one point: phi, dphi/dx, dphi/dy
 
-STEEPEST_UM_MM: Final = 4.0  # of the reference along a still finger's way: a step of 1 um and a half from knot to knot
-LEAST_SHARE: Final = 0.3  # a share falls to 0 and comes back within a knot or two: to follow it all the way makes steps
+STEEPEST_UM_MM: Final = 4.0  # of the reference along a still finger's way: a step of 1.5 um from knot to knot
+LEAST_SHARE: Final = 0.3  # a share falls to 0 and rises again within a knot or two: following it fully makes steps
 
 
-def faded(
-    modal_um: Row, share: float, still: Sequence[tuple[Slope, ...]], fade_mm2_um2: float, *, limited: bool
+def derated(
+    modal_um: Row, share: float, still: Sequence[tuple[Slope, ...]], derating_mm2_um2: float, *, limited: bool
 ) -> Row:
     """`modal_um` (M,), scaled by 1 or less.
 
-    `share` is the least that a slipping finger gets of its target, `still` the shapes and slopes under each finger
-    that shall feel nothing. `fade_mm2_um2`: the share that is asked for in return for a slope of 1 um/mm there; it is
-    asked only where a limit keeps a finger from its target.
+    `share` is the least that a slipping finger gets of its target, `still` the shapes and slopes under each still
+    finger. `derating_mm2_um2` is the share required for a slope of 1 um/mm there; it is required only where a limit
+    keeps a finger from its target.
     """
     scale = 1.0
     for slopes in still:
@@ -43,7 +43,7 @@ def faded(
         if slope_um_mm > bound_um_mm:
             scale = min(scale, bound_um_mm / slope_um_mm)
         if limited:
-            price = fade_mm2_um2 * slope_um_mm * slope_um_mm
+            price = derating_mm2_um2 * slope_um_mm * slope_um_mm
             worth = math.hypot(share, LEAST_SHARE)
             if price > worth:
                 scale = min(scale, worth / price)
@@ -51,7 +51,7 @@ def faded(
 
 
 def is_near_node(phi: Sequence[float], modal_um: Row, steepest_1_mm: float) -> bool:
-    """Whether a still finger with these shapes (M,) may be so near a common node that the slew could be too great."""
+    """A still finger with these shapes (M,) may be so near a common node that the slew could be too great."""
     together_um = 0.0
     for w_um in modal_um:
         w_d_um, w_q_um = re_im(w_um)
@@ -61,7 +61,7 @@ def is_near_node(phi: Sequence[float], modal_um: Row, steepest_1_mm: float) -> b
 
 
 def least_share(amplitudes_um: Sequence[float], targets_um: Sequence[float]) -> float:
-    """Of the slipping fingers' targets, the least share that one gets; 1 where all are met, or none slips."""
+    """The least share of its target that a slipping finger gets; 1 where all are met, or none slips."""
     share = 1.0
     for finger in range(len(targets_um)):
         target_um = targets_um[finger]
@@ -71,12 +71,12 @@ def least_share(amplitudes_um: Sequence[float], targets_um: Sequence[float]) -> 
 
 
 def slopes_at(modes: ModeShapes, places: Sequence[tuple[float, float, float]]) -> list[tuple[Slope, ...]]:
-    """Shapes and slopes under the fingers that shall feel nothing; `places` are (x_mm, y_mm, target_um)."""
+    """Shapes and slopes under the still fingers; `places` are (x_mm, y_mm, target_um)."""
     return [modes.at_with_gradient(x_mm, y_mm) for x_mm, y_mm, target_um in places if target_um == 0.0]
 
 
 def _slope_um_mm(slopes: Sequence[Slope], modal_um: Row) -> float:
-    """|grad w|, of complex amplitudes that of both parts together."""
+    """|grad w|; of complex amplitudes that of both parts together."""
     along_x_d = along_x_q = along_y_d = along_y_q = 0.0
     for mode in range(len(slopes)):
         _, dx_1_mm, dy_1_mm = slopes[mode]

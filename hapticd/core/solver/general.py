@@ -1,100 +1,113 @@
-"""The solver for three modes and more: null space, sign patterns, least squares within the limits.
+"""N fingers on M modes: null space, sign patterns, least squares within the limits. And the entry to the fast path.
 
 The still fingers leave a subspace of modal amplitudes, W = basis z (singular value decomposition; rows are scaled to
 a largest entry of 1, ranks are cut at `RANK`). For every sign pattern of the slipping fingers the minimum-norm
-least-squares z is tried first; only where it leaves the box |W_k| <= limit_k does the active set of
-`core.solver.polytope` run, and only if the pattern can still win.
+least-squares z is computed, all patterns at once. Without limits it is a lower bound of the pattern's error; only
+where z leaves the box |W_k| <= limit_k and the bound beats the best so far does the active set of `polytope` run.
 
-Cost, n slipping fingers, r dimensions left: the exact minimum over n patterns for r = 2, n^2 / 2 for r = 3, 2^(n-1)
-for r > 3 up to n = 7; beyond that a local search over single signs from n + r starts. A pattern costs O(n r), and
-where limits bind some 2 M decompositions of O(n r^2) each.
+Cost, n slipping fingers: 2^(n-1) patterns up to n = 10, beyond that a local search over single signs from n + M starts.
+A pattern costs O(n M); where limits bind, some 2 M decompositions of O(n M^2) each.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from itertools import combinations, product
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from .arithmetic import NOISE, Row, normalised
-from .box import sign_patterns
-from .candidates import EQUAL_ERROR, Candidate, choose, excess_error, misses, square
+from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Row, Rows, all_finite, clamped
+from .pair import hold_still, serve_both, serve_one
 from .polytope import RANK, Factored, least_norm_in_polytope
 
 FloatArray = npt.NDArray[np.float64]
 
-_MOST_ENUMERATED = 7  # slipping fingers: 64 patterns
-_SAME_RAY = 1e-9  # angle below which planes count as passing through one ray; extra patterns do no harm
+_MOST_ENUMERATED: Final = 10  # slipping fingers: 512 patterns
+_REACH_CAP: Final = 1e30  # a target so many times out of reach acts like any farther one
+_SURELY_GREATER: Final = 1.0 + 1e-6  # of |W|^2: no tie
 
 
-class Space(NamedTuple):
-    """What the still fingers leave: W = basis z within +-box, and what each slipping finger gets of z."""
+def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+    """`solve` on plain floats for callers that have checked their input: modal amplitudes in um, and `limited`.
+
+    Whatever phi holds, the result is finite and within the limits; a phi that is not finite gives silence.
+    """
+    if len(limits) == 2 and 1 <= len(rows) <= 2:
+        box = limits[0], limits[1]
+        near = (0.0, 0.0) if previous is None else (previous[0], previous[1])
+        one, first = rows[0], targets[0]  # by index: compiled code unpacks rows of any length through an iterator
+        a, b = one[0], one[1]
+        if len(rows) == 1:
+            x, y, limited, is_solved = serve_one((a, b), first, box, near) if first > 0.0 else (0.0, 0.0, False, True)
+            if is_solved:
+                return (x, y), limited
+        else:
+            other, second = rows[1], targets[1]
+            c, d = other[0], other[1]
+            if second == 0.0 < first and (c != 0.0 or d != 0.0):
+                x, y, limited = hold_still((a, b), first, (c, d), box, near)
+                return (x, y), limited
+            if first == 0.0 < second and (a != 0.0 or b != 0.0):
+                x, y, limited = hold_still((c, d), second, (a, b), box, near)
+                return (x, y), limited
+            if first > 0.0 < second:
+                x, y, limited, is_solved = serve_both((a, b, c, d), (first, second), box, near)
+                if is_solved:
+                    return (x, y), limited
+    return solve_general(rows, targets, limits, previous)
+
+
+def solve_general(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+    """As `solve_fast`, by the general path alone."""
+    problem = pose(rows, targets, limits)
+    if problem is None:
+        return (0.0,) * len(limits), False
+    best = best_solution(problem, previous)
+    return unscaled(problem, best.modal, limits), is_limited(problem, best)
+
+
+# --- the problem ----------------------------------------------------------------------------------------------------
+
+
+class Problem(NamedTuple):
+    """What the still fingers leave to the n slipping ones, scaled to a largest gain and a largest limit of 1.
+
+    W = reach * basis z, and each slipping finger gets gains z.
+    """
 
     basis: FloatArray  # (M, r), orthonormal
     gains: FloatArray  # (n, r)
     box: FloatArray  # (M,)
-    effort: float
-
-
-class Scaled(NamedTuple):
-    """A problem brought to a largest gain and limit of 1; W is to be multiplied by `reach`."""
-
-    space: Space
-    wanted: list[float]
+    targets: FloatArray  # (n,)
     reach: float
+    factored: Factored  # the gains
+    phi: FloatArray  # (n, M): the slipping fingers' rows at a largest entry of 1
 
 
-class Attempt(NamedTuple):
-    """A sign pattern that does not fit the box, and what it would do without limits: a bound on what it can do."""
+class Candidate(NamedTuple):
+    """Solution of one sign pattern; `error` and `square` order candidates by rules (3) and (4)."""
 
-    signs: Row
-    bound: Candidate  # amplitudes signed: positive where they have the pattern's sign
-
-
-def solve_space(
-    still: Sequence[Row],
-    slipping: Sequence[Row],
-    targets: Sequence[float],
-    limits: Row,
-    previous: Row | None,
-    effort: float = 0.0,
-    hysteresis: float = 0.0,
-) -> tuple[Row, bool]:
-    """`keep_zero` for any number of modes: modal amplitudes, and whether a limit keeps a finger from its target."""
-    problem = _scaled(still, slipping, targets, limits, effort)
-    if problem is None:
-        return (0.0,) * len(limits), False
-    near = None if previous is None else tuple([w / problem.reach for w in previous])
-    candidates = _candidates(problem.space, problem.wanted, near, hysteresis)
-    chosen = choose(candidates, problem.wanted, near, problem.space.effort, hysteresis)
-    limited = chosen.clamped and misses(chosen.amplitudes, problem.wanted)
-    return _unscaled(chosen.modal, problem.reach, limits), limited
+    modal: FloatArray  # (M,)
+    amplitudes: FloatArray  # (n,), 0 or more
+    signs: FloatArray  # (n,)
+    error: float  # squared error less the targets' squares, which may dwarf it
+    square: float  # |W|^2
+    is_bent: bool
 
 
-def solve_pattern(
-    still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[float], signs: Sequence[float], limits: Row
-) -> Row:
-    """As `solve_space`, with the slipping fingers' signs given."""
-    problem = _scaled(still, slipping, targets, limits, 0.0)
-    if problem is None:
-        return (0.0,) * len(limits)
-    basis, gains, box, _ = problem.space
-    factored = Factored.of(gains, 0.0)
-    wanted = np.array(signs) * np.array(problem.wanted)
-    z = factored.least_norm(wanted)
-    if not np.all(np.abs(basis @ z) <= box):
-        z = least_norm_in_polytope(factored, wanted, basis, box)
-    return _unscaled((basis @ z).tolist(), problem.reach, limits)
+def pose(rows: Rows, targets: Row, limits: Row) -> Problem | None:
+    """The problem; None where only silence serves: no finger slips or can be moved, or phi is not finite."""
+    still = [row for row, target in zip(rows, targets, strict=True) if target == 0.0]
+    slipping = [row for row, target in zip(rows, targets, strict=True) if target != 0.0]
+    if not slipping or not all_finite(rows):
+        return None
+    return pose_split(still, slipping, [target for target in targets if target != 0.0], limits)
 
 
-def _scaled(
-    still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[float], limits: Row, effort: float
-) -> Scaled | None:
-    """The problem at a largest gain and limit of 1; None where nothing can move a slipping finger."""
+def pose_split(still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[float], limits: Row) -> Problem | None:
+    """As `pose`, of finite rows that are split into still and slipping ones; `targets` are the latter's."""
     basis = null_basis(still, len(limits))
     phi = np.array(slipping)
     size = float(np.max(np.abs(phi)))
@@ -106,13 +119,11 @@ def _scaled(
     largest = float(np.max(np.abs(gains)))
     if largest == 0.0:
         return None
-    size = max(size * largest, sys.float_info.min)
-    wanted, box, effort, reach = normalised(size, targets, limits, effort)
-    return Scaled(Space(basis, gains / largest, np.array(box), effort), wanted, reach)
-
-
-def _unscaled(modal: Sequence[float], reach: float, limits: Row) -> Row:
-    return tuple([max(-limit, min(limit, w * reach)) for w, limit in zip(modal, limits, strict=True)])
+    gains /= largest
+    reach, peak = max(limits), max(targets)
+    scaled_peak = peak / max(size * largest, sys.float_info.min) / reach
+    wanted = np.array(targets) / peak * (scaled_peak if scaled_peak <= _REACH_CAP else _REACH_CAP)
+    return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains), phi)
 
 
 def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
@@ -126,74 +137,112 @@ def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
     return np.ascontiguousarray(right[rank:].T)
 
 
-# --- sign patterns ------------------------------------------------------------------------------------------------
+def unscaled(problem: Problem, modal: FloatArray, limits: Row) -> Row:
+    """W in um, within the limits to the last bit."""
+    return tuple([clamped(w * problem.reach, limit) for w, limit in zip(modal.tolist(), limits, strict=True)])
 
 
-def _candidates(space: Space, targets: Sequence[float], previous: Row | None, hysteresis: float) -> list[Candidate]:
-    factored = Factored.of(space.gains, space.effort)
-    solver = _PatternSolver(space, factored, targets, hysteresis if previous is not None else 0.0)
-    moved = np.flatnonzero(np.any(space.gains != 0.0, axis=1))
-    patterns = _patterns(space.gains[moved])
-    if patterns is not None:
-        solver.solve(_spread(patterns, moved, len(targets)))
-        return solver.candidates
-    start = None if previous is None else np.array(previous) @ space.basis
-    kernel = factored.fitted(len(targets))[np.ix_(moved, moved)] * np.outer(*[np.array(targets)[moved]] * 2)
-    optima = _locally_best(kernel, space.gains[moved], start)
-    solver.solve(_spread(optima, moved, len(targets)))
-    around: Row = ()
-    while solver.best_signs != around:
-        around = solver.best_signs
-        flips = np.where(np.eye(len(targets), dtype=bool)[moved], -1.0, 1.0) * np.array(around)
-        solver.solve([tuple(signs) for signs in flips.tolist()])
-    return solver.candidates
+def is_limited(problem: Problem, best: Candidate) -> bool:
+    """A limit bent the solution, and some finger misses its target by more than rounding."""
+    return best.is_bent and not bool(np.all(np.abs(best.amplitudes - problem.targets) <= MISSED * problem.targets))
 
 
-def _patterns(gains: FloatArray) -> FloatArray | None:
-    """All signs (count, n) that n fingers' amplitudes can have, up to a common one; None where these are too many."""
-    fingers, dimensions = gains.shape
-    if dimensions == 1:
-        return np.sign(gains).T
-    if dimensions == 2:
-        return np.array(sign_patterns([tuple(row) for row in gains.tolist()]))
-    if fingers <= _MOST_ENUMERATED:
-        return np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=fingers - 1)])
-    if dimensions > 3:
-        return None
-    return _cells_in_space(gains)
+# --- sign patterns --------------------------------------------------------------------------------------------------
 
 
-def _cells_in_space(gains: FloatArray) -> FloatArray:
-    """The sign patterns in three dimensions: every cell between the planes where a finger is still has a corner ray
-    on two of them, and around the ray the fingers whose planes hold it see a problem in the plane."""
-    unit = gains / np.linalg.norm(gains, axis=1, keepdims=True)
-    found: set[Row] = set()
-    for first, second in combinations(range(len(unit)), 2):
-        ray = np.cross(unit[first], unit[second])
-        length = float(np.linalg.norm(ray))
-        if length <= _SAME_RAY:
+def best_solution(problem: Problem, previous: Row | None) -> Candidate:
+    """The candidate with least error, of equals that of least |W|, of equals the one nearest `previous`."""
+    modes = len(problem.box)
+    near = np.array([0.0 if previous is None else clamped(previous[k] / problem.reach, SAFE) for k in range(modes)])
+    moved = np.flatnonzero(problem.gains.any(axis=1))
+    if len(moved) <= _MOST_ENUMERATED:
+        return _nearest(problem, _solved(problem, _every_pattern(moved, len(problem.gains))), near)
+    candidates = _solved(problem, _locally_best(problem, near))
+    best, signs = _best(candidates), np.zeros(len(problem.gains))
+    while not np.array_equal(best.signs, signs):
+        signs = best.signs
+        candidates += _solved(problem, np.where(np.eye(len(signs), dtype=bool)[moved], -signs, signs))
+        best = _best(candidates)
+    return _nearest(problem, candidates, near)
+
+
+def with_signs(problem: Problem, signs: Sequence[float]) -> Candidate:
+    """The candidate of given signs of the slipping fingers."""
+    return _solved(problem, np.array([signs]))[0]
+
+
+def _solved(problem: Problem, patterns: FloatArray) -> list[Candidate]:
+    """Candidates of sign patterns (count, n); a pattern whose lower bound has lost is left out."""
+    targets = problem.targets
+    free = problem.factored.least_norm(patterns * targets)
+    modal, got = free @ problem.basis.T, free @ problem.gains.T
+    fits = np.all(np.abs(modal) <= problem.box, axis=1)
+    got = np.where(fits[:, None], np.abs(got), patterns * got)
+    errors, squares = np.sum(got * (got - 2.0 * targets), axis=1), np.sum(modal * modal, axis=1)
+    candidates: list[Candidate] = []
+    best: Candidate | None = None
+    for index in np.lexsort((squares, errors, ~fits)).tolist():
+        if best is not None and _has_lost(float(errors[index]), float(squares[index]), best, targets):
             continue
-        ray /= length
-        level = unit @ ray
-        around = np.flatnonzero(np.abs(level) <= _SAME_RAY)
-        across = np.column_stack([unit[around] @ unit[first], unit[around] @ np.cross(ray, unit[first])])
-        signs = np.where(level >= 0.0, 1.0, -1.0)
-        for pattern in sign_patterns([tuple(row) for row in across.tolist()]):
-            for turn in (1.0, -1.0):
-                signs[around] = turn * np.array(pattern)
-                found.add(tuple((signs * signs[0]).tolist()))
-    return np.array(sorted(found))
+        one = Candidate(
+            modal[index], got[index], patterns[index], float(errors[index]), float(squares[index]), not fits[index]
+        )
+        if one.is_bent:
+            one = _bent(problem, patterns[index], free[index])
+        candidates.append(one)
+        best = one if best is None or one.error < best.error else best
+    return candidates
 
 
-def _locally_best(kernel: FloatArray, gains: FloatArray, previous: FloatArray | None) -> FloatArray:
+def _bent(problem: Problem, signs: FloatArray, free: FloatArray) -> Candidate:
+    """The best of a sign pattern within the limits; `free` (r,) is the best without them."""
+    if len(free) == 1:  # a line: clamped
+        line = np.abs(problem.basis[:, 0])
+        top = float(np.min(problem.box[line > NOISE] / line[line > NOISE]))
+        z = np.clip(free, -top, top)
+    else:
+        z = least_norm_in_polytope(problem.factored, signs * problem.targets, problem.basis, problem.box)
+    modal, got = problem.basis @ z, np.abs(problem.gains @ z)
+    return Candidate(modal, got, signs, float(got @ (got - 2.0 * problem.targets)), float(modal @ modal), True)
+
+
+def _has_lost(error: float, square: float, best: Candidate, targets: FloatArray) -> bool:
+    """A candidate with at least this error and |W|^2 cannot win."""
+    equal = EQUAL_ERROR * float(targets @ best.amplitudes)
+    return error > best.error + equal or (error >= best.error - equal and square > best.square * _SURELY_GREATER)
+
+
+def _best(candidates: Sequence[Candidate]) -> Candidate:
+    return min(candidates, key=lambda one: one.error)
+
+
+def _nearest(problem: Problem, candidates: Sequence[Candidate], near: FloatArray) -> Candidate:
+    """Rules (3), (4) and (5) among candidates; W or -W, which no finger can distinguish, whichever is nearer."""
+    best = _best(candidates)
+    allowed = best.error + EQUAL_ERROR * float(problem.targets @ best.amplitudes)
+    equal = [one for one in candidates if one.error <= allowed]
+    least = min([one.square for one in equal]) * (1.0 + EQUAL_NORM)
+    equal = [one._replace(modal=-one.modal) if one.modal @ near < 0.0 else one for one in equal if one.square <= least]
+    return min(equal, key=lambda one: float(np.sum((one.modal - near) ** 2)))
+
+
+def _every_pattern(moved: npt.NDArray[np.intp], fingers: int) -> FloatArray:
+    """All signs (count, fingers) of the fingers that can be moved, up to a common one; 1 for the others."""
+    free = max(len(moved) - 1, 0)
+    patterns = np.ones((2**free, fingers))
+    patterns[:, moved[1:]] = 1.0 - 2.0 * ((np.arange(2**free)[:, None] >> np.arange(free)) & 1)
+    return patterns
+
+
+def _locally_best(problem: Problem, near: FloatArray) -> FloatArray:
     """Signs that no single change improves, limits aside: s' kernel s is what of the targets' squares they serve.
 
-    From every principal direction, every finger's own, and the plate's present one.
+    From every principal direction, every finger's own, and that of the present amplitudes.
     """
-    directions = [*np.linalg.svd(gains, full_matrices=False)[2], *gains]
-    if previous is not None:
-        directions.append(previous)
-    signs = np.where(np.array(directions) @ gains.T >= 0.0, 1.0, -1.0)
+    gains, left = problem.gains, problem.factored.left
+    kernel = (left @ left.T) * np.outer(problem.targets, problem.targets)
+    directions = np.vstack([problem.factored.right, gains, near @ problem.basis])
+    signs = np.where(directions @ gains.T >= 0.0, 1.0, -1.0)
     noise = 1e-12 * float(np.trace(kernel))
     lines = np.arange(len(signs))
     for _ in range(4 * len(gains)):
@@ -204,62 +253,3 @@ def _locally_best(kernel: FloatArray, gains: FloatArray, previous: FloatArray | 
             break
         signs[lines[improves], best[improves]] *= -1.0
     return np.unique(signs * signs[:, :1], axis=0)
-
-
-def _spread(patterns: FloatArray, moved: npt.NDArray[np.intp], fingers: int) -> list[Row]:
-    """Signs of all fingers from those of the ones that can be moved."""
-    full = np.ones((len(patterns), fingers))
-    full[:, moved] = patterns
-    return [tuple(signs) for signs in full.tolist()]
-
-
-class _PatternSolver:
-    """Solves sign patterns and keeps the candidates; a pattern whose lower bound has lost is not worked out."""
-
-    def __init__(self, space: Space, factored: Factored, targets: Sequence[float], width: float) -> None:
-        self.space = space
-        self.candidates: list[Candidate] = []
-        self.best_signs: Row = ()
-        self._best: Candidate | None = None
-        self._factored = factored
-        self._targets = targets
-        self._width = max(EQUAL_ERROR, width)
-
-    def solve(self, patterns: Sequence[Row]) -> None:
-        """Take these patterns: first those that fit the box as they are, then what may still beat them."""
-        wanted = np.array(patterns) * np.array(self._targets)
-        free = self._factored.least_norm(wanted.T).T
-        modal = free @ self.space.basis.T
-        fits = np.all(np.abs(modal) <= self.space.box, axis=1).tolist()
-        bent: list[Attempt] = []
-        for signs, z, w, fit in zip(patterns, free, modal.tolist(), fits, strict=True):
-            given = self.space.gains @ z
-            if fit:
-                self._keep(signs, Candidate(tuple(w), tuple(np.abs(given).tolist()), False))
-            else:
-                bent.append(Attempt(signs, Candidate(tuple(w), tuple((np.array(signs) * given).tolist()), True)))
-        for attempt in bent:
-            if not self._has_lost(attempt.bound):
-                self._keep(attempt.signs, self._bend(attempt))
-
-    def _bend(self, attempt: Attempt) -> Candidate:
-        wanted = np.array(attempt.signs) * np.array(self._targets)
-        z = least_norm_in_polytope(self._factored, wanted, self.space.basis, self.space.box)
-        modal, given = self.space.basis @ z, np.abs(self.space.gains @ z)
-        return Candidate(tuple(modal.tolist()), tuple(given.tolist()), True)
-
-    def _has_lost(self, bound: Candidate) -> bool:
-        best = self._best
-        if best is None:
-            return False
-        excess = excess_error(bound, best, self._targets, self.space.effort)
-        scale = sum([a * v for a, v in zip(self._targets, best.amplitudes, strict=True)])
-        if excess > self._width * scale:
-            return True
-        return excess >= 0.0 and square(bound.modal) > square(best.modal) * (1.0 + 2.0 * self._width + 1e-6)
-
-    def _keep(self, signs: Row, one: Candidate) -> None:
-        self.candidates.append(one)
-        best = self._best
-        if best is None or excess_error(one, best, self._targets, self.space.effort) < 0.0:
-            self._best, self.best_signs = one, signs

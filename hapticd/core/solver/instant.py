@@ -1,9 +1,8 @@
-"""The plate at one instant: where the fingers are, and the modal amplitudes that give each what it should feel.
+"""The plate at one instant: the fingers' places and targets, and the modal amplitudes that serve them.
 
-Amplitudes are plain floats while one finger slips, or none: friction knows |w_i| only, and a sign is all the phase
-that they need. From two slipping fingers on a sign is not enough: where the best pattern of signs changes, some finger
-would be carried through 0, so the phase between fingers turns instead (`core.solver.phase`) and amplitudes are complex,
-until the plate has been silent.
+Amplitudes are plain floats while at most one finger slips: friction depends on |w_i| only, so a sign is enough. With
+two or more slipping fingers, signs alone cannot avoid zero crossings where the best pattern of signs changes: the phase
+between fingers turns instead (`phase`), and amplitudes are complex until the plate has been silent.
 """
 
 from __future__ import annotations
@@ -19,25 +18,23 @@ from ..plate.contact_gram import ContactGram
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
+from .arithmetic import Rows
 from .contacts import contact_problem
-from .derating import faded, is_near_node, least_share, slopes_at
+from .derating import derated, is_near_node, least_share, slopes_at
+from .general import solve_fast
 from .phase import solve_phased_fast
-from .policies import Rows
-from .public import solve_fast
 
 Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 PointSolver = Callable[[Rows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
 
-TURN_RAD_NS: Final = (
-    50e-9  # how fast the phase between fingers turns; faster helps no finger, and costs the plate steps
-)
+TURN_RAD_NS: Final = 50e-9  # speed of the phase between fingers: faster helps no finger and makes larger steps
 
 
 class ModalSolution:
     """The plate at one instant: the fingers' places, the mode shapes there, and the amplitudes that serve them.
 
-    No named tuple, for it does not leave the core: as machine code it is made in a quarter of the time.
+    Not a named tuple: a compiled class is created in a quarter of the time.
     """
 
     __slots__ = ("limited", "modal_um", "phi", "places")
@@ -50,9 +47,9 @@ class ModalSolution:
 
 
 class InstantSolver:
-    """Places to moments, for one plate. `fade`: see `core.solver.derating`; `phase_rotation`: whether phases may turn;
-    `neighbours`: modes that fingers drive, taken back: then all amplitudes are complex;
-    `contact_radius_mm` above 0: a still finger is a disc, and its mean square is least."""
+    """Solver of one plate. `fade`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
+    `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0: a
+    still finger is a disc, and its mean square is least."""
 
     def __init__(
         self,
@@ -69,15 +66,15 @@ class InstantSolver:
         self._steepest_1_mm = modes.steepest_1_mm()
         self._w_limit_um = w_limit_um
         self._solve = solve
-        self._fade = fade
+        self._derating_mm2_um2 = fade
         self._rotates = phase_rotation
-        is_point = contact_radius_mm == 0.0  # a disc has no zero that the neighbours could be brought back to
+        is_point = contact_radius_mm == 0.0  # a disc has no zero to which parasitic modes could be compensated
         self._parasitic_modes = parasitic_modes if is_point else None
         self._contact = None if is_point else ContactGram(modes, contact_radius_mm)
         self._is_turned = False
 
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> ModalSolution:
-        """The moment with these places; `previous_um` (M,) is what the plate does `since_ns` before it."""
+        """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before."""
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
@@ -95,14 +92,14 @@ class InstantSolver:
         else:
             real_um = tuple([w_um if isinstance(w_um, float) else w_um.real for w_um in previous_um])
             modal_um, limited = self._solve(served, wanted, self._w_limit_um, real_um)
-        if self._fade > 0.0 and still > 0:
-            modal_um = self._faded(places, phi, targets_um, modal_um, limited)
+        if self._derating_mm2_um2 > 0.0 and still > 0:
+            modal_um = self._derated(places, phi, targets_um, modal_um, limited)
         if self._parasitic_modes is not None:
             modal_um = self._parasitic_modes.silenced(places, phi, modal_um, self._w_limit_um)
         return ModalSolution(places, phi, modal_um, limited)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:
-        """Whether phases turn: while two fingers slip, and after that until the plate has been silent."""
+        """Phases turn while two fingers slip, and after that until the plate has been silent."""
         if not self._rotates:
             return False
         if slipping >= 2:
@@ -113,7 +110,7 @@ class InstantSolver:
             self._is_turned = False
         return self._is_turned
 
-    def _faded(
+    def _derated(
         self,
         places: list[Place],
         phi: tuple[tuple[float, ...], ...],
@@ -121,14 +118,14 @@ class InstantSolver:
         modal_um: Row,
         limited: bool,
     ) -> Row:
-        """Less amplitude where it is not worth its price. Slopes are only looked at where they could matter."""
+        """Derate the amplitudes; slopes are evaluated only where they could matter."""
         if not limited and not self._is_near_node(phi, targets_um, modal_um):
             return modal_um
         share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um) if limited else 1.0
-        return faded(modal_um, share, slopes_at(self._modes, places), self._fade, limited=limited)
+        return derated(modal_um, share, slopes_at(self._modes, places), self._derating_mm2_um2, limited=limited)
 
     def _is_near_node(self, phi: tuple[tuple[float, ...], ...], targets_um: tuple[float, ...], modal_um: Row) -> bool:
-        """Some still finger is."""
+        """Some still finger may be near a common node."""
         for finger in range(len(phi)):
             if targets_um[finger] == 0.0 and is_near_node(phi[finger], modal_um, self._steepest_1_mm):
                 return True
@@ -136,36 +133,36 @@ class InstantSolver:
 
 
 def points(keys: Sequence[Key], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
-    """The fingers at a frame's first knot, with the amplitude that the solved modes give each there."""
-    told = []
+    """The fingers at a frame's first knot, with the amplitude that each gets there."""
+    found = []
     for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), row in zip(
         keys, first.places, last.places, first.phi, strict=True
     ):
         achieved_um = _amplitude_um(row, first.modal_um)
-        told.append(TouchPoint(key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
-    return tuple(told)
+        found.append(TouchPoint(key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
+    return tuple(found)
 
 
 def moved(point: TouchPoint, now: Place) -> TouchPoint:
-    """A finger that moved while the reference stood: by less than matters, or any way while all is still."""
+    """A finger's point at its present place, for a reference that stays in force."""
     x_mm, y_mm, _ = now
     return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
 
 
 def interpolated_um(drive: SafeDrive, t_ns: int) -> Row:
-    """A polyline at `t_ns` as the board plays it: what a new one continues."""
+    """Amplitudes of a polyline at `t_ns` as the board plays it: a new polyline continues them."""
     since_ns = t_ns - drive.t_apply_ns
     before_ns, before_um = drive.knots[0]
     for after_ns, after_um in drive.knots[1:]:
         if since_ns < after_ns:
             share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
-            return tuple([_between(before_um[mode], after_um[mode], share) for mode in range(len(before_um))])
+            return tuple([before + (after - before) * share for before, after in zip(before_um, after_um, strict=True)])
         before_ns, before_um = after_ns, after_um
     return before_um
 
 
 def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
-    """From when on a polyline is within the tolerance of its last knot: at once, or when it gets there."""
+    """Time from which a polyline is within the tolerance of its last knot: its start or its end."""
     last_ns, last_um = drive.knots[-1]
     for _, modal_um in drive.knots:
         for w_um, end_um in zip(modal_um, last_um, strict=True):
@@ -174,14 +171,8 @@ def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
     return drive.t_apply_ns
 
 
-def _between(before_um: complex, after_um: complex, share: float) -> complex:
-    if isinstance(before_um, float) and isinstance(after_um, float):
-        return before_um + (after_um - before_um) * share
-    return before_um + (after_um - before_um) * share
-
-
 def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:
-    """What a finger gets of the modes: |w_i|."""
+    """A finger's amplitude |w_i|."""
     w_d_um = w_q_um = 0.0
     for mode in range(len(row)):
         mode_d_um, mode_q_um = re_im(modal_um[mode])

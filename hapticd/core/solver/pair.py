@@ -1,7 +1,8 @@
-"""Two fingers on two modes, in closed forms: nearly every knot of nearly every frame.
+"""One or two fingers on two modes in closed form, on plain floats: the fast path of nearly every knot.
 
-Every number is an argument, or stands in a tuple of known length. Machine code keeps such numbers in registers, where
-each entry of a row of any length is an object to be made and looked into.
+Every number is an argument or an entry of a tuple of fixed length: compiled code keeps these in registers, where each
+entry of a tuple of any length is an object to create and unbox. What a closed form cannot decide (two slipping fingers
+with parallel rows, squares beyond the range of floats, a still finger on a common node) is left to `general`.
 """
 
 from __future__ import annotations
@@ -9,20 +10,42 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from .arithmetic import NOISE, Pair, Shapes2, clamped, within
+from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Pair, Shapes2, clamped, within
 
-Answer = tuple[float, float, bool]  # W of two modes, and what the function says of it
+Solved = tuple[float, float, bool]  # W of two modes, and whether a limit keeps a finger from its target
+Answer = tuple[float, float, bool, bool]  # the same, and whether the closed form applies
 
-_CLEARLY_LESS: Final = 1.0 - 1e-6  # of |W|^2: no tie to look into
-_CLEARLY_WORSE: Final = 1e-12  # of the targets' scale, squared: ten times what `solver_choice` takes for rounding
-_MISSED: Final = 1e-9  # of a target: more than rounding
+_NO_ANSWER: Final = (0.0, 0.0, False, False)
 
 
-def hold_still(slipping: Pair, target: float, still: Pair, limits: Pair, previous: Pair, effort: float = 0.0) -> Answer:
-    """`keep_zero` for a slipping finger and one that is still, on no common node: W, and whether it is limited.
+def serve_one(row: Pair, target: float, limits: Pair, previous: Pair) -> Answer:
+    """The least |W| that gives one finger its target: along its row, turning onto the limit that it meets first."""
+    x, y = row
+    size = max(abs(x), abs(y))
+    if not (1.0 / SAFE < size < SAFE and target < SAFE):
+        return _NO_ANSWER
+    x, y = x / size, y / size
+    t = target / (size * (x * x + y * y))
+    limit_x, limit_y = limits
+    w_x, w_y = t * x, t * y
+    is_bent = not (abs(w_x) <= limit_x and abs(w_y) <= limit_y)
+    if is_bent:
+        if limit_x * abs(y) < limit_y * abs(x):
+            w_x = math.copysign(limit_x, target * x)
+            w_y = clamped((target / size - w_x * x) / y, limit_y) if abs(y) > NOISE else 0.0
+        else:
+            w_y = math.copysign(limit_y, target * y)
+            w_x = clamped((target / size - w_y * y) / x, limit_x) if abs(x) > NOISE else 0.0
+    limited = is_bent and not abs(abs(row[0] * w_x + row[1] * w_y) - target) <= MISSED * target
+    w_x, w_y = within(_turned((w_x, w_y), previous), limits)
+    return w_x, w_y, limited, True
 
-    A `previous` of zeros says nothing. The same arithmetic as `solver_plane.slide_on_line`, without its loops; a test
-    holds them together bit for bit. Shapes that are not finite give silence.
+
+def hold_still(slipping: Pair, target: float, still: Pair, limits: Pair, previous: Pair) -> Solved:
+    """W for a slipping finger and a still one that is on no common node.
+
+    W lies on the line (phi_Y, -phi_X) of the still finger (paper, section IV.B), limited along it, on the side of
+    `previous`. Zeros in `previous` leave the sign free. Shapes that are not finite give silence.
     """
     (x, y), (limit_x, limit_y) = still, limits
     if abs(y) >= abs(x) and 0.0 < abs(y) < math.inf:
@@ -40,7 +63,7 @@ def hold_still(slipping: Pair, target: float, still: Pair, limits: Pair, previou
     size = abs(gain)
     if not NOISE * (abs(first) + abs(second)) < size < math.inf:
         return 0.0, 0.0, False
-    wanted = target / (size + effort * (ux * ux + uy * uy) / size) if effort > 0.0 else target / size
+    wanted = target / size
     t = wanted if wanted <= top else top
     lean = previous[0] * ux + previous[1] * uy
     if lean < 0.0 or (lean == 0.0 and gain < 0.0):
@@ -49,8 +72,60 @@ def hold_still(slipping: Pair, target: float, still: Pair, limits: Pair, previou
     return w_x, w_y, not wanted <= top
 
 
-def meeting(shapes: Shapes2, first: float, second: float) -> Answer:
-    """The W that gives two fingers these amplitudes, and whether there is one: none where they see the modes alike.
+def serve_both(shapes: Shapes2, targets: Pair, limits: Pair, previous: Pair) -> Answer:
+    """The better of the two sign patterns of two slipping fingers: least error, then least |W|, then nearest."""
+    if not in_range(shapes, targets):
+        return _NO_ANSWER
+    first, second = targets
+    x, y, is_met = meeting(shapes, first, second)
+    p, q, _ = meeting(shapes, first, -second)
+    if not is_met:
+        return _NO_ANSWER
+    x, y, is_bent = into_box((x, y), shapes, (first, second), limits)
+    p, q, other_is_bent = into_box((p, q), shapes, (first, -second), limits)
+    got, other_got = amplitudes(shapes, (x, y)), amplitudes(shapes, (p, q))
+    excess = excess_error(other_got, got, targets)
+    best = other_got if excess < 0.0 else got
+    takes_other = excess < 0.0
+    if abs(excess) <= EQUAL_ERROR * (first * best[0] + second * best[1]):
+        takes_other = _is_better_tie((p, q), (x, y), previous)
+    if takes_other:
+        x, y, is_bent, got = p, q, other_is_bent, other_got
+    x, y = within(_turned((x, y), previous), limits)
+    return x, y, is_bent and misses_either(got, targets), True
+
+
+def _is_better_tie(one: Pair, other: Pair, previous: Pair) -> bool:
+    """Of two W that serve alike, whether `one` is clearly smaller, or about as small and nearer `previous`."""
+    square, other_square = one[0] * one[0] + one[1] * one[1], other[0] * other[0] + other[1] * other[1]
+    if square > other_square * (1.0 + EQUAL_NORM):
+        return False
+    if other_square > square * (1.0 + EQUAL_NORM):
+        return True
+    return _distance(_turned(one, previous), previous) < _distance(_turned(other, previous), previous)
+
+
+def _turned(modal: Pair, previous: Pair) -> Pair:
+    """W or -W, which no finger can distinguish: the one nearer `previous`."""
+    if modal[0] * previous[0] + modal[1] * previous[1] < 0.0:
+        return -modal[0], -modal[1]
+    return modal
+
+
+def _distance(one: Pair, other: Pair) -> float:
+    x, y = one[0] - other[0], one[1] - other[1]
+    return x * x + y * y
+
+
+def in_range(shapes: Shapes2, targets: Pair) -> bool:
+    """Squares of shapes and targets are floats."""
+    a, b, c, d = shapes
+    size = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
+    return 1.0 / SAFE < size < SAFE and max(targets[0], targets[1]) < SAFE
+
+
+def meeting(shapes: Shapes2, first: float, second: float) -> Solved:
+    """The W that gives two fingers these amplitudes, and whether there is one: none where their rows are parallel.
 
     By elimination from the row that is larger in the first mode.
     """
@@ -71,7 +146,7 @@ def meeting(shapes: Shapes2, first: float, second: float) -> Answer:
     return (first - b * y) / a, y, True
 
 
-def into_box(free: Pair, shapes: Shapes2, wanted: Pair, limits: Pair) -> Answer:
+def into_box(free: Pair, shapes: Shapes2, wanted: Pair, limits: Pair) -> Solved:
     """From the W that gives two fingers what is wanted to the best within the limits; and whether these bent it.
 
     The minimum lies on an edge that `free` violates: by convexity no other can hold it.
@@ -89,78 +164,8 @@ def into_box(free: Pair, shapes: Shapes2, wanted: Pair, limits: Pair) -> Answer:
     return on_y[0], on_y[1], True
 
 
-def better_signs(shapes: Shapes2, targets: Pair, limits: Pair, *, is_in_range: bool) -> tuple[float, float, bool, bool]:
-    """Of two slipping fingers' two patterns of signs the better W; whether it is limited; whether it is clearly better.
-
-    What is unclear (they see the modes alike; errors or norms are close) is left to `solver_choice`. `is_in_range`:
-    squares of shapes and targets are floats.
-    """
-    first, second = targets
-    x, y, is_met = meeting(shapes, first, second)
-    p, q, _ = meeting(shapes, first, -second)
-    plus_fits = is_met and abs(x) <= limits[0] and abs(y) <= limits[1]
-    minus_fits = is_met and abs(p) <= limits[0] and abs(q) <= limits[1]
-    if plus_fits and minus_fits:
-        one, other = x * x + y * y, p * p + q * q
-        plus_fits, minus_fits = one < other * _CLEARLY_LESS, other < one * _CLEARLY_LESS
-    elif is_met and is_in_range and not (plus_fits or minus_fits):
-        return _better_at_limits(shapes, targets, limits, (x, y), (p, q))
-    if plus_fits:
-        return x, y, False, True
-    return p, q, False, minus_fits
-
-
-def _better_at_limits(
-    shapes: Shapes2, targets: Pair, limits: Pair, plus: Pair, minus: Pair
-) -> tuple[float, float, bool, bool]:
-    """As `better_signs`, where neither pattern fits as it is."""
-    first, second = targets
-    x, y, _ = into_box(plus, shapes, targets, limits)
-    p, q, _ = into_box(minus, shapes, (first, -second), limits)
-    one, other = amplitudes(shapes, (x, y)), amplitudes(shapes, (p, q))
-    excess = excess_error(other, one, targets)
-    if excess < 0.0:
-        x, y, one = p, q, other
-    is_clear = abs(excess) > _CLEARLY_WORSE * (first * one[0] + second * one[1])
-    return x, y, misses_either(one, targets), is_clear
-
-
-def amplitudes(shapes: Shapes2, modal: Pair) -> Pair:
-    """What two fingers get: |w_1|, |w_2|."""
-    a, b, c, d = shapes
-    x, y = modal
-    return abs(a * x + b * y), abs(c * x + d * y)
-
-
-def excess_error(one: Pair, other: Pair, targets: Pair) -> float:
-    """Squared error of amplitudes above that of others, without the targets' squares: these may dwarf it."""
-    (v, w), (u, t) = one, other
-    return (v - u) * (v + u - 2.0 * targets[0]) + (w - t) * (w + t - 2.0 * targets[1])
-
-
-def misses_either(given: Pair, targets: Pair) -> bool:
-    """Some finger does not get its target, by more than rounding: `solver_choice.misses` of two."""
-    first, second = targets
-    return not (abs(given[0] - first) <= _MISSED * first and abs(given[1] - second) <= _MISSED * second)
-
-
-def condition(shapes: Shapes2) -> float:
-    """Of (a b; c d): the largest singular value squared over the determinant (Blinn, IEEE CG&A 16(2), 1996)."""
-    a, b, c, d = shapes
-    size = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
-    determinant = abs(a * d - b * c)
-    if size > 0.0 and not (determinant > 1e-100 and size < 1e100):
-        a, b, c, d = a / size, b / size, c / size, d / size
-        determinant = abs(a * d - b * c)
-    if not determinant > 0.0:
-        return math.inf
-    one, other = (a + d) * (a + d) + (b - c) * (b - c), (a - d) * (a - d) + (b + c) * (b + c)
-    largest = (math.sqrt(one) + math.sqrt(other)) / 2
-    return max(largest * largest / determinant, 1.0)
-
-
 def _best_on_edge(one: Pair, other: Pair, wanted: Pair, edge: float, limit: float) -> float:
-    """The first mode's best amplitude while the second stands at `edge`."""
+    """The first mode's best amplitude while the second is at `edge`."""
     (x, y), (u, v) = one, other
     weight = x * x + u * u
     pull = x * (wanted[0] - y * edge) + u * (wanted[1] - v * edge)
@@ -173,3 +178,38 @@ def _excess(one: Pair, other: Pair, shapes: Shapes2, wanted: Pair) -> float:
     a, b, c, d = shapes
     first = (a * (x - p) + b * (y - q)) * (a * (x + p) + b * (y + q) - 2.0 * wanted[0])
     return first + (c * (x - p) + d * (y - q)) * (c * (x + p) + d * (y + q) - 2.0 * wanted[1])
+
+
+def amplitudes(shapes: Shapes2, modal: Pair) -> Pair:
+    """Amplitudes of two fingers: |w_1|, |w_2|."""
+    a, b, c, d = shapes
+    x, y = modal
+    return abs(a * x + b * y), abs(c * x + d * y)
+
+
+def excess_error(one: Pair, other: Pair, targets: Pair) -> float:
+    """Squared error of amplitudes above that of others, without the targets' squares: these may dwarf it."""
+    (v, w), (u, t) = one, other
+    return (v - u) * (v + u - 2.0 * targets[0]) + (w - t) * (w + t - 2.0 * targets[1])
+
+
+def misses_either(got: Pair, targets: Pair) -> bool:
+    """Some finger does not get its target, by more than rounding."""
+    first, second = targets
+    return not (abs(got[0] - first) <= MISSED * first and abs(got[1] - second) <= MISSED * second)
+
+
+def condition(shapes: Shapes2) -> float:
+    """Condition of (a b; c d): the largest singular value squared over the determinant (Blinn, IEEE CG&A 16(2),
+    1996)."""
+    a, b, c, d = shapes
+    size = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
+    determinant = abs(a * d - b * c)
+    if size > 0.0 and not (determinant > 1.0 / SAFE and size < SAFE):
+        a, b, c, d = a / size, b / size, c / size, d / size
+        determinant = abs(a * d - b * c)
+    if not determinant > 0.0:
+        return math.inf
+    one, other = (a + d) * (a + d) + (b - c) * (b - c), (a - d) * (a - d) + (b + c) * (b + c)
+    largest = (math.sqrt(one) + math.sqrt(other)) / 2
+    return max(largest * largest / determinant, 1.0)

@@ -1,9 +1,9 @@
 """Least squares within |C z| <= h, of all minima the one of least norm: a primal active-set method.
 
-Stage one minimises |A z - b| from z = 0, which is always inside: walk to the minimum on the current face; a limit met
-on the way joins the face, a limit whose multiplier pulls inward leaves it (Nocedal & Wright, Numerical Optimization,
+Stage one minimises |A z - b| from z = 0, which is always inside: step to the minimum on the current face; a limit met
+on the way joins the face, a limit whose multiplier points inward leaves it (Nocedal & Wright, Numerical Optimization,
 section 16.5). Stage two does the same for |z| along the directions that A does not see. Every iterate is within the
-limits, so whatever ends the walk, the result is safe.
+limits, so the result is safe however many steps it takes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-_ALONG_FACE = 1e-13  # a step's part across a limit below this share of the step is rounding
+_ALONG_FACE = 1e-13  # the part of a step across a limit below this share of the step is rounding
 RANK = 1e-13  # singular values below this share of the matrix are rounding
 _PULL = 1e-12  # multipliers below this share of the forces at work are rounding
 _STEPS_PER_LIMIT = 20  # degenerate corners take a few; the cap only guards against cycling
@@ -23,45 +23,34 @@ _STEPS_PER_LIMIT = 20  # degenerate corners take a few; the cap only guards agai
 
 @dataclass(frozen=True, slots=True)
 class Factored:
-    """[A; sqrt(effort) I] by its singular value decomposition, cut at its numerical rank."""
+    """A matrix by its singular value decomposition, cut at its numerical rank."""
 
-    matrix: FloatArray  # (n + r, r), or A itself where effort is 0
-    left: FloatArray  # (rows, rank)
+    matrix: FloatArray  # (n, r)
+    left: FloatArray  # (n, rank)
     singular: FloatArray  # (rank,)
     right: FloatArray  # (rank, r)
     unseen: FloatArray  # (r, r - rank): directions that the matrix does not see
 
     @classmethod
-    def of(cls, a: FloatArray, effort: float) -> Factored:
-        """Factor A (n, r), with `effort` as r more rows."""
-        matrix = a if effort == 0.0 else np.vstack([a, np.sqrt(effort) * np.eye(a.shape[1])])
+    def of(cls, matrix: FloatArray) -> Factored:
+        """Factor a matrix (n, r)."""
         left, singular, right = np.linalg.svd(matrix, full_matrices=True)
         rank = int(np.count_nonzero(singular > RANK * singular[0]))
         return cls(matrix, left[:, :rank], singular[:rank], right[:rank], right[rank:].T)
 
     def least_norm(self, b: FloatArray) -> FloatArray:
-        """The least-norm minimum of |A z - b|; b (n,) or (n, count). The order of operations keeps it stable."""
-        projected = self.left[: len(b)].T @ b
-        scale = self.singular if b.ndim == 1 else self.singular[:, None]
-        z: FloatArray = self.right.T @ (projected / scale)
+        """The least-norm minima (count, r) of |A z - b| for each row of b (count, n)."""
+        z: FloatArray = ((b @ self.left) / self.singular) @ self.right  # this order of operations keeps it stable
         return z
-
-    def fitted(self, count: int) -> FloatArray:
-        """The projector (count, count) from what is wanted of the first `count` rows to what they then get."""
-        left = self.left[:count]
-        return left @ left.T
 
 
 def least_norm_in_polytope(factored: Factored, b: FloatArray, c: FloatArray, h: FloatArray) -> FloatArray:
-    """The z (r,) with |C z| <= h that minimises |A z - b| (and effort), then |z|; C (M, r), h (M,) > 0."""
-    matrix = factored.matrix
-    right_side = np.concatenate([b, np.zeros(len(matrix) - len(b))])
-    normals = np.vstack([c, -c])
-    bounds = np.concatenate([h, h])
-    z = descend(matrix, right_side, normals, bounds)
-    if factored.unseen.shape[1] == 0:
-        return z
+    """The z (r,) with |C z| <= h that minimises |A z - b|, then |z|; C (M, r), h (M,) > 0."""
+    normals, bounds = np.vstack([c, -c]), np.concatenate([h, h])
+    z = descend(factored.matrix, b, normals, bounds)
     unseen = factored.unseen
+    if unseen.shape[1] == 0:
+        return z
     slack = np.maximum(bounds - normals @ z, 0.0)
     x = descend(np.eye(unseen.shape[1]), -(unseen.T @ z), normals @ unseen, slack)
     return z + unseen @ x

@@ -1,7 +1,6 @@
-"""From what the plate does to what it should do, for two fingers on two modes: as much of the way as no finger feels.
+"""The step from the present phasors to new ones: the nearest equivalent, and as much of the way as no finger feels.
 
-X = Re(W W^H) goes in a straight line (`core.solver.phase`), and so do all squares. Phasors are pairs of floats here:
-this is asked many times for one knot, and complex numbers would cost more than their arithmetic.
+Phasors are flat tuples of floats here, (real, imaginary) mode by mode: complex numbers cost more than their arithmetic.
 """
 
 from __future__ import annotations
@@ -9,32 +8,83 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from .arithmetic import LAST_BIT, Pair, Shapes2, length
+from ..phasors import magnitude
+from .arithmetic import Pair, Row, Shapes2
 
 Phasors2 = tuple[float, float, float, float]  # of two modes or two fingers: real, imaginary, real, imaginary
 Squares = tuple[float, float, float]  # X: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)
 
+_LAST_BIT: Final = 1.0 - 2.0**-51  # a root of squares errs by a last bit, as does a library's hypot: two are left
 _HALVINGS: Final = 10
+
+
+def nearer_hand(modal: Row, limits: Row, previous: Row) -> Row:
+    """A solution or its mirror image, turned by the common phase that is nearest to the present phasors.
+
+    No finger can distinguish these. Flat phasors of any number of modes, within the limits to the last bit: all are
+    scaled together by what rounding left beyond one, so still fingers stay still.
+    """
+    lean = lean_j = mirrored = mirrored_j = 0.0
+    is_real = True
+    for k in range(len(limits)):
+        a, b, p, q = modal[2 * k], modal[2 * k + 1], previous[2 * k], previous[2 * k + 1]
+        # Inner products with `previous`: their phase is how far `previous` is ahead.
+        lean += a * p + b * q
+        lean_j += a * q - b * p
+        mirrored += a * p - b * q
+        mirrored_j += a * q + b * p
+        is_real = is_real and b == 0.0 and abs(a) <= limits[k]
+    size, mirrored_size = magnitude(lean, lean_j), magnitude(mirrored, mirrored_j)
+    hand = 1.0
+    if mirrored_size > size:
+        hand, lean, lean_j, size = -1.0, mirrored, mirrored_j, mirrored_size
+    cos, sin = (lean / size, lean_j / size) if 0.0 < size < math.inf else (1.0, 0.0)
+    turned: list[float] = []
+    if is_real and sin == 0.0:
+        for k in range(len(limits)):
+            turned.append(modal[2 * k] * cos)
+            turned.append(0.0)
+        return tuple(turned)
+    for k in range(len(limits)):
+        a, b = modal[2 * k], hand * modal[2 * k + 1]
+        turned.append(a * cos - b * sin)
+        turned.append(a * sin + b * cos)
+    shave = 2.0**-53
+    while _beyond(turned, limits) > 0:
+        turned = [part * (1.0 - shave) for part in turned]
+        shave *= 2.0
+    return tuple(turned)
+
+
+def _beyond(modal: list[float], limits: Row) -> int:
+    """How many modes are beyond their limits."""
+    count = 0
+    for k in range(len(limits)):
+        count += magnitude(modal[2 * k], modal[2 * k + 1]) > limits[k] * _LAST_BIT
+    return count
+
+
+# --- two fingers on two modes ---------------------------------------------------------------------------------------
 
 
 def eased(
     shapes: Shapes2, limits: Pair, wanted: Phasors2, previous: Phasors2, keep: float, unfelt_um: Pair
 ) -> Phasors2:
-    """The farthest phasors on the way from `previous` to `wanted` that no finger feels being left for.
+    """The farthest phasors on the way from `previous` to `wanted` during which no finger feels a dip.
 
-    Midway on the chord from `previous` no finger may have less than `keep` of what it has at either end, but for what
-    is `unfelt_um`.
+    X = Re(W W^H) follows a straight line, and so do all squares. Midway on the chord from `previous` no finger may have
+    less than `keep` of what it has at either end, by more than `unfelt_um`.
     """
-    wanted = nearer_hand(wanted, limits, previous)
+    wanted = _nearer_hand(wanted, limits, previous)
     was = given(shapes, previous)
-    was_um = length(was[0], was[1]), length(was[2], was[3])
+    was_um = magnitude(was[0], was[1]), magnitude(was[2], was[3])
     if not _sags(was, was_um, given(shapes, wanted), keep, unfelt_um):
         return wanted
     begin, end = squares(previous), squares(wanted)
     low, high, farthest = 0.0, 1.0, wanted
     for _ in range(_HALVINGS):
         share = (low + high) / 2
-        phasors = nearer_hand(between(begin, end, share), limits, previous)
+        phasors = _nearer_hand(between(begin, end, share), limits, previous)
         if _sags(was, was_um, given(shapes, phasors), keep, unfelt_um):
             high = share
         else:
@@ -42,15 +92,20 @@ def eased(
     return farthest
 
 
+def _nearer_hand(modal: Phasors2, limits: Pair, previous: Phasors2) -> Phasors2:
+    turned = nearer_hand(modal, limits, previous)
+    return turned[0], turned[1], turned[2], turned[3]
+
+
 def _sags(was: Phasors2, was_um: Pair, now: Phasors2, keep: float, unfelt_um: Pair) -> bool:
     """Midway on the chord some finger gets clearly less than at either end."""
     a, b, c, d = was
     p, q, r, s = now
-    least_um = min(was_um[0], length(p, q))
-    if length(a + p, b + q) / 2 < keep * least_um - unfelt_um[0]:
+    least_um = min(was_um[0], magnitude(p, q))
+    if magnitude(a + p, b + q) / 2 < keep * least_um - unfelt_um[0]:
         return True
-    least_um = min(was_um[1], length(r, s))
-    return length(c + r, d + s) / 2 < keep * least_um - unfelt_um[1]
+    least_um = min(was_um[1], magnitude(r, s))
+    return magnitude(c + r, d + s) / 2 < keep * least_um - unfelt_um[1]
 
 
 def given(shapes: Shapes2, modal: Phasors2) -> Phasors2:
@@ -67,7 +122,7 @@ def squares(modal: Phasors2) -> Squares:
 
 
 def between(begin: Squares, end: Squares, share: float) -> Phasors2:
-    """Phasors of the X so far on the way from one to another, the first of them real."""
+    """Phasors of the X at this share of the way from one X to another; the first of them is real."""
     one = math.sqrt(begin[0] + share * (end[0] - begin[0]))
     other = math.sqrt(begin[1] + share * (end[1] - begin[1]))
     product = begin[2] + share * (end[2] - begin[2])
@@ -75,28 +130,3 @@ def between(begin: Squares, end: Squares, share: float) -> Phasors2:
         return one, 0.0, other, 0.0
     cos = min(max(product / (one * other), -1.0), 1.0)
     return one, 0.0, other * cos, other * math.sqrt((1.0 - cos) * (1.0 + cos))
-
-
-def nearer_hand(modal: Phasors2, limits: Pair, previous: Phasors2) -> Phasors2:
-    """A solution or its mirror image, at the common phase that comes nearest to the present phasors.
-
-    Within the limits to the last bit. The same as `solver_turn.nearer_hand`; a test holds them together.
-    """
-    a, b, c, d = modal
-    p, q, r, s = previous
-    # The inner product with `previous`: its phase is how far `previous` is ahead. Then that of the mirror image.
-    lean, lean_j = a * p + b * q + (c * r + d * s), a * q - b * p + (c * s - d * r)
-    mirrored, mirrored_j = a * p - b * q + (c * r - d * s), a * q + b * p + (c * s + d * r)
-    size, mirrored_size = length(lean, lean_j), length(mirrored, mirrored_j)
-    if mirrored_size > size:
-        b, d, lean, lean_j, size = -b, -d, mirrored, mirrored_j, mirrored_size
-    cos, sin = (lean / size, lean_j / size) if 0.0 < size < math.inf else (1.0, 0.0)
-    if sin == b == d == 0.0 and abs(a) <= limits[0] and abs(c) <= limits[1]:
-        return a * cos, 0.0, c * cos, 0.0
-    a, b, c, d = a * cos - b * sin, a * sin + b * cos, c * cos - d * sin, c * sin + d * cos
-    shave = 2.0**-53
-    while length(a, b) > limits[0] * LAST_BIT or length(c, d) > limits[1] * LAST_BIT:
-        kept = 1.0 - shave
-        a, b, c, d = a * kept, b * kept, c * kept, d * kept
-        shave *= 2.0
-    return a, b, c, d

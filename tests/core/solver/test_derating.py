@@ -1,4 +1,4 @@
-"""An amplitude gives way where it is not worth what it costs the still finger, and where the reference would jump."""
+"""Derating: where an amplitude costs the still finger too much, and where the reference would jump."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.solver.derating import LEAST_SHARE, STEEPEST_UM_MM, Slope, faded, is_near_node, least_share
+from hapticd.core.solver.derating import LEAST_SHARE, STEEPEST_UM_MM, Slope, derated, is_near_node, least_share
 
 W_UM = (3.0, -2.0)
 FAR_FROM_NODES: tuple[Slope, ...] = ((0.2, 0.05, 0.0), (0.3, 0.0, -0.05))  # w = 0, |grad w| = 0.18 um/mm
@@ -18,28 +18,28 @@ amplitudes = st.floats(-4.0, 4.0)
 
 
 def test_nothing_changes_where_targets_are_met_far_from_nodes() -> None:
-    assert faded(W_UM, 1.0, [FAR_FROM_NODES], 100.0, limited=False) == W_UM
+    assert derated(W_UM, 1.0, [FAR_FROM_NODES], 100.0, limited=False) == W_UM
 
 
 def test_where_a_limit_binds_amplitude_gives_way_to_what_its_share_is_worth() -> None:
     for share in (0.0, 0.1, 0.6, 0.9):
         price = 50.0 * SLOPE_UM_MM**2
         expected = min(1.0, math.hypot(share, LEAST_SHARE) / price)
-        got = faded(W_UM, share, [FAR_FROM_NODES], 50.0, limited=True)
+        got = derated(W_UM, share, [FAR_FROM_NODES], 50.0, limited=True)
         assert got == pytest.approx([w_um * expected for w_um in W_UM])
 
 
 def test_a_steep_zero_costs_more_amplitude_than_a_flat_one() -> None:
     steeper = tuple([(phi, 2.0 * dx, 2.0 * dy) for phi, dx, dy in FAR_FROM_NODES])
-    flat, steep = (faded(W_UM, 0.5, [still], 50.0, limited=True) for still in (FAR_FROM_NODES, steeper))
+    flat, steep = (derated(W_UM, 0.5, [still], 50.0, limited=True) for still in (FAR_FROM_NODES, steeper))
     assert abs(steep[0]) == pytest.approx(abs(flat[0]) / 4.0)
 
 
 def test_the_still_finger_with_the_steepest_zero_decides() -> None:
     steeper = tuple([(phi, 2.0 * dx, 2.0 * dy) for phi, dx, dy in FAR_FROM_NODES])
-    alone = faded(W_UM, 0.5, [steeper], 50.0, limited=True)
-    assert faded(W_UM, 0.5, [FAR_FROM_NODES, steeper], 50.0, limited=True) == alone
-    assert faded(W_UM, 0.5, [steeper, FAR_FROM_NODES], 50.0, limited=True) == alone
+    alone = derated(W_UM, 0.5, [steeper], 50.0, limited=True)
+    assert derated(W_UM, 0.5, [FAR_FROM_NODES, steeper], 50.0, limited=True) == alone
+    assert derated(W_UM, 0.5, [steeper, FAR_FROM_NODES], 50.0, limited=True) == alone
 
 
 def test_across_a_common_node_the_reference_turns_no_faster_than_the_bound() -> None:
@@ -52,7 +52,7 @@ def test_across_a_common_node_the_reference_turns_no_faster_than_the_bound() -> 
         dx, dy = (0.5 * wave_1_mm * math.cos(wave_1_mm * at_mm) for at_mm in (x_mm, y_mm))
         size = math.hypot(x, y)
         line = (4.0 * y / size, -4.0 * x / size)
-        turned.append(faded(line, 1.0, [((x, dx, 0.0), (y, 0.0, dy))], 5.0, limited=False))
+        turned.append(derated(line, 1.0, [((x, dx, 0.0), (y, 0.0, dy))], 5.0, limited=False))
     slopes_um_mm = np.abs(np.diff(turned, axis=0)).max(axis=1) / 0.005
     assert slopes_um_mm.max() < 1.1 * math.sqrt(2.0) * STEEPEST_UM_MM
     assert abs(turned[0][1]) == pytest.approx(4.0, rel=1e-4)  # a good way off nothing is taken
@@ -66,29 +66,29 @@ def test_across_a_common_node_the_reference_turns_no_faster_than_the_bound() -> 
     st.booleans(),
 )
 def test_amplitudes_only_shrink_and_all_by_one_factor(
-    modal_um: tuple[float, float], share: float, still: list[tuple[Slope, ...]], fade: float, limited: bool
+    modal_um: tuple[float, float], share: float, still: list[tuple[Slope, ...]], price: float, limited: bool
 ) -> None:
-    got = faded(modal_um, share, still, fade, limited=limited)
+    got = derated(modal_um, share, still, price, limited=limited)
     assert all(abs(after) <= abs(before) for before, after in zip(modal_um, got, strict=True))
     assert abs(got[0] * modal_um[1] - got[1] * modal_um[0]) <= 1e-12
 
 
-def test_turning_phases_fade_like_signs() -> None:
+def test_phasors_are_derated_like_signs() -> None:
     turned = tuple([w_um * 1j for w_um in W_UM])
-    assert faded(turned, 0.5, [FAR_FROM_NODES], 50.0, limited=True) == pytest.approx(
-        [1j * w_um for w_um in faded(W_UM, 0.5, [FAR_FROM_NODES], 50.0, limited=True)]
+    assert derated(turned, 0.5, [FAR_FROM_NODES], 50.0, limited=True) == pytest.approx(
+        [1j * w_um for w_um in derated(W_UM, 0.5, [FAR_FROM_NODES], 50.0, limited=True)]
     )
 
 
-def test_whoever_is_not_called_near_a_node_could_not_turn_too_fast() -> None:
+def test_far_from_a_node_no_amplitude_turns_too_fast() -> None:
     steepest_1_mm = 0.05
     assert not is_near_node((0.2, 0.3), W_UM, steepest_1_mm)
     assert is_near_node((0.01, 0.02), W_UM, steepest_1_mm)
     assert is_near_node((0.0, 0.0), W_UM, steepest_1_mm)
-    assert faded(W_UM, 1.0, [((0.0, 0.05, 0.0), (0.0, 0.0, 0.05))], 5.0, limited=False) == (0.0, 0.0)
+    assert derated(W_UM, 1.0, [((0.0, 0.05, 0.0), (0.0, 0.0, 0.05))], 5.0, limited=False) == (0.0, 0.0)
 
 
-def test_the_least_served_finger_tells_the_share() -> None:
+def test_the_share_is_that_of_the_least_served_finger() -> None:
     assert least_share((0.5, 0.0, 0.9), (1.0, 0.0, 1.0)) == 0.5
     assert least_share((2.0, 0.1), (1.0, 0.0)) == 1.0
     assert least_share((), ()) == 1.0

@@ -1,4 +1,4 @@
-"""Three modes and more: null space, sign patterns, limits; against brute force and optimality conditions."""
+"""The general path: null space, sign patterns, limits; against brute force and optimality conditions."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
-import hapticd.core.solver.general as general
+from hapticd.core.solver import solve
 from hapticd.core.solver.polytope import Factored, least_norm_in_polytope
-from hapticd.core.solver.public import solve
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +32,7 @@ def most_descent(gradient: Array, at: Array, still: Array, limit: float) -> floa
 
 @settings(deadline=None, max_examples=60)
 @given(
-    seed=st.integers(0, 10**6), modes=st.integers(3, 6), fingers=st.integers(1, 5), reach=st.sampled_from([1.0, 8.0])
+    seed=st.integers(0, 10**6), modes=st.integers(1, 6), fingers=st.integers(1, 5), reach=st.sampled_from([1.0, 8.0])
 )
 def test_no_feasible_direction_lowers_the_error_and_the_zero_holds(
     seed: int, modes: int, fingers: int, reach: float
@@ -63,7 +62,7 @@ def test_of_all_points_as_good_the_least_is_taken(seed: int, modes: int, fingers
 
 
 @settings(deadline=None, max_examples=40)
-@given(seed=st.integers(0, 10**6), modes=st.integers(3, 5), fingers=st.integers(2, 5))
+@given(seed=st.integers(0, 10**6), modes=st.integers(1, 5), fingers=st.integers(2, 5))
 def test_no_sign_pattern_serves_the_fingers_better(seed: int, modes: int, fingers: int) -> None:
     random = np.random.default_rng(seed)
     phi, target_um = random.uniform(-1, 1, (fingers, modes)), random.uniform(0.2, 4.0, fingers)
@@ -79,21 +78,6 @@ def test_a_third_mode_frees_a_pair_that_two_modes_cannot_serve() -> None:
     freed = solve(phi, [1.0, 0.0], 4.0)
     assert not freed.limited
     assert freed.achieved_um == pytest.approx([1.0, 0.0], abs=1e-15)
-
-
-def test_two_modes_and_a_third_that_moves_no_finger_agree() -> None:
-    random = np.random.default_rng(8)
-    for _ in range(50):
-        fingers = int(random.integers(1, 5))
-        phi = random.uniform(-1, 1, (fingers, 2))
-        target_um = random.uniform(0.2, 5.0, fingers) * (random.random(fingers) < 0.7)
-        plane = solve(phi, target_um, [4.0, 2.0])
-        space = solve(np.column_stack([phi, np.zeros(fingers)]), target_um, [4.0, 2.0, 1.0])
-        assert slipping_error(phi, target_um, space.modal_um[:2]) == pytest.approx(
-            slipping_error(phi, target_um, plane.modal_um), abs=1e-9
-        )
-        assert np.abs(space.modal_um[:2]) == pytest.approx(np.abs(plane.modal_um), abs=1e-6)
-        assert space.modal_um[2] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_previous_amplitudes_turn_the_whole_pattern() -> None:
@@ -113,30 +97,13 @@ def test_still_fingers_on_one_spot_count_once_and_as_many_as_modes_silence_the_p
     assert not np.any(full.modal_um)
 
 
-@pytest.mark.parametrize("kind", ["random", "coincident", "lattice"])
-def test_in_three_dimensions_every_sign_pattern_is_found(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nine slipping fingers: the cells between the planes against all 256 patterns, degenerate cases included."""
-    random = np.random.default_rng(6)
-    for _ in range(4):
-        phi, target_um = random.uniform(-1, 1, (9, 3)), random.uniform(0.2, 2.0, 9)
-        if kind == "coincident":
-            phi[1:4], phi[5] = phi[0], -phi[6]
-        if kind == "lattice":
-            phi = np.round(2 * phi) / 2 + np.array([0.0, 0.0, 0.5])
-        cells = slipping_error(phi, target_um, solve(phi, target_um, 1.0).modal_um)
-        with monkeypatch.context() as patch:
-            patch.setattr(general, "_MOST_ENUMERATED", 9)
-            every = slipping_error(phi, target_um, solve(phi, target_um, 1.0).modal_um)
-        assert cells == pytest.approx(every, rel=1e-9)
-
-
 def test_the_local_search_of_many_fingers_ends_where_no_single_sign_helps() -> None:
     random = np.random.default_rng(9)
-    phi, target_um = random.uniform(-1, 1, (10, 5)), random.uniform(0.2, 2.0, 10)
+    phi, target_um = random.uniform(-1, 1, (12, 5)), random.uniform(0.2, 2.0, 12)
     solution = solve(phi, target_um, 2.0, previous_um=random.uniform(-1, 1, 5))
     ours = slipping_error(phi, target_um, solution.modal_um)
     signs = np.sign(phi @ solution.modal_um)
-    for index in range(10):
+    for index in range(12):
         signs[index] *= -1
         other = lsq_linear(phi, signs * target_um, (-2.0, 2.0), method="bvls").x
         assert ours <= slipping_error(phi, target_um, other) + 1e-9
@@ -148,7 +115,7 @@ def test_the_active_set_agrees_with_bounded_variable_least_squares() -> None:
     for _ in range(60):
         rows, columns = random.integers(1, 7, 2)
         a, b = random.uniform(-1, 1, (rows, columns)), random.uniform(-3, 3, rows)
-        z = least_norm_in_polytope(Factored.of(a, 0.0), b, np.eye(columns), np.ones(columns))
+        z = least_norm_in_polytope(Factored.of(a), b, np.eye(columns), np.ones(columns))
         oracle = lsq_linear(a, b, (-1.0, 1.0), method="bvls").x
         assert np.max(np.abs(z)) <= 1.0 + 1e-12
         assert np.linalg.norm(a @ z - b) <= np.linalg.norm(a @ oracle - b) + 1e-10

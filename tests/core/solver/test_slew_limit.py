@@ -1,15 +1,15 @@
-"""Easing two phasors in plain floats: the complex arithmetic to the last bit, and nothing that a finger feels."""
+"""The slew limit of two phasors: the nearest equivalent solution, and no dip that a finger feels."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+import pytest
 from hypothesis import given as drawn
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from hapticd.core.solver.phase_continuation import given as given_by_rows
-from hapticd.core.solver.phase_continuation import nearer_hand as nearer_hand_of_any
 from hapticd.core.solver.slew_limit import Phasors2, between, eased, given, nearer_hand, squares
 
 LIMITS = (4.0, 3.0)
@@ -33,16 +33,18 @@ def within(modal: Phasors2) -> Phasors2:
 
 @settings(max_examples=200, deadline=None)
 @drawn(phasors, phasors)
-def test_the_nearer_hand_is_that_of_the_complex_arithmetic(modal: Phasors2, previous: Phasors2) -> None:
-    expected = nearer_hand_of_any(as_complex(modal), LIMITS, as_complex(previous))
-    assert as_complex(nearer_hand(modal, LIMITS, previous)) == expected
-
-
-@settings(max_examples=100, deadline=None)
-@drawn(phasors, shapes)
-def test_what_fingers_get_is_that_of_the_complex_arithmetic(modal: Phasors2, at_fingers: Phasors2) -> None:
-    rows = (at_fingers[:2], at_fingers[2:])
-    assert as_complex(given(at_fingers, modal)) == tuple(given_by_rows(rows, as_complex(modal)))
+def test_the_nearer_hand_is_the_solution_or_its_mirror_image_at_the_nearest_common_phase(
+    modal: Phasors2, previous: Phasors2
+) -> None:
+    modal = within(modal)
+    near = np.array(as_complex(nearer_hand(modal, LIMITS, previous)))  # type: ignore[arg-type]
+    assert all(abs(w) <= limit for w, limit in zip(near.tolist(), LIMITS, strict=True))
+    assert np.abs(near) == pytest.approx(np.abs(as_complex(modal)), abs=1e-12)
+    now = np.array(as_complex(previous))
+    distance = float(np.linalg.norm(near - now))
+    for hand in (np.array(as_complex(modal)), np.conj(as_complex(modal))):
+        turned = np.exp(2j * np.pi * np.arange(60) / 60)[:, None] * hand
+        assert distance <= np.linalg.norm(turned - now, axis=1).min() + 1e-9
 
 
 @settings(max_examples=100, deadline=None)

@@ -1,0 +1,104 @@
+"""The solver's tables on small sizes: the orderings that do not depend on a clock."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from functools import cache
+
+import pytest
+
+from hapticd.bench import solver, solver_tracks, stability
+from hapticd.bench.tables import UNITS, Table, plain
+
+TABLES: dict[str, Callable[[], Table]] = {
+    "solver": lambda: solver.run(problems=120, repeats=1, timed=5),
+    "both_slip": lambda: solver_tracks.run(strokes=6, repeats=1),
+    "sizes": lambda: solver.sizes(calls=1, repeats=1),
+    "situations": lambda: stability.situations(problems=5),
+    "walk": lambda: stability.walk(steps=10_000),
+}
+
+
+@cache
+def table(name: str) -> Table:
+    return TABLES[name]()
+
+
+def figure(name: str, alternative: str, key: str) -> float:
+    return table(name).row(alternative).figures[key]
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) -> None:
+    figures = json.loads(json.dumps(plain(table(name)), allow_nan=False))
+    assert figures["alternatives"][table(name).default]
+    for row in figures["alternatives"].values():
+        for key, value in row.items():
+            assert math.isfinite(value), key
+            assert key.endswith((*UNITS, "_ratio")), key
+
+
+def test_the_solvers_agree_and_never_break_a_limit() -> None:
+    for name in ("solve", "solve_batch"):
+        for key in ("leak_um", "slip_error_um", "both_slip_error_um"):
+            assert figure("solver", name, key) == pytest.approx(figure("solver", "solve_fast", key), abs=1e-9)
+    ours = [row for row in table("solver").rows if row.name.startswith("solve")]
+    assert all(row.figures["limits_broken_count"] == 0 for row in ours)
+    assert figure("solver", "solve_fast", "leak_um") < solver.NOTHING_UM
+
+
+def test_clamping_each_mode_by_itself_leaks() -> None:
+    naive = table("solver").row("numpy solve + clip").figures
+    assert naive["leak_um"] > 0.01
+    assert figure("solver", "solve_fast", "both_slip_error_um") < naive["both_slip_error_um"]
+
+
+def test_a_general_solver_of_quadratic_programmes_finds_the_same_solution() -> None:
+    pytest.importorskip("daqp")
+    assert figure("solver", "daqp", "leak_um") < 1e-6
+    ours_um = figure("solver", "solve_fast", "slip_error_um")
+    assert figure("solver", "daqp", "slip_error_um") == pytest.approx(ours_um, abs=1e-6)
+
+
+def test_phases_sag_less_often_than_signs_and_miss_less_far_out() -> None:
+    signs, phases = (table("both_slip").row(name).figures for name in ("solve_fast", "solve_phased_fast"))
+    assert phases["sags_count"] < 0.5 * signs["sags_count"]
+    assert phases["far_error_um"] < signs["far_error_um"]
+
+
+def test_a_general_minimiser_finds_nothing_better_for_targets_out_of_reach() -> None:
+    pytest.importorskip("scipy")
+    # Every tenth knot against all of them: the same figure up to the sample.
+    assert figure("both_slip", "solve_phased_fast", "far_error_um") == pytest.approx(
+        figure("both_slip", "L-BFGS-B", "far_error_um"), rel=0.05
+    )
+
+
+def test_nothing_fails_at_the_ends_of_the_solver_s_range() -> None:
+    for row in table("situations").rows:
+        assert row.figures["failures_count"] == row.figures["limits_broken_count"] == 0, row.name
+        assert row.figures["leak_um"] < 1e-12, row.name
+        assert row.figures["wire_leak_um"] < 1e-3, row.name
+    assert figure("situations", "condition 1", "digits_one_still_count") >= 14
+    # the rows' own digits less the condition
+    assert figure("situations", "condition 1e+08", "digits_one_still_count") >= 7
+
+
+def test_no_error_adds_up_over_a_long_walk() -> None:
+    for row in table("walk").rows:
+        assert row.figures["drift_um"] < stability.NOTHING_UM, row.name
+    assert figure("walk", "solve_fast, one still", "drift_um") == 0.0
+
+
+def test_outside_references_that_are_missing_are_skipped_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (solver, solver_tracks, stability):
+        monkeypatch.setattr(module, "optional", lambda _: None)
+    for found in (
+        solver.run(problems=5, repeats=1, timed=1),
+        solver_tracks.run(strokes=1, repeats=1),
+        stability.situations(1),
+    ):
+        assert found.skipped
+        assert not [row.name for row in found.rows if row.name.startswith(tuple(found.skipped))]
