@@ -21,7 +21,7 @@ from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.dates import utc_now
-from ..files.recording.header import Header, header_of
+from ..files.recording.header import Header
 from ..io import awake
 from ..io.device import SerialLink
 from ..io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
@@ -31,7 +31,7 @@ from ..io.systemd import Notifier
 from ..io.trackpad import TrackpadSource
 from ..values import RawReport
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
-from .recorder import Recorders
+from .recorder import Recorders, header_of
 
 log = logging.getLogger("hapticd")
 
@@ -126,10 +126,10 @@ class Daemon:
         return machine
 
     def _restart_core(self, t_now_ns: int) -> None:
-        """Nobody uses the machine: another takes over, for a recorder to hear it from its first moment on. Devices and
-        sockets stay open; the board is greeted anew, and clients see another instance."""
+        """Replace the unused machine, so that a recorder gets all inputs of the next. Devices and sockets stay open;
+        the board's session restarts, and clients see another instance."""
         assert self._recorders is not None
-        log.info("a recorder came: the core begins anew, nobody touches")
+        log.info("Recorder attached: restarting the core while idle")
         machine, before = self._new_machine(), self.machine
         machine.real_time = before.real_time
         self._machine = machine
@@ -294,7 +294,7 @@ class Daemon:
 
 
 def _header(machine: Machine, is_whole: bool) -> Header:
-    return header_of(machine, machine.modes, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
+    return header_of(machine, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
 
 
 def now_ns() -> int:

@@ -151,7 +151,7 @@ class Machine:
         """Track, predict, solve and send. Whatever fails in it ends in silence, not in a reference that stands."""
         if self.session.is_resting and len(batch) > 0:
             self.board.wake(t_now_ns)
-        ahead_ns = self.session.latency.link_ns  # from the pass's beginning, so computing is in it
+        ahead_ns = self.ahead_ns
         try:
             tick = self._decide(batch, t_now_ns, ahead_ns)
             self.is_failing = False
@@ -177,11 +177,27 @@ class Machine:
                 self.pipeline.touch(frame, report.t_host_ns)
         keys = self.pipeline.wanted(t_now_ns)
         self._supervise(Event.TOUCHED if keys else Event.RELEASED, "", t_now_ns)
-        if not self.supervisor.may_drive:
+        if not self.may_drive:
             return self.pipeline.rest(t_now_ns, ahead_ns)
-        if not (self.session.follows(t_now_ns) or self.session.is_resting):
+        if not self.keeps_reference(t_now_ns):
             self.pipeline.forget_standing()  # what the board did not take is said again, until it does
         return self.pipeline.drive(t_now_ns, ahead_ns, keys)
+
+    # What a pass takes from the board. `hapticd replay --set` puts recorded values in its place.
+
+    @property
+    def ahead_ns(self) -> int:
+        """From a pass's start to its effect, so computing is in it."""
+        return self.session.latency.link_ns
+
+    @property
+    def may_drive(self) -> bool:
+        """The board may be given a reference other than zero."""
+        return self.supervisor.may_drive
+
+    def keeps_reference(self, t_now_ns: int) -> bool:
+        """The board has the last reference, or will be given it when it wakes."""
+        return self.session.follows(t_now_ns) or self.session.is_resting
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: targets expire, a silent pad lifts its fingers, the board is kept alive; and where no

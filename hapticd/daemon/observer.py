@@ -1,9 +1,8 @@
-"""What a machine and its parts tell of themselves while they work: to a recorder, or to nobody."""
+"""The observer of a machine and its parts: a recorder, or none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-Observer = Callable[
-    ..., None
-]  # (kind, t_ns, *values): what was heard, written or found; `files.recording.records` has all kinds
+# (kind, t_ns, *values) of each input, output and decision; `files.recording.kinds` has all kinds
+Observer = Callable[..., None]
