@@ -26,6 +26,7 @@ from . import (
     modes_fit,
     modes_scale,
     prediction,
+    recording_cost,
     singular,
     soak,
     soak_real_time,
@@ -65,6 +66,7 @@ PARTS: dict[str, Part] = {
     "knots": lambda _: knots.run(),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
+    "recording": lambda extent: (recording_cost.run(seconds=extent.seconds),),
     "leak": lambda _: (
         leak.run(),
         leak_share.run(),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-PARTS = ("modes", "prediction", "solver", "knots", "stability", "tick", "leak", "firmware", "soak", "all")
+PARTS = ("modes", "prediction", "solver", "knots", "stability", "tick", "recording", "leak", "firmware", "soak", "all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which part, and what is written."""
     parser.add_argument("part", nargs="?", choices=PARTS, default="all", metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement of tick (default 2)")
+    parser.add_argument("--seconds", type=float, default=2.0, help="of each paced measurement (default 2)")
     parser.add_argument("--steps", type=int, default=10_000_000, help="of stability's long walk (default 10000000)")
     parser.add_argument("--hours", type=float, default=1.0, help="of soak's virtual time (default 1); not in all")
     parser.add_argument(

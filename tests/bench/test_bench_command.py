@@ -32,6 +32,7 @@ def test_the_command_knows_every_part() -> None:
         "knots",
         "stability",
         "tick",
+        "recording",
         "leak",
         "firmware",
         "soak",

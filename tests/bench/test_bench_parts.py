@@ -19,6 +19,7 @@ from hapticd.bench import (
     leak,
     modes,
     prediction,
+    recording_cost,
     solver,
     solver_contacts,
     solver_sizes,
@@ -47,6 +48,7 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "knots": lambda: knots.run(seconds=0.3, repeats=1),
     "stability": lambda: stability.run(problems=5, steps=10_000),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
+    "recording": lambda: (recording_cost.run(seconds=0.1, rounds=1, wait_until=lambda _: None),),
     "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=SWAPS), leak.both_slip(seeds=(1,), seconds=4.0)),
     "firmware": lambda: firmware.run(
         frequencies_hz=(10.0,), speeds_mm_s=(100.0,), qualities=(500.0,), repeats=1, ticks=20

@@ -32,6 +32,8 @@ HEADER = "header"
 
 Fields: TypeAlias = dict[str, Any]
 
+_JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False, check_circular=False)
+
 
 class Record(NamedTuple):
     """One record. `seq` counts the records of a recording; `t_ns` is the recording host's monotonic clock."""
@@ -268,7 +270,7 @@ def encode(kind: str, fields: Fields) -> bytes:
         data = bytes(msgpack.packb(fields))
     else:
         try:
-            data = json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
+            data = _JSON.encode(fields).encode()
         except ValueError:
             raise RecordingError(f"A record of kind {kind} with a number that is not finite cannot be kept.") from None
     longest = MAX_HEADER_BYTES if kind == HEADER else MAX_MESSAGE_BYTES

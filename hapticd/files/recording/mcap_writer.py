@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -25,6 +28,7 @@ SUFFIX = ".mcap"
 CHUNK_BYTES = 1 << 18  # a chunk is ended by `flush`, or by this size
 MESSAGE_BYTES = 31 + 16  # of a message's head and its index
 CHUNK_INDEX_BYTES = 600  # at the end of the file and behind the chunk, with a place for every kind
+TURN_S = 1e-4
 SUMMARY_BYTES = 16_384  # schemas and channels at the end of the file
 
 
@@ -91,7 +95,8 @@ class RecordingFile:
         if self._pending_bytes:
             self._index_bytes += CHUNK_INDEX_BYTES
             self._pending_bytes = 0
-            self._mcap.flush()  # type: ignore[no-untyped-call]
+            with _short_turns():
+                self._mcap.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
         """End the chunk and have it on the disk: a power failure does not lose it."""
@@ -103,7 +108,8 @@ class RecordingFile:
         try:
             if not self._output.has_failed:
                 self.flush()
-                self._mcap.finish()  # type: ignore[no-untyped-call]
+                with _short_turns():
+                    self._mcap.finish()  # type: ignore[no-untyped-call]
         finally:
             os.close(self._output.fd)
 
@@ -177,6 +183,17 @@ class DirectRecording:
             self._file.close()
         except OSError as error:
             raise RecordingError(f"{self.path}: the recording ends here ({error.strerror}).") from None
+
+
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    """Give up the interpreter every 0.1 ms: to index a second of records takes 0.7 ms, and to end a file 0.1 s."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(TURN_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)
 
 
 class _Output:
