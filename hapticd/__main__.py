@@ -56,25 +56,25 @@ COMMANDS = {
     "record": Command(
         "tools.record.commands",
         "record a running daemon: all that it hears, decides and writes",
-        "session.hrec --seconds 60",
+        "session.mcap --seconds 60",
         "add_record_arguments",
     ),
     "replay": Command(
         "tools.record.commands",
         "feed a recording through the same core: bit-identical, or the first difference",
-        "session.hrec",
+        "session.mcap",
         "add_replay_arguments",
     ),
     "export": Command(
         "tools.record.commands",
         "turn a recording into tables for pandas, MATLAB and others",
-        "session.hrec --hdf5 session.h5",
+        "session.mcap --hdf5 session.h5",
         "add_export_arguments",
     ),
     "plot": Command(
         "tools.record.commands",
         "draw a recording in the manner of the paper's figures",
-        "session.hrec session.png --from 2 --to 6",
+        "session.mcap session.png --from 2 --to 6",
         "add_plot_arguments",
     ),
     "stream": Command(

@@ -21,6 +21,7 @@ from . import (
     leak_budget,
     modes,
     prediction,
+    recording_cost,
     singular,
     soak,
     soak_real_time,
@@ -54,6 +55,7 @@ PARTS: dict[str, Part] = {
     "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes()),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
+    "recording": lambda extent: (recording_cost.run(seconds=extent.seconds),),
     "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak.contact(), leak_budget.run()),
     "firmware": lambda _: firmware.run(),
     "soak": lambda extent: (

@@ -171,11 +171,11 @@ class RealtimeConfig:
 
 @dataclass(frozen=True, slots=True)
 class RecordConfig:
-    """What is written down; see hapticd/recording/README.md."""
+    """Recording; see hapticd/tools/record/README.md."""
 
-    file: str = key("", "recording of everything, from each start on; one that exists is kept; empty: none")
-    max_mb: int = key(512, "size at which a recording's file ends", low=1, high=1_000_000)
-    max_files: int = key(8, "files kept of one start: the next follows a full one, the oldest goes", low=1, high=999)
+    file: str = key("", "MCAP file to record everything to, from each start on; an existing file is kept; empty: none")
+    max_mb: int = key(512, "size of a file at which it ends", low=1, high=1_000_000)
+    max_files: int = key(8, "files kept of one start: a full one is followed, the oldest removed", low=1, high=999)
 
 
 @dataclass(frozen=True, slots=True)

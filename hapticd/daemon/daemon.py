@@ -21,7 +21,7 @@ from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.dates import utc_now
-from ..files.recording.header import Header, header_of
+from ..files.recording.header import Header
 from ..io import awake
 from ..io.device import SerialLink
 from ..io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
@@ -31,7 +31,7 @@ from ..io.systemd import Notifier
 from ..io.trackpad import TrackpadSource
 from ..values import RawReport
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
-from .recorder import Recorders
+from .recorder import Recorders, header_of
 
 log = logging.getLogger("hapticd")
 
@@ -292,7 +292,7 @@ class Daemon:
 
 
 def _header(machine: Machine, is_whole: bool) -> Header:
-    return header_of(machine, machine.modes, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
+    return header_of(machine, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
 
 
 def now_ns() -> int:

@@ -165,7 +165,7 @@ class Machine:
         """Track, predict, solve and send. Any failure in it ends in silence, not in a reference that stands."""
         if self.session.is_resting and len(batch) > 0:
             self.board.wake(t_now_ns)
-        ahead_ns = self.session.latency.link_ns  # from the start of the pass: includes computing
+        ahead_ns = self.ahead_ns
         try:
             tick = self._decide(batch, t_now_ns, ahead_ns)
             self.is_failing = False
@@ -185,10 +185,27 @@ class Machine:
         for report in batch:
             for frame in self.trackpad.decode(report.data, report.t_host_ns):
                 self.pipeline.touch(frame, report.t_host_ns)
-        is_followed = self.session.follows(t_now_ns) or self.session.is_resting
-        tick = self.pipeline.drive(t_now_ns, ahead_ns, is_allowed=self.supervisor.may_drive, is_followed=is_followed)
+        tick = self.pipeline.drive(
+            t_now_ns, ahead_ns, is_allowed=self.may_drive, is_followed=self.keeps_reference(t_now_ns)
+        )
         self._supervise(Event.TOUCHED if tick.points else Event.RELEASED, "", t_now_ns)
         return tick
+
+    # What a pass takes from the board. `hapticd replay --set` puts recorded values in its place.
+
+    @property
+    def ahead_ns(self) -> int:
+        """From a pass's start to its effect, so computing is in it."""
+        return self.session.latency.link_ns
+
+    @property
+    def may_drive(self) -> bool:
+        """The board may be given a reference other than zero."""
+        return self.supervisor.may_drive
+
+    def keeps_reference(self, t_now_ns: int) -> bool:
+        """The board has the last reference, or will be given it when it wakes."""
+        return self.session.follows(t_now_ns) or self.session.is_resting
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,

@@ -4,6 +4,5 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-Observer = Callable[
-    ..., None
-]  # (kind, t_ns, *values): what was heard, written or found; `files.recording.records` has all kinds
+# (kind, t_ns, *values) of each input, output and decision; `files.recording.kinds` has all kinds
+Observer = Callable[..., None]

@@ -1,8 +1,8 @@
-"""Recording within the daemon: to a file from its start, to whoever runs `hapticd record`, or to nobody.
+"""Recording within the daemon: to a file from its start, and to whichever `hapticd record` is attached.
 
-Both take what the machine's one observer is told. While there is neither, the machine has no observer. Only what begins
-with its machine replays, so a recorder that wants that waits until the daemon has another machine begin. While anything
-is recorded none does, for that recording would end: who comes then joins at once.
+Both take what the machine's one observer is given. While nothing records, the machine has no observer. Only a recording
+that begins with its machine replays, so a recorder that requests one waits until the daemon restarts its core. While
+anything is recorded it does not, for that recording would end: a recorder that attaches then joins at once.
 """
 
 from __future__ import annotations
@@ -11,47 +11,77 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import msgpack
 import zmq
 
+from .. import __version__
 from ..config.sections import RecordConfig
 from ..errors import RecordingError
-from ..files.recording.files import RecordingFile
-from ..files.recording.header import Header
-from ..files.recording.stream import Stream
-from ..files.recording.writer import Writer
+from ..files.recording.header import Header, header_fields
+from ..files.recording.kinds import HEADER, Fields, Record, record_of
 from ..io.record_socket import WAITS, WHOLE, RecordSocket
 from .machine import Machine
+
+if TYPE_CHECKING:
+    from ..files.recording.background import BackgroundWriter
 
 log = logging.getLogger("hapticd")
 
 BYTES_PER_MB = 1_000_000
-ANEW_EVERY_NS = 10_000_000_000  # whoever comes again and again cannot keep the touch from going on
+RESTART_EVERY_NS = 10_000_000_000  # recorders that attach again and again must not keep the touch from going on
 
-MakeHeader = Callable[[Machine, bool], Header]  # told whether the machine has heard nothing yet
+MakeHeader = Callable[[Machine, bool], Header]  # given whether the machine has had no input yet
+
+
+def header_of(machine: Machine, *, t_ns: int, utc: str, is_whole: bool) -> Header:
+    """The header for the records of this machine from `t_ns` on."""
+    return Header(
+        hapticd=__version__,
+        started_utc=utc,
+        t_start_ns=t_ns,
+        is_whole=is_whole,
+        instance=machine.instance,
+        trackpad_model=machine.trackpad.model,
+        config=machine.config,
+        modes=machine.modes,
+        calibration=machine.calibration,
+        parasitic_modes=machine.parasitic_modes,
+    )
+
+
+@dataclass(slots=True)
+class _Live:
+    """The recording that attached recorders get."""
+
+    header: Fields
+    t_start_ns: int
+    is_whole: bool
+    seq: int = 0
+    sent_bytes: int = 0
+    dropped: int = 0
 
 
 class Recorders:
-    """All that record the daemon's machine, and those that follow it, from the constructor to `close`."""
+    """Everything that records the daemon's machine, and those that follow it, from the constructor to `close`."""
 
     def __init__(self, machine: Machine, config: RecordConfig, directory: Path, make_header: MakeHeader) -> None:
-        """Begins the file that the configuration asks for; the machine has heard nothing yet."""
+        """Begins the file that the configuration requests; the machine has had no input yet."""
         self._machine = machine
         self._make_header = make_header
         self._socket = RecordSocket(directory)
         self._waiting: deque[tuple[str, int, tuple[Any, ...]]] = deque()
-        self._wanted: set[bytes] = set()
-        self._live: Stream | None = None
-        self._is_live_whole = False
-        self._live_bytes = self._dropped = 0
-        self._t_anew_ns: int | None = None
-        self._writer: Writer | None = None
+        self._requests: set[bytes] = set()
+        self._live: _Live | None = None
+        self._t_restart_ns: int | None = None
+        self._writer: BackgroundWriter | None = None
         if config.file:
-            self._writer = _begun(config, Stream(make_header(machine, True)))
-        machine.status.recording = self.told
-        self._choose_tap()
+            self._writer = _own_recording(config, make_header(machine, True))
+        machine.status.recording = self.report
+        self._choose_observer()
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Serve recorders on `loop`. Raises HapticdError."""
@@ -60,48 +90,48 @@ class Recorders:
 
     @property
     def is_live(self) -> bool:
-        """Somebody runs `hapticd record`."""
+        """A recorder is attached."""
         return self._live is not None
 
     @property
     def waits(self) -> bool:
-        """Somebody wants a recording that begins with its machine, and nothing is recorded that another would end."""
-        return WHOLE in self._wanted and self._live is None and self._writer is None
+        """A recorder requests a recording that begins with its machine, and a restart would end no other."""
+        return WHOLE in self._requests and self._live is None and self._writer is None
 
     def is_due(self, t_now_ns: int) -> bool:
-        """Another machine may begin for who `waits`, as far as recorders go."""
-        return self.waits and (self._t_anew_ns is None or t_now_ns - self._t_anew_ns >= ANEW_EVERY_NS)
+        """Another machine may begin for the recorder that `waits`, as far as recorders are concerned."""
+        return self.waits and (self._t_restart_ns is None or t_now_ns - self._t_restart_ns >= RESTART_EVERY_NS)
 
     def begin(self, machine: Machine, t_now_ns: int) -> None:
-        """Record this machine, which has heard nothing yet, instead of the one before."""
-        self._t_anew_ns = t_now_ns
+        """Record this machine, which has had no input yet, instead of the one before."""
+        self._t_restart_ns = t_now_ns
         self._machine.observer = None
         self._machine = machine
-        machine.status.recording = self.told
+        machine.status.recording = self.report
         self._join(is_whole=True)
-        self._choose_tap()
+        self._choose_observer()
 
-    def told(self) -> dict[str, object]:
+    def report(self) -> dict[str, object]:
         """For `status`; empty while nothing is recorded."""
-        said: dict[str, object] = {}
+        found: dict[str, object] = {}
         if self._writer is not None:
-            said["file"] = self._writer.told()
+            found["file"] = self._writer.report()
         if self._live is not None:
-            dropped = self._dropped + self._live.too_long
-            said["attached"] = {"is_whole": self._is_live_whole, "bytes": self._live_bytes, "dropped": dropped}
+            live = self._live
+            found["attached"] = {"is_whole": live.is_whole, "bytes": live.sent_bytes, "dropped": live.dropped}
         if self.waits:
-            said["waits"] = True
-        return said
+            found["waits"] = True
+        return found
 
     def sweep(self) -> None:
-        """Now and then, as the clients' sockets are swept; a recording that has ended is told no more."""
+        """To be called now and then, as the clients' sockets are swept; detaches a recording that has ended."""
         self._socket.sweep()
         if self._writer is not None and self._writer.is_over:
             self._writer = None
-            self._choose_tap()
+            self._choose_observer()
 
     def close(self, t_ns: int) -> None:
-        """The last record of each, behind what the machine said at its stop."""
+        """Add the last record to each recording, after the machine's stop, and close it."""
         self._machine.observer = None
         if self._live is not None:
             self._put_live("end", t_ns, "the daemon stopped")
@@ -110,68 +140,73 @@ class Recorders:
         if self._writer is not None:
             self._writer.close(t_ns, "the daemon stopped")
 
-    def _choose_tap(self) -> None:
-        taps = [put for put in (self._writer and self._writer.put, self._live and self._put_live) if put]
-        if len(taps) < 2:
-            self._machine.observer = taps[0] if taps else None
+    def _choose_observer(self) -> None:
+        observers = [put for put in (self._writer and self._writer.put, self._live and self._put_live) if put]
+        if len(observers) < 2:
+            self._machine.observer = observers[0] if observers else None
             return
 
         def both(kind: str, t_ns: int, *values: Any) -> None:
-            for put in taps:
+            for put in observers:
                 put(kind, t_ns, *values)
 
         self._machine.observer = both
 
-    def _on_recorder(self, wanted: bytes, is_there: bool) -> None:
-        if not is_there:
-            self._wanted.discard(wanted)
-            if not self._wanted:
+    def _on_recorder(self, request: bytes, is_attached: bool) -> None:
+        if not is_attached:
+            self._requests.discard(request)
+            if not self._requests:
                 self._live = None
                 self._waiting.clear()
-                self._choose_tap()
+                self._choose_observer()
             return
-        self._wanted.add(wanted)
-        if self.waits and wanted == WHOLE:
-            self._send(WAITS)
+        self._requests.add(request)
+        if self.waits and request == WHOLE:
+            self._socket.send(WAITS)
             return
         self._join(is_whole=False)
-        self._choose_tap()
+        self._choose_observer()
 
     def _join(self, *, is_whole: bool) -> None:
-        """A header for who comes: of the recording that runs, or of one that begins now."""
+        """Send the header: of the recording that runs, or of one that begins now."""
         if self._live is None:
-            self._live = Stream(self._make_header(self._machine, is_whole))
-            self._is_live_whole = is_whole
-            self._live_bytes = self._dropped = 0
+            header = self._make_header(self._machine, is_whole)
+            self._live = _Live(header_fields(header), header.t_start_ns, is_whole)
         self._flush()
-        self._send(self._live.header(self._live.seq))
+        self._send(self._live, Record(HEADER, self._live.seq, self._live.t_start_ns, self._live.header))
 
     def _put_live(self, kind: str, t_ns: int, *values: Any) -> None:
-        """A machine's observer: framed when the loop comes back from this event, so that no pass waits for it."""
+        """A machine's observer: encoded when the loop comes back from this event, so that no pass waits for it."""
         if not self._waiting:
             self._loop.call_soon(self._flush)
         self._waiting.append((kind, t_ns, values))
 
     def _flush(self) -> None:
         while self._waiting and self._live is not None:
-            self._send(self._live.record(*self._waiting.popleft()))
+            kind, t_ns, values = self._waiting.popleft()
+            self._send(self._live, record_of(kind, self._live.seq, t_ns, values))
+            self._live.seq += 1
 
-    def _send(self, record: bytes) -> None:
+    def _send(self, live: _Live, record: Record) -> None:
+        message = WHOLE + bytes(msgpack.packb(record))
         try:
-            self._socket.send(record)
-            self._live_bytes += len(record)
-        except zmq.ZMQError:  # whoever does not keep up sees the gap
-            self._dropped += 1
+            self._socket.send(message)
+            live.sent_bytes += len(message)
+        except zmq.ZMQError:  # a recorder that is too slow sees the gap
+            live.dropped += 1
 
 
-def _begun(config: RecordConfig, stream: Stream) -> Writer | None:
+def _own_recording(config: RecordConfig, header: Header) -> BackgroundWriter | None:
     """The daemon's own recording; where none can be made the touch goes on without."""
+    from ..files.recording.background import BackgroundWriter  # with MCAP's library, which no other daemon needs
+    from ..files.recording.mcap_writer import RecordingFile
+
     try:
         file = RecordingFile(
-            Path(config.file), stream.opening(), max_bytes=config.max_mb * BYTES_PER_MB, max_files=config.max_files
+            Path(config.file), header, max_bytes=config.max_mb * BYTES_PER_MB, max_files=config.max_files
         )
     except RecordingError as error:
         log.error("recording: there is none, the touch goes on: %s", error)
         return None
     log.info("recording to %s", file.path)
-    return Writer(file, stream)
+    return BackgroundWriter(file)

@@ -1,9 +1,9 @@
-"""The `record` socket: what recorders of a running daemon connect to, on this machine only.
+"""The `record` socket: the records of a running daemon, for `hapticd record` on the same machine.
 
-XPUB, ipc://<directory>/record. While nobody subscribes nothing is framed. A recorder that does not keep up loses
-records, and sees by their numbers which. A subscription to everything (b"") asks for records from now on; one to
-`WHOLE`, with which each record begins, for a recording from a core's first moment on, which may have to be waited for:
-then the subscribers of `WAITS` hear it.
+XPUB, ipc://<directory>/record. Without a subscriber nothing is encoded. A slow subscriber loses records, and sees by
+their numbers which. A subscription to everything (`NOW`) requests the records from now on; one to `WHOLE`, with which
+each record begins, a recording from a core's first input on. Where that has to wait, the subscribers of `WAITS` get
+that message.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .sockets import MAX_SUBSCRIPTION_BYTES, SOCKET_UMASK
 
 NAME = "record"
 NOW = b""
-WHOLE = b"\xa5rec"
+WHOLE = b"record"
 WAITS = b"waits"
 SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
-REST_S = 0.1  # between two looks at who comes and goes: somebody who does so all the time must not hold up a pass
+REST_S = 0.1  # between two reads of subscriptions: a recorder that attaches all the time must not hold up a pass
 
 
 class RecordSocket:
@@ -35,11 +35,11 @@ class RecordSocket:
         self._path = directory / NAME
         self._directory = directory
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
-        self._there: frozenset[bytes] = frozenset()
+        self._subscribed: frozenset[bytes] = frozenset()
 
     def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bytes, bool], None]) -> None:
-        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True where recorders came to it, False when
-        its last one went.
+        """Bind, and call `on_recorder` on `loop` with `NOW` or `WHOLE`, and True where a recorder attached to it, False
+        where its last one detached.
 
         Raises HapticdError.
         """
@@ -56,47 +56,48 @@ class RecordSocket:
         except zmq.ZMQError as error:
             self.close()
             raise HapticdError(f"{self._path}: recorders cannot be served here ({error.strerror}).") from None
-        loop.add_reader(self._socket.FD, self._hear)
+        loop.add_reader(self._socket.FD, self._on_readable)
 
-    def send(self, record: bytes) -> None:
+    def send(self, message: bytes) -> None:
         """To all recorders, without waiting."""
-        self._socket.send(record, zmq.NOBLOCK)
+        self._socket.send(message, zmq.NOBLOCK)
 
     def sweep(self) -> None:
-        """Read who came and went; also to be called now and then, for a send may eat a socket's wake-up."""
+        """Read who attached and detached; also to be called now and then, for a send may eat a socket's wake-up."""
         if self._context is None:
             return
-        came, left, there = set[bytes](), set[bytes](), set(self._there)
+        attached, detached, subscribed = set[bytes](), set[bytes](), set(self._subscribed)
         for _ in range(MAX_READS):
             try:
-                said = self._socket.recv(zmq.NOBLOCK)
+                message = self._socket.recv(zmq.NOBLOCK)
             except zmq.Again:
                 break
-            if said[1:] not in (NOW, WHOLE):
+            topic = message[1:]
+            if topic not in (NOW, WHOLE):
                 continue
-            if said[:1] == b"\x01":
-                there.add(said[1:])
-                came.add(said[1:])
-            elif said[:1] == b"\x00":
-                there.discard(said[1:])
-                left.add(said[1:])
-        before, self._there = self._there, frozenset(there)
-        for wanted in (NOW, WHOLE):
-            if wanted in before and wanted in left:
-                self._on_recorder(wanted, False)
-            if wanted in came and wanted in there:
-                self._on_recorder(wanted, True)
+            if message[:1] == b"\x01":
+                subscribed.add(topic)
+                attached.add(topic)
+            elif message[:1] == b"\x00":
+                subscribed.discard(topic)
+                detached.add(topic)
+        before, self._subscribed = self._subscribed, frozenset(subscribed)
+        for topic in (NOW, WHOLE):
+            if topic in before and topic in detached:
+                self._on_recorder(topic, False)
+            if topic in attached and topic in subscribed:
+                self._on_recorder(topic, True)
 
-    def _hear(self) -> None:
-        """Look at once, and not again for a while."""
+    def _on_readable(self) -> None:
+        """Read at once, and not again for REST_S."""
         self.sweep()
         self._loop.remove_reader(self._socket.FD)
-        self._loop.call_later(REST_S, self._listen)
+        self._loop.call_later(REST_S, self._watch)
 
-    def _listen(self) -> None:
+    def _watch(self) -> None:
         if self._context is not None:
             self.sweep()
-            self._loop.add_reader(self._socket.FD, self._hear)
+            self._loop.add_reader(self._socket.FD, self._on_readable)
 
     def close(self) -> None:
         """Stop serving and remove the socket. Safe to call twice, and before `start`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-PARTS = ("modes", "prediction", "solver", "stability", "tick", "leak", "firmware", "soak", "all")
+PARTS = ("modes", "prediction", "solver", "stability", "tick", "recording", "leak", "firmware", "soak", "all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it in the manner of the paper's figures")
-    parser.add_argument("--record", type=Path, metavar="F.hrec", help="record it, with the plate's truth beside it")
+    parser.add_argument("--record", type=Path, metavar="F.mcap", help="record it, with the plate's truth beside it")
     parser.set_defaults(command=_simulate)
 
 

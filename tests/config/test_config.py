@@ -125,7 +125,7 @@ def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
 
 
 def test_a_recording_goes_where_the_file_is_that_asks_for_it(tmp_path: Path) -> None:
-    assert load('[record]\nfile = "all.hrec"\n', tmp_path).record.file == str(tmp_path.resolve() / "all.hrec")
+    assert load('[record]\nfile = "all.mcap"\n', tmp_path).record.file == str(tmp_path.resolve() / "all.mcap")
 
 
 def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:

@@ -34,6 +34,7 @@ INSTRUMENTED = [
     "hapticd.files.toml_file",
     "hapticd.wire",
     "hapticd_client.messages",
+    "mcap",
     "tomllib",
     "zipfile",
 ]

@@ -1,53 +1,69 @@
 """Recordings: RecordingError in one sentence, or records of the documented forms, whatever the bytes.
 
-Checksums that no fuzzer guesses stand in every head: behind a first byte of 1 come bodies without them, each behind
-the word `\xa5rec` and its kind.
+No fuzzer makes a file with a header by chance. So behind a first byte of 1 come messages for a sound file: each behind
+the word `\xa5rec` and the number of its kind. Behind a 0 comes a whole file, whose chunks need no checksum.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 
 import msgpack
 import numpy as np
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 
 from fuzz.files import in_file
 from fuzz.target import Cost, Target
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
-from hapticd.files.recording.framing import MAGIC, MAX_BODY_BYTES, SYNC, frame
-from hapticd.files.recording.header import FORMAT, Header, encode_header
-from hapticd.files.recording.reader import open_recording
-from hapticd.files.recording.records import HEARD, KINDS, body_of
+from hapticd.files.recording.header import Header, header_fields
+from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, encode, fits, record_of
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tables import tables
 from hapticd.values import Finger, Knot, LimitReason, RawReport, SafeDrive, Tick, TouchPoint
 
+WORD = b"\xa5rec"
+NAMES = tuple(KINDS)
 MAX_ROWS_PER_BYTE = 2
+
+Messages = list[tuple[str, bytes]]
 
 
 def check(data: bytes) -> None:
-    in_file("recording.hrec", framed(data[1:]) if data[:1] == b"\1" else data[1:], read, RecordingError)
+    in_file("recording.mcap", framed(data[1:]) if data[:1] == b"\1" else data[1:], read, RecordingError)
 
 
 def framed(data: bytes) -> bytes:
-    """A file of the bodies between the words, with the least header in front."""
-    parts = data.split(SYNC)[1:]
-    return (
-        MAGIC
-        + frame(0, 0, least_header())
-        + b"".join(frame(part[0], seq, part[1:]) for seq, part in enumerate(parts) if part)
-    )
+    """A file of the messages between the words, with the least header in front."""
+    parts = [part for part in data.split(WORD)[1:] if part]
+    return mcap([(NAMES[part[0] % len(NAMES)], part[1:]) for part in parts])
+
+
+def mcap(messages: Messages, *, crcs: bool = False, in_chunk: int = 1 << 20, seq: Callable[[int], int] = int) -> bytes:
+    """A file of these messages, made by the library alone."""
+    file = BytesIO()
+    writer = McapWriter(file, chunk_size=in_chunk, compression=CompressionType.NONE, enable_crcs=crcs)
+    writer.start()
+    used = [HEADER, *dict.fromkeys(kind for kind, _ in messages if kind != HEADER)]
+    channels = {name: writer.register_channel(KINDS[name].topic, KINDS[name].encoding, 0) for name in used}
+    writer.add_message(channels[HEADER], 0, least_header(), 0)
+    for number, (kind, data) in enumerate(messages):
+        writer.add_message(channels[kind], 7 + number, data, 7, seq(number))
+    writer.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
 
 
 def read(path: Path) -> None:
     """What is taken has its documented form, and can be put into tables."""
     recording = open_recording(path)
     for record in recording.records():
-        assert len(record.fields) == len(KINDS[record.kind].names)
+        assert fits(record.fields, KINDS[record.kind].form)
         assert type(record.t_ns) is int
-        assert (record.kind in HEARD) == (KINDS[record.kind].number <= 8)
     found = tables(recording)
     rows = sum(len(table["t_ns"]) for table in found.values())
     assert rows <= MAX_ROWS_PER_BYTE * path.stat().st_size
@@ -57,50 +73,53 @@ def read(path: Path) -> None:
 def least_header() -> bytes:
     axis_mm = np.linspace(-9.0, 9.0, 4)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 4, 4)))
-    body = encode_header(Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, ()))
-    table = msgpack.unpackb(body) | {"config_toml": "", "records": {}, "units": {}}
-    assert table["format"] == FORMAT
-    return bytes(msgpack.packb(table))
+    fields = header_fields(Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, ()))
+    return encode(HEADER, fields | {"config_toml": ""})
 
 
 def seeds() -> dict[str, bytes]:
     point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
     drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
+    finger = {"finger": 0, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
     events: dict[str, tuple[object, ...]] = {
         "reports": ((RawReport(4, b"\x02ab"),),),
         "pass": (Tick(7, 2, 9, drive, (point,), False), "ACTIVE", (Finger(1, 3, 1.5, -2.5, False),)),
         "targets": (msgpack.packb({"v": 1, "levels": b"\0"}), "uid 7"),
         "written": (b"\0\x01", True),
-        "truth": ([[1.0, 2.0], None], [0.0, None], [[1.0, 0.0]], [[0.1, 0.2], None]),
+        "truth": ([finger], {"d": [1.0], "q": [0.0]}),
         "board_link": (True, "here"),
         "marker": ("study", "begin"),
     }
-    bodies = {
-        kind: SYNC + bytes((KINDS[kind].number,)) + body_of(kind, 7, values)  # type: ignore[arg-type]
-        for kind, values in events.items()
-    }
-    whole = MAGIC + frame(0, 0, least_header()) + frame(KINDS["timer"].number, 0, body_of("timer", 3, ()))
+    messages = {kind: encode(kind, record_of(kind, 0, 7, values).fields) for kind, values in events.items()}
+    bodies = {kind: WORD + bytes((NAMES.index(kind),)) + data for kind, data in messages.items()}
+    whole = mcap([("timer", b"\x80")])
+    checked = mcap([("timer", b"\x80")], crcs=True)
     return {
         **{kind: b"\1" + body for kind, body in bodies.items()},
         "all": b"\1" + b"".join(bodies.values()),
         "whole": b"\0" + whole,
-        "cut": b"\0" + whole[:-3],
-        "struck": b"\0" + whole[:-3] + b"\0" + whole[-2:],
-        "gap": b"\0" + whole + frame(KINDS["timer"].number, 9, body_of("timer", 4, ())),
+        "cut": b"\0" + whole[: whole.rindex(b"/header") - 90],
+        "struck": b"\0" + checked.replace(b"mt2-usb", b"mt2-usc"),
+        "gap": b"\0" + mcap([("timer", b"\x80")] * 2, seq=lambda number: 9 * number),
         "text": b"\0not a recording",
-        "deep": b"\1" + SYNC + b"\x20" + b"\x91" * 600,
+        "deep": b"\1" + WORD + bytes((NAMES.index("pass"),)) + b"[" * 600,
     }
 
 
 def extremes() -> dict[str, bytes]:
-    start = MAGIC + frame(0, 0, least_header())
-    long_claim = frame(2, 0, bytes(MAX_BODY_BYTES))[:20]
-    timers = [frame(KINDS["timer"].number, seq, body_of("timer", seq, ())) for seq in range(20_000)]
+    whole = mcap([])
+    claims = whole[: whole.index(b"\x06") + 1] + (1 << 22).to_bytes(8, "little")
+    truth = WORD + bytes((NAMES.index("truth"),))
+    lists = b'{"fingers":[' + b"[]," * 30_000 + b'[]],"modal_um":{"d":[],"q":[]}}'
     return {
-        "heads": b"\0" + start + long_claim * 60_000,
-        "syncs": b"\0" + start + SYNC * 100_000,
-        "timers": b"\0" + start + b"".join(timers),
-        "nils": b"\1" + SYNC + b"\x30" + msgpack.packb([0, [None] * 100_000, [None] * 100_000, [], [None] * 100_000]),
+        "claims": b"\0" + claims + bytes(1000),
+        "timers": b"\0" + mcap([("timer", b"\x80")] * 20_000, in_chunk=10_000),
+        "one chunk": b"\0" + mcap([("timer", b"\x80")] * 20_000),
+        "no records": b"\0" + whole[:8] + b"\x7f\0\0\0\0\0\0\0\0" * 20_000,
+        "lists": b"\1" + truth + lists,
+        "numbers": b"\1" + truth + b'{"fingers":[],"modal_um":{"d":[' + b"0," * 50_000 + b'0],"q":[]}}',
+        "digits": b"\1" + truth + b"9" * 100_000,
+        "too long": b"\1" + WORD + bytes((NAMES.index("written"),)) + bytes(MAX_MESSAGE_BYTES),
     }
 
 
@@ -108,7 +127,7 @@ TARGET = Target(
     name="record",
     check=check,
     seeds=seeds,
-    fixed=Cost(10_000, 3_000_000),  # a reader's buffer, and the longest body
+    fixed=Cost(10_000, 3_000_000),
     per_byte=Cost(20, 40),
     extremes=extremes,
 )

@@ -63,7 +63,7 @@ def test_the_service_is_left_with_next_to_nothing(installed_unit: Path) -> None:
 
 def test_the_only_folder_on_a_disk_that_it_may_write_is_the_one_that_the_configuration_names_for_recordings() -> None:
     (name,) = directives("StateDirectory")
-    assert f'# file = "/var/lib/{name}/session.hrec"' in CONFIGURATION.read_text(encoding="utf-8")
+    assert f'# file = "/var/lib/{name}/session.mcap"' in CONFIGURATION.read_text(encoding="utf-8")
     assert directives("ProtectSystem") == ["strict"]
     assert directives("ReadWritePaths") == []
 

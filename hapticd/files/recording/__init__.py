@@ -1,1 +1,1 @@
-"""Recordings: everything that the daemon receives and decides, in one file."""
+"""Recordings: all inputs, outputs and decisions of the daemon, as MCAP files."""

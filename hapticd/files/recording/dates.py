@@ -1,4 +1,4 @@
-"""When a recording began, for people: nothing in the daemon is decided by the wall clock."""
+"""The date of a recording, for people: nothing in the daemon is decided by the wall clock."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from datetime import UTC, datetime
 
 
 def utc_now() -> str:
-    """The date and time of now, such as 2026-11-21T16:40:00.123+00:00."""
+    """The present date and time, such as 2026-11-21T16:40:00.123+00:00."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

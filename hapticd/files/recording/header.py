@@ -1,4 +1,4 @@
-"""The first record: what a recording is of. With it a machine can be made that hears the rest as the first one did."""
+"""The header of a recording: what the machine was made of, so that another can be made that gets the same inputs."""
 
 from __future__ import annotations
 
@@ -7,35 +7,40 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import msgpack
 import numpy as np
 import numpy.typing as npt
 
-from ... import __version__
 from ...board_values import ModeCalibration
 from ...config import loader as config
 from ...config.sections import Config
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
-from ...daemon.machine import Machine
 from ...errors import ConfigError, HapticdError, RecordingError
 from ..toml_file import MAX_BYTES, parse
-from .records import described
+from .kinds import Fields
 
-FORMAT = 1
+FORMAT = 2
 UNITS = {
-    "_ns": "nanoseconds; instants t_..._ns on the recording host's monotonic clock",
+    "_ns": "nanoseconds; instants t_..._ns and MCAP's log_time on the recording host's monotonic clock",
     "_us": "microseconds of the board's wrapped 32-bit clock",
     "_mm": "millimetres on the plate, from its centre, x to the right, y away from the user",
-    "_um": "micrometres peak to peak; a pair is (d, q) of W = d + j q",
+    "_um": "micrometres peak to peak; d and q are the parts of W = d + j q",
     "_v": "volts",
+}
+_SCALARS = {
+    "hapticd": str,
+    "started_utc": str,
+    "t_start_ns": int,
+    "is_whole": bool,
+    "instance": int,
+    "trackpad_model": str,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What the machine was made of. `t_start_ns` is the recording's begin on the host's monotonic clock, `started_utc`
-    the same on the wall's; `is_whole` says that the machine had heard nothing before."""
+    """What a machine was made of. `t_start_ns` is the recording's begin on the host's monotonic clock, `started_utc`
+    the same on the wall's, `hapticd` the version; `is_whole`: the machine had no input before."""
 
     hapticd: str
     started_utc: str
@@ -49,83 +54,63 @@ class Header:
     parasitic_modes: ParasiticModes | None = None
 
 
-def header_of(machine: Machine, modes: ModeShapes, *, t_ns: int, utc: str, is_whole: bool) -> Header:
-    """The header for what this machine hears from `t_ns` on."""
-    return Header(
-        hapticd=__version__,
-        started_utc=utc,
-        t_start_ns=t_ns,
-        is_whole=is_whole,
-        instance=machine.instance,
-        trackpad_model=machine.trackpad.model,
-        config=machine.config,
-        modes=modes,
-        calibration=machine.calibration,
-        parasitic_modes=machine.parasitic_modes,
-    )
+def texts_of(header: Header) -> dict[str, str]:
+    """The header without maps and calibration, for people: metadata of the file and of what is exported."""
+    return {
+        "hapticd": header.hapticd,
+        "started_utc": header.started_utc,
+        "t_start_ns": str(header.t_start_ns),
+        "trackpad_model": header.trackpad_model,
+        "config_toml": config.render(header.config),
+        "units": "\n".join(f"{suffix}: {meaning}" for suffix, meaning in UNITS.items()),
+    }
 
 
-def encode_header(header: Header) -> bytes:
-    """The body of the first record."""
-    return bytes(
-        msgpack.packb(
-            {
-                "format": FORMAT,
-                "hapticd": header.hapticd,
-                "started_utc": header.started_utc,
-                "t_start_ns": header.t_start_ns,
-                "is_whole": header.is_whole,
-                "instance": header.instance,
-                "trackpad_model": header.trackpad_model,
-                "config_toml": config.render(header.config),
-                "modes_float64_le": _packed_modes(header.modes),
-                "calibration": [dataclasses.asdict(measured) for measured in header.calibration],
-                "neighbours": None if header.parasitic_modes is None else _packed_neighbours(header.parasitic_modes),
-                "records": described(),
-                "units": UNITS,
-            }
-        )
-    )
+def header_fields(header: Header) -> Fields:
+    """The fields of the header's record."""
+    modes = header.parasitic_modes
+    return {
+        "format": FORMAT,
+        **{name: getattr(header, name) for name in _SCALARS},
+        "config_toml": config.render(header.config),
+        "modes_float64_le": _packed_modes(header.modes),
+        "calibration": [dataclasses.asdict(measured) for measured in header.calibration],
+        "parasitic_modes": None if modes is None else _packed_parasitic_modes(modes),
+    }
 
 
-def decode_header(body: bytes) -> Header:
-    """The header again. Raises RecordingError only."""
+def header_from(fields: Fields) -> Header:
+    """The inverse of `header_fields`. Raises RecordingError only."""
     try:
-        table = msgpack.unpackb(body, raw=False, strict_map_key=True, max_ext_len=0)
-        if table["format"] != FORMAT:
+        if fields["format"] != FORMAT:
             raise RecordingError(
                 f"The recording is not of format {FORMAT}, which this hapticd reads: take the hapticd that wrote it."
             )
-        text = _typed(table, "config_toml", str)
+        text = _typed(fields, "config_toml", str)
         if len(text) > MAX_BYTES:
             raise ValueError("no configuration is so long")
         settings = config.from_table(parse(text, "configuration"), where="configuration", folder=None)
-        modes = _modes(table["modes_float64_le"])
+        modes = _modes(fields["modes_float64_le"])
         if len(settings.limits.w_limit_um) != modes.M:
             raise ValueError("limits and modes differ in number")
         return Header(
-            hapticd=_typed(table, "hapticd", str),
-            started_utc=_typed(table, "started_utc", str),
-            t_start_ns=_typed(table, "t_start_ns", int),
-            is_whole=_typed(table, "is_whole", bool),
-            instance=_typed(table, "instance", int),
-            trackpad_model=_typed(table, "trackpad_model", str),
+            **{name: _typed(fields, name, kind) for name, kind in _SCALARS.items()},
             config=settings,
             modes=modes,
-            calibration=tuple(_calibration(entry, modes.M) for entry in table["calibration"]),
-            parasitic_modes=_neighbours(table.get("neighbours")),  # which older recordings do not know
+            calibration=tuple(_calibration(entry, modes.M) for entry in fields["calibration"]),
+            parasitic_modes=_parasitic_modes(fields["parasitic_modes"]),
         )
     except RecordingError:
         raise
     except ConfigError as error:
         raise RecordingError(f"The recording's header is not readable: {error}") from None
-    except (HapticdError, ValueError, TypeError, LookupError, RecursionError, msgpack.UnpackException):
+    except (HapticdError, ValueError, TypeError, LookupError, RecursionError):
         raise RecordingError("The recording's header is not readable: it is damaged, or not hapticd's.") from None
 
 
 def _typed(table: Any, name: str, kind: type) -> Any:
     value = table[name]
-    if type(value) is not kind or (isinstance(value, int) and not -(1 << 63) <= value < 1 << 63):
+    if type(value) is not kind or (isinstance(value, int) and not 0 <= value < 1 << 63):
         raise ValueError(name)
     return value
 
@@ -138,7 +123,7 @@ def _packed_modes(modes: ModeShapes) -> dict[str, bytes]:
     return {"x_mm": _packed(modes.x_mm), "y_mm": _packed(modes.y_mm), "shapes_mode_y_x": _packed(modes.shapes)}
 
 
-def _packed_neighbours(parasitic_modes: ParasiticModes) -> dict[str, object]:
+def _packed_parasitic_modes(parasitic_modes: ParasiticModes) -> dict[str, object]:
     return {
         "modes_float64_le": _packed_modes(parasitic_modes.modes),
         "decay_1_s": parasitic_modes.decay_1_s,
@@ -154,7 +139,7 @@ def _modes(table: Any) -> ModeShapes:
     return ModeShapes.from_grid(x_mm, y_mm, shapes)
 
 
-def _neighbours(table: Any) -> ParasiticModes | None:
+def _parasitic_modes(table: Any) -> ParasiticModes | None:
     if table is None:
         return None
     decay_1_s, detuning_rad_s = ([float(value) for value in table[name]] for name in ("decay_1_s", "detuning_rad_s"))

@@ -78,7 +78,7 @@ def collect(
     contents = {name: SECRET.sub(r'\1"(blotted out)"', text).encode() for name, text in parts.items()}
     recorded, why = _recording(patient, record)
     if recorded:
-        contents["recording.hrec"] = recorded
+        contents["recording.mcap"] = recorded
     _write(path, contents)
     lines = [f"{path}: nothing was sent anywhere; look into it before you give it away. In it:"]
     lines += [f"  {name:<20} {len(data):>9} bytes" for name, data in contents.items()]
@@ -131,12 +131,12 @@ def _recording(patient: Patient | None, record: Record) -> tuple[bytes, str]:
     if patient is None or patient.status is None:
         return b"", "no recording, for no daemon answered"
     with tempfile.TemporaryDirectory(prefix="hapticd-doctor-") as folder:
-        file = Path(folder, "recording.hrec")
+        file = Path(folder, "recording.mcap")
         try:
             record(file, patient.directory, RECORD_S)
             return (
                 file.read_bytes(),
-                f"recording.hrec: {RECORD_S:g} s; `hapticd plot` draws it, `export` makes tables of it",
+                f"recording.mcap: {RECORD_S:g} s; `hapticd plot` draws it, `export` makes tables of it",
             )
         except (HapticdError, OSError) as error:
             return b"", f"no recording: {error}"

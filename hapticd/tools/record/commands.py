@@ -1,4 +1,4 @@
-"""`hapticd record | replay | export | plot`. Light: what they set going is imported when it is called."""
+"""`hapticd record | replay | export | plot`: arguments and calls; their modules are imported when they run."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """What is written, how long, and whose daemon it is."""
+    """Add the arguments of `record`."""
     parser.add_argument(
-        "out", type=Path, metavar="OUT", help="file to write, such as session.hrec; where it exists, session-2.hrec"
+        "out", type=Path, metavar="OUT", help="file to write, such as session.mcap; where it exists, session-2.mcap"
     )
     parser.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
     parser.add_argument(
@@ -27,9 +27,9 @@ def _record(options: argparse.Namespace) -> None:
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
-    """The recording, and what shall be otherwise."""
+    """Add the arguments of `replay`."""
     parser.epilog = (
-        f"{parser.epilog}\n         hapticd replay session.hrec --set prediction.noise_mm=0.1 --set solver.fade=0"
+        f"{parser.epilog}\n         hapticd replay session.mcap --set prediction.noise_mm=0.1 --set solver.fade=0"
     )
     _add_files(parser)
     parser.add_argument(
@@ -43,10 +43,10 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from ...files.recording.reader import open_recording
+    from ...files.recording.mcap_reader import open_recording
     from .replay import replay, report
 
-    logging.getLogger("hapticd").addHandler(logging.NullHandler())  # its lines were said when it was recorded
+    logging.getLogger("hapticd").addHandler(logging.NullHandler())  # the recorded daemon logged them
     recording = open_recording(options.files)
     if options.set:
         from .whatif import compare, table
@@ -59,7 +59,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    """The recording, and the form of its tables."""
+    """Add the arguments of `export`."""
     _add_files(parser)
     forms = parser.add_mutually_exclusive_group(required=True)
     forms.add_argument("--csv", type=Path, metavar="DIR", help="a folder with one CSV file for each table")
@@ -69,49 +69,50 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    from ...files.recording.reader import open_recording
+    from ...files.recording.header import texts_of
+    from ...files.recording.mcap_reader import open_recording
     from . import export
     from .tables import tables
 
     recording = open_recording(options.files)
-    found, beside = tables(recording), export.described(recording)
+    found, texts = tables(recording), texts_of(recording.header)
     if options.csv is not None:
-        written = export.to_csv(found, beside, options.csv)
+        written = export.to_csv(found, texts, options.csv)
     elif options.hdf5 is not None:
-        written = export.to_hdf5(found, beside, options.hdf5)
+        written = export.to_hdf5(found, texts, options.hdf5)
     else:
-        written = export.to_parquet(found, beside, options.parquet)
+        written = export.to_parquet(found, texts, options.parquet)
     for name, table in found.items():
         print(f"{name:<12} {len(table['t_ns']):>9} rows: {', '.join(table)}")
     print(f"written: {', '.join(map(str, written))}")
-    _say_losses(recording.losses.told())
+    _print_losses(recording.losses.report())
 
 
 def add_plot_arguments(parser: argparse.ArgumentParser) -> None:
-    """The recording, the picture, and from when to when."""
-    parser.add_argument("files", nargs=1, type=Path, metavar="F.hrec", help="the recording")
+    """Add the arguments of `plot`."""
+    parser.add_argument("files", nargs=1, type=Path, metavar="F.mcap", help="the recording")
     parser.add_argument("out", type=Path, metavar="OUT.png", help="the picture")
-    parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="in s from its begin")
+    parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="in s from its start")
     parser.add_argument("--to", dest="end_s", type=float, metavar="S", help="default: its end")
     parser.set_defaults(command=_plot)
 
 
 def _plot(options: argparse.Namespace) -> None:
-    from ...files.recording.reader import open_recording
+    from ...files.recording.mcap_reader import open_recording
     from .picture import draw
     from .tables import tables
 
     recording = open_recording(options.files)
     draw(tables(recording), options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
-    _say_losses(recording.losses.told())
+    _print_losses(recording.losses.report())
 
 
 def _add_files(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "files", nargs="+", type=Path, metavar="F.hrec", help="the recording; of one in parts all of them, in order"
+        "files", nargs="+", type=Path, metavar="F.mcap", help="the recording; of one in parts all of them, in order"
     )
 
 
-def _say_losses(told: str) -> None:
-    if told:
-        print(f"not whole: {told}")
+def _print_losses(losses: str) -> None:
+    if losses:
+        print(f"not whole: {losses}")

@@ -1,4 +1,4 @@
-"""Recordings for other programs: CSV, HDF5 and Parquet, the same tables in each, and the header beside them."""
+"""Recordings for other programs: CSV, HDF5 and Parquet, with the same tables and the header's texts in each."""
 
 from __future__ import annotations
 
@@ -11,30 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ...config import loader as config
 from ...errors import RecordingError
-from ...files.recording.header import UNITS
-from ...files.recording.reader import Recording
 from .tables import Column
 
 Tables = Mapping[str, Mapping[str, Column]]
 MOST_FIXED_BYTES = 1 << 24  # of a column of texts, with all as long as the longest
 
 
-def described(recording: Recording) -> dict[str, str]:
-    """What goes beside the tables, as texts: who recorded, when, with which configuration, and what the units are."""
-    header = recording.header
-    return {
-        "hapticd": header.hapticd,
-        "started_utc": header.started_utc,
-        "t_start_ns": str(header.t_start_ns),
-        "trackpad_model": header.trackpad_model,
-        "config_toml": config.render(header.config),
-        "units": "\n".join(f"{suffix}: {meaning}" for suffix, meaning in UNITS.items()),
-    }
-
-
-def to_csv(tables: Tables, beside: Mapping[str, str], folder: Path) -> list[Path]:
+def to_csv(tables: Tables, texts: Mapping[str, str], folder: Path) -> list[Path]:
     """One file for each table, and header.json; what was written. Raises RecordingError."""
     with _Writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,11 +29,11 @@ def to_csv(tables: Tables, beside: Mapping[str, str], folder: Path) -> list[Path
                 lines.writerow(table)
                 lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
         header = folder / "header.json"
-        header.write_text(json.dumps(dict(beside), indent=2) + "\n", encoding="utf-8")
+        header.write_text(json.dumps(dict(texts), indent=2) + "\n", encoding="utf-8")
         return [*written, header]
 
 
-def to_parquet(tables: Tables, beside: Mapping[str, str], folder: Path) -> list[Path]:
+def to_parquet(tables: Tables, texts: Mapping[str, str], folder: Path) -> list[Path]:
     """One file for each table, each with the header in its metadata. Raises RecordingError."""
     try:
         import pyarrow
@@ -60,11 +44,11 @@ def to_parquet(tables: Tables, beside: Mapping[str, str], folder: Path) -> list[
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
             made = pyarrow.table({column: values.tolist() for column, values in table.items()})
-            parquet.write_table(made.replace_schema_metadata(dict(beside)), folder / f"{name}.parquet")
+            parquet.write_table(made.replace_schema_metadata(dict(texts)), folder / f"{name}.parquet")
         return [folder / f"{name}.parquet" for name in tables]
 
 
-def to_hdf5(tables: Tables, beside: Mapping[str, str], path: Path) -> list[Path]:
+def to_hdf5(tables: Tables, texts: Mapping[str, str], path: Path) -> list[Path]:
     """One file; each table a data set of its name, each row a compound, and the header as attributes of the file.
 
     Raises RecordingError.
@@ -74,7 +58,7 @@ def to_hdf5(tables: Tables, beside: Mapping[str, str], path: Path) -> list[Path]
     except ImportError:
         raise _missing("h5py") from None
     with _Writing(path), h5py.File(path, "w") as file:
-        for name, value in beside.items():
+        for name, value in texts.items():
             file.attrs[name] = value
         for name, table in tables.items():
             columns = {column: _storable(values, h5py.string_dtype()) for column, values in table.items()}
@@ -95,13 +79,13 @@ def _storable(values: Column, text: np.dtype[Any]) -> Column:
 
 
 def _reason(error: OSError) -> str:
-    """What the system says of it, which HDF5 puts among addresses and sizes."""
+    """The system's reason, which HDF5 puts among addresses and sizes."""
     inner = re.search(r"error message = '([^']*)'", str(error))
     return inner[1] if inner is not None else error.strerror or str(error)
 
 
 class _Writing:
-    """Says in one sentence what kept a file from being written."""
+    """Turns an OSError into one sentence that names the file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -1,17 +1,17 @@
-"""Feeds a recording to a machine made like the recorded one: the same bytes must come out, to the last bit."""
+"""Replay: feeds a recording's inputs to a machine made like the recorded one, and compares its output bit by bit."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ...config.sections import Config
 from ...daemon.machine import Machine
 from ...errors import RecordingError
-from ...files.recording.reader import Recording
-from ...files.recording.records import HEARD, Record
+from ...files.recording.kinds import INPUTS, KINDS, Record
+from ...files.recording.mcap_reader import Recording
 from ...values import RawReport
 from ...wire import protocol
 from ...wire.framing import FrameSplitter
@@ -52,38 +52,39 @@ class Outcome:
         return self.difference is None and self.lost_seq is None
 
 
-class ModalSolution(NamedTuple):
-    """One thing that the machine heard, and the lines that it wrote before it heard the next."""
+class Step(NamedTuple):
+    """One input of the machine, and its records before the next: lines to the board, a pass."""
 
-    heard: Record
-    written: tuple[Record, ...]
+    input: Record
+    effects: tuple[Record, ...]
 
 
 @dataclass(slots=True)
 class _Board:
-    """The line's other end: hears what the replayed machine writes, and takes or refuses it as the recorded did."""
+    """Takes what the replayed machine writes, and accepts or refuses it as the recorded line did."""
 
     outcome: Outcome
     expected: deque[Record] = field(default_factory=deque)
     t_ns: int = 0
     seq: int = 0
 
-    def write(self, line: bytes) -> bool:
+    def write(self, line: bytes) -> int | None:
         if not self.expected:
             self._differs(b"", line)
-            return True
-        recorded, is_accepted = self.expected.popleft().fields[1:]
+            return self.t_ns
+        fields = self.expected.popleft().fields
+        recorded, is_accepted = fields["line"], fields["is_accepted"]
         if line != recorded:
             self._differs(recorded, line)
         elif self.outcome.difference is None:
             self.outcome.lines += 1
             self.outcome.references += message_of(line) == protocol.MSG_REFERENCE
-        return bool(is_accepted)
+        return self.t_ns if is_accepted else None
 
-    def all_said(self) -> None:
-        """The machine has nothing more to say of this moment: what is still expected is missing."""
+    def end_step(self) -> None:
+        """The machine writes nothing more in this step: what is still expected is missing."""
         for record in self.expected:
-            self._differs(record.fields[1], b"")
+            self._differs(record.fields["line"], b"")
         self.expected.clear()
 
     def _differs(self, recorded: bytes, replayed: bytes) -> None:
@@ -93,7 +94,7 @@ class _Board:
 
 def replay(recording: Recording) -> Outcome:
     """Replay up to the first difference or loss. Raises RecordingError where the recording does not begin with its
-    machine's start: what the machine knew by then is not in it."""
+    machine's start: the machine's state by then is not in it."""
     if not recording.is_whole:
         raise RecordingError(
             f"{recording.paths[0]}: begins when the daemon ran already, and only what begins with it replays exactly: "
@@ -102,21 +103,21 @@ def replay(recording: Recording) -> Outcome:
     outcome = Outcome()
     board = _Board(outcome)
     machine = machine_of(recording, recording.header.config, board.write)
-    for moment in moments(recording):
+    for step in steps(recording.records()):
         if recording.losses.any:
             outcome.lost_seq = recording.losses.first_seq
             break
-        board.expected.extend(moment.written)
-        board.t_ns, board.seq = moment.heard.t_ns, moment.heard.seq
-        hear(machine, moment.heard)
-        board.all_said()
+        board.expected.extend(record for record in step.effects if record.kind == "written")
+        board.t_ns, board.seq = step.input.t_ns, step.input.seq
+        feed(machine, step.input)
+        board.end_step()
         if outcome.difference is not None:
             break
     return outcome
 
 
 def machine_of(recording: Recording, config: Config, write_board: Callable[[bytes], bool]) -> Machine:
-    """A machine that has heard nothing yet, made as the recorded one was, but with these settings."""
+    """A new machine, made as the recorded one was, but with these settings."""
     header = recording.header
     return Machine(
         config,
@@ -128,45 +129,43 @@ def machine_of(recording: Recording, config: Config, write_board: Callable[[byte
     )
 
 
-def moments(recording: Recording) -> Iterator[ModalSolution]:
-    """What was heard, in its order. A loss within a moment shows in `recording.losses` before it is given; of a
-    recording without an end the last is left out, for its lines may be missing."""
-    heard: Record | None = None
-    written: list[Record] = []
-    for record in recording.records():
-        if record.kind == "end" and heard is not None:
-            yield ModalSolution(heard, tuple(written))
-            heard = None
-        if record.kind == "written":
-            written.append(record)
-        elif record.kind in HEARD:
-            if heard is not None:
-                yield ModalSolution(heard, tuple(written))
-            heard, written = record, []
+def steps(records: Iterable[Record]) -> Iterator[Step]:
+    """The inputs in their order. A loss within a step shows in the recording's `losses` before it is given. Without an
+    "end" record the last is left out, for its effects may be missing."""
+    current: Record | None = None
+    effects: list[Record] = []
+    for record in records:
+        if record.kind in (*INPUTS, "end"):
+            if current is not None:
+                yield Step(current, tuple(effects))
+            current, effects = record if record.kind != "end" else None, []
+        elif record.kind in ("written", "pass"):
+            effects.append(record)
 
 
-def hear(machine: Machine, record: Record) -> None:
-    """Tell the machine what the recorded one was told. Raises RecordingError for what no daemon can have heard."""
-    t_ns, *values = record.fields
+def feed(machine: Machine, record: Record) -> None:
+    """Give the machine a recorded input. Raises RecordingError for what no daemon can have received."""
+    fields, t_ns = record.fields, record.t_ns
     try:
-        if record.kind == "reports":
-            machine.reports([RawReport(*report) for report in values[0]], t_ns)
-        elif record.kind == "trackpad_link":
-            is_up, reason, model = values
-            machine.trackpad_link(is_up, reason, t_ns, model=model)
-        elif record.kind == "watched":
-            machine.watch(_unread if values[0] else None, t_ns)
-        elif record.kind in ("targets", "request"):
-            payload, user = values
-            getattr(machine, record.kind)(payload, t_ns, user)
-        else:  # timer, stop, board_bytes, board_link: as they are called
-            getattr(machine, record.kind)(*values, t_ns)
+        match record.kind:
+            case "reports":
+                machine.reports([RawReport(report["t_host_ns"], report["data"]) for report in fields["reports"]], t_ns)
+            case "trackpad_link":
+                machine.trackpad_link(fields["is_up"], fields["reason"], t_ns, model=fields.get("model"))
+            case "watched":
+                machine.watch(_discard if fields["is_watched"] else None, t_ns)
+            case "targets":
+                machine.targets(fields["payload"], t_ns, fields["user"])
+            case "request":
+                machine.request(fields["payload"], t_ns, fields["user"])
+            case kind:  # timer, stop, disconnect, board_bytes, board_link: fields in the order of the arguments
+                getattr(machine, kind)(*(fields[name] for name in KINDS[kind].form), t_ns)
     except Exception as error:  # made-up instants and figures fail in any way that arithmetic can
         raise RecordingError(f"Record {record.seq} ({record.kind}) cannot be replayed: {error!r}.") from error
 
 
-def _unread(_: bytes) -> None:
-    """Takes telemetry: a core that is looked at makes its passes at rest, too."""
+def _discard(_: bytes) -> None:
+    """Takes telemetry: a machine with subscribers makes its passes at rest, too."""
 
 
 def message_of(line: bytes) -> int | None:
@@ -175,7 +174,7 @@ def message_of(line: bytes) -> int | None:
     return frames[0][0] if frames and frames[0] else None
 
 
-def told(line: bytes) -> str:
+def described(line: bytes) -> str:
     """A line to the board, for a person."""
     if not line:
         return "nothing"
@@ -185,20 +184,22 @@ def told(line: bytes) -> str:
 
 
 def report(recording: Recording, outcome: Outcome) -> str:
-    """What a replay found, for a person."""
-    said = f"{outcome.references} references, {outcome.lines} lines to the board"
+    """The outcome of a replay, for a person."""
+    compared = f"{outcome.references} references, {outcome.lines} lines to the board"
     if outcome.difference is not None:
         t_ns, seq, recorded, replayed = outcome.difference
         after_s = (t_ns - recording.header.t_start_ns) * 1e-9
         return (
-            f"first difference after {said}: at {after_s:.6f} s, in what record {seq} set going\n"
-            f"recorded: {told(recorded)}\nreplayed: {told(replayed)}"
+            f"first difference after {compared}: at {after_s:.6f} s, in the effects of record {seq}\n"
+            f"recorded: {described(recorded)}\nreplayed: {described(replayed)}"
         )
+    losses = recording.losses.report()
     if outcome.lost_seq is not None:
         return (
-            f"bit-identical up to record {outcome.lost_seq}, which is missing: {said}\n"
-            f"what follows cannot be compared: {recording.losses.told()}"
+            f"bit-identical up to record {outcome.lost_seq}, which is missing: {compared}\n"
+            f"what follows cannot be compared: {losses}"
         )
-    return f"bit-identical: {said}" + (
-        "" if recording.has_end else "\nit stops before the daemon did: that is as far as it goes"
-    )
+    lines = [f"bit-identical: {compared}"]
+    if not recording.has_end:
+        lines.append(f"it stops before the daemon did{f' ({losses})' if losses else ''}: that is as far as it goes")
+    return "\n".join(lines)

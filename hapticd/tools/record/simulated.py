@@ -1,4 +1,4 @@
-"""A lock-step run with its recording: all that the machine heard and did, and beside it the plate's own truth."""
+"""A lock-step run with its recording: the machine's records, and the plate's ground truth at each control tick."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...daemon.machine import Machine
 from ...daemon.observer import Observer
-from ...files.recording.files import DirectRecording
-from ...files.recording.header import header_of
-from ...files.recording.records import pairs
+from ...daemon.recorder import header_of
+from ...files.recording.kinds import amplitudes
+from ...files.recording.mcap_writer import DirectRecording
 from ...sim import lockstep
 from ...sim.lockstep import T_START_NS, Run, Settings
 
@@ -22,8 +22,8 @@ def run(scenario: str, path: Path, *, settings: Settings, seed: int, seconds: fl
     """`lockstep.run`, recorded to `path`. Raises RecordingError, SimulationError."""
     recording: list[DirectRecording] = []
 
-    def observer(machine: Machine, modes: ModeShapes) -> Observer:
-        header = header_of(machine, modes, t_ns=T_START_NS, utc=UTC, is_whole=True)
+    def observer(machine: Machine, _: ModeShapes) -> Observer:
+        header = header_of(machine, t_ns=T_START_NS, utc=UTC, is_whole=True)
         recording.append(DirectRecording(path, header))
         return recording[0].put
 
@@ -34,13 +34,13 @@ def run(scenario: str, path: Path, *, settings: Settings, seed: int, seconds: fl
 
 
 def _put_truth(recording: DirectRecording, played: Run) -> None:
-    """Each control tick: where the fingers really were, what they should have got, and what the plate gave."""
+    """Where the fingers were, their targets, and what the plate gave them."""
     for index, t_ns in enumerate((T_START_NS + np.round(played.t_s * 1e9)).astype(np.int64).tolist()):
-        recording.put(
-            "truth",
-            t_ns,
-            [None if x != x else [x, y] for x, y in played.finger_true_mm[index].tolist()],
-            [None if target != target else target for target in played.target_um[index].tolist()],
-            pairs(played.modal_um[index].tolist()),
-            [None if w != w else [w.real, w.imag] for w in played.truth_um[index].tolist()],
-        )
+        fingers = []
+        for finger, (x_mm, y_mm) in enumerate(played.finger_true_mm[index].tolist()):
+            if x_mm != x_mm:  # absent
+                continue
+            got_um, target_um = complex(played.truth_um[index, finger]), float(played.target_um[index, finger])
+            place = {"finger": finger, "x_mm": x_mm, "y_mm": y_mm, "plate_d_um": got_um.real, "plate_q_um": got_um.imag}
+            fingers.append(place if target_um != target_um else place | {"target_um": target_um})
+        recording.put("truth", t_ns, fingers, amplitudes(played.modal_um[index].tolist()))

@@ -1,6 +1,6 @@
-"""A recording as tidy tables: one row for each observation, one column for each quantity, its unit in its name.
+"""A recording as tidy tables: one row for each observation, one column for each quantity, with its unit in its name.
 
-Every table begins with `t_s`, seconds since the recording's begin, and `t_ns`, the host's monotonic clock.
+Every table begins with `t_s`, seconds since the recording's start, and `t_ns`, the host's monotonic clock.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import msgpack
 import numpy as np
 import numpy.typing as npt
 
-from ...files.recording.reader import Recording
-from ...files.recording.records import KINDS, LEDGER, Record
+from ...files.recording.kinds import BOOL, KINDS, LEDGER, TEXT, WHOLE, Fields, Record, key_of
+from ...files.recording.mcap_reader import Recording
 
 Row = tuple[Any, ...]
 Column = npt.NDArray[Any]
 TIME = ("t_s", "t_ns")
-_STATUS = [name for name in KINDS["status"].names[1:] if name not in ("measured_um", "voltage_v")]
+_STATUS = {name: form for name, form in KINDS["status"].form.items() if isinstance(form, str)}
 _NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
-_TEXTS = np.object_  # each as long as it is: one long message must not make all others as long
+_TEXTS = np.object_  # of any length: one long message must not make all others as long
 
 # Column names and their types, after those of TIME.
 TABLES: dict[str, dict[str, type]] = {
@@ -58,7 +58,7 @@ TABLES: dict[str, dict[str, type]] = {
         "knots": _WHOLES,
         "gate_reasons": _WHOLES,
     },
-    "board": {name: _TEXTS if name == "state" else _TRUTHS if name.startswith("is_") else _WHOLES for name in _STATUS},
+    "board": {name: {WHOLE: _WHOLES, BOOL: _TRUTHS, TEXT: _TEXTS}[form] for name, form in _STATUS.items()},
     "modes": {
         "mode": _WHOLES,
         "measured_d_um": _NUMBERS,
@@ -103,57 +103,56 @@ def _columns(name: str, rows: list[Row]) -> dict[str, Column]:
 
 def _rows(record: Record) -> Iterator[tuple[str, Row]]:
     """The rows that one record adds, and to which tables."""
-    values = record.fields[1:]
+    fields = record.fields
     match record.kind:
         case "reports":
-            for t_host_ns, data in values[0]:
-                yield "reports", (t_host_ns, data.hex())
+            for report in fields["reports"]:
+                yield "reports", (report["t_host_ns"], report["data"].hex())
         case "pass":
-            yield from _pass_rows(record)
+            yield from _pass_rows(record.t_ns, fields)
         case "status":
-            *row, measured_um, voltage_v = values
-            yield "board", tuple(row)
-            for mode, (w_um, v_v) in enumerate(zip(measured_um, voltage_v, strict=False)):
-                yield "modes", (mode, *w_um, *v_v)
+            yield "board", tuple(fields[name] for name in _STATUS)
+            measured_um, voltage_v = fields["measured_um"], fields["voltage_v"]
+            columns = (measured_um["d"], measured_um["q"], voltage_v["d"], voltage_v["q"])
+            for mode, row in enumerate(zip(*columns, strict=False)):
+                yield "modes", (mode, *row)
         case "ledger":
-            yield "ledger", tuple(values)
+            yield "ledger", tuple(fields[name] for name in LEDGER)
         case "marker":
-            yield "markers", tuple(values)
+            yield "markers", (fields["client"], fields["text"])
         case "targets" | "request":
-            payload, user = values
-            yield "messages", ("control" if record.kind == "request" else "targets", user, _as_json(payload))
+            socket = "control" if record.kind == "request" else "targets"
+            yield "messages", (socket, fields["user"], _as_json(fields["payload"]))
         case "board_link" | "trackpad_link":
-            yield "links", (record.kind.removesuffix("_link"), values[0], values[1])
+            yield "links", (record.kind.removesuffix("_link"), fields["is_up"], fields["reason"])
         case "truth":
-            yield from _truth_rows(*values)
+            for finger in fields["fingers"]:
+                yield "truth", tuple(finger.get(name, np.nan) for name in TABLES["truth"])
+            for mode, w_um in enumerate(zip(fields["modal_um"]["d"], fields["modal_um"]["q"], strict=False)):
+                yield "truth_modes", (mode, *w_um)
 
 
-def _pass_rows(record: Record) -> Iterator[tuple[str, Row]]:
-    t_ns, age_ns, horizon_ns, state, is_limited, fingers, points, t_apply_ns, reasons, knots = record.fields
-    yield "passes", (age_ns * 1e-6, horizon_ns * 1e-6, state, is_limited, len(fingers), len(knots), reasons)
+def _pass_rows(t_ns: int, fields: Fields) -> Iterator[tuple[str, Row]]:
+    fingers, knots = fields["fingers"], fields.get("knots", [])
+    t_sample_ns = t_ns - fields["age_ns"]
+    spans_ms = fields["age_ns"] * 1e-6, fields["horizon_ns"] * 1e-6
+    reasons = fields.get("gate_reasons", 0)
+    yield "passes", (*spans_ms, fields["state"], fields["is_limited"], len(fingers), len(knots), reasons)
     for finger in fingers:
-        yield "fingers", (t_ns - age_ns, *finger)
-    for key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm in points:
-        yield "predictions", (t_ns - age_ns + horizon_ns, str(key), x_mm, y_mm, end_x_mm, end_y_mm)
-        yield "targets", (str(key), target_um, achieved_um)
-    for number, (dt_ns, modal_um) in enumerate(knots):
-        for mode, w_um in enumerate(modal_um):
-            yield "references", ((t_apply_ns or 0) + dt_ns, number, mode, *w_um)
-
-
-def _truth_rows(
-    finger_mm: list[Any], target_um: list[Any], modal_um: list[Any], truth_um: list[Any]
-) -> Iterator[tuple[str, Row]]:
-    nothing = (np.nan, np.nan)
-    for finger, (place, target, got) in enumerate(zip(finger_mm, target_um, truth_um, strict=False)):
-        if place is not None:
-            yield "truth", (finger, *place, np.nan if target is None else target, *(nothing if got is None else got))
-    for mode, w_um in enumerate(modal_um):
-        yield "truth_modes", (mode, *w_um)
+        yield "fingers", (t_sample_ns, *(finger[name] for name in ("finger_id", "contact_id", "x_mm", "y_mm")))
+    for point in fields["points"]:
+        key = str(key_of(point))
+        places = (point[name] for name in ("x_mm", "y_mm", "end_x_mm", "end_y_mm"))
+        yield "predictions", (t_sample_ns + fields["horizon_ns"], key, *places)
+        yield "targets", (key, point["target_um"], point["achieved_um"])
+    for number, knot in enumerate(knots):
+        t_knot_ns, modal_um = fields.get("t_apply_ns", 0) + knot["dt_ns"], knot["modal_um"]
+        for mode, w_um in enumerate(zip(modal_um["d"], modal_um["q"], strict=False)):
+            yield "references", (t_knot_ns, number, mode, *w_um)
 
 
 def _as_json(payload: bytes) -> str:
-    """A client's message as text; bytes within it, and what is no message, as hexadecimal."""
+    """A client's message as text; bytes in it, and an invalid message, as hexadecimal."""
     try:
         message = msgpack.unpackb(payload, raw=False, strict_map_key=True, max_ext_len=0)
         return json.dumps(message, default=lambda value: value.hex() if isinstance(value, bytes) else str(value))

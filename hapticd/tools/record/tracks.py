@@ -1,7 +1,7 @@
-"""Where the fingers were and what they should have got, over time: what a reference is judged by.
+"""Positions and targets of the fingers over time, by which a reference is judged.
 
-With the simulated plate's truth in the recording that is known; without, the pad's own samples stand for it, laid
-between by straight lines: then what the sensor errs by is judged as if it were true.
+They are those of the simulated plate's ground truth where the recording has it; else the pad's own samples, with
+straight lines between them: then the sensor's error is not seen.
 """
 
 from __future__ import annotations
@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...errors import RecordingError
-from ...files.recording.records import Record
+from ...files.recording.kinds import Fields, Record, key_of
 
 FloatArray = npt.NDArray[np.float64]
 Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
+_TRUE = ("x_mm", "y_mm", "plate_d_um", "plate_q_um", "target_um")
 GRID_NS = 1_000_000
 LONGEST_NS = 3600 * 1_000_000_000  # of what is judged at once: an hour takes 200 MB
+MOST_FINGERS = 64
 MOST_CELLS = 8 * LONGEST_NS // GRID_NS  # instants times fingers at once
 
 
@@ -40,7 +41,7 @@ class Tracks:
     is_true: bool
 
     def felt_um(self, modes: ModeShapes, modal_um: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
-        """What modal amplitudes (T,M) give each finger at its place (T,N), by the map."""
+        """The amplitude (T,N) that modal amplitudes (T,M) give each finger at its place, by the map."""
         instants, fingers = self.target_um.shape
         is_there = np.isfinite(self.position_mm[..., 0])
         places_mm = np.where(is_there[..., None], self.position_mm, 0.0).reshape(-1, 2)
@@ -51,7 +52,7 @@ class Tracks:
 
 
 def tracks(records: Sequence[Record]) -> Tracks:
-    """From the truth where there is one, else from the passes. Raises RecordingError where nobody touched."""
+    """From the truth where there is one, else from the passes. Raises RecordingError where no finger touched."""
     truth = [record for record in records if record.kind == "truth"]
     if len(truth) > 1:
         return _from_truth(truth)
@@ -59,11 +60,12 @@ def tracks(records: Sequence[Record]) -> Tracks:
 
 
 def _grid_ns(start_ns: int, end_ns: int, fingers: int) -> npt.NDArray[np.int64]:
-    """The instants that are judged, for so many fingers at once. Raises RecordingError where they are none, or too
+    """The instants that are judged, for this many fingers at once. Raises RecordingError where there are none, or too
     many to hold."""
     if not (fingers and end_ns - start_ns >= 2 * GRID_NS):
         raise RecordingError("The recording has no fingers to judge by.")
-    if not (end_ns - start_ns <= LONGEST_NS and (end_ns - start_ns) // GRID_NS * fingers <= MOST_CELLS):
+    cells = (end_ns - start_ns) // GRID_NS * fingers
+    if fingers > MOST_FINGERS or cells > MOST_CELLS or end_ns - start_ns > LONGEST_NS:
         raise RecordingError(
             "The recording has more fingers than can be judged at once: make one of less than an hour."
         )
@@ -74,25 +76,17 @@ def _from_truth(truth: Sequence[Record]) -> Tracks:
     at_ns = np.array([record.t_ns for record in truth])
     order = np.argsort(at_ns, kind="stable")
     at_ns = at_ns[order]
-    fingers = min(len(record.fields[column]) for record in truth for column in (1, 2, 4))
-    t_ns = _grid_ns(int(at_ns[0]), int(at_ns[-1]), fingers)
-
-    def column(index: int, width: int) -> FloatArray:
-        nothing = [np.nan] * width
-        rows = [[_wide(v, nothing) for v in record.fields[index][:fingers]] for record in truth]
-        return np.array(rows, dtype=np.float64).reshape(len(truth), fingers, width)[order]
-
-    position_mm = _between(t_ns, at_ns, column(1, 2))
-    got_um = _between(t_ns, at_ns, column(4, 2))
-    target_um = column(2, 1)[np.searchsorted(at_ns, t_ns, side="right") - 1, :, 0]
+    numbers = sorted({finger["finger"] for record in truth for finger in record.fields["fingers"]})
+    t_ns = _grid_ns(int(at_ns[0]), int(at_ns[-1]), len(numbers))
+    columns = {number: column for column, number in enumerate(numbers)}
+    values = np.full((len(truth), len(numbers), len(_TRUE)), np.nan)
+    for row, index in enumerate(order.tolist()):
+        for finger in truth[index].fields["fingers"]:
+            values[row, columns[finger["finger"]]] = [finger.get(name, np.nan) for name in _TRUE]
+    position_mm, got_um = _between(t_ns, at_ns, values[..., :2]), _between(t_ns, at_ns, values[..., 2:4])
+    target_um = values[np.searchsorted(at_ns, t_ns, side="right") - 1, :, 4]
     target_um[~np.isfinite(position_mm[..., 0])] = np.nan  # between the last truth of a finger and the next without it
     return Tracks(t_ns, position_mm, target_um, got_um[..., 0] + 1j * got_um[..., 1], True)
-
-
-def _wide(value: Any, nothing: list[float]) -> list[float]:
-    if value is None:
-        return nothing
-    return list(value) if isinstance(value, list) else [value]
 
 
 def _between(t_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], values: FloatArray) -> FloatArray:
@@ -107,28 +101,30 @@ def _from_passes(passes: Iterable[Record]) -> Tracks:
     places: dict[int | str, list[Sample]] = {}
     targets: dict[int | str, list[tuple[int, float]]] = {}
     for record in passes:
-        t_ns, age_ns, horizon_ns, _, _, fingers, points, *_ = record.fields
-        wanted = {point[0]: point for point in points}
-        for finger_id, _, x_mm, y_mm in fingers:
-            _add_sample(places.setdefault(finger_id, []), t_ns - age_ns, x_mm, y_mm)
-            target_um = wanted[finger_id][3] if finger_id in wanted else np.nan
-            targets.setdefault(finger_id, []).append((t_ns, target_um))
-        for key, point in wanted.items():
-            if isinstance(key, str):
-                _add_sample(places.setdefault(key, []), t_ns - age_ns + horizon_ns, point[1], point[2])
-                targets.setdefault(key, []).append((t_ns, point[3]))
+        t_pass_ns, fields = record.t_ns, record.fields
+        t_sample_ns = t_pass_ns - fields["age_ns"]
+        points: dict[int | str, Fields] = {key_of(point): point for point in fields["points"]}
+        for finger in fields["fingers"]:
+            number = finger["finger_id"]
+            _add_sample(places.setdefault(number, []), t_sample_ns, finger)
+            target_um = points[number]["target_um"] if number in points else np.nan
+            targets.setdefault(number, []).append((t_pass_ns, target_um))
+        for name, point in points.items():
+            if isinstance(name, str):
+                _add_sample(places.setdefault(name, []), t_sample_ns + fields["horizon_ns"], point)
+                targets.setdefault(name, []).append((t_pass_ns, point["target_um"]))
     touched = {key: samples for key, samples in places.items() if len(samples) > 1}
     columns, fingers = _columns(touched)
     start_ns = min((samples[0][0] for samples in touched.values()), default=0)
     t_ns = _grid_ns(start_ns, max((samples[-1][0] for samples in touched.values()), default=0), fingers)
     position_mm = np.full((len(t_ns), fingers, 2), np.nan)
-    target_um = np.full((len(t_ns), fingers), np.nan)
+    targets_um = np.full((len(t_ns), fingers), np.nan)
     for key, samples in touched.items():
         part = slice(*np.searchsorted(t_ns, (samples[0][0], samples[-1][0] + 1)).tolist())
         position_mm[part, columns[key]] = _position_mm(t_ns[part], samples)
-        target_um[part, columns[key]] = _held(t_ns[part], targets[key])
-    target_um[~np.isfinite(position_mm[..., 0])] = np.nan
-    return Tracks(t_ns, position_mm, target_um, None, False)
+        targets_um[part, columns[key]] = _held(t_ns[part], targets[key])
+    targets_um[~np.isfinite(position_mm[..., 0])] = np.nan
+    return Tracks(t_ns, position_mm, targets_um, None, False)
 
 
 def _columns(touched: Mapping[int | str, Sequence[Sample]]) -> tuple[dict[int | str, int], int]:
@@ -143,9 +139,9 @@ def _columns(touched: Mapping[int | str, Sequence[Sample]]) -> tuple[dict[int | 
     return columns, len(taken)
 
 
-def _add_sample(samples: list[Sample], t_ns: int, x_mm: float, y_mm: float) -> None:
+def _add_sample(samples: list[Sample], t_ns: int, place: Fields) -> None:
     if not samples or t_ns > samples[-1][0]:
-        samples.append((t_ns, x_mm, y_mm))
+        samples.append((t_ns, place["x_mm"], place["y_mm"]))
 
 
 def _position_mm(t_ns: npt.NDArray[np.int64], samples: Sequence[Sample]) -> FloatArray:

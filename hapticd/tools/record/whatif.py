@@ -1,16 +1,17 @@
-"""What other settings would have made of a recording: the same reports and wishes, the same passes, another core.
+"""What other settings would have made of a recording: the same inputs, the same passes, another core.
 
 The plate is not there, so all are judged by an ideal loop: the plate does at each instant what the reference says. The
-passes come when they came, and aim as far ahead as the recorded ones, for the board's answers belong to what was sent.
+board's answers belong to what was sent, so each pass takes from the recorded one how far ahead it aims and whether the
+board may be driven.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import msgpack
 import numpy as np
 import numpy.typing as npt
 
@@ -18,20 +19,18 @@ from ...config import loader as configuration
 from ...config.sections import Config
 from ...core.board.supervisor import State
 from ...daemon.machine import Machine
-from ...errors import ConfigError, RecordingError, RequestError
-from ...files.recording.reader import Recording
-from ...files.recording.records import Record
+from ...errors import ConfigError
+from ...files.recording.kinds import Fields, Record, phasors
+from ...files.recording.mcap_reader import Recording
 from ...files.toml_file import parse
 from ...sim.score import Score, score
-from ...values import ClientTargets
-from ...wire import client as client_wire
-from .replay import machine_of
+from .replay import feed, steps
 from .tracks import Tracks, tracks
 
 Polyline = tuple[int, tuple[tuple[int, tuple[complex, ...]], ...]]  # t_apply_ns and knots, each dt_ns and amplitudes
 
 
-# Keys of [plate] that say which plate it is.
+# Keys of [plate] that describe the plate itself.
 _OF_THE_PLATE = (
     "modes_file",
     "parasitic_modes_file",
@@ -89,94 +88,100 @@ def compare(recording: Recording, changes: Sequence[str]) -> tuple[Tracks, list[
 
 def rehearse(recording: Recording, records: Iterable[Record], config: Config) -> list[Polyline]:
     """The references that a core with these settings makes of the recording. Raises RecordingError."""
-    machine = machine_of(recording, config, lambda _: True)
     header = recording.header
-    machine.trackpad_link(True, "recorded", header.t_start_ns, model=header.trackpad_model)
-    lag_ns = round(header.config.device.plate_delay_ms * 1e6)
+    machine = _Rehearsal(
+        config,
+        header.modes,
+        write_board=lambda _: True,
+        instance=header.instance,
+        parasitic_modes=header.parasitic_modes,
+    )
     made: list[Polyline] = []
-    ids = _Ids()
-    try:
-        for record in records:
-            if record.kind == "pass":
-                ids.learn(record, machine)
-                polyline = _pass(machine, record, lag_ns)
-                if polyline is not None:
-                    made.append(polyline)
-            else:
-                _tell(machine, record, ids)
-    except (ArithmeticError, ValueError, LookupError) as error:
-        raise RecordingError(f"These settings cannot be tried on this recording: {error}.") from error
+
+    def keep(kind: str, _: int, *values: Any) -> None:
+        if kind == "pass" and values[0].drive is not None:
+            drive = values[0].drive
+            made.append((drive.t_apply_ns, tuple((knot.dt_ns, knot.modal_um) for knot in drive.knots)))
+
+    machine.trackpad_link(True, "recorded", header.t_start_ns, model=header.trackpad_model)
+    machine.observer = keep
+    lag_ns = round(header.config.device.plate_delay_ms * 1e6)
+    for step in steps(records):
+        if step.input.kind in _REHEARSED:
+            recorded = next((record.fields for record in step.effects if record.kind == "pass"), None)
+            if recorded is not None:
+                machine.aim_as(recorded, lag_ns)
+            feed(machine, _renumbered(step.input, machine.ids_ahead))
+            if recorded is not None:
+                machine.compare_ids(recorded["fingers"])
     return made
 
 
-class _Ids:
-    """A core that joins late counts its fingers from 1: `ahead` is by how much the recorded ids are larger."""
+# The rest concerns the board and the daemon's end.
+_REHEARSED = ("reports", "timer", "trackpad_link", "targets", "request")
 
-    def __init__(self) -> None:
-        self.ahead = 0
 
-    def learn(self, record: Record, machine: Machine) -> None:
-        recorded, own = record.fields[5], machine.pipeline.fingers
+class _Rehearsal(Machine):
+    """A machine without a board, whose passes aim as far ahead and drive when the recorded ones did.
+
+    A machine that joins late counts its fingers from 1: `ids_ahead` is by how much the recorded ids are larger.
+    """
+
+    ids_ahead = 0
+    _ahead_ns = 0
+    _is_driving = False
+
+    def aim_as(self, recorded: Fields, lag_ns: int) -> None:
+        """Take the recorded pass's aim, with the plate's lag taken off."""
+        self._ahead_ns = max(recorded["horizon_ns"] - recorded["age_ns"] - lag_ns, 0)
+        self._is_driving = recorded["state"] == State.ACTIVE.name
+
+    def compare_ids(self, recorded: Sequence[Fields]) -> None:
+        """Learn from the fingers that a recorded pass had."""
+        own = self.pipeline.fingers
         if recorded and len(recorded) == len(own):
-            self.ahead = recorded[0][0] - own[0].finger_id
+            self.ids_ahead = recorded[0]["finger_id"] - own[0].finger_id
 
-    def own(self, message: ClientTargets) -> ClientTargets:
-        return replace(message, targets={self.own_key(key): target for key, target in message.targets.items()})
+    @property
+    def ahead_ns(self) -> int:
+        return self._ahead_ns
 
-    def own_key(self, key: int | str) -> int | str:
-        return key - self.ahead if isinstance(key, int) else key
+    @property
+    def may_drive(self) -> bool:
+        return self._is_driving
 
-
-def _tell(machine: Machine, record: Record, ids: _Ids) -> None:
-    """What changes fingers or wishes; the rest is the board's."""
-    t_ns, *values = record.fields
-    if record.kind == "reports":
-        for report in values[0]:
-            for frame in machine.trackpad.decode(report[1], report[0]):
-                machine.pipeline.touch(frame, report[0])
-    elif record.kind == "trackpad_link":
-        is_up, reason, model = values
-        machine.trackpad_link(is_up, reason, t_ns, model=model)
-    elif record.kind == "timer":
-        machine.pipeline.release(machine.scene.expire(t_ns))
-        if machine.pipeline.sensor_is_silent(t_ns):
-            machine.pipeline.sensor_lost()
-    elif record.kind in ("targets", "request"):
-        _want(machine, record, ids)
+    def keeps_reference(self, t_now_ns: int) -> bool:  # noqa: ARG002
+        return True
 
 
-def _want(machine: Machine, record: Record, ids: _Ids) -> None:
-    t_ns, payload, _ = record.fields
+def _renumbered(record: Record, ids_ahead: int) -> Record:
+    """A client's message with the finger ids of a machine that joined late."""
+    if not ids_ahead or "payload" not in record.fields:
+        return record
+
+    def own(value: Any) -> Any:
+        if isinstance(value, list):
+            return [own(item) for item in value]
+        if not isinstance(value, dict):
+            return value
+        return {
+            name: item - ids_ahead if name == "finger" and type(item) is int else own(item)
+            for name, item in value.items()
+        }
+
     try:
-        if record.kind == "targets":
-            machine.scene.apply(ids.own(client_wire.decode_targets(payload)), t_ns)
-            return
-        body = client_wire.decode_request(payload).body
-    except RequestError:
-        return  # it was refused then, too
-    if isinstance(body, ClientTargets):
-        machine.scene.apply(ids.own(body), t_ns)
-    elif isinstance(body, client_wire.Release):
-        if body.finger is None:
-            machine.scene.release_client(body.client)
-        else:
-            machine.scene.release(body.client, ids.own_key(body.finger))
-
-
-def _pass(machine: Machine, record: Record, lag_ns: int) -> Polyline | None:
-    t_ns, age_ns, horizon_ns, state, *_ = record.fields
-    ahead_ns = max(horizon_ns - age_ns - lag_ns, 0)
-    pipeline = machine.pipeline
-    tick = pipeline.drive(t_ns, ahead_ns) if state == State.ACTIVE.name else pipeline.rest(t_ns, ahead_ns)
-    return None if tick.drive is None else (tick.drive.t_apply_ns, tick.drive.knots)
+        payload = msgpack.packb(own(msgpack.unpackb(record.fields["payload"])))
+    except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException):
+        return record  # the machine refuses it, as the recorded one did
+    return record._replace(fields=record.fields | {"payload": payload})
 
 
 def _recorded(records: Iterable[Record]) -> list[Polyline]:
     made: list[Polyline] = []
     for record in records:
-        if record.kind == "pass" and record.fields[7] is not None:
-            knots = [(dt_ns, tuple(complex(*w) for w in modal_um)) for dt_ns, modal_um in record.fields[9]]
-            made.append((record.fields[7], tuple(knots)))
+        if record.kind == "pass" and "t_apply_ns" in record.fields:
+            knots = [(knot["dt_ns"], phasors(knot["modal_um"])) for knot in record.fields.get("knots", [])]
+            made.append((record.fields["t_apply_ns"], tuple(knots)))
     return made
 
 
@@ -188,7 +193,7 @@ def _judge(recording: Recording, fingers: Tracks, made: Sequence[Polyline]) -> S
 
 
 def in_force_um(t_ns: npt.NDArray[np.int64], made: Sequence[Polyline], modes: int) -> npt.NDArray[np.complex128]:
-    """What the references say at each instant (T,M): the one that began last, 0 before the first."""
+    """The references at each instant (T,M): the one that began last, 0 before the first."""
     modal_um = np.zeros((len(t_ns), modes), dtype=np.complex128)
     ordered = sorted((polyline for polyline in made if polyline[1]), key=lambda polyline: polyline[0])
     bounds = [*np.searchsorted(t_ns, [t_apply_ns for t_apply_ns, _ in ordered]).tolist(), len(t_ns)]
@@ -210,8 +215,8 @@ def table(fingers: Tracks, judged: Sequence[Judged]) -> str:
         cells = (one.leak_um, one.slip_error_um, one.slip_frac)
         rows.append(f"{name:<{width}}" + "".join(map(_cell, cells, (10, 15, 8))))
     if all(math.isnan(one.leak_um) and math.isnan(one.slip_frac) for _, one in judged):
-        rows.append("nobody asked for anything while fingers touched: there is nothing to judge")
-    where = "true positions" if fingers.is_true else "positions that the pad saw (there is no truth in it)"
+        rows.append("no finger had a target while it touched: there is nothing to judge")
+    where = "true positions" if fingers.is_true else "positions by the pad (there is no ground truth in it)"
     rows.append(f"judged at the fingers' {where}, by an ideal loop: the plate is not there")
     return "\n".join(rows)
 

@@ -43,7 +43,7 @@ def test_of_a_running_daemon_there_are_status_and_recording(tmp_path: Path) -> N
     patient = Patient(Config(), tmp_path, {"state": "ACTIVE"})
     told = collect(path, patient, None, FOUND, record=recorded, log=lambda: "a line\n")
     held = members(path)
-    assert held["recording.hrec"] == f"10 s of {tmp_path}".encode()
+    assert held["recording.mcap"] == f"10 s of {tmp_path}".encode()
     assert json.loads(held["status.json"]) == {"state": "ACTIVE"}
     assert held["doctor.txt"] == b"pass  board: simulated\n"
     assert held["log.txt"] == b"a line\n"
@@ -93,7 +93,7 @@ def test_without_a_daemon_it_says_why_there_is_no_recording(tmp_path: Path, caps
     held = members(path)
     assert held["hapticd.toml"] == given.read_bytes()
     assert b"did you mean w_limit_um?" in held["doctor.txt"]
-    assert "recording.hrec" not in held
+    assert "recording.mcap" not in held
 
 
 @pytest.mark.parametrize(

@@ -151,10 +151,10 @@ def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
 
 
 def test_recordings_need_a_folder_and_room(tmp_path: Path) -> None:
-    section = {"file": str(tmp_path / "none" / "s.hrec"), "max_mb": 1, "max_files": 1}
+    section = {"file": str(tmp_path / "none" / "s.mcap"), "max_mb": 1, "max_files": 1}
     missing = files.recordings(patient(tmp_path, record=section))
     assert (missing.verdict, missing.remedy) == (FAIL, f"mkdir -p {tmp_path / 'none'}")
-    section["file"] = str(tmp_path / "s.hrec")
+    section["file"] = str(tmp_path / "s.mcap")
     assert files.recordings(patient(tmp_path, record=section)).verdict == PASS
     section |= {"max_mb": 1_000_000, "max_files": 999}
     assert files.recordings(patient(tmp_path, record=section)).verdict == WARN

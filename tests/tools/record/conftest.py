@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import msgpack
 import pytest
-from machine_bench import MS, PLATE, SLIPPERY, START_NS, STICKY, Bench
+from machine_bench import MS, SLIPPERY, START_NS, STICKY, Bench
 
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
-from hapticd.files.recording.files import DirectRecording
-from hapticd.files.recording.header import header_of
+from hapticd.daemon.recorder import header_of
+from hapticd.files.recording.header import Header
+from hapticd.files.recording.kinds import Record
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.files.recording.mcap_writer import DirectRecording, RecordingFile
 from hapticd.sim.fingers.paths import Path as Finger
 from hapticd.sim.lockstep import Settings
 from hapticd.tools.record import simulated
@@ -22,17 +26,17 @@ SECONDS = 1.5
 @pytest.fixture(scope="session")
 def strokes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two fingers on strokes, one slippery, one sticky, and what the plate truly did."""
-    path = tmp_path_factory.mktemp("recording") / "strokes.hrec"
+    path = tmp_path_factory.mktemp("recording") / "strokes.mcap"
     simulated.run("strokes", path, settings=Settings(), seed=3, seconds=SECONDS)
     return path
 
 
 def recorded(path: Path, *fingers: Finger) -> tuple[Bench, DirectRecording]:
-    """A machine on the bench, recorded from before it hears anything."""
+    """A machine on the bench, recorded from before its first input."""
     begun: list[DirectRecording] = []
 
     def observer(machine: Machine) -> Observer:
-        begun.append(DirectRecording(path, header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=True)))
+        begun.append(DirectRecording(path, header_of(machine, t_ns=START_NS, utc="", is_whole=True)))
         return begun[0].put
 
     return Bench(*fingers, observer=observer), begun[0]
@@ -41,7 +45,7 @@ def recorded(path: Path, *fingers: Finger) -> tuple[Bench, DirectRecording]:
 @pytest.fixture(scope="session")
 def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Every kind of event: targets of each form, requests, garbage, a marker, an unplugged board, a silent pad."""
-    path = tmp_path_factory.mktemp("recording") / "eventful.hrec"
+    path = tmp_path_factory.mktemp("recording") / "eventful.mcap"
     bench, recording = recorded(path, SLIPPERY, STICKY)
     bench.driven()
     grating = {"period_mm": 6.0, "angle_rad": 0.4, "low_um": 0.1, "high_um": 1.5, "duty_frac": 0.5}
@@ -73,3 +77,19 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench.machine.disconnect(bench.t_ns + 2 * MS)
     recording.close(bench.t_ns + 2 * MS, "the test ended")
     return path
+
+
+def written(path: Path, header: Header, records: Iterable[Record]) -> Path:
+    """A recording of these records, with their own numbers."""
+    file = RecordingFile(path, header)
+    for record in records:
+        file.add(record)
+    file.close()
+    return path
+
+
+def rewritten(source: Path, target: Path, change: Callable[[Record], Record | None]) -> Path:
+    """A copy with `change(record)` in place of each record; None leaves it out."""
+    recording = open_recording(source)
+    changed = map(change, recording.records())
+    return written(target, recording.header, (record for record in changed if record is not None))

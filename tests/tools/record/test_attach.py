@@ -1,4 +1,4 @@
-"""`hapticd record`: a running daemon tells all that it does to whoever asks, and builds nothing while nobody does."""
+"""`hapticd record`: a running daemon sends its records to attached recorders, and encodes nothing without one."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from pathlib import Path
 
 import pytest
 import zmq
-from machine_bench import PLATE, SLIPPERY, START_NS, STICKY, Bench
+from machine_bench import SLIPPERY, START_NS, STICKY, Bench
 
 from hapticd.__main__ import main
 from hapticd.board_values import BoardState
 from hapticd.config.sections import RecordConfig
 from hapticd.daemon.machine import Machine
-from hapticd.daemon.recorder import ANEW_EVERY_NS, Recorders
+from hapticd.daemon.recorder import RESTART_EVERY_NS, Recorders, header_of
 from hapticd.errors import RecordingError
-from hapticd.files.recording.framing import SYNC, Scanner
-from hapticd.files.recording.header import Header, decode_header, header_of
-from hapticd.files.recording.reader import open_recording
+from hapticd.files.recording.header import Header, header_from
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.io.record_socket import NOW, WAITS, WHOLE, RecordSocket
-from hapticd.tools.record.attach import record
+from hapticd.tools.record.attach import _decoded, record
 from hapticd.tools.record.replay import replay
 
 STEP_S = 0.001
@@ -29,75 +28,75 @@ TOOL = BoardState.TOOL.value
 
 def recorders(bench: Bench, directory: Path, config: RecordConfig) -> Recorders:
     def header(machine: Machine, is_whole: bool) -> Header:
-        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+        return header_of(machine, t_ns=bench.t_ns, utc="", is_whole=is_whole)
 
     return Recorders(bench.machine, config, directory, header)
 
 
 async def served(bench: Bench, ours: Recorders, until: threading.Thread) -> list[bool]:
-    """The bench's time goes on beside the loop; whether its machine had a observer, step by step."""
+    """Steps the bench's time while the loop runs; returns whether its machine had an observer, step by step."""
     ours.start(asyncio.get_running_loop())
-    tapped = [bench.machine.observer is not None]
+    observed = [bench.machine.observer is not None]
     until.start()
     while until.is_alive():
         bench.run(1)
         ours.sweep()
-        tapped.append(bench.machine.observer is not None)
+        observed.append(bench.machine.observer is not None)
         await asyncio.sleep(STEP_S)
     while ours.is_live:
         ours.sweep()
         await asyncio.sleep(STEP_S)
-    tapped.append(bench.machine.observer is not None)
+    observed.append(bench.machine.observer is not None)
     ours.close(bench.t_ns)
-    return tapped
+    return observed
 
 
-def test_a_recorder_gets_everything_from_when_it_came_and_nothing_is_made_without_one(tmp_path: Path) -> None:
+def test_a_recorder_gets_everything_from_when_it_attached_and_nothing_is_encoded_without_one(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path, RecordConfig())
-    said: list[str] = []
-    thread = threading.Thread(target=lambda: said.append(record(tmp_path / "a.hrec", tmp_path, 0.5, is_now=True)))
-    tapped = asyncio.run(served(bench, ours, thread))
+    reports: list[str] = []
+    thread = threading.Thread(target=lambda: reports.append(record(tmp_path / "a.mcap", tmp_path, 0.5, is_now=True)))
+    observed = asyncio.run(served(bench, ours, thread))
 
-    recording = open_recording(tmp_path / "a.hrec")
+    recording = open_recording(tmp_path / "a.mcap")
     kinds = [one.kind for one in recording.records()]
-    assert (tapped[0], tapped[-1]) == (False, False)
-    assert any(tapped)
+    assert (observed[0], observed[-1]) == (False, False)
+    assert any(observed)
     assert {"reports", "pass", "written", "timer"} <= set(kinds)
     assert not recording.losses.any
-    assert said[0].startswith(f"{tmp_path / 'a.hrec'}: {len(kinds)} records of ")
+    assert reports[0].startswith(f"{tmp_path / 'a.mcap'}: {len(kinds)} records of ")
     assert not (tmp_path / "record").exists()
     with pytest.raises(RecordingError, match="begins when the daemon ran already"):
         replay(recording)
 
 
 def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Path) -> None:
-    config = RecordConfig(file=str(tmp_path / "own.hrec"))
+    config = RecordConfig(file=str(tmp_path / "own.mcap"))
     ours: list[Recorders] = []
 
     def observer(machine: object) -> object:
         def header(machine: Machine, is_whole: bool) -> Header:
-            return header_of(machine, PLATE, t_ns=START_NS, utc="", is_whole=is_whole)
+            return header_of(machine, t_ns=START_NS, utc="", is_whole=is_whole)
 
         ours.append(Recorders(machine, config, tmp_path, header))  # type: ignore[arg-type]
         return machine.observer  # type: ignore[attr-defined]
 
     bench = Bench(SLIPPERY, STICKY, observer=observer)  # type: ignore[arg-type]
     bench.driven()
-    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 0.3))
-    tapped = asyncio.run(served(bench, ours[0], thread))
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.mcap", tmp_path, 0.3))
+    observed = asyncio.run(served(bench, ours[0], thread))
 
-    assert all(tapped)
-    own, other = (list(open_recording(tmp_path / name).records()) for name in ("own.hrec", "a.hrec"))
+    assert all(observed)
+    own, other = (list(open_recording(tmp_path / name).records()) for name in ("own.mcap", "a.mcap"))
     lines = [one.fields for one in own if one.kind == "written"]
     assert [one.fields for one in other if one.kind == "written" and one.fields not in lines] == []
-    assert replay(open_recording(tmp_path / "own.hrec")).is_identical
+    assert replay(open_recording(tmp_path / "own.mcap")).is_identical
 
 
 def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path, RecordConfig())
-    thread = threading.Thread(target=lambda: record(tmp_path / "a.hrec", tmp_path, 60.0, is_now=True))
+    thread = threading.Thread(target=lambda: record(tmp_path / "a.mcap", tmp_path, 60.0, is_now=True))
 
     async def stops() -> None:
         ours.start(asyncio.get_running_loop())
@@ -112,21 +111,21 @@ def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
 
     asyncio.run(stops())
     thread.join(20.0)
-    kinds = [one.kind for one in open_recording(tmp_path / "a.hrec").records()]
+    kinds = [one.kind for one in open_recording(tmp_path / "a.mcap").records()]
     assert "stop" in kinds
     assert kinds[-1] == "end"
 
 
 class Wire:
-    """A record socket without one: what is sent, in order, and who comes and goes when the test says so."""
+    """Takes the place of the record socket: what is sent, in order, and calls for recorders that attach and detach."""
 
     def __init__(self, ours: Recorders, monkeypatch: pytest.MonkeyPatch) -> None:
         self.sent: list[bytes] = []
         monkeypatch.setattr(RecordSocket, "send", lambda _, record: self.sent.append(record))
-        self.comes = ours._on_recorder
+        self.attach = ours._on_recorder
 
 
-def test_another_core_begins_for_who_waits_and_not_again_within_some_seconds(
+def test_the_core_restarts_for_a_waiting_recorder_and_not_again_within_some_seconds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench()
@@ -134,37 +133,41 @@ def test_another_core_begins_for_who_waits_and_not_again_within_some_seconds(
     wire = Wire(ours, monkeypatch)
     assert not ours.is_due(bench.t_ns)
 
-    wire.comes(WHOLE, True)
+    wire.attach(WHOLE, True)
     assert wire.sent == [WAITS]
     assert ours.is_due(bench.t_ns)
-    assert ours.told() == {"waits": True}
+    assert ours.report() == {"waits": True}
     assert bench.machine.observer is None
     second = Bench().machine
     ours.begin(second, bench.t_ns)
     assert second.observer is not None
     assert not ours.waits
-    assert ours.told() == {"attached": {"is_whole": True, "bytes": len(wire.sent[1]), "dropped": 0}}
-    wire.comes(WHOLE, True)  # another: it joins
+    assert ours.report() == {"attached": {"is_whole": True, "bytes": len(wire.sent[1]), "dropped": 0}}
+    wire.attach(WHOLE, True)  # another: it joins
     assert len(wire.sent) == 3
-    wire.comes(WHOLE, False)
+    wire.attach(WHOLE, False)
     assert second.observer is None
 
-    wire.comes(WHOLE, True)
-    assert not ours.is_due(bench.t_ns + ANEW_EVERY_NS - 1)
-    assert ours.is_due(bench.t_ns + ANEW_EVERY_NS)
-    wire.comes(WHOLE, False)
-    assert not ours.is_due(bench.t_ns + ANEW_EVERY_NS)
+    wire.attach(WHOLE, True)
+    assert not ours.is_due(bench.t_ns + RESTART_EVERY_NS - 1)
+    assert ours.is_due(bench.t_ns + RESTART_EVERY_NS)
+    wire.attach(WHOLE, False)
+    assert not ours.is_due(bench.t_ns + RESTART_EVERY_NS)
 
 
-def test_nobody_who_records_is_ended_by_who_comes_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_is_not_ended_by_a_recorder_that_attaches_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench = Bench()
-    own = recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "own.hrec")))
+    own = recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "own.mcap")))
     wire = Wire(own, monkeypatch)
-    wire.comes(WHOLE, True)
+    wire.attach(WHOLE, True)
     assert not own.waits
-    assert not decode_header(next(Scanner().feed(wire.sent[0])).body).is_whole
-    assert {*own.told()} == {"file", "attached"}
-    wire.comes(WHOLE, False)
+    opening = _decoded(wire.sent[0])
+    assert opening is not None
+    assert not header_from(opening.fields).is_whole
+    assert {*own.report()} == {"file", "attached"}
+    wire.attach(WHOLE, False)
     own.close(bench.t_ns)
 
     ours = recorders(bench, tmp_path, RecordConfig())
@@ -175,7 +178,7 @@ def test_nobody_who_records_is_ended_by_who_comes_later(tmp_path: Path, monkeypa
     assert ours.is_live  # the other one is still there
 
 
-def test_a_machine_is_used_by_fingers_by_wishes_and_by_a_person_at_the_bench() -> None:
+def test_a_machine_is_used_by_fingers_by_targets_and_by_a_board_tool() -> None:
     bench = Bench()
     bench.run(200)
     assert bench.machine.is_unused
@@ -192,14 +195,9 @@ def test_a_machine_is_used_by_fingers_by_wishes_and_by_a_person_at_the_bench() -
     assert not touched.machine.is_unused
 
 
-def test_records_begin_with_what_recorders_subscribe_to() -> None:
-    assert WHOLE == SYNC
-    assert not WAITS.startswith(SYNC)
-
-
 def test_without_a_place_for_its_file_the_daemon_goes_on(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(SLIPPERY)
-    recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "no" / "where.hrec")))
+    recorders(bench, tmp_path, RecordConfig(file=str(tmp_path / "no" / "where.mcap")))
 
     assert bench.machine.observer is None
     assert [one.getMessage() for one in caplog.records if "the touch goes on" in one.getMessage()]
@@ -210,24 +208,24 @@ def test_no_daemon_is_one_sentence(
 ) -> None:
     monkeypatch.setattr("hapticd.tools.record.attach.HEADER_WITHIN_S", 0.05)
 
-    assert main(["record", str(tmp_path / "a.hrec"), "--runtime-dir", str(tmp_path)]) == 2
+    assert main(["record", str(tmp_path / "a.mcap"), "--runtime-dir", str(tmp_path)]) == 2
     assert "No hapticd answers" in capsys.readouterr().err
-    assert not (tmp_path / "a.hrec").exists()
+    assert not (tmp_path / "a.mcap").exists()
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
 def test_a_senseless_time_is_one_sentence(seconds: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["record", str(tmp_path / "a.hrec"), f"--seconds={seconds}"]) == 2
+    assert main(["record", str(tmp_path / "a.mcap"), f"--seconds={seconds}"]) == 2
     assert "--seconds" in capsys.readouterr().err
 
 
-def test_who_comes_and_goes_all_the_time_makes_few_headers(tmp_path: Path) -> None:
+def test_a_recorder_that_attaches_and_detaches_all_the_time_makes_few_headers(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     made: list[bool] = []
 
     def header(machine: Machine, is_whole: bool) -> Header:
         made.append(is_whole)
-        return header_of(machine, PLATE, t_ns=bench.t_ns, utc="", is_whole=is_whole)
+        return header_of(machine, t_ns=bench.t_ns, utc="", is_whole=is_whole)
 
     ours = Recorders(bench.machine, RecordConfig(), tmp_path, header)
 

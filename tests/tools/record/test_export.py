@@ -13,8 +13,9 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.errors import RecordingError
-from hapticd.files.recording.reader import open_recording
-from hapticd.tools.record import export, picture
+from hapticd.files.recording.header import texts_of
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.tools.record import picture
 from hapticd.tools.record.tables import TABLES, tables
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -27,8 +28,8 @@ def test_the_tables_hold_what_the_records_do(strokes: Path) -> None:
     passes = [record for record in records if record.kind == "pass"]
 
     assert len(found["passes"]["t_ns"]) == len(passes)
-    assert len(found["fingers"]["x_mm"]) == sum(len(record.fields[5]) for record in passes)
-    assert len(found["references"]["mode"]) == 2 * sum(len(record.fields[9]) for record in passes)
+    assert len(found["fingers"]["x_mm"]) == sum(len(record.fields["fingers"]) for record in passes)
+    assert len(found["references"]["mode"]) == 2 * sum(len(record.fields.get("knots", [])) for record in passes)
     assert set(found["targets"]["finger"]) == {"1", "2"}
     assert set(found["targets"]["target_um"]) == {0.0, 1.0}
     assert np.abs(np.hypot(found["truth"]["plate_d_um"], found["truth"]["plate_q_um"])).max() < 4.4
@@ -146,7 +147,7 @@ def test_a_recording_without_a_pass_has_no_picture(tmp_path: Path) -> None:
         picture.draw({}, tmp_path / "a.png")
 
 
-def test_what_is_told_beside_the_tables_names_version_date_and_units(eventful: Path) -> None:
-    beside = export.described(open_recording(eventful))
+def test_the_texts_of_exported_files_name_version_date_and_units(eventful: Path) -> None:
+    texts = texts_of(open_recording(eventful).header)
 
-    assert set(beside) == {"hapticd", "started_utc", "t_start_ns", "trackpad_model", "config_toml", "units"}
+    assert set(texts) == {"hapticd", "started_utc", "t_start_ns", "trackpad_model", "config_toml", "units"}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import count
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,40 +13,49 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.errors import RecordingError
-from hapticd.files.recording.framing import HEADER_KIND, MAGIC, Scanner, frame
-from hapticd.files.recording.reader import open_recording
-from hapticd.files.recording.records import KINDS, Record
+from hapticd.files.recording.kinds import Fields, Record
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.lockstep import T_START_NS
 from hapticd.tools.record import export, picture
 from hapticd.tools.record.tables import tables
 from hapticd.tools.record.tracks import tracks
 
+from .conftest import written
+
 MS = 1_000_000
 BEGIN_NS = T_START_NS + 1_000 * MS
+TRUE = {"x_mm": 0.0, "y_mm": 0.0, "plate_d_um": 0.0, "plate_q_um": 0.0}
 
 
-def a_pass(t_ns: int, finger_id: int, *, key: int | str | None = None, knots: Sequence[object] = ()) -> list[Any]:
-    point = [finger_id if key is None else key, 1.0, 2.0, 1.0, 0.9, 1.0, 2.0]
-    fingers = [] if key is not None else [[finger_id, 1, 1.0, 2.0]]
-    return [t_ns, 0, 10 * MS, "ACTIVE", False, fingers, [point], t_ns, 0, list(knots)]
+def a_pass(t_ns: int, finger_id: int, *, virtual: str | None = None, **changes: Any) -> Record:
+    """A pass with one finger and without knots."""
+    place = {"x_mm": 1.0, "y_mm": 2.0}
+    point = place | {"target_um": 1.0, "achieved_um": 0.9, "end_x_mm": 1.0, "end_y_mm": 2.0}
+    fields: Fields = {
+        "age_ns": 0,
+        "horizon_ns": 10 * MS,
+        "state": "ACTIVE",
+        "is_limited": False,
+        "fingers": [] if virtual else [{"finger_id": finger_id, "contact_id": 1, **place}],
+        "points": [{"virtual": virtual, **point} if virtual else {"finger_id": finger_id, **point}],
+        "t_apply_ns": t_ns,
+        "gate_reasons": 0,
+        "knots": [],
+    }
+    return Record("pass", 0, t_ns, fields | changes)
 
 
 def touched(finger_id: int, start_ns: int, passes: int = 20) -> list[Record]:
-    return [Record("pass", 0, tuple(a_pass(start_ns + step * 11 * MS, finger_id))) for step in range(passes)]
+    return [a_pass(start_ns + step * 11 * MS, finger_id) for step in range(passes)]
 
 
 @pytest.fixture
-def strange(strokes: Path, tmp_path: Path) -> Any:
-    """Writes a recording of these records, (kind, fields) each, behind the header of an honest one."""
+def strange(strokes: Path, tmp_path: Path) -> Callable[..., Path]:
+    """Writes a recording of these records behind the header of an honest one."""
 
-    def write(*records: tuple[str, list[Any]]) -> Path:
-        path = tmp_path / "strange.hrec"
-        scanner = Scanner()
-        header = next(raw for raw in scanner.feed(strokes.read_bytes()[len(MAGIC) :]) if raw.kind == HEADER_KIND)
-        numbers = count()
-        framed = [frame(KINDS[kind].number, next(numbers), msgpack.packb(fields)) for kind, fields in records]
-        path.write_bytes(MAGIC + frame(HEADER_KIND, 0, header.body) + b"".join(framed))
-        return path
+    def write(*records: Record) -> Path:
+        numbered = (record._replace(seq=seq) for seq, record in enumerate(records))
+        return written(tmp_path / "strange.mcap", open_recording(strokes).header, numbered)
 
     return write
 
@@ -78,51 +86,68 @@ def test_an_hour_of_thousands_of_touches_takes_the_room_of_one_finger() -> None:
 
 
 def test_more_fingers_at_once_than_memory_is_one_sentence() -> None:
-    crowd = [
-        Record("pass", 0, tuple(a_pass(t_ns, finger)))
-        for t_ns in (BEGIN_NS, BEGIN_NS + 3000 * 1000 * MS)
-        for finger in range(1, 40)
+    instants_ns = (BEGIN_NS, BEGIN_NS + 3000 * 1000 * MS)
+    crowd = [a_pass(t_ns, finger) for t_ns in instants_ns for finger in range(1, 40)]
+    truth = [
+        Record("truth", 0, t_ns, {"fingers": [{"finger": step * 50 + number} | TRUE for number in range(50)]})
+        for step, t_ns in enumerate((BEGIN_NS, BEGIN_NS + 10 * MS))
     ]
-    with pytest.raises(RecordingError, match="more fingers than can be judged at once"):
-        tracks(crowd)
+    for records in (crowd, truth):
+        with pytest.raises(RecordingError, match="more fingers than can be judged at once"):
+            tracks(records)
 
 
 def test_a_truth_without_fingers_is_one_sentence() -> None:
-    truth = [Record("truth", 0, (BEGIN_NS + step * 100 * MS, [], [], [[0.0, 0.0]] * 2, [])) for step in range(3)]
+    truth = [Record("truth", 0, BEGIN_NS + step * 100 * MS, {"fingers": [], "modal_um": {}}) for step in range(3)]
     with pytest.raises(RecordingError, match="no fingers to judge by"):
         tracks(truth)
 
 
-def test_references_without_knots_are_passed_over(strange: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    path = strange(*(("pass", a_pass(BEGIN_NS + step * 11 * MS, 1)) for step in range(20)))
-
-    assert main(["replay", str(path), "--set", "solver.fade=0"]) == 0
+def test_references_without_knots_are_passed_over(
+    strange: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(strange(*touched(1, BEGIN_NS))), "--set", "solver.fade=0"]) == 0
     assert "as recorded" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("column", [0, 1, 2, 7])
-def test_instants_beyond_all_clocks_are_no_records(strange: Any, tmp_path: Path, column: int) -> None:
-    fields = a_pass(BEGIN_NS, 1, knots=[[0, [[0.0, 0.0]] * 2]])
-    fields[column] = 2**63 - 1
-    recording = open_recording(strange(("pass", fields), ("pass", a_pass(BEGIN_NS, 1))))
+def test_amplitudes_of_unequal_parts_and_points_without_a_key_are_judged_exported_and_drawn(
+    strange: Callable[..., Path], tmp_path: Path
+) -> None:
+    uneven = [
+        {"dt_ns": 0, "modal_um": {"d": [1.0], "q": [0.0, 1.0, 2.0]}},
+        {"dt_ns": 5, "modal_um": {"d": [], "q": []}},
+    ]
+    keyless = [{name: value for name, value in a_pass(0, 1).fields["points"][0].items() if name != "finger_id"}]
+    path = strange(*touched(1, BEGIN_NS), a_pass(BEGIN_NS + 500 * MS, 1, knots=uneven, points=keyless))
+
+    assert main(["replay", str(path), "--set", "solver.fade=0"]) == 0
+    assert main(["export", str(path), "--csv", str(tmp_path / "out")]) == 0
+    assert main(["plot", str(path), str(tmp_path / "out.png")]) == 0
+
+
+@pytest.mark.parametrize("name", ["age_ns", "horizon_ns", "t_apply_ns"])
+def test_instants_beyond_all_clocks_are_no_records(strange: Callable[..., Path], tmp_path: Path, name: str) -> None:
+    recording = open_recording(strange(a_pass(BEGIN_NS, 1, **{name: 2**63 - 1}), a_pass(BEGIN_NS, 1)))
 
     export.to_csv(tables(recording), {}, tmp_path / "out")
     assert recording.losses.unreadable == 1
 
 
-def test_the_largest_instants_that_are_records_have_tables_too(strange: Any) -> None:
+def test_the_largest_instants_that_are_records_have_tables_too(strange: Callable[..., Path]) -> None:
     largest = 1 << 61
-    fields = a_pass(largest, 1, knots=[[largest, [[0.0, 0.0]] * 2]])
-    fields[1], fields[2] = -largest, largest
+    knots = [{"dt_ns": largest, "modal_um": {"d": [0.0, 0.0], "q": [0.0, 0.0]}}]
+    record = a_pass(largest, 1, knots=knots, age_ns=-largest, horizon_ns=largest)
 
-    found = tables(open_recording(strange(("pass", fields))))
+    recording = open_recording(strange(record, a_pass(largest + 1, 1)))
+    found = tables(recording)
     assert found["predictions"]["t_plate_ns"].tolist() == [3 * largest]
     assert found["references"]["t_knot_ns"].tolist() == [2 * largest] * 2
+    assert recording.losses.unreadable == 1
 
 
-def test_one_long_message_does_not_make_all_others_as_long(strange: Any, tmp_path: Path) -> None:
-    short = ("request", [BEGIN_NS, msgpack.packb({"op": "hello"}), "uid 1"])
-    path = strange(("request", [BEGIN_NS, b"\0" * 900_000, "uid 1"]), *[short] * 500)
+def test_one_long_message_does_not_make_all_others_as_long(strange: Callable[..., Path], tmp_path: Path) -> None:
+    short = Record("request", 0, BEGIN_NS, {"payload": msgpack.packb({"op": "hello"}), "user": "uid 1"})
+    path = strange(Record("request", 0, BEGIN_NS, {"payload": b"\0" * 900_000, "user": "uid 1"}), *[short] * 500)
     found = tables(open_recording(path))
 
     assert found["messages"]["message_json"].nbytes < 100_000
@@ -132,11 +157,11 @@ def test_one_long_message_does_not_make_all_others_as_long(strange: Any, tmp_pat
         assert file["messages"]["user"][1] == b"uid 1"
 
 
-def test_texts_of_strangers_are_drawn_and_no_formulas(strange: Any, tmp_path: Path) -> None:
+def test_texts_of_strangers_are_drawn_and_no_formulas(strange: Callable[..., Path], tmp_path: Path) -> None:
     formula = r"$\frac$ $x^^$ \$"
     path = strange(
-        ("marker", [BEGIN_NS + 5 * MS, formula, formula]),
-        *(("pass", a_pass(BEGIN_NS + step * 11 * MS, 1, key=formula)) for step in range(20)),
+        Record("marker", 0, BEGIN_NS + 5 * MS, {"client": formula, "text": formula}),
+        *(a_pass(BEGIN_NS + step * 11 * MS, 1, virtual=formula) for step in range(20)),
     )
     picture.draw(tables(open_recording(path)), tmp_path / "out.png", title=formula)
     assert (tmp_path / "out.png").stat().st_size > 0

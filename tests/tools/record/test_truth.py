@@ -13,12 +13,11 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.files.recording.framing import RawRecord, Scanner
-from hapticd.files.recording.reader import open_recording
-from hapticd.files.recording.records import KINDS, Record, record_of
-from hapticd.tools.record.truth import MAX_PATHS, TruthEar
+from hapticd.files.recording.kinds import Fields, Record
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.tools.record.truth import MAX_PATHS, RigTruth
 
-TOLD: dict[str, Any] = {
+MESSAGE: dict[str, Any] = {
     "t_ns": 77,
     "paths": 4,
     "path": [0, 2],
@@ -28,52 +27,58 @@ TOLD: dict[str, Any] = {
 }
 ANYTHING = st.recursive(
     st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=3) | st.binary(max_size=3),
-    lambda part: st.lists(part, max_size=3) | st.dictionaries(st.sampled_from(sorted(TOLD)), part, max_size=6),
+    lambda part: st.lists(part, max_size=3) | st.dictionaries(st.sampled_from(sorted(MESSAGE)), part, max_size=6),
     max_leaves=12,
 )
 
 
 @pytest.fixture(scope="module")
-def ear(strokes: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TruthEar]:
+def rig_truth(strokes: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigTruth]:
     """Of a rig that never answers."""
     header = open_recording(strokes).header
     sim = replace(header.config.sim, rig_dir=str(tmp_path_factory.mktemp("rig")))
     with zmq.Context() as context:
-        made = TruthEar(context, replace(header, config=replace(header.config, sim=sim)))
+        made = RigTruth(context, replace(header, config=replace(header.config, sim=sim)))
         yield made
         made.close()
 
 
-def truth_of(ear: TruthEar, told: object) -> Record | None:
-    raw = next(Scanner().feed(ear._framed(msgpack.packb(told), 9)), None)
-    return None if raw is None else record_of(*raw)
+def truth_of(rig_truth: RigTruth, message: object) -> Record | None:
+    return rig_truth._record(msgpack.packb(message), 9)
 
 
-def passed(*points: list[Any]) -> RawRecord:
-    """A pass that solved for these points."""
-    fields = [5, 0, 0, "ACTIVE", False, [], list(points), None, 0, []]
-    return RawRecord(KINDS["pass"].number, 8, bytes(msgpack.packb(fields)))
+def passed(*points: tuple[int | str, float, float, float]) -> Record:
+    """A pass that solved for these points: key, x_mm, y_mm, target_um."""
+    names = ("x_mm", "y_mm", "target_um")
+    found: list[Fields] = [
+        {"virtual" if isinstance(key, str) else "finger_id": key} | dict(zip(names, numbers, strict=True))
+        for key, *numbers in points
+    ]
+    return Record("pass", 8, 5, {"points": found})
 
 
-def test_a_true_finger_has_the_target_of_the_finger_that_was_seen_there(ear: TruthEar) -> None:
-    ear.hear(passed([3, 24.0, -2.0, 0.0, 0.0, 24.5, -2.0], [2, -18.0, 3.0, 1.5, 1.4, -17.0, 3.0]))
-    truth = truth_of(ear, TOLD)
-    assert truth is not None
-    assert truth.seq == 9
-    assert truth.fields == (
+def test_a_true_finger_has_the_target_of_the_finger_that_was_seen_there(rig_truth: RigTruth) -> None:
+    rig_truth.note(passed((3, 24.0, -2.0, 0.0), (2, -18.0, 3.0, 1.5)))
+
+    assert truth_of(rig_truth, MESSAGE) == Record(
+        "truth",
+        9,
         77,
-        [[-20.0, 3.0], None, [25.0, -1.0], None],
-        [1.5, None, 0.0, None],
-        [[1.0, 0.5], [-2.0, 0.0]],  # the driven modes
-        [[0.9, 0.0], None, [0.01, 0.02], None],
+        {
+            "fingers": [
+                {"finger": 0, "x_mm": -20.0, "y_mm": 3.0, "plate_d_um": 0.9, "plate_q_um": 0.0, "target_um": 1.5},
+                {"finger": 2, "x_mm": 25.0, "y_mm": -1.0, "plate_d_um": 0.01, "plate_q_um": 0.02, "target_um": 0.0},
+            ],
+            "modal_um": {"d": [1.0, -2.0], "q": [0.5, 0.0]},  # the driven modes
+        },
     )
 
 
-def test_a_finger_that_nobody_asked_for_has_no_target_and_a_virtual_one_is_not_true(ear: TruthEar) -> None:
-    ear.hear(passed(["walker", -20.0, 3.0, 2.0, 2.0, -20.0, 3.0], [3, 50.0, -1.0, 0.0, 0.0, 50.0, -1.0]))
-    truth = truth_of(ear, TOLD)
+def test_a_finger_without_a_target_has_none_and_a_virtual_one_is_not_true(rig_truth: RigTruth) -> None:
+    rig_truth.note(passed(("walker", -20.0, 3.0, 2.0), (3, 50.0, -1.0, 0.0)))
+    truth = truth_of(rig_truth, MESSAGE)
     assert truth is not None
-    assert truth.fields[2] == [None] * 4
+    assert [finger.get("target_um") for finger in truth.fields["fingers"]] == [None, None]
 
 
 @pytest.mark.parametrize(
@@ -87,18 +92,18 @@ def test_a_finger_that_nobody_asked_for_has_no_target_and_a_virtual_one_is_not_t
         {"modal_um": [[1.0, None]]},
     ],
 )
-def test_what_is_no_truth_leaves_no_record(ear: TruthEar, change: dict[str, object]) -> None:
-    assert truth_of(ear, TOLD | change) is None
+def test_what_is_no_truth_leaves_no_record(rig_truth: RigTruth, change: dict[str, object]) -> None:
+    assert truth_of(rig_truth, MESSAGE | change) is None
 
 
-@given(ANYTHING | st.dictionaries(st.sampled_from(sorted(TOLD)), ANYTHING).map(lambda change: TOLD | change))
-def test_no_message_of_a_rig_raises(ear: TruthEar, told: object) -> None:
-    truth_of(ear, told)
+@given(ANYTHING | st.dictionaries(st.sampled_from(sorted(MESSAGE)), ANYTHING).map(lambda change: MESSAGE | change))
+def test_no_message_of_a_rig_raises(rig_truth: RigTruth, message: object) -> None:
+    truth_of(rig_truth, message)
 
 
 def test_without_a_rig_nothing_is_heard(strokes: Path) -> None:
     with zmq.Context() as context:
-        deaf = TruthEar(context, open_recording(strokes).header)
-        deaf.hear(passed([3, 24.0, -2.0, 0.0, 0.0, 24.5, -2.0]))
-        assert deaf.records(4) == b""
-        deaf.close()
+        idle = RigTruth(context, open_recording(strokes).header)
+        idle.note(passed((3, 24.0, -2.0, 0.0)))
+        assert list(idle.records(4)) == []
+        idle.close()

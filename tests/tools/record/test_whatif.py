@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.errors import ConfigError, RecordingError
-from hapticd.files.recording.reader import open_recording
-from hapticd.files.recording.records import Record
+from hapticd.files.recording.kinds import Record
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tracks import tracks
 from hapticd.tools.record.whatif import _recorded, changed, compare, in_force_um, rehearse
 
@@ -24,12 +25,12 @@ def test_unchanged_settings_make_the_recorded_references(strokes: Path) -> None:
 
 
 def test_a_worse_predictor_leaks_more_at_the_true_positions(strokes: Path) -> None:
-    fingers, judged = compare(open_recording(strokes), ["prediction.name=hold", "solver.fade=0"])
+    fingers, judged = compare(open_recording(strokes), ["prediction.noise_mm=1.0", "solver.fade=0"])
     leak_um = {one.name: one.score.leak_um for one in judged}
 
     assert fingers.is_true
-    assert list(leak_um) == ["as recorded", "prediction.name=hold", "solver.fade=0", "all of these"]
-    assert leak_um["prediction.name=hold"] > 3 * leak_um["as recorded"]
+    assert list(leak_um) == ["as recorded", "prediction.noise_mm=1.0", "solver.fade=0", "all of these"]
+    assert leak_um["prediction.noise_mm=1.0"] > 3 * leak_um["as recorded"]
     assert leak_um["as recorded"] < 0.1
 
 
@@ -56,22 +57,20 @@ def test_without_truth_the_pads_own_samples_stand_for_it(strokes: Path) -> None:
     assert np.nanmedian(away_mm) < 0.3
 
 
-def test_a_recorder_that_came_late_counts_its_fingers_anew(strokes: Path) -> None:
+def test_a_recorder_that_attached_late_counts_its_fingers_from_one(strokes: Path) -> None:
     """From a moment without fingers on: ids of the recording are by one larger than those of the core that joins."""
     recording = open_recording(strokes)
 
     def later(record: Record) -> Record:
+        fields = dict(record.fields)
         if record.kind == "pass":
-            fingers = [[finger[0] + 1, *finger[1:]] for finger in record.fields[5]]
-            return record._replace(fields=(*record.fields[:5], fingers, *record.fields[6:]))
-        if record.kind == "targets":
-            payload = (
-                record.fields[1]
-                .replace(b"\xa6finger\x02", b"\xa6finger\x03")
-                .replace(b"\xa6finger\x01", b"\xa6finger\x02")
-            )
-            return record._replace(fields=(record.fields[0], payload, record.fields[2]))
-        return record
+            fields["fingers"] = [finger | {"finger_id": finger["finger_id"] + 1} for finger in fields["fingers"]]
+        elif record.kind == "targets":
+            message = msgpack.unpackb(fields["payload"])
+            for target in message["targets"]:
+                target["finger"] += 1
+            fields["payload"] = msgpack.packb(message)
+        return record._replace(fields=fields)
 
     records = [later(record) for record in recording.records()]
 
@@ -86,9 +85,9 @@ def test_a_polyline_holds_its_last_knot_until_the_next_begins() -> None:
 
 
 def test_a_change_is_a_key_of_the_configuration() -> None:
-    config = changed(Config(), ["prediction.name = linear", "solver.fade=0", "limits.w_limit_um=[3.0, 2.0]"])
+    config = changed(Config(), ["prediction.noise_mm = 0.5", "solver.fade=0", "limits.w_limit_um=[3.0, 2.0]"])
 
-    assert (config.prediction.name, config.solver.fade, config.limits.w_limit_um) == ("linear", 0.0, (3.0, 2.0))
+    assert (config.prediction.noise_mm, config.solver.fade, config.limits.w_limit_um) == (0.5, 0.0, (3.0, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -110,14 +109,14 @@ def test_a_change_that_cannot_be_is_one_sentence(change: str) -> None:
     assert str(refused.value).startswith("--set")
 
 
-def test_nobody_to_judge_is_one_sentence() -> None:
+def test_a_recording_without_fingers_is_one_sentence() -> None:
     with pytest.raises(RecordingError, match="no fingers to judge"):
         tracks([])
 
 
 def test_the_command_shows_a_table(strokes: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(strokes), "--set", "prediction.name=hold"]) == 0
-    said = capsys.readouterr().out.splitlines()
+    assert main(["replay", str(strokes), "--set", "prediction.noise_mm=1.0"]) == 0
+    printed = capsys.readouterr().out.splitlines()
 
-    assert [line.split("  ")[0] for line in said[1:3]] == ["as recorded", "prediction.name=hold"]
-    assert "the plate is not there" in said[-1]
+    assert [line.split("  ")[0] for line in printed[1:3]] == ["as recorded", "prediction.noise_mm=1.0"]
+    assert "the plate is not there" in printed[-1]

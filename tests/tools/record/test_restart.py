@@ -1,4 +1,4 @@
-"""A recorder that comes in mid-session gets a recording that replays: the core begins anew when nobody touches.
+"""A recorder that attaches in mid-session gets a recording that replays: the core restarts while idle.
 
 The daemon runs on this process's loop, over a simulated rig in real time that a person's fingers touch; recorders and
 clients are threads, and one that is killed a process.
@@ -28,7 +28,7 @@ from hapticd.config.sections import Config
 from hapticd.daemon import recorder as recorders
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader
-from hapticd.files.recording.reader import open_recording
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.io.systemd import Notifier
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.record.attach import BEGUN, LATE, WAITING, record
@@ -85,8 +85,8 @@ def hands(rig_dir: Path) -> Iterator[None]:
 
 
 def work(runtime_dir: Path, rig_dir: Path, states: int = STATES, begun: threading.Event | None = None) -> set[int]:
-    """A client wants something of two fingers that come, tells so with `begun`, and releases them in the end; the
-    daemon's instances that it saw."""
+    """A client sets targets of two fingers, then `begun`, and releases them in the end; returns the daemon's instances
+    that it saw."""
     with Client(runtime_dir, timeout_s=PATIENCE_S) as client, hands(rig_dir):
         seen: set[int] = set()
         for count, state in enumerate(client.states(timeout_s=PATIENCE_S)):
@@ -103,17 +103,17 @@ def work(runtime_dir: Path, rig_dir: Path, states: int = STATES, begun: threadin
 
 
 class Recorder(threading.Thread):
-    """`hapticd record` on a thread of its own; `said` is what it told the person."""
+    """`hapticd record` on a thread of its own, with its notes to the person."""
 
     def __init__(self, out: Path, config: Config, seconds: float) -> None:
         super().__init__()
         self.out = out
-        self.said: list[str] = []
+        self.notes: list[str] = []
         self._arguments = out, Path(config.client.runtime_dir), seconds
         self.start()
 
     def run(self) -> None:
-        self.said.append(record(*self._arguments, say=self.said.append))
+        self.notes.append(record(*self._arguments, notify=self.notes.append))
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -123,7 +123,7 @@ async def until(condition: Callable[[], bool]) -> None:
 
 
 def run(config: Config, story: Callable[[], Any], reread: Callable[[], Config] | None = None) -> None:
-    """`hapticd run` with this configuration, while the story is told."""
+    """`hapticd run` with this configuration, until the story ends."""
 
     async def served() -> None:
         with ConfigLoader() as config_loader:
@@ -158,23 +158,23 @@ def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recordi
         begun = threading.Event()
         touching = asyncio.create_task(asyncio.to_thread(work, runtime_dir, rig_dir, STATES, begun))
         await until(begun.is_set)
-        late = Recorder(tmp_path / "a.hrec", configuration, 2.5)
-        await until(lambda: WAITING in late.said)
+        late = Recorder(tmp_path / "a.mcap", configuration, 2.5)
+        await until(lambda: WAITING in late.notes)
         instances.append(await touching)
-        await until(lambda: BEGUN in late.said)
+        await until(lambda: BEGUN in late.notes)
         instances.append(await asyncio.to_thread(work, runtime_dir, rig_dir))
         await until(lambda: not late.is_alive())
-        assert late.said[:2] == [WAITING, BEGUN]
+        assert late.notes[:2] == [WAITING, BEGUN]
 
     run(configuration, story)
-    kinds = judged(tmp_path / "a.hrec")
+    kinds = judged(tmp_path / "a.mcap")
     assert kinds["reports"] > 20
     assert kinds["targets"] + kinds["request"] > 0
     assert kinds["watched"] > 0
     assert len(instances[0]) == 1
     assert not instances[0] & instances[1]
 
-    fingers = tracks(list(open_recording(tmp_path / "a.hrec").records()))
+    fingers = tracks(list(open_recording(tmp_path / "a.mcap").records()))
     assert fingers.is_true
     touched = fingers.target_um[:, ~(fingers.target_um != fingers.target_um).all(axis=0)]
     assert set(touched[touched == touched].tolist()) == {0.0, 1.0}
@@ -183,9 +183,9 @@ def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recordi
 def test_one_after_another_and_one_that_is_killed_all_replay(
     configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorders, "ANEW_EVERY_NS", 0)
+    monkeypatch.setattr(recorders, "RESTART_EVERY_NS", 0)
     runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
-    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.hrec"), "--runtime-dir"]
+    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.mcap"), "--runtime-dir"]
     recording: list[dict[str, Any]] = []
 
     def ask() -> None:
@@ -198,30 +198,30 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
 
     async def story() -> None:
         for name in ("a", "b"):
-            whole = Recorder(tmp_path / f"{name}.hrec", configuration, 1.0)
-            await until(lambda whole=whole: BEGUN in whole.said)  # type: ignore[misc]
+            whole = Recorder(tmp_path / f"{name}.mcap", configuration, 1.0)
+            await until(lambda whole=whole: BEGUN in whole.notes)  # type: ignore[misc]
             await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
             await until(lambda whole=whole: not whole.is_alive())  # type: ignore[misc]
         with subprocess.Popen([*command, str(runtime_dir)], stdout=subprocess.PIPE) as killed:
             assert killed.stdout is not None
             assert (await asyncio.to_thread(killed.stdout.readline)).decode().strip() in (WAITING, BEGUN)
-            await until(lambda: (tmp_path / "killed.hrec").exists())
+            await until(lambda: (tmp_path / "killed.mcap").exists())
             await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
-            joined = Recorder(tmp_path / "joined.hrec", configuration, 0.2)
+            joined = Recorder(tmp_path / "joined.mcap", configuration, 0.2)
             await asyncio.to_thread(ask)
             await until(lambda: not joined.is_alive())
-            assert LATE in joined.said
+            assert LATE in joined.notes
             killed.kill()
         while await asyncio.to_thread(is_recorded):
             pass
-        last = Recorder(tmp_path / "last.hrec", configuration, 0.5)
+        last = Recorder(tmp_path / "last.mcap", configuration, 0.5)
         await until(lambda: not last.is_alive())
-        assert BEGUN in last.said
+        assert BEGUN in last.notes
 
     run(configuration, story)
     for name in ("a", "b", "killed", "last"):
-        assert judged(tmp_path / f"{name}.hrec")["written"] > 10
-    assert not open_recording(tmp_path / "joined.hrec").is_whole
+        assert judged(tmp_path / f"{name}.mcap")["written"] > 10
+    assert not open_recording(tmp_path / "joined.mcap").is_whole
     assert recording[0]["attached"]["is_whole"] is True
     assert recording[0]["attached"]["bytes"] > 10_000
     assert recording[0]["attached"]["dropped"] == 0
@@ -234,13 +234,13 @@ def test_a_new_configuration_ends_the_recording_and_it_replays_to_its_end(
     runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
 
     async def story() -> None:
-        whole = Recorder(tmp_path / "a.hrec", configuration, 60.0)
-        await until(lambda: BEGUN in whole.said)
+        whole = Recorder(tmp_path / "a.mcap", configuration, 60.0)
+        await until(lambda: BEGUN in whole.notes)
         await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
         os.kill(os.getpid(), signal.SIGHUP)
         await until(lambda: not whole.is_alive())
         await until(lambda: caplog.text.count("serving clients in") == 2)
 
     run(configuration, story, lambda: configuration)
-    kinds = judged(tmp_path / "a.hrec")
+    kinds = judged(tmp_path / "a.mcap")
     assert (kinds["stop"], kinds["disconnect"], kinds["end"]) == (1, 1, 1)

@@ -1,4 +1,4 @@
-"""What a client wants, put back into the message that it would have sent: simulated clients speak in values."""
+"""Encodes a simulated client's targets as the message that a real client would have sent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...wire.client import PROTOCOL_VERSION
 
 
 def payload_of(message: ClientTargets) -> bytes:
-    """A message of the `targets` socket that means the same."""
+    """A message of the `targets` socket with the same meaning."""
     stamp = {} if message.stamp is None else {"stamp": message.stamp}
     return bytes(
         msgpack.packb(

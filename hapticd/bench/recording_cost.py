@@ -1,0 +1,71 @@
+"""What a recording costs the touch: paced passes with and without the background writer, in turns."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+from ..daemon.recorder import header_of
+from ..files.recording.background import BackgroundWriter
+from ..files.recording.mcap_writer import RecordingFile
+from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
+from .recording import Recording, WaitUntil, new_machine, play, record, sleep_until
+from .tables import Table, finite_rows
+from .tick import PERIOD_S
+from .timing import no_garbage_collection
+
+NONE, TO_FILE = "no recording", "to a file"
+ROUNDS = 5
+_SETTLE_S = 0.5  # from landing to the first pass that counts
+
+
+def run(*, seconds: float = 2.0, rounds: int = ROUNDS, wait_until: WaitUntil = sleep_until) -> Table:
+    """Pace two moving fingers for `seconds` in each of `rounds`, without a recording and with one."""
+    limit = max(round(seconds / PERIOD_S), 1)
+    situation = record(SCENARIOS["strokes"].build(1, SPEED_MM_S), seconds=LAND_S + _SETTLE_S + limit * PERIOD_S)
+    passes: dict[str, list[tuple[float, float]]] = {NONE: [], TO_FILE: []}
+    with no_garbage_collection(), tempfile.TemporaryDirectory(prefix="hapticd-bench-") as folder:
+        for number in range(rounds):
+            passes[NONE] += _round(situation, limit, wait_until, None)
+            passes[TO_FILE] += _round(situation, limit, wait_until, Path(folder, f"{number}.mcap"))
+    return Table(
+        name="recording",
+        title="recording: passes of two moving fingers at 88.9 Hz, beside the thread that writes them",
+        default=NONE,
+        rows=finite_rows([(name, _figures(found)) for name, found in passes.items()]),
+        compared=("paced_us", "paced_p99_us", "late_p99_us"),
+        notes=("late: from when a pass is due to its start; the thread holds the interpreter for a part of it",),
+    )
+
+
+def _round(situation: Recording, limit: int, wait_until: WaitUntil, path: Path | None) -> list[tuple[float, float]]:
+    """How long each pass took and how late it began, in us."""
+    late_us: list[float] = []
+
+    def wait(t_ns: int) -> None:
+        wait_until(t_ns)
+        late_us.append((time.monotonic_ns() - t_ns) * 1e-3)
+
+    machine = new_machine(situation)
+    writer: BackgroundWriter | None = None
+    if path is not None:
+        header = header_of(machine, t_ns=situation.calls[0].t_ns, utc="", is_whole=True)
+        writer = BackgroundWriter(RecordingFile(path, header))
+        machine.observer = writer.put
+    taken_us = play(situation, machine, wait_until=wait, limit=limit)
+    if writer is not None:
+        writer.close(situation.calls[-1].t_ns, "over")
+    return list(zip(taken_us, late_us, strict=False))
+
+
+def _figures(passes: list[tuple[float, float]]) -> dict[str, float]:
+    taken_us, late_us = (sorted(column) for column in zip(*passes, strict=True))
+    last = int(0.99 * len(taken_us))
+    return {
+        "paced_us": statistics.median(taken_us),
+        "paced_p99_us": taken_us[last],
+        "late_us": statistics.median(late_us),
+        "late_p99_us": late_us[last],
+    }

@@ -1,0 +1,293 @@
+"""Kinds of records: one for each thing that a machine receives, decides or finds, with its topic, form and encoding.
+
+    input   reports timer board_bytes board_link trackpad_link targets request watched stop disconnect: fed by `replay`
+    output  written                                                                     compared by `replay`
+    found   pass status ledger marker                                                   for people and other programs
+    added   truth end                                                                   the plate's own; the last record
+
+Inputs and outputs are MessagePack, whose bytes replay needs; the others are JSON with a schema, which PlotJuggler and
+Foxglove draw as it is.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import msgpack
+
+from ...board_values import BoardStatus
+from ...core.board.ledger import LedgerLine
+from ...errors import RecordingError
+from ...values import ClientTargets, Finger, RawReport, Tick
+from .client_message import payload_of
+
+MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
+MAX_MESSAGE_BYTES = 1 << 20
+MAX_HEADER_BYTES = 1 << 22  # the header holds the mode map: at most 250 000 values of 8 bytes
+LEDGER = ("seq", "t_sample_ns", "t_sent_ns", "t_applied_ns", "age_ns", "horizon_ns", "link_ns", "late_ns")
+HEADER = "header"
+
+Fields: TypeAlias = dict[str, Any]
+
+_JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False, check_circular=False)
+
+
+class Record(NamedTuple):
+    """One record. `seq` counts the records of a recording; `t_ns` is the recording host's monotonic clock."""
+
+    kind: str
+    seq: int
+    t_ns: int
+    fields: Fields
+
+
+# --- forms: a name of `_CHECKS`, [form] for a list, {name: form} for an object --------------------------------------
+
+WHOLE, NUMBER, BOOL, TEXT, BYTES = "integer", "number", "boolean", "string", "bytes"
+
+
+class Maybe(NamedTuple):
+    """A member of an object that may be absent."""
+
+    form: Form
+
+
+Form: TypeAlias = "str | list[Form] | dict[str, Form | Maybe]"
+AMPLITUDES: Form = {"d": [NUMBER], "q": [NUMBER]}
+
+
+def _is_whole(value: object) -> bool:
+    return type(value) is int and -MAX_WHOLE <= value <= MAX_WHOLE
+
+
+_CHECKS: dict[str, Callable[[Any], bool]] = {
+    WHOLE: _is_whole,
+    NUMBER: lambda value: (type(value) is float and math.isfinite(value)) or _is_whole(value),
+    BOOL: lambda value: type(value) is bool,
+    TEXT: lambda value: type(value) is str,
+    BYTES: lambda value: type(value) is bytes,
+}
+
+
+def fits(value: Any, form: Form) -> bool:
+    """Whether a decoded value has this form."""
+    if isinstance(form, str):
+        return _CHECKS[form](value)
+    if isinstance(form, list):
+        return type(value) is list and all(fits(item, form[0]) for item in value)
+    if type(value) is not dict or not value.keys() <= form.keys():
+        return False
+    for name, member in form.items():
+        if name not in value:
+            if not isinstance(member, Maybe):
+                return False
+        elif not fits(value[name], member.form if isinstance(member, Maybe) else member):
+            return False
+    return True
+
+
+def json_schema(form: Form) -> dict[str, Any]:
+    """The same as JSON Schema."""
+    if isinstance(form, str):
+        return {"type": form}
+    if isinstance(form, list):
+        return {"type": "array", "items": json_schema(form[0])}
+    members = {name: member.form if isinstance(member, Maybe) else member for name, member in form.items()}
+    return {
+        "type": "object",
+        "properties": {name: json_schema(member) for name, member in members.items()},
+        "required": [name for name, member in form.items() if not isinstance(member, Maybe)],
+    }
+
+
+# --- how a machine's values become fields ---------------------------------------------------------------------------
+
+
+def amplitudes(phasors: Sequence[complex]) -> Fields:
+    """Modal phasors W = d + j q as they are recorded."""
+    return {"d": [w.real for w in phasors], "q": [w.imag for w in phasors]}
+
+
+def phasors(recorded: Mapping[str, Sequence[float]]) -> tuple[complex, ...]:
+    """The inverse of `amplitudes`."""
+    return tuple(complex(d, q) for d, q in zip(recorded["d"], recorded["q"], strict=False))
+
+
+def key_of(point: Mapping[str, Any]) -> int | str:
+    """The finger of a recorded point: an id, or the name of a virtual finger."""
+    key: int | str = point["finger_id"] if "finger_id" in point else point.get("virtual", "")
+    return key
+
+
+def _reports(batch: Sequence[RawReport]) -> Fields:
+    return {"reports": [{"t_host_ns": report.t_host_ns, "data": report.data} for report in batch]}
+
+
+def _targets(payload: bytes | ClientTargets, user: str) -> Fields:
+    return {"payload": payload if isinstance(payload, bytes) else payload_of(payload), "user": user}
+
+
+def _trackpad_link(is_up: bool, reason: str, model: str | None) -> Fields:
+    fields: Fields = {"is_up": is_up, "reason": reason}
+    return fields if model is None else fields | {"model": model}
+
+
+def _pass(tick: Tick, state: str, fingers: Sequence[Finger]) -> Fields:
+    fields: Fields = {
+        "age_ns": tick.age_ns,
+        "horizon_ns": tick.horizon_ns,
+        "state": state,
+        "is_limited": tick.limited,
+        "fingers": [{name: getattr(finger, name) for name in _FINGER} for finger in fingers],
+        "points": [
+            {"virtual" if isinstance(key, str) else "finger_id": key} | dict(zip(_POINT, numbers, strict=True))
+            for key, *numbers in tick.points
+        ],
+    }
+    if tick.drive is not None:
+        fields["t_apply_ns"] = tick.drive.t_apply_ns
+        fields["gate_reasons"] = int(tick.drive.reasons)
+        fields["knots"] = [{"dt_ns": knot.dt_ns, "modal_um": amplitudes(knot.modal_um)} for knot in tick.drive.knots]
+    return fields
+
+
+def _status(status: BoardStatus) -> Fields:
+    return {
+        **{name: getattr(status, name) for name in _COUNTERS},
+        **{f"is_{name}": getattr(status, name) for name in _FLAGS},
+        "state": status.state.name,
+        "measured_um": amplitudes(status.measured_um),
+        "voltage_v": amplitudes(status.voltage_v),
+    }
+
+
+def _ledger(line: LedgerLine) -> Fields:
+    return {name: getattr(line, name) for name in LEDGER}
+
+
+_FINGER: dict[str, Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
+_POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
+_COUNTERS = (
+    *("t_board_us", "seq", "t_received_us", "t_applied_us"),
+    *("fault_code", "deadman_trips", "bad_frames", "late_frames"),
+)
+_FLAGS = ("applied", "saturated", "limited")
+
+
+# --- the kinds ------------------------------------------------------------------------------------------------------
+
+
+class Kind(NamedTuple):
+    """One kind: its topic, the form of its fields, and what makes them of the values that the observer is given."""
+
+    topic: str
+    form: dict[str, Form | Maybe]
+    flatten: Callable[..., Fields]
+
+    @property
+    def encoding(self) -> str:
+        """MCAP's name of it."""
+        return "msgpack" if self.topic.startswith(("/input", "/output", f"/{HEADER}")) else "json"
+
+
+def _kind(topic: str, form: dict[str, Form | Maybe], flatten: Callable[..., Fields] | None = None) -> Kind:
+    def named(*values: object) -> Fields:
+        return dict(zip(form, values, strict=True))
+
+    return Kind(topic, form, named if flatten is None else flatten)
+
+
+_TRUE_FINGER: dict[str, Form | Maybe] = {
+    "finger": WHOLE,
+    "x_mm": NUMBER,
+    "y_mm": NUMBER,
+    "target_um": Maybe(NUMBER),
+    "plate_d_um": NUMBER,
+    "plate_q_um": NUMBER,
+}
+_MESSAGE: dict[str, Form | Maybe] = {"payload": BYTES, "user": TEXT}
+
+KINDS: dict[str, Kind] = {
+    HEADER: _kind(f"/{HEADER}", {}),  # its fields are checked in header.py
+    "reports": _kind("/input/reports", {"reports": [{"t_host_ns": WHOLE, "data": BYTES}]}, _reports),
+    "timer": _kind("/input/timer", {}),
+    "board_bytes": _kind("/input/board_bytes", {"data": BYTES}),
+    "board_link": _kind("/input/board_link", {"is_up": BOOL, "reason": TEXT}),
+    "trackpad_link": _kind(
+        "/input/trackpad_link", {"is_up": BOOL, "reason": TEXT, "model": Maybe(TEXT)}, _trackpad_link
+    ),
+    "targets": _kind("/input/targets", _MESSAGE, _targets),
+    "request": _kind("/input/request", _MESSAGE),
+    "watched": _kind("/input/watched", {"is_watched": BOOL}),
+    "stop": _kind("/input/stop", {}),
+    "disconnect": _kind("/input/disconnect", {}),
+    "written": _kind("/output/written", {"line": BYTES, "is_accepted": BOOL}),
+    "pass": _kind(
+        "/pass",
+        {
+            "age_ns": WHOLE,
+            "horizon_ns": WHOLE,
+            "state": TEXT,
+            "is_limited": BOOL,
+            "fingers": [_FINGER],
+            "points": [{"finger_id": Maybe(WHOLE), "virtual": Maybe(TEXT), **dict.fromkeys(_POINT, NUMBER)}],
+            "t_apply_ns": Maybe(WHOLE),
+            "gate_reasons": Maybe(WHOLE),
+            "knots": Maybe([{"dt_ns": WHOLE, "modal_um": AMPLITUDES}]),
+        },
+        _pass,
+    ),
+    "status": _kind(
+        "/status",
+        {
+            **dict.fromkeys(_COUNTERS, WHOLE),
+            **{f"is_{name}": BOOL for name in _FLAGS},
+            "state": TEXT,
+            "measured_um": AMPLITUDES,
+            "voltage_v": AMPLITUDES,
+        },
+        _status,
+    ),
+    "ledger": _kind("/ledger", dict.fromkeys(LEDGER, WHOLE), _ledger),
+    "marker": _kind("/marker", {"client": TEXT, "text": TEXT}),
+    "truth": _kind("/truth", {"fingers": [_TRUE_FINGER], "modal_um": AMPLITUDES}),
+    "end": _kind("/end", {"reason": TEXT}),
+}
+INPUTS = tuple(name for name, kind in KINDS.items() if kind.topic.startswith("/input/"))
+
+
+def record_of(kind: str, seq: int, t_ns: int, values: tuple[Any, ...]) -> Record:
+    """A record of the values that a machine's observer was given."""
+    return Record(kind, seq, t_ns, KINDS[kind].flatten(*values))
+
+
+def encode(kind: str, fields: Fields) -> bytes:
+    """A message's bytes. Raises RecordingError for what no reader would take."""
+    if KINDS[kind].encoding == "msgpack":
+        data = bytes(msgpack.packb(fields))
+    else:
+        try:
+            data = _JSON.encode(fields).encode()
+        except ValueError:
+            raise RecordingError(f"A record of kind {kind} with a number that is not finite cannot be kept.") from None
+    longest = MAX_HEADER_BYTES if kind == HEADER else MAX_MESSAGE_BYTES
+    if len(data) > longest:
+        raise RecordingError(f"A record of {len(data)} bytes cannot be kept: at most {longest} can.")
+    return data
+
+
+def decode(kind: str, data: bytes) -> Fields:
+    """A message's fields. Raises RecordingError where they are not its kind's."""
+    try:
+        if KINDS[kind].encoding == "msgpack":
+            fields = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0)
+        else:
+            fields = json.loads(data)
+    except (ValueError, TypeError, RecursionError, msgpack.UnpackException):
+        fields = None
+    if type(fields) is not dict or not (kind == HEADER or fits(fields, KINDS[kind].form)):
+        raise RecordingError(f"A message of {KINDS[kind].topic} has not the form of its kind.")
+    return fields

@@ -1,0 +1,191 @@
+"""Reads recordings: whatever the bytes, records or RecordingError, in memory and time that the file's size bounds.
+
+Files are read as a stream, without their index: what a killed writer left is read up to its last whole chunk. A chunk
+whose checksum fails is passed over; where lengths are damaged, reading ends.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from struct import error as StructError
+from typing import IO, cast
+
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Chunk, DataEnd, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from ...errors import RecordingError
+from .header import Header, header_from
+from .kinds import HEADER, KINDS, MAX_HEADER_BYTES, MAX_WHOLE, Record, decode
+
+MAX_RECORD_BYTES = 2 * MAX_HEADER_BYTES  # of MCAP's records; the longest that is written is the header's chunk
+_DAMAGE = (McapError, StructError, ValueError, OverflowError)
+
+
+@dataclass(slots=True)
+class Losses:
+    """What a recording lacks. `gaps` are places in the numbering, `missing` the records that were there."""
+
+    skipped_bytes: int = 0
+    gaps: int = 0
+    missing: int = 0
+    unreadable: int = 0
+    first_seq: int | None = None  # the first that is missing
+
+    @property
+    def any(self) -> bool:
+        """Something is lost within; a cut end is no loss, since its length is unknown."""
+        return self.gaps > 0 or self.unreadable > 0
+
+    def report(self) -> str:
+        """For a person; empty where nothing is lost."""
+        parts = []
+        if self.missing:
+            parts.append(f"{self.missing} records are missing in {self.gaps} places")
+        if self.unreadable:
+            parts.append(f"{self.unreadable} records are of no known form")
+        if self.skipped_bytes:
+            parts.append(f"{self.skipped_bytes} bytes belong to no whole chunk")
+        return ", ".join(parts)
+
+    def note_gap(self, expected: int, seq: int) -> None:
+        """Records from `expected` to before `seq` are missing."""
+        if seq <= expected:
+            return
+        self.gaps += 1
+        self.missing += seq - expected
+        if self.first_seq is None:
+            self.first_seq = expected
+
+
+@dataclass(slots=True)
+class Recording:
+    """One recording in the files `paths`. `header` is read at once; `records` reads the rest, as often as it is called.
+
+    `losses` and `has_end`, whether its last record is there, are known after a reading has come to its end.
+    """
+
+    paths: tuple[Path, ...]
+    header: Header
+    first_seq: int
+    losses: Losses = field(default_factory=Losses)
+    has_end: bool = False
+
+    @property
+    def is_whole(self) -> bool:
+        """It begins where its machine began."""
+        return self.header.is_whole and self.first_seq == 0
+
+    def records(self) -> Iterator[Record]:
+        """All intact records in their order. Raises RecordingError where a file cannot be read to its end."""
+        self.losses = losses = Losses()
+        self.has_end = False
+        expected = self.first_seq
+        for path in self.paths:
+            for kind, message in _messages(path, losses):
+                seq = message.sequence
+                if kind == HEADER:
+                    if seq < expected and seq != 0:
+                        raise RecordingError(f"{path}: comes before the other: give the files in their order.")
+                    losses.note_gap(expected, seq)
+                    expected = max(expected, seq)
+                    continue
+                losses.note_gap(expected, seq)
+                expected = seq + 1
+                if kind is None:  # a newer hapticd's
+                    continue
+                try:
+                    record = _record(kind, message)
+                except RecordingError:
+                    losses.unreadable += 1
+                    continue
+                self.has_end = kind == "end"
+                yield record
+
+
+def open_recording(paths: Path | Sequence[Path]) -> Recording:
+    """The recording in these files, which are parts of one and follow each other. Raises RecordingError."""
+    files = (paths,) if isinstance(paths, Path) else tuple(paths)
+    headers = [_header(path) for path in files]
+    first_seq, header = headers[0]
+    for path, (_, other) in zip(files, headers, strict=True):
+        if (other.instance, other.t_start_ns) != (header.instance, header.t_start_ns):
+            raise RecordingError(f"{path}: is no part of the recording in {files[0]}: replay it by itself.")
+    return Recording(files, header, first_seq)
+
+
+def _header(path: Path) -> tuple[int, Header]:
+    for kind, message in _messages(path, Losses()):
+        if kind != HEADER:
+            break
+        try:
+            return message.sequence, header_from(decode(HEADER, message.data))
+        except RecordingError as error:
+            raise RecordingError(f"{path}: {error}") from None
+    raise RecordingError(f"{path}: the recording's header is missing or damaged: without it nothing can be read.")
+
+
+def _record(kind: str, message: Message) -> Record:
+    if message.log_time > MAX_WHOLE:
+        raise RecordingError("An instant is beyond all clocks.")
+    return Record(kind, message.sequence, message.log_time, decode(kind, message.data))
+
+
+def _messages(path: Path, losses: Losses) -> Iterator[tuple[str | None, Message]]:
+    """All messages of intact chunks, each with its kind; None where its topic is unknown."""
+    try:
+        with path.open("rb") as file:
+            yield from _intact(path, _Bounded(file), losses)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror}): check the path.") from None
+
+
+def _intact(path: Path, file: _Bounded, losses: Losses) -> Iterator[tuple[str | None, Message]]:
+    names = {(kind.topic, kind.encoding): name for name, kind in KINDS.items()}
+    channels: dict[int, str | None] = {}
+    records = StreamReader(cast("IO[bytes]", file), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
+    is_begun = False
+    while True:
+        left_bytes = file.left_bytes
+        try:
+            record = next(records, None)
+        except _DAMAGE:
+            if not is_begun:
+                raise RecordingError(f"{path}: is no recording of hapticd's: it does not begin as one.") from None
+            losses.skipped_bytes += left_bytes
+            return
+        is_begun = True
+        if record is None or isinstance(record, DataEnd):
+            return
+        if not isinstance(record, Chunk):
+            continue
+        if record.compression:
+            raise RecordingError(f"{path}: its chunks are compressed: decompress it first (`mcap decompress`).")
+        try:
+            parts = breakup_chunk(record, validate_crc=True)
+        except _DAMAGE:
+            losses.skipped_bytes += left_bytes - file.left_bytes
+            continue
+        for part in parts:
+            if isinstance(part, Channel):
+                channels[part.id] = names.get((part.topic, part.message_encoding))
+            elif isinstance(part, Message):
+                yield channels.get(part.channel_id), part
+
+
+class _Bounded:
+    """A file that is never asked for more than it holds, whatever lengths are written in it."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.left_bytes = os.fstat(file.fileno()).st_size
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        """Exactly `size` bytes. Raises EndOfFile."""
+        if not 0 <= size <= self.left_bytes:
+            raise EndOfFile
+        self.left_bytes -= size
+        return self._file.read(size)

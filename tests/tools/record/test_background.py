@@ -1,0 +1,167 @@
+"""The background writer: nothing waits, nothing raises, and a disk that fails ends the recording with one line."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from machine_bench import SLIPPERY, START_NS, STICKY, Bench, lines, references
+
+from hapticd.daemon.machine import Machine
+from hapticd.daemon.observer import Observer
+from hapticd.daemon.recorder import header_of
+from hapticd.errors import RecordingError
+from hapticd.files.recording import background, mcap_writer
+from hapticd.files.recording.background import BackgroundWriter
+from hapticd.files.recording.header import Header
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.files.recording.mcap_writer import RecordingFile
+from hapticd.tools.record.replay import replay
+
+
+@pytest.fixture
+def header(strokes: Path) -> Header:
+    return open_recording(strokes).header
+
+
+@pytest.fixture(autouse=True)
+def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(background, "LOOK_EVERY_S", 0.001)
+    monkeypatch.setattr(mcap_writer.os, "fsync", lambda _: None)  # a busy disk takes its time
+
+
+def test_what_was_put_is_there_after_the_end(tmp_path: Path, header: Header) -> None:
+    path = tmp_path / "a.mcap"
+    writer = BackgroundWriter(RecordingFile(path, header))
+    for t_ns in range(500):
+        writer.put("timer", t_ns)
+    writer.close(500, "over")
+
+    recording = open_recording(path)
+    records = list(recording.records())
+    assert [record.t_ns for record in records[:-1]] == list(range(500))
+    assert (records[-1].t_ns, records[-1].fields) == (500, {"reason": "over"})
+    assert not recording.losses.any
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A file that refuses every byte behind its header."""
+    full = os.open("/dev/full", os.O_WRONLY)
+    honest, is_full = os.write, threading.Event()
+    refusing = mcap_writer.RecordingFile._open
+
+    def opens(file: RecordingFile, seq: int) -> None:
+        refusing(file, seq)
+        is_full.set()
+
+    monkeypatch.setattr(RecordingFile, "_open", opens)
+    monkeypatch.setattr(mcap_writer.os, "write", lambda fd, data: honest(full if is_full.is_set() else fd, data))
+    yield Path()
+    is_full.clear()
+    os.close(full)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_full_disk_ends_the_recording_with_one_line_and_the_touch_goes_on(
+    tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture
+) -> None:
+    is_over = threading.Event()
+    writer = BackgroundWriter(RecordingFile(tmp_path / "a.mcap", header), on_end=is_over.set)
+    bench = Bench(SLIPPERY, STICKY, observer=lambda _: writer.put)
+    with caplog.at_level(logging.WARNING):
+        bench.driven()
+        assert is_over.wait(10.0)
+        before = len(bench.board.heard)
+        bench.run(100)
+        writer.close(bench.t_ns, "over")
+
+    assert writer.is_over
+    assert [line for line in lines(caplog) if "recording" in line] == [
+        f"recording: it ends here, the touch goes on: {tmp_path / 'a.mcap'}: No space left on device"
+    ]
+    assert len(references(bench.board.heard[before:])) > 0
+
+
+def test_a_slow_disk_ends_the_recording_and_nothing_waits(
+    tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs, goes_on = threading.Event(), threading.Event()
+    file = RecordingFile(tmp_path / "slow.mcap", header)
+
+    def hang() -> None:
+        hangs.set()
+        assert goes_on.wait(10.0)
+
+    monkeypatch.setattr(file, "sync", hang)
+    monkeypatch.setattr(background, "MAX_WAITING", 100)
+    writer = BackgroundWriter(file)
+    assert hangs.wait(10.0)
+    with caplog.at_level(logging.WARNING):
+        for t_ns in range(1000):
+            writer.put("timer", t_ns)
+    goes_on.set()
+    writer.close(0, "over")
+
+    assert writer.is_over
+    (line,) = lines(caplog)
+    assert "the disk is too slow" in line
+    assert len(writer._queue) == 0
+
+
+def test_large_messages_fill_the_queue_by_their_size(
+    tmp_path: Path, header: Header, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background, "LOOK_EVERY_S", 60.0)
+    monkeypatch.setattr(background, "MAX_WAITING", 1000)
+    writer = BackgroundWriter(RecordingFile(tmp_path / "a.mcap", header))
+    for t_ns in range(15):
+        writer.put("targets", t_ns, bytes(65536), "uid 7")
+    assert not writer.is_over
+    writer.put("targets", 16, bytes(65536), "uid 7")
+    assert writer.is_over
+    writer.close(0, "over")
+
+
+def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
+    made: list[BackgroundWriter] = []
+
+    def observer(machine: Machine) -> Observer:
+        header = header_of(machine, t_ns=START_NS, utc="", is_whole=True)
+        file = RecordingFile(tmp_path / "a.mcap", header, max_files=99)
+        file._max_bytes = file.written_bytes + 22_000
+        made.append(BackgroundWriter(file))
+        return made[0].put
+
+    bench = Bench(SLIPPERY, STICKY, observer=observer)
+    bench.driven()
+    made[0].close(bench.t_ns, "over")
+    paths = (tmp_path / "a.mcap", *(tmp_path / f"a-{number}.mcap" for number in range(2, 99)))
+    files = [path for path in paths if path.exists()]
+
+    assert len(files) > 2
+    assert replay(open_recording(files)).is_identical
+    with pytest.raises(RecordingError, match="begins when the daemon ran already"):
+        replay(open_recording(files[1:]))
+
+
+def test_a_file_that_may_not_be_followed_ends_the_recording_when_it_is_full(
+    tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture
+) -> None:
+    is_over = threading.Event()
+    file = RecordingFile(tmp_path / "a.mcap", header)
+    file._max_bytes = file.written_bytes + 20_000
+    with caplog.at_level(logging.WARNING):
+        writer = BackgroundWriter(file, on_end=is_over.set)
+        for t_ns in range(400):
+            writer.put("timer", t_ns)
+        assert is_over.wait(10.0)
+        writer.close(0, "over")
+
+    (line,) = lines(caplog)
+    assert "record.max_mb" in line
+    assert 0 < sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) < 400

@@ -1,0 +1,447 @@
+"""MCAP files of recordings: what is intact is read whatever happened to the rest, and nothing else is."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+
+from hapticd.config.sections import Config
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.errors import RecordingError
+from hapticd.files.recording.client_message import payload_of
+from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
+from hapticd.files.recording.kinds import (
+    HEADER,
+    INPUTS,
+    KINDS,
+    MAX_MESSAGE_BYTES,
+    Record,
+    decode,
+    encode,
+    json_schema,
+)
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.files.recording.mcap_writer import RecordingFile
+from hapticd.sim.plate.truth import PlateTruth
+from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
+from hapticd.wire.client import decode_targets
+
+from .conftest import rewritten, written
+
+CHUNKS, IN_EACH = 5, 7  # of the small file
+SCALARS = st.none() | st.booleans() | st.integers(-5, 2**64 - 1) | st.floats() | st.text(max_size=3)
+VALUES = st.recursive(SCALARS | st.binary(max_size=3), lambda part: st.lists(part, max_size=10), max_leaves=30)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
+    """A file of CHUNKS chunks with IN_EACH records and the least header, and where the header and each chunk end."""
+    axis_mm = np.linspace(-9.0, 9.0, 4)
+    modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 4, 4)))
+    path = tmp_path_factory.mktemp("small") / "small.mcap"
+    file = RecordingFile(path, Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, ()))
+    ends = [path.stat().st_size]
+    for seq in range(CHUNKS * IN_EACH):
+        file.add(Record("marker", seq, seq, {"client": "test", "text": "x" * seq}))
+        if (seq + 1) % IN_EACH == 0:
+            file.flush()
+            ends.append(path.stat().st_size)
+    file.close()
+    return path.read_bytes(), ends
+
+
+def numbers(path: Path) -> list[int]:
+    return [record.seq for record in open_recording(path).records()]
+
+
+# --- what happened to the file --------------------------------------------------------------------------------------
+
+
+def test_a_file_cut_anywhere_gives_all_whole_chunks_before_the_cut(
+    small: tuple[bytes, list[int]], tmp_path: Path
+) -> None:
+    whole, ends = small
+    path = tmp_path / "cut.mcap"
+    for cut in (*range(ends[0], len(whole), 19), *ends, *(end - 1 for end in ends[1:]), *(end + 1 for end in ends)):
+        path.write_bytes(whole[:cut])
+        recording = open_recording(path)
+        found = [record.seq for record in recording.records()]
+        whole_chunks = sum(end <= cut for end in ends[1:])
+
+        assert found == list(range(len(found)))
+        assert len(found) % IN_EACH == 0
+        # The index of a chunk's messages follows it: a cut within that loses none of them.
+        assert whole_chunks <= len(found) // IN_EACH <= whole_chunks + 1
+        assert not recording.losses.any
+        if cut < ends[-1] and len(found) // IN_EACH == whole_chunks:
+            assert recording.losses.skipped_bytes == cut - ends[whole_chunks]
+
+
+def test_a_file_cut_before_its_header_ends_is_one_sentence(small: tuple[bytes, list[int]], tmp_path: Path) -> None:
+    whole, _ = small
+    header_ends = whole.index(b"parasitic_modes\xc0")
+    path = tmp_path / "headless.mcap"
+    for cut in (*range(40), *range(40, header_ends, 397), header_ends):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(RecordingError, match=r"does not begin as one|header is missing"):
+            open_recording(path)
+
+
+def test_a_damaged_chunk_is_lost_alone_and_counted(tmp_path: Path, small: tuple[bytes, list[int]]) -> None:
+    whole, ends = small
+    for chunk in range(CHUNKS):
+        data = bytearray(whole)
+        at = data.index(b"xxx", ends[chunk]) if chunk else data.index(b'"client"', ends[0])
+        data[at] ^= 0xFF
+        path = tmp_path / f"struck-{chunk}.mcap"
+        path.write_bytes(bytes(data))
+        recording = open_recording(path)
+        kept = [seq for seq in range(CHUNKS * IN_EACH) if seq // IN_EACH != chunk]
+
+        assert [record.seq for record in recording.records()] == kept
+        assert recording.losses.skipped_bytes > 0
+        if chunk < CHUNKS - 1:  # behind the last one no number tells
+            assert (recording.losses.missing, recording.losses.gaps) == (IN_EACH, 1)
+            assert f"{IN_EACH} records are missing in 1 places" in recording.losses.report()
+
+
+def test_a_damaged_byte_never_gives_a_record_that_was_not_written(
+    small: tuple[bytes, list[int]], tmp_path: Path
+) -> None:
+    whole, ends = small
+    path = tmp_path / "damaged.mcap"
+    for at in (*range(0, ends[0], 211), *range(ends[0], len(whole), 17)):
+        path.write_bytes(whole[:at] + bytes((whole[at] ^ (1 + at % 255),)) + whole[at + 1 :])
+        try:
+            found = list(open_recording(path).records())
+        except RecordingError:
+            continue
+        for record in found:
+            assert record == ("marker", record.seq, record.seq, {"client": "test", "text": "x" * record.seq})
+
+
+def test_what_a_killed_process_wrote_is_read_up_to_its_last_whole_chunk(tmp_path: Path, strokes: Path) -> None:
+    script = """
+import os, signal, sys
+from pathlib import Path
+from hapticd.files.recording.kinds import Record
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.files.recording.mcap_writer import RecordingFile
+file = RecordingFile(Path(sys.argv[2]), open_recording(Path(sys.argv[1])).header)
+for seq in range(150):
+    file.add(Record("timer", seq, seq, {}))
+    if seq == 99:
+        file.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    path = tmp_path / "killed.mcap"
+    ended = subprocess.run([sys.executable, "-c", script, strokes, path], check=False)
+    recording = open_recording(path)
+
+    assert ended.returncode == -signal.SIGKILL
+    assert [record.seq for record in recording.records()] == list(range(100))
+    assert not recording.has_end
+
+
+# --- for other programs ---------------------------------------------------------------------------------------------
+
+
+def test_other_programs_find_index_topics_schemas_and_metadata(eventful: Path) -> None:
+    with eventful.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        metadata = {one.name: one.metadata for one in reader.iter_metadata()}
+        topics = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+    assert summary is not None
+    assert summary.statistics is not None
+    assert {channel.topic for channel in summary.channels.values()} == {kind.topic for kind in KINDS.values()}
+    assert sum(topics.values()) == summary.statistics.message_count
+    assert topics["/header"] == 1
+    assert topics["/pass"] > 50
+    assert "[solver]" in metadata["hapticd"]["config_toml"]
+    assert "_um: micrometres peak to peak" in metadata["hapticd"]["units"]
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count
+
+
+def conforms(value: Any, schema: dict[str, Any]) -> bool:
+    """What of JSON Schema is used here, read by its own rules."""
+    match schema["type"]:
+        case "object":
+            found = set(value)
+            return set(schema["required"]) <= found <= set(schema["properties"]) and all(
+                conforms(value[name], schema["properties"][name]) for name in found
+            )
+        case "array":
+            return isinstance(value, list) and all(conforms(item, schema["items"]) for item in value)
+        case "boolean":
+            return isinstance(value, bool)
+        case "string":
+            return isinstance(value, str)
+        case "integer":
+            return isinstance(value, int) and not isinstance(value, bool)
+        case kind:
+            return kind == "number" and isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def test_every_decision_is_json_that_conforms_to_its_schema(eventful: Path, strokes: Path) -> None:
+    seen = set()
+    for path in (eventful, strokes):
+        with path.open("rb") as file:
+            for schema, channel, message in make_reader(file).iter_messages():
+                if channel.message_encoding == "json":
+                    assert schema is not None
+                    assert schema.encoding == "jsonschema"
+                    assert conforms(json.loads(message.data), json.loads(schema.data)), channel.topic
+                    seen.add(channel.topic)
+    assert seen == {kind.topic for kind in KINDS.values() if kind.encoding == "json"}
+    assert {KINDS[name].encoding for name in (*INPUTS, "written")} == {"msgpack"}
+
+
+# --- records and the header -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [name for name in KINDS if name != HEADER])
+@given(value=VALUES, names=st.integers(0, 10))
+@settings(deadline=None, max_examples=30)
+def test_a_message_has_the_form_of_its_kind_or_is_refused(kind: str, value: object, names: int) -> None:
+    fields = dict.fromkeys(list(KINDS[kind].form)[:names], value)
+    try:
+        data = encode(kind, fields)
+    except (RecordingError, TypeError, OverflowError):  # bytes are no JSON
+        return
+    try:
+        found = decode(kind, data)
+    except RecordingError:
+        return
+    assert conforms_or_bytes(found, kind)
+
+
+def conforms_or_bytes(fields: dict[str, Any], kind: str) -> bool:
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: plain(item) for name, item in value.items()}
+        return [plain(item) for item in value] if isinstance(value, list) else value
+
+    schema = json.loads(json.dumps(json_schema(KINDS[kind].form)).replace('"bytes"', '"string"'))
+    text = json.loads(json.dumps(plain(fields), default=lambda value: value.hex()))
+    return conforms(text, schema)
+
+
+@pytest.mark.parametrize("text", ["NaN", "1e999", "[" * 100_000, "{}", "[]", "null", '{"client":1,"text":""}', "\xff"])
+def test_json_that_is_none_or_not_finite_is_no_record(text: str) -> None:
+    with pytest.raises(RecordingError):
+        decode("marker", text.encode("latin-1"))
+    with pytest.raises(RecordingError):
+        decode("ledger", b'{"seq":' + text.encode("latin-1") + b"}")
+
+
+def test_what_no_reader_would_take_is_left_out_and_missed(tmp_path: Path, strokes: Path) -> None:
+    header = open_recording(strokes).header
+    nan = {"fingers": [], "modal_um": {"d": [math.nan], "q": [0.0]}}
+    long = {"payload": bytes(MAX_MESSAGE_BYTES), "user": ""}
+    records = [Record("timer", 0, 0, {}), Record("truth", 1, 1, nan), Record("request", 2, 2, long)]
+    path = written(tmp_path / "a.mcap", header, [*records, Record("timer", 3, 3, {})])
+    recording = open_recording(path)
+
+    assert [record.seq for record in recording.records()] == [0, 3]
+    assert recording.losses.missing == 2
+
+
+def test_the_body_of_every_kind_is_read_back(eventful: Path, tmp_path: Path) -> None:
+    records = list(open_recording(eventful).records())
+
+    assert {record.kind for record in records} == set(KINDS) - {"truth", HEADER}
+    again = rewritten(eventful, tmp_path / "again.mcap", lambda record: record)
+    assert list(open_recording(again).records()) == records
+
+
+def test_the_header_is_read_back_to_the_last_bit(strokes: Path) -> None:
+    header = open_recording(strokes).header
+    again = header_from(msgpack.unpackb(encode(HEADER, header_fields(header))))
+    known = PlateTruth().parasitic_modes(3)  # the seed that it was recorded with
+
+    assert again.config == header.config
+    assert again.modes.shapes.tobytes() == header.modes.shapes.tobytes()
+    assert (again.instance, again.t_start_ns, again.is_whole) == (header.instance, header.t_start_ns, True)
+    assert again.parasitic_modes is not None
+    assert np.array_equal(again.parasitic_modes.modes.shapes, known.modes.shapes)
+    for name in ("decay_1_s", "detuning_rad_s", "finger_decay_1_s"):
+        assert getattr(again.parasitic_modes, name) == getattr(known, name)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": FORMAT + 1},
+        {"format": None},
+        {"config_toml": "[solver]\nfade = -1\n"},
+        {"config_toml": "x" * 70_000},
+        {"config_toml": "[limits]\nw_limit_um = [4.0]\n"},
+        {"modes_float64_le": {}},
+        {"modes_float64_le": {"x_mm": b"1234567", "y_mm": bytes(8), "shapes_mode_y_x": b""}},
+        {"calibration": [{"mode": 9}]},
+        {"parasitic_modes": {"modes_float64_le": {}}},
+        {"parasitic_modes": 7},
+        {"instance": 2**63},
+        {"is_whole": 1},
+        {"hapticd": None},
+    ],
+)
+def test_a_bad_header_is_one_sentence(strokes: Path, change: dict[str, object]) -> None:
+    with pytest.raises(RecordingError) as refused:
+        header_from(header_fields(open_recording(strokes).header) | change)
+    assert str(refused.value).endswith(".")
+
+
+def foreign(
+    path: Path, *, topic: str = "/a", data: bytes = b"{}", compression: CompressionType = CompressionType.NONE
+) -> bytes:
+    """The file of another program."""
+    with path.open("wb") as file:
+        other = McapWriter(file, compression=compression)
+        other.start()
+        channel = other.register_channel(topic, "msgpack", 0)
+        other.add_message(channel, 1, data, 1)
+        other.finish()  # type: ignore[no-untyped-call]
+    return path.read_bytes()
+
+
+def test_what_is_no_recording_is_one_sentence_that_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "bad.mcap"
+    cases: dict[str, tuple[bytes, str]] = {
+        "empty": (b"", "does not begin as one"),
+        "text": (b"text", "does not begin as one"),
+        "another program's": (foreign(path), "header is missing"),
+        "a header of nothing": (foreign(path, topic="/header", data=b"\xc1"), "form of its kind"),
+        "an empty header": (foreign(path, topic="/header", data=b"\x80"), "header is not readable"),
+        "compressed": (foreign(path, compression=CompressionType.ZSTD), "compressed"),
+    }
+    for data, sentence in cases.values():
+        path.write_bytes(data)
+        with pytest.raises(RecordingError, match=sentence) as refused:
+            open_recording(path)
+        assert str(path) in str(refused.value)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        open_recording(path.with_name("nowhere.mcap"))
+
+
+def test_a_newer_hapticds_records_are_passed_over(
+    tmp_path: Path, strokes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as newer:
+        newer.setitem(KINDS, "news", KINDS["marker"]._replace(topic="/news"))
+        records = [Record(kind, seq, seq, {"client": "", "text": ""}) for seq, kind in enumerate(("marker", "news"))]
+        path = written(tmp_path / "newer.mcap", open_recording(strokes).header, [*records, Record("timer", 2, 2, {})])
+    recording = open_recording(path)
+
+    assert [record.kind for record in recording.records()] == ["marker", "timer"]
+    assert not recording.losses.any
+
+
+# --- names and sizes ------------------------------------------------------------------------------------------------
+
+
+def test_an_existing_recording_is_never_written_over(tmp_path: Path, strokes: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"precious")
+    made = [RecordingFile(path, open_recording(strokes).header) for _ in range(2)]
+    for file in made:
+        file.close()
+
+    assert path.read_bytes() == b"precious"
+    assert [file.path.name for file in made] == ["a-2.mcap", "a-3.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("place", "sentence"),
+    [(".", "is a folder"), ("/", "is a folder"), ("..", "is a folder"), ("/dev/null/a.mcap", "can be written there")],
+)
+def test_a_place_that_cannot_be_written_is_one_sentence(place: str, sentence: str, strokes: Path) -> None:
+    with pytest.raises(RecordingError, match=sentence):
+        RecordingFile(Path(place), open_recording(strokes).header)
+
+
+def fill(file: RecordingFile, records: int, *, in_chunk: int = 50) -> None:
+    for seq in range(records):
+        file.add(Record("timer", seq, seq, {}))
+        if seq % in_chunk == 0:
+            file.flush()
+    file.close()
+
+
+def least_bytes(path: Path, strokes: Path) -> int:
+    """Of a file that holds nothing but its header."""
+    RecordingFile(path, open_recording(strokes).header).close()
+    size = path.stat().st_size
+    path.unlink()
+    return size
+
+
+def test_a_full_file_is_followed_and_the_oldest_is_removed(tmp_path: Path, strokes: Path) -> None:
+    path = tmp_path / "a.mcap"
+    max_bytes = least_bytes(path, strokes) + 40_000
+    fill(RecordingFile(path, open_recording(strokes).header, max_bytes=max_bytes, max_files=3), 3000)
+    kept = sorted(tmp_path.iterdir(), key=lambda path: int(path.stem.removeprefix("a-")))
+
+    assert len(kept) == 3
+    assert all(path.stat().st_size <= max_bytes for path in kept)
+    recording = open_recording(kept)
+    found = [record.seq for record in recording.records()]
+    assert found == list(range(3000 - len(found), 3000))
+    assert not recording.losses.any
+    assert not recording.is_whole
+    with pytest.raises(RecordingError, match="in their order"):
+        list(open_recording([kept[0], kept[2], kept[1]]).records())
+
+
+def test_a_file_that_may_not_be_followed_is_full_in_its_bounds(tmp_path: Path, strokes: Path) -> None:
+    path = tmp_path / "a.mcap"
+    max_bytes = least_bytes(path, strokes) + 30_000
+    file = RecordingFile(path, open_recording(strokes).header, max_bytes=max_bytes)
+    with pytest.raises(RecordingError, match=r"reached record\.max_mb"):
+        fill(file, 3000, in_chunk=1)
+    file.close()
+
+    assert path.stat().st_size <= max_bytes
+    assert len(numbers(path)) > 10
+
+
+def test_parts_of_different_recordings_are_refused(strokes: Path, eventful: Path) -> None:
+    with pytest.raises(RecordingError, match="is no part of the recording"):
+        open_recording([strokes, eventful])
+
+
+# --- simulated clients ----------------------------------------------------------------------------------------------
+
+
+def test_values_become_the_message_that_means_the_same() -> None:
+    message = ClientTargets(
+        "scenario",
+        500_000_000,
+        {
+            1: AmplitudeTarget(1.5),
+            2: FrictionTarget(0.25),
+            3: GratingTarget(6.0, -0.3, 0.1, 1.9, 0.5),
+            4: MapTarget(2, 1, b"\0\xff", 0.0, 2.0),
+            "walker": AmplitudeTarget(0.0),
+        },
+        {"walker": VirtualPath(((1.0, math.pi), (-3.25, 0.1)), 77.7, loop=False)},
+        stamp=2**63 - 1,
+    )
+
+    assert decode_targets(payload_of(message)) == message
