@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import HapticdError
+from ..files import plotting
 from .tables import Row, Table, stem, unit
 
 _PANEL_INCHES = (7.6, 5.0)
-_DPI = 110
 _DEFAULT_COLOUR, _COLOUR = "tab:red", "tab:blue"
 _BARS = (("hot_us", "tab:blue"), ("paced_us", "tab:orange"))
 _DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -23,16 +22,10 @@ _RADII_PT = (7.0, 16.0, 27.0, 40.0, 56.0)
 
 def draw(tables: Sequence[Table], path: Path) -> None:
     """Write a PNG. Raises HapticdError where matplotlib is missing or the file cannot be written."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
     columns = min(len(tables), 2)
     lines = math.ceil(len(tables) / columns)
-    figure = Figure(figsize=(_PANEL_INCHES[0] * columns, _PANEL_INCHES[1] * lines), layout="constrained", dpi=_DPI)
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(lines, columns, squeeze=False).flat
+    figure, grid = plotting.subplots(_PANEL_INCHES[0] * columns, _PANEL_INCHES[1] * lines, lines, columns)
+    axes = grid.flat
     scatters = []
     for table, axis in zip(tables, axes, strict=False):
         axis.set_title(textwrap.fill(table.title, _TITLE_COLUMNS), fontsize="medium")
@@ -48,10 +41,7 @@ def draw(tables: Sequence[Table], path: Path) -> None:
     figure.set_layout_engine("none")  # what is placed now stays where it is
     for axis, points in scatters:
         _label(figure, axis, points)
-    try:
-        figure.savefig(path, format="png")  # under this very name, whatever its suffix
-    except OSError as error:
-        raise HapticdError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+    plotting.save(figure, path)
 
 
 def _scatter(axis: Any, table: Table) -> list[tuple[Row, float, float]]:
@@ -104,7 +94,7 @@ def _label(figure: Any, axis: Any, points: Sequence[tuple[Row, float, float]]) -
     renderer = figure.canvas.get_renderer()
     frame = axis.get_window_extent(renderer)
     at = [axis.transData.transform((x, y)) for _, x, y in points]
-    half = 5.0 * _DPI / 72
+    half = 5.0 * plotting.DPI / 72
     taken = [(x - half, y - half, x + half, y + half) for x, y in at]
     for (row, x, y), (x_px, y_px) in sorted(zip(points, at, strict=True), key=lambda one: -float(one[1][1])):
         text = axis.annotate(row.name, (x, y), xytext=(0, 0), textcoords="offset points", fontsize=8.5, zorder=5)
@@ -112,8 +102,8 @@ def _label(figure: Any, axis: Any, points: Sequence[tuple[Row, float, float]]) -
         size = text.get_window_extent(renderer)
         best: tuple[float, tuple[float, float], tuple[float, float, float, float]] | None = None
         for order, (radius_pt, (right, up)) in enumerate((r, d) for r in _RADII_PT for d in _DIRECTIONS):
-            dx = right * radius_pt * _DPI / 72 - (size.width * (1 - right) / 2)
-            dy = up * radius_pt * _DPI / 72 - size.height / 2
+            dx = right * radius_pt * plotting.DPI / 72 - (size.width * (1 - right) / 2)
+            dy = up * radius_pt * plotting.DPI / 72 - size.height / 2
             box = (x_px + dx, y_px + dy, x_px + dx + size.width, y_px + dy + size.height)
             outside = box[0] < frame.x0 or box[1] < frame.y0 or box[2] > frame.x1 or box[3] > frame.y1
             cost = order + 1000 * outside + 100 * sum(_overlap(box, other) for other in taken)
@@ -122,9 +112,9 @@ def _label(figure: Any, axis: Any, points: Sequence[tuple[Row, float, float]]) -
         assert best is not None
         _, (dx, dy), box = best
         taken.append(box)
-        text.set_position((dx * 72 / _DPI, dy * 72 / _DPI))
+        text.set_position((dx * 72 / plotting.DPI, dy * 72 / plotting.DPI))
         near_x, near_y = min(max(x_px, box[0]), box[2]), min(max(y_px, box[1]), box[3])
-        if math.hypot(near_x - x_px, near_y - y_px) > 10 * _DPI / 72:
+        if math.hypot(near_x - x_px, near_y - y_px) > 10 * plotting.DPI / 72:
             ends = axis.transData.inverted().transform([(x_px, y_px), (near_x, near_y)])
             axis.plot(*ends.T, color="grey", lw=0.5, zorder=0)
 

@@ -1,4 +1,4 @@
-"""Who may speak to the page's server."""
+"""Access control of the page's server."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ OWN = "http://127.0.0.1:8017"
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8017", "localhost:8017"])
-def test_its_own_page_is_let_in(host: str) -> None:
+def test_its_own_page_is_admitted(host: str) -> None:
     assert guard.refusal(8017, {"Host": host}, is_socket=False) == ""
     assert guard.refusal(8017, {"Host": host, "Origin": f"http://{host}"}, is_socket=True) == ""
 
@@ -41,7 +41,7 @@ def test_the_key_opens_and_no_other() -> None:
     assert not any(guard.has_key(given, "secret") for given in ("", "secre", "secret ", "sécret"))
 
 
-def test_the_browser_is_told_to_take_nothing_from_elsewhere() -> None:
+def test_the_browser_loads_nothing_from_elsewhere() -> None:
     policy = guard.headers(8017)["Content-Security-Policy"]
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
