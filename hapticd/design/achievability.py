@@ -73,6 +73,20 @@ class AchievabilityMap:
             return np.asarray(self.achieved_um[slips].min(axis=0) / (self.slope_um_mm * position_error_mm))
 
 
+@dataclass(frozen=True, slots=True)
+class PairMap:
+    """Fractions of the plate, 0 .. 1, at the cells' centres (ny, nx).
+
+    `slipping`: where another finger can be still while one slips here. `still`: where another can slip while one is
+    still here. Both have the same mean: they count the same pairs.
+    """
+
+    x_mm: FloatArray
+    y_mm: FloatArray
+    slipping: FloatArray
+    still: FloatArray
+
+
 def achievability_map(
     modes: ModeShapes,
     fingers: Sequence[Finger],
@@ -98,6 +112,24 @@ def achievability_map(
         slope_um_mm=_slope_um_mm(modes, fingers, points_mm, target_um, modal_um).reshape(grid),
         determinant=_determinant(phi).reshape(grid),
     )
+
+
+def pair_map(
+    modes: ModeShapes, target_um: float, limit_um: Sequence[float], *, size_mm: tuple[float, float], cells: int
+) -> PairMap:
+    """Count the pairs where the slipping finger reaches `target_um`; limit_um (M,). It takes time of order
+    cells^4, and shows the positions that lower the mean, which random pairs would not."""
+    x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
+    phi, limits = modes.evaluate(points_mm), np.asarray(limit_um, np.float64)
+    slipping, still = np.zeros(len(phi)), np.zeros(len(phi))
+    for places, basis in row_spaces(phi[:, None, :]):
+        for here, shapes in enumerate(phi):
+            reach_um = least_deviation(np.broadcast_to(shapes, (len(places), modes.M)), basis, limits)
+            served = reach_um >= target_um * FULL_FRAC
+            slipping[here] += np.count_nonzero(served)
+            still[places] += served
+    grid = (cells, cells)
+    return PairMap(x_mm, y_mm, (slipping / len(phi)).reshape(grid), (still / len(phi)).reshape(grid))
 
 
 def cell_centres(size_mm: tuple[float, float], cells: int) -> tuple[FloatArray, FloatArray, FloatArray]:

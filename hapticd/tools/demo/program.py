@@ -63,7 +63,7 @@ BARE_PLATE = PlateSettings(
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add duration, seed, board and outputs."""
     parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10)")
-    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and cartography (default 1)")
+    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
     parser.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (default demo.png)")
     parser.add_argument(
         "--board",
@@ -73,54 +73,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--image", type=Path, metavar="FILE", help="that program (default: built by make -C firmware)")
     parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")
-    parser.set_defaults(command=_demo)
+    parser.set_defaults(command=run)
 
 
-def _demo(options: argparse.Namespace) -> int:
-    return show(
-        options.seconds,
-        options.seed,
-        options.out,
-        board=options.board,
-        image=options.image,
-        in_browser=options.view,
-    )
-
-
-def show(
-    seconds: float,
-    seed: int,
-    out: Path,
-    *,
-    board: str = "library",
-    image: Path | None = None,
-    in_browser: bool = False,
-) -> int:
-    """Run the demo for `seconds`, print the summary and write the picture. Return the exit code.
-
-    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's. The
-    page of `hapticd view` is served meanwhile; `in_browser` opens it.
-    """
+def run(options: argparse.Namespace) -> None:
+    """Run the demo, print the summary and write the picture; the page of `hapticd view` is served meanwhile."""
     try:
         import hapticd_client
     except ImportError:
         raise HapticdError("The demo needs the client library: install it with `pip install clients/python`.") from None
-    if not seconds > 0:
-        raise UsageError(f"--seconds: {seconds:g} is too short: give more than 0.")
-    check_writable(out)
-    plotting.check(out)
-    if board == "library" and image is not None:
+    if not options.seconds > 0:
+        raise UsageError(f"--seconds: {options.seconds:g} is too short: give more than 0.")
+    check_writable(options.out)
+    plotting.check(options.out)
+    if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board qemu or --board host as well.")
-    program = None if board == "library" else find_program(board, image)
+    program = None if options.board == "library" else find_program(options.board, options.image)
     try:
-        return _play(seconds, seed, out, board, program, in_browser=in_browser)
+        _play(options, program)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
 
-def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None, *, in_browser: bool) -> int:
+def _play(options: argparse.Namespace, program: Path | None) -> None:
     import hapticd_client
 
+    board, seed = options.board, options.seed
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # ends the child processes too
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
@@ -132,9 +110,9 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
         ):
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 user = _ScriptedUser(client, rig, seed)
-                with _watched(daemon.runtime_dir, opens=in_browser):
+                with _watched(daemon.runtime_dir, opens=options.view):
                     t_asked_s = _wait_for_fingers(client, user)
-                    status = _watch(client, user, seconds)
+                    status = _watch(client, user, options.seconds)
                 if status["board"].get("refused"):
                     raise HapticdError(status["board"]["refused"])
             t_end_s = time.monotonic() - rig.t_start_s
@@ -144,7 +122,7 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
     paper_run = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
     paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
-    draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
+    draw([ours, paper], options.out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
     print(summary(ours.score, paper.score, status))
     if board == "library":
         print(
@@ -154,9 +132,8 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
         print("Without damping by fingers and parasitic modes, these figures are optimistic for both schemes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
-    print(f"picture: {out.resolve()}")
+    print(f"picture: {options.out.resolve()}")
     print("To touch such a plate yourself, in the browser: hapticd view --sim")
-    return 0
 
 
 def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:

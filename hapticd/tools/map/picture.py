@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
-from ...design.achievability import AchievabilityMap, Finger
-from ...design.achievability_pairs import PairMap
+from ...design.achievability import AchievabilityMap, Finger, PairMap
 from ...design.legendre import FloatArray
 from ...files import plotting
 

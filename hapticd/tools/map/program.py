@@ -18,8 +18,7 @@ from ...files.outputs import check_writable
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
-    from ...design.achievability import AchievabilityMap, Finger
-    from ...design.achievability_pairs import PairMap
+    from ...design.achievability import AchievabilityMap, Finger, PairMap
     from ...design.legendre import FloatArray
     from .picture import Panel
 
@@ -110,7 +109,7 @@ def _map_pairs(
     limit_um: tuple[float, ...],
     target_um: float,
 ) -> None:
-    from ...design.achievability_pairs import pair_map
+    from ...design.achievability import pair_map
     from .picture import draw_pairs
 
     cells = _cells(options.cells, PAIR_CELLS, MOST_PAIR_CELLS)

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from ...errors import HapticdError
+from ..view import guard
 from .panel import Key, Screen
 from .protocol import StudyError
 
@@ -26,13 +27,6 @@ ADDRESS = "127.0.0.1"
 MAX_PRESS_BYTES = 256
 START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-}
 
 Handler = Callable[["web.Request"], Awaitable["web.StreamResponse"]]
 
@@ -116,13 +110,10 @@ class Browser:
         """Return the handler, restricted to requests of this server's own page."""
 
         async def guarded(request: web.Request) -> web.StreamResponse:
-            hosts = {f"{name}:{self._port}" for name in (ADDRESS, "localhost")}
-            origin = request.headers.get("Origin")
-            is_foreign = request.host not in hosts or origin not in {None, *(f"http://{host}" for host in hosts)}
-            if is_foreign or (request.method == "POST" and origin is None):
-                raise self._web.HTTPForbidden(text="This page is for the browser on this machine.")
+            if why := guard.refusal(self._port, request.headers, needs_origin=request.method == "POST"):
+                raise self._web.HTTPForbidden(text=why)
             response = await handler(request)
-            response.headers.update(HEADERS)
+            response.headers.update(guard.headers(self._port))
             return response
 
         return guarded

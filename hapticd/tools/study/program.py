@@ -9,7 +9,6 @@ import secrets
 import signal
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,30 +26,12 @@ from .stage import Stage
 if TYPE_CHECKING:
     from hapticd_client import Client
 
-SCHEMES = ("hapticd", "paper")
 SCENARIO = "virtual-finger"  # of a rehearsal: its finger explores in strokes; the virtual one is the client's own
 DAEMON_WITHIN_S = 2.0
 REHEARSAL_WITHIN_S = 20.0
 MAX_PORT = 65535
-MAX_SPEED_MM_S = 1000.0  # of a simulated finger
+DEFAULT_SPEED_MM_S, MAX_SPEED_MM_S = 100.0, 1000.0  # of a simulated finger
 LAST_SCREEN_S = 0.5  # for the page to show its last screen
-
-
-@dataclass(frozen=True, slots=True)
-class SessionOptions:
-    """Arguments of `study run`; None if not given."""
-
-    participant: str
-    folder: Path
-    trials: int | None = None
-    seed: int | None = None
-    endpoint: str | None = None
-    sim: bool = False
-    browser: bool = False
-    page_port: int = 0
-    simulate: bool = False
-    scheme: str | None = None
-    speed_mm_s: float | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,9 +67,9 @@ def _add_run(actions: Any) -> None:
     parser.add_argument("--sim", action="store_true", help="rehearse on a simulated plate with a scripted finger")
     simulated = parser.add_argument_group("a simulated participant")
     simulated.add_argument("--simulate", action="store_true", help="answer by a simulated participant, in virtual time")
-    simulated.add_argument("--scheme", choices=SCHEMES, help="the control scheme (default hapticd)")
+    simulated.add_argument("--scheme", choices=("hapticd", "paper"), help="the control scheme (default hapticd)")
     simulated.add_argument("--speed", type=float, metavar="MM_S", help="of its finger (default 100)")
-    parser.set_defaults(command=_run)
+    parser.set_defaults(command=run_session)
 
 
 def _add_report(actions: Any) -> None:
@@ -105,24 +86,6 @@ def _add_report(actions: Any) -> None:
     parser.set_defaults(command=_report)
 
 
-def _run(options: argparse.Namespace) -> None:
-    run_session(
-        SessionOptions(
-            participant=options.participant,
-            folder=options.out,
-            trials=options.trials,
-            seed=options.seed,
-            endpoint=options.endpoint,
-            sim=options.sim,
-            browser=options.browser,
-            page_port=options.page_port,
-            simulate=options.simulate,
-            scheme=options.scheme,
-            speed_mm_s=options.speed,
-        )
-    )
-
-
 def _report(options: argparse.Namespace) -> None:
     report.write(options.folder, options.json)
 
@@ -132,37 +95,37 @@ def rehearsal(scenario: str = SCENARIO) -> DaemonProcess:
     return DaemonProcess(f'scenario = "{scenario}"', PATIENT, log_level="error")
 
 
-def run_session(options: SessionOptions) -> None:
+def run_session(options: argparse.Namespace) -> None:
     """Run the session, or continue it. Raises StudyError for conflicting options, HapticdError without a daemon;
     earlier answers are kept."""
     _check(options)
     given = _given(options)
-    path = options.folder / f"{given.participant}{SUFFIX}"
+    path = options.out / f"{given.participant}{SUFFIX}"
     with SessionFile(path, given) as file:
         _check_same(options, file.session, given, path)
         if file.session.is_over:
-            raise StudyError(f"{path}: this session is over: see `hapticd study report {options.folder}`.")
+            raise StudyError(f"{path}: this session is over: see `hapticd study report {options.out}`.")
         try:
-            _simulate(options, file) if options.simulate else _ask(options, file)
+            _simulate(file, given) if options.simulate else _ask(options, file)
         except KeyboardInterrupt:
             print(f"\n{_progress(file.session)} answers in {path}: the same command continues it.")
             raise
-    print(f"{_progress(file.session)} answers in {path}; then: hapticd study report {options.folder}")
+    print(f"{_progress(file.session)} answers in {path}; then: hapticd study report {options.out}")
 
 
 def _progress(session: Session) -> str:
     return f"{len(session.answers)} of {session.design.trials}"
 
 
-def _check(options: SessionOptions) -> None:
-    if not options.simulate and (options.scheme is not None or options.speed_mm_s is not None):
+def _check(options: argparse.Namespace) -> None:
+    if not options.simulate and (options.scheme is not None or options.speed is not None):
         raise StudyError("--scheme and --speed need a simulated participant: give --simulate as well.")
     if options.simulate and (options.browser or options.endpoint is not None):
         raise StudyError(
             "--simulate uses neither service nor page: it cannot be combined with --browser or --endpoint."
         )
-    if options.speed_mm_s is not None and not 0 < options.speed_mm_s <= MAX_SPEED_MM_S:
-        raise StudyError(f"--speed: {options.speed_mm_s:g} is out of bounds, give 0 .. {MAX_SPEED_MM_S:g} mm/s.")
+    if options.speed is not None and not 0 < options.speed <= MAX_SPEED_MM_S:
+        raise StudyError(f"--speed: {options.speed:g} is out of bounds, give 0 .. {MAX_SPEED_MM_S:g} mm/s.")
     if options.page_port != 0 and not options.browser:
         raise StudyError("--page-port needs the page: give --browser as well.")
     if options.sim and options.endpoint is not None:
@@ -173,17 +136,18 @@ def _check(options: SessionOptions) -> None:
         raise StudyError(f"--page-port: {options.page_port} is out of bounds, give 0 .. {MAX_PORT}.")
 
 
-def _given(options: SessionOptions) -> Session:
+def _given(options: argparse.Namespace) -> Session:
     """Return the session of a new file."""
     design = Design() if options.trials is None else Design(trials=options.trials)
     about: dict[str, object] = {"hapticd": __version__, "begun": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
     if options.simulate:
-        about |= {"simulated": True, "scheme": _scheme(options), "speed_mm_s": _speed_mm_s(options)}
+        speed_mm_s = DEFAULT_SPEED_MM_S if options.speed is None else options.speed
+        about |= {"simulated": True, "scheme": options.scheme or "hapticd", "speed_mm_s": speed_mm_s}
     seed = secrets.randbelow(2**32) if options.seed is None else options.seed
     return Session(participant_name(options.participant), seed, design, about=about)
 
 
-def _check_same(options: SessionOptions, session: Session, given: Session, path: Path) -> None:
+def _check_same(options: argparse.Namespace, session: Session, given: Session, path: Path) -> None:
     """Check that the options do not change a continued session."""
     started = {name: session.about.get(name) for name in ("simulated", "scheme", "speed_mm_s")}
     for name, value in started.items():
@@ -199,16 +163,16 @@ def _check_same(options: SessionOptions, session: Session, given: Session, path:
         raise StudyError(f"{path}: was started with another seed: omit --seed to continue it.")
 
 
-def _simulate(options: SessionOptions, file: SessionFile) -> None:
+def _simulate(file: SessionFile, given: Session) -> None:
     from .simulated import SimulatedParticipant
 
-    participant = SimulatedParticipant(file.session, _scheme(options), speed_mm_s=_speed_mm_s(options))
+    participant = SimulatedParticipant(file.session, given.about["scheme"], speed_mm_s=given.about["speed_mm_s"])
     for answer in participant.answers():
         file.append(answer)
     file.end()
 
 
-def _ask(options: SessionOptions, file: SessionFile) -> None:
+def _ask(options: argparse.Namespace, file: SessionFile) -> None:
     """Run the session with a person, on the plate."""
     try:
         import hapticd_client
@@ -232,18 +196,10 @@ def _ask(options: SessionOptions, file: SessionFile) -> None:
             raise HapticdError(f"{error} The answers are kept: continue with the same command.") from None
 
 
-def _client(options: SessionOptions, simulated: DaemonProcess | None) -> Client:
+def _client(options: argparse.Namespace, simulated: DaemonProcess | None) -> Client:
     from hapticd_client import Client
 
     name = f"study-{os.getpid()}"  # unique, so that a second study on the plate is refused
     if simulated is None:
         return Client(options.endpoint, name=name, timeout_s=DAEMON_WITHIN_S)
     return Client(simulated.runtime_dir, name=name, timeout_s=REHEARSAL_WITHIN_S)
-
-
-def _scheme(options: SessionOptions) -> str:
-    return "hapticd" if options.scheme is None else options.scheme
-
-
-def _speed_mm_s(options: SessionOptions) -> float:
-    return 100.0 if options.speed_mm_s is None else options.speed_mm_s

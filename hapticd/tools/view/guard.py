@@ -1,4 +1,4 @@
-"""Access control of the page's server: a browser on this computer that shows this page, opened with its key.
+"""Access control of the servers of view and study: only their own page, in a browser on this computer.
 
 Every page in the browser and every user of the computer can reach a server on localhost. So a request must name this
 server as its host (against DNS rebinding), have this page as its origin if it has one, and carry the key that the
@@ -13,13 +13,14 @@ from collections.abc import Mapping
 HOSTS = ("127.0.0.1", "localhost")
 
 
-def refusal(port: int, headers: Mapping[str, str], *, is_socket: bool) -> str:
-    """Return why a request with these headers is refused, "" if it is admitted. A websocket needs an origin."""
+def refusal(port: int, headers: Mapping[str, str], *, needs_origin: bool) -> str:
+    """Return why a request with these headers is refused, "" if it is admitted. `needs_origin` holds for websockets and
+    posts."""
     if headers.get("Host", "") not in _hosts(port):
         return "This server answers to 127.0.0.1 and localhost only."
     origin = headers.get("Origin")
     if origin is None:
-        return "A websocket must send its origin." if is_socket else ""
+        return "This request needs an origin." if needs_origin else ""
     if origin not in [f"http://{host}" for host in _hosts(port)]:
         return "Another page may not use this server."
     return ""

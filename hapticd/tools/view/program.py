@@ -26,41 +26,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the plate's source, and the page's address."""
     parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
     parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
-    parser.add_argument("--seed", type=int, default=1, help="of its fingers, noise and cartography (default 1)")
+    parser.add_argument("--seed", type=int, default=1, help="of its fingers, noise and mode map (default 1)")
     parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
     parser.add_argument("--port", type=int, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})")
     parser.add_argument("--no-browser", action="store_true", help="print the page's address without opening it")
-    parser.set_defaults(command=_view)
+    parser.set_defaults(command=run)
 
 
-def _view(options: argparse.Namespace) -> None:
-    run(
-        simulate=options.sim,
-        scenario=options.scenario,
-        seed=options.seed,
-        endpoint=options.endpoint,
-        port=options.port,
-        open_browser=not options.no_browser,
-    )
-
-
-def run(
-    *, simulate: bool, scenario: str | None, seed: int, endpoint: str | None, port: int, open_browser: bool
-) -> None:
-    """Serve until SIGTERM or SIGINT. Raises HapticdError in one sentence."""
-    _check(simulate=simulate, scenario=scenario, endpoint=endpoint, port=port)
-    listener = _listener(port)
+def run(options: argparse.Namespace) -> None:
+    """Serve until SIGTERM or SIGINT. Raises HapticdError."""
+    _check(options)
+    listener, endpoint = _listener(options.port), options.endpoint
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes over; ends the child processes too
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
-        if simulate:
+        if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
+            rig = stack.enter_context(RigProcess(options.scenario or SCENARIO, options.seed))
             endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
-        asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
+        asyncio.run(_serve(listener, endpoint, open_browser=not options.no_browser))
 
 
-def _check(*, simulate: bool, scenario: str | None, endpoint: str | None, port: int) -> None:
+def _check(options: argparse.Namespace) -> None:
     try:
         import aiohttp  # noqa: F401
     except ImportError:
@@ -71,16 +58,16 @@ def _check(*, simulate: bool, scenario: str | None, endpoint: str | None, port: 
         raise HapticdError(
             "The viewer needs the client library: install it with `pip install clients/python`."
         ) from None
-    if not 0 <= port <= 65535:
-        raise UsageError(f"--port: {port} is out of bounds, it must be 0 .. 65535.")
-    if simulate and endpoint is not None:
+    if not 0 <= options.port <= 65535:
+        raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
+    if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
-    if scenario is not None and not simulate:
+    if options.scenario is not None and not options.sim:
         raise UsageError("--scenario needs a simulated plate: give --sim as well.")
-    if scenario is not None and scenario not in SCENARIO_NAMES:
-        raise UsageError(f"--scenario: there is no {scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
-    if endpoint is not None and not Path(endpoint.removeprefix("ipc://")).is_dir():
-        raise UsageError(f"--endpoint: {endpoint} is not a directory: give the service's runtime directory.")
+    if options.scenario is not None and options.scenario not in SCENARIO_NAMES:
+        raise UsageError(f"--scenario: there is no {options.scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
+    if options.endpoint is not None and not Path(options.endpoint.removeprefix("ipc://")).is_dir():
+        raise UsageError(f"--endpoint: {options.endpoint} is not a directory: give the service's runtime directory.")
 
 
 def _listener(port: int) -> socket.socket:

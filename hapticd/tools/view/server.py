@@ -100,7 +100,7 @@ class Viewer:
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        why = guard.refusal(self.port, request.headers, is_socket=request.path == "/socket")
+        why = guard.refusal(self.port, request.headers, needs_origin=request.path == "/socket")
         if not why and request.path in KEYED:
             is_known = guard.has_key(request.query.get("key", ""), self.key)
             why = "" if is_known else "Open the address that `hapticd view` printed: it ends with a key."
