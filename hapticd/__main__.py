@@ -1,4 +1,4 @@
-"""The command line. Only the module of the command that is asked for is imported: the service carries no other."""
+"""Command line of hapticd. Only the module of the requested command is imported, so the service loads no other."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .errors import HapticdError
 
 
 class Command(NamedTuple):
-    """`add_arguments` names the function of `module` that gives a parser its arguments, and as its default of `command`
-    the function to call with them."""
+    """One command. `add_arguments` names the function of `module` that adds the arguments to a parser, and sets its
+    default `command` to the function to call with them."""
 
     module: str
     summary: str
@@ -26,31 +26,30 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "demo": Command(
-        "tools.demo.arguments", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"
+        "tools.demo.program", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"
     ),
     "run": Command("tools.run", "run the service in the foreground", "--config hapticd.toml"),
     "view": Command(
-        "tools.view.arguments", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
+        "tools.view.program", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
     ),
     "simulate": Command(
         "tools.simulate",
-        "play a scenario in virtual time and judge it",
+        "run a scenario in virtual time and score it",
         "strokes --seed 3 --json - --out strokes.npz",
     ),
     "calibrate": Command(
-        "tools.calibrate.arguments",
+        "tools.calibrate.program",
         "measure plate, trackpad and delays step by step, each with a picture and a verdict",
         "all --sim --out DIR",
     ),
     "plate": Command(
-        "tools.calibrate.arguments",
+        "tools.plate",
         "design a plate: pairs of modes near a frequency, their shapes, and where to glue it",
         "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
-        "add_plate_arguments",
     ),
     "map": Command(
-        "tools.map",
-        "for a finger here, where another one can be still, or slip: a table and a picture",
+        "tools.map.program",
+        "map the positions where another finger can be still, or slip",
         "--finger -30,20 --plot map.png",
     ),
     "record": Command(
@@ -78,44 +77,46 @@ COMMANDS = {
         "add_plot_arguments",
     ),
     "stream": Command(
-        "tools.stream.arguments",
-        "give states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
+        "tools.stream.program",
+        "stream states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
         "plotjuggler",
     ),
-    "study": Command("tools.study.arguments", "hold the paper's study with people, and judge it", "report answers/"),
+    "study": Command("tools.study.program", "run the paper's study with people, and analyse it", "report answers/"),
     "firmware": Command(
-        "tools.firmware.arguments",
-        "talk to the board: who it is, sweeps, telemetry, gains",
+        "tools.firmware.program",
+        "work with the board: status, sweeps, telemetry, gains",
         "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     ),
     "latency": Command(
-        "tools.latency.arguments",
-        "measure what each part of a touch's way takes, on the devices at hand",
+        "tools.latency",
+        "measure each delay from report to plate on the connected devices",
         "--sim --seconds 10 --ledger frames.csv",
     ),
     "bench": Command(
         "tools.bench",
-        "compare the choices on a touch's path, error against run time",
+        "compare the algorithms on a touch's path, error against run time",
         "all --json bench.json --plot bench.png",
     ),
     "doctor": Command(
-        "tools.doctor.arguments", "look whether everything is there, and say what mends it", "--config hapticd.toml"
+        "tools.doctor.program",
+        "check devices, files, service and host; each check prints its fix",
+        "--config hapticd.toml",
     ),
     "keys": Command(
         "tools.keys",
-        "make keys for clients on other machines, and say whose are let in",
+        "create keys for clients on other machines, and manage the allow-list",
         "make /etc/hapticd/keys",
     ),
     "install-service": Command(
         "tools.install_service",
-        "put the service's unit, rules, users and configuration in place",
+        "install the service's unit, rules, users and configuration",
         "--print",
     ),
 }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code. Errors of hapticd's own end in one sentence on stderr."""
+    """Entry point; return the exit code. An error of hapticd's own prints one sentence on stderr."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
     try:
@@ -132,13 +133,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _stopped_by_the_system(error: OSError) -> int:
-    """A file that cannot be read or written, a full disk; and a reader who has seen enough, which is no error."""
+    """Report a file that cannot be read or written, or a full disk; a closed pipe is no error."""
     where = error.filename
     if where is None:
         if error.errno not in (errno.EPIPE, errno.ENOSPC):
             raise error
         where = "standard output"
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what it holds must not be tried at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # its buffer must not be flushed again at exit
     if error.errno == errno.EPIPE:
         return 0
     print(f"hapticd: {where}: {error.strerror}", file=sys.stderr)
@@ -146,7 +147,7 @@ def _stopped_by_the_system(error: OSError) -> int:
 
 
 def parser(chosen: str = "") -> argparse.ArgumentParser:
-    """All commands by name, and the arguments of the one that is `chosen`."""
+    """Return the parser of all commands, with the arguments of the `chosen` one."""
     whole = argparse.ArgumentParser(
         prog="hapticd",
         description="Every finger on one vibrating glass plate gets its own friction.",

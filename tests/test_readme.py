@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FOLDERS = sorted(path for top in ("hapticd", "firmware", "systemd") for path in (ROOT / top).rglob("README.md"))
 ALL = {path: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *FOLDERS)}
-CHAPTERS = ("hapticd/core", "hapticd/daemon", "hapticd/sim", "hapticd/tools/latency", "firmware")
+CHAPTERS = ("hapticd/core", "hapticd/daemon", "hapticd/sim", "hapticd/tools", "firmware")
 
 
 def found(pattern: str) -> list[tuple[str, str]]:

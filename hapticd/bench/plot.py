@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import HapticdError
+from ..files import plotting
 from .tables import Table, stem, unit
 
 _PANEL_INCHES = (7.6, 5.0)
-_DPI = 110
 _DEFAULT_COLOUR = "tab:red"
 _COLOURS = [f"tab:{name}" for name in ("blue", "orange", "green", "purple", "brown", "pink", "grey", "olive", "cyan")]
 _MARKERS = "osD^v"
@@ -21,25 +20,16 @@ _TITLE_COLUMNS = 84
 
 def draw(tables: Sequence[Table], path: Path) -> None:
     """Write a PNG. Raises HapticdError where matplotlib is missing or the file cannot be written."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
     columns = min(len(tables), 2)
     lines = -(-len(tables) // columns)
-    figure = Figure(figsize=(_PANEL_INCHES[0] * columns, _PANEL_INCHES[1] * lines), layout="constrained", dpi=_DPI)
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(lines, columns, squeeze=False).ravel().tolist()
+    figure, grid = plotting.subplots(_PANEL_INCHES[0] * columns, _PANEL_INCHES[1] * lines, lines, columns)
+    axes = grid.ravel().tolist()
     for table, axis in zip(tables, axes, strict=False):
         axis.set_title(textwrap.fill(table.title, _TITLE_COLUMNS), fontsize="medium")
         (_scatter if table.time else _bars)(axis, table)
     for axis in axes[len(tables) :]:
         axis.set_axis_off()
-    try:
-        figure.savefig(path, format="png")  # whatever the suffix
-    except OSError as error:
-        raise HapticdError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+    plotting.save(figure, path)
 
 
 def _scatter(axis: Any, table: Table) -> None:

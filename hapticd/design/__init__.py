@@ -1,4 +1,4 @@
-"""What a plate's mode shapes are: free-plate theory, and the fit of a measured cartography."""
+"""Plate design: free-plate theory, fits of measured mode maps, achievability maps, resonance and drive."""
 
 from .cartography import CartographyFit, fit_cartography, fit_scan
 from .free_fit import nearest_free_modes

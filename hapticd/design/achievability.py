@@ -1,14 +1,14 @@
-"""Where one finger more can get its wish: for fingers that are here, what each place of the plate has for another.
+"""Achievability map: the amplitude that slipping fingers reach, for every position of one more finger.
 
-Two fingers share the plate's modes, and some pairs of places cannot have both wishes. For every place of another finger
-that is to be still, or to slip, the map says what the slipping fingers get, still ones being held at exactly zero, by
-the rules of `core.solver` (`keep_zero` without effort). What a real touch loses beside is left out: fade, neighbouring
-modes, prediction. Fingers are points, and of several that slip only the signs are free, not the phases.
+Fingers share the plate's modes, and some pairs of positions cannot both reach their targets. For every position of
+another finger, still or slipping, the map gives the amplitude of the slipping fingers while still ones are held at
+exactly zero, by the rules of `core.solver` (`keep_zero`). Left out: derating, parasitic modes and prediction. Fingers
+are points, and of several slipping fingers only the signs are free, not the phases.
 
-How far one slipping finger could get is a linear program: the most p.W with |W_k| <= L_k and A W = 0, A holding the
-still fingers' shapes. Its dual is to bring p as near to A's rows as can be: the least over v of
-sum_k L_k |p_k - (A'v)_k|. As many of these terms as A has rank vanish at a best v, so trying each such set of modes
-finds it; with one still finger that is a weighted median (Bloomfield and Steiger, Least Absolute Deviations, 1983).
+The reach of one slipping finger is a linear program: maximise p.W with |W_k| <= L_k and A W = 0, where A holds the
+still fingers' shapes. Its dual is a least absolute deviation: minimise sum_k L_k |p_k - (A'v)_k| over v. At an optimum
+rank(A) of these terms vanish, so trying each such set of modes finds it; with one still finger that is a weighted
+median (Bloomfield and Steiger, Least Absolute Deviations, 1983).
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from hapticd.core.solver.public import solve_batch
 
 from .legendre import FloatArray
 
-FULL_FRAC = 1.0 - 1e-9  # the solver's rounding takes nothing from a finger that gets what it asked for
-_RANK_FRAC = 1e-12  # of the largest singular value: below it a still finger only repeats the others
+FULL_FRAC = 1.0 - 1e-9  # tolerates the solver's rounding of a target that is met
+_RANK_FRAC = 1e-12  # of the largest singular value: below it a still finger repeats the others
 
 
 class Finger(NamedTuple):
-    """A finger that stays where it is, and what it should get; 0 is still."""
+    """Position and target amplitude of a finger that does not move over the plate; 0 um is still."""
 
     x_mm: float
     y_mm: float
@@ -40,13 +40,12 @@ class Finger(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AchievabilityMap:
-    """What places have for another finger, at the cells' centres: arrays (ny, nx).
+    """Results for one more finger at each cell's centre: arrays (ny, nx).
 
-    `target_um` (N + 1,): what was asked for, the other finger's last, as in `achieved_um` (N + 1, ny, nx). `share`: of
-    its target, what the slipping finger that fares worst gets; 1 is as asked, NaN where nobody slips. `reach_um`: what
-    the one slipping finger could get if it asked for more; NaN where several slip. `slope_um_mm`: how fast vibration
-    rises about the still finger that has it worst, 0 where none is still. `determinant`: of the mode matrix, zero on
-    singular curves; NaN where it is not square.
+    `target_um` (N + 1,): the targets, the other finger's last, as in `achieved_um` (N + 1, ny, nx). `share`: achieved
+    over target of the worst served slipping finger, at most 1; NaN without a slipping finger. `reach_um`: the largest
+    amplitude of the one slipping finger; NaN with several. `slope_um_mm`: the steepest amplitude at a still finger, 0
+    without one. `determinant`: of the mode matrix, zero on singular curves; NaN where it is not square.
     """
 
     x_mm: FloatArray
@@ -59,19 +58,33 @@ class AchievabilityMap:
     determinant: FloatArray
 
     def served_frac(self, share: float) -> float:
-        """The part of the plate where every slipping finger gets at least this share of its target."""
+        """Return the fraction of the plate where every slipping finger gets at least this share of its target."""
         return float(np.mean(self.share >= share * FULL_FRAC))
 
     def contrast(self, position_error_mm: float) -> FloatArray:
-        """What the least served slipping finger gets, over what a still one gets that is off by `position_error_mm`.
+        """Return the least slipping amplitude over that of a still finger off by `position_error_mm`, (ny, nx).
 
-        (ny, nx); inf where the still finger stands on no slope, NaN where nothing moves, nobody slips or none is still.
+        inf where the still finger stands on no slope; NaN where nothing moves, or no finger slips, or none is still.
         """
         slips = self.target_um > 0.0
         if slips.all() or not slips.any():
             return np.full(self.share.shape, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.achieved_um[slips].min(axis=0) / (self.slope_um_mm * position_error_mm))
+
+
+@dataclass(frozen=True, slots=True)
+class PairMap:
+    """Fractions of the plate, 0 .. 1, at the cells' centres (ny, nx).
+
+    `slipping`: where another finger can be still while one slips here. `still`: where another can slip while one is
+    still here. Both have the same mean: they count the same pairs.
+    """
+
+    x_mm: FloatArray
+    y_mm: FloatArray
+    slipping: FloatArray
+    still: FloatArray
 
 
 def achievability_map(
@@ -83,7 +96,7 @@ def achievability_map(
     size_mm: tuple[float, float],
     cells: int,
 ) -> AchievabilityMap:
-    """The map over a plate of `size_mm`, in cells x cells; limit_um (M,). Raises ValueError as `core.solver.solve`."""
+    """Return the map of cells x cells over a plate of `size_mm`; limit_um (M,). Raises ValueError as `solve`."""
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
     phi, target_um = _mode_matrices(modes, fingers, points_mm), _targets(fingers, other_um)
     modal_um = solve_batch(phi, target_um, limit_um)
@@ -101,8 +114,26 @@ def achievability_map(
     )
 
 
+def pair_map(
+    modes: ModeShapes, target_um: float, limit_um: Sequence[float], *, size_mm: tuple[float, float], cells: int
+) -> PairMap:
+    """Count the pairs where the slipping finger reaches `target_um`; limit_um (M,). It takes time of order
+    cells^4, and shows the positions that lower the mean, which random pairs would not."""
+    x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
+    phi, limits = modes.evaluate(points_mm), np.asarray(limit_um, np.float64)
+    slipping, still = np.zeros(len(phi)), np.zeros(len(phi))
+    for places, basis in row_spaces(phi[:, None, :]):
+        for here, shapes in enumerate(phi):
+            reach_um = least_deviation(np.broadcast_to(shapes, (len(places), modes.M)), basis, limits)
+            served = reach_um >= target_um * FULL_FRAC
+            slipping[here] += np.count_nonzero(served)
+            still[places] += served
+    grid = (cells, cells)
+    return PairMap(x_mm, y_mm, (slipping / len(phi)).reshape(grid), (still / len(phi)).reshape(grid))
+
+
 def cell_centres(size_mm: tuple[float, float], cells: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x_mm (cells,), y_mm (cells,) and all places (cells^2, 2), by rows, of cells that tile the plate."""
+    """Return x_mm (cells,), y_mm (cells,) and all centres (cells^2, 2), by rows, of cells that tile the plate."""
     x_mm, y_mm = (edge_mm * ((np.arange(cells) + 0.5) / cells - 0.5) for edge_mm in size_mm)
     return x_mm, y_mm, np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
 
@@ -114,8 +145,8 @@ def achievable_share(
     limit_um: Sequence[float],
     points_mm: npt.ArrayLike,
 ) -> FloatArray:
-    """`AchievabilityMap.share` alone, at `points_mm` (K, 2) of the other finger: (K,). With one slipping finger it is
-    the closed form, otherwise the solver's."""
+    """Return `AchievabilityMap.share` (K,) at `points_mm` (K, 2) of the other finger: in closed form with one slipping
+    finger, by the solver with several."""
     phi, target_um = _mode_matrices(modes, fingers, np.asarray(points_mm, np.float64)), _targets(fingers, other_um)
     if np.count_nonzero(target_um) == 1:
         return np.asarray(np.minimum(_reach_of_one(phi, target_um, limit_um) / target_um.max(), 1.0))
@@ -124,9 +155,9 @@ def achievable_share(
 
 
 def reach_um(slipping: FloatArray, still: FloatArray, limit_um: npt.ArrayLike) -> FloatArray:
-    """The most |slipping . W| over |W_k| <= limit_k with still W = 0: (K,) in um.
+    """Return the largest |slipping . W| with |W_k| <= limit_k and still W = 0: (K,) in um.
 
-    slipping (K, M) and still (K, S, M): the shapes under the slipping finger and under the S still ones.
+    slipping (K, M) and still (K, S, M) are the shapes at the slipping finger and at the S still ones.
     """
     limits = np.broadcast_to(np.asarray(limit_um, np.float64), slipping.shape[1:])
     reach = np.full(len(slipping), np.inf)
@@ -136,7 +167,7 @@ def reach_um(slipping: FloatArray, still: FloatArray, limit_um: npt.ArrayLike) -
 
 
 def row_spaces(still: FloatArray) -> Iterator[tuple[npt.NDArray[np.intp], FloatArray]]:
-    """By rank: which instants have it, and orthonormal rows (cells, rank, M) that span what their still fingers do."""
+    """Yield for each rank the cells that have it, and orthonormal rows (cells, rank, M) spanning their still shapes."""
     if still.shape[1] == 0:
         yield np.arange(len(still)), still
         return
@@ -148,7 +179,7 @@ def row_spaces(still: FloatArray) -> Iterator[tuple[npt.NDArray[np.intp], FloatA
 
 
 def least_deviation(slipping: FloatArray, basis: FloatArray, limits: FloatArray) -> FloatArray:
-    """The least of sum_k L_k |p_k - (B'v)_k| over v, p = slipping (K, M), B = basis (K, rank, M)."""
+    """Return the minimum over v of sum_k L_k |p_k - (B'v)_k|, (K,); p = slipping (K, M), B = basis (K, rank, M)."""
     rank, modes = basis.shape[1:]
     least = np.full(len(slipping), np.inf)
     for chosen in map(list, combinations(range(modes), rank)):
@@ -157,13 +188,13 @@ def least_deviation(slipping: FloatArray, basis: FloatArray, limits: FloatArray)
         square = np.where(singular[:, None, None], np.eye(rank), square)
         v = np.linalg.solve(square, slipping[:, chosen, None])[..., 0]
         deviation = np.abs(slipping - np.einsum("krm,kr->km", basis, v))
-        deviation[:, chosen] = 0.0  # but for rounding, which near-singular sets make large
+        deviation[:, chosen] = 0.0  # exactly; near-singular sets would leave large rounding errors
         least = np.where(singular, least, np.minimum(least, deviation @ limits))
     return least
 
 
 def _mode_matrices(modes: ModeShapes, fingers: Sequence[Finger], points_mm: FloatArray) -> FloatArray:
-    """Phi (K, N + 1, M) with the other finger at each of the points, as its last row."""
+    """Return Phi (K, N + 1, M), its last row the other finger at each of the points."""
     here = modes.evaluate(np.array([finger[:2] for finger in fingers], np.float64).reshape(-1, 2))
     there = modes.evaluate(points_mm)[:, None, :]
     return np.concatenate((np.broadcast_to(here, (len(points_mm), *here.shape)), there), axis=1)
@@ -190,7 +221,7 @@ def _reach_of_one(phi: FloatArray, target_um: FloatArray, limit_um: Sequence[flo
 def _slope_um_mm(
     modes: ModeShapes, fingers: Sequence[Finger], points_mm: FloatArray, target_um: FloatArray, modal_um: FloatArray
 ) -> FloatArray:
-    """|grad W| under the still finger where it is largest (K,)."""
+    """Return the largest |grad W| at a still finger (K,)."""
     steepest = np.zeros(len(points_mm))
     places = [np.array([finger[:2]]) for finger in fingers]
     for place, target in zip([*places, points_mm], target_um, strict=True):

@@ -1,4 +1,4 @@
-"""What a scan must be before it is fitted, each refusal a sentence that says what to do."""
+"""Validation of a scan before the fit; each error says what to do."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from .readings import Readings
 MIN_LINES = 8  # per axis: fewer cannot hold a wave and its surroundings
 
 _MIN_STEP_MM = 0.1
-_MOST_SHIFT_MM = 5.0  # a scan shifted by so much seems to reach beyond the plate
+_MOST_SHIFT_MM = 5.0  # a shifted scan may reach this far beyond the plate
 _MAX_VALUE = 1e12  # larger is a damaged file, and squares could overflow
-_MIN_VALUE = 1e-60  # smaller is none, and squares could vanish
+_MIN_VALUE = 1e-60  # smaller counts as zero: its square could vanish
 
 
 def require_grid(x_mm: FloatArray, y_mm: FloatArray, shapes: Readings) -> None:
-    """Axes that increase, and `shapes` (M, ny, nx) on them; raises ModesError."""
+    """Check increasing axes and `shapes` (M, ny, nx) on them; raises ModesError."""
     for axis, name in ((x_mm, "x_mm"), (y_mm, "y_mm")):
         if axis.ndim != 1 or axis.size < MIN_LINES or not (np.diff(axis) > 0.0).all():
-            raise ModesError(f"{name} is no increasing row of at least {MIN_LINES} positions; sort or extend it.")
+            raise ModesError(f"{name} needs at least {MIN_LINES} increasing positions; sort or extend it.")
     if shapes.ndim != 3 or len(shapes) < 1 or shapes.shape[1:] != (y_mm.size, x_mm.size):
-        wanted = f"(modes, {y_mm.size}, {x_mm.size})"
-        raise ModesError(f"the shapes are {shapes.shape} where the axes ask for {wanted}; order them as mode, y, x.")
+        expected = f"(modes, {y_mm.size}, {x_mm.size})"
+        raise ModesError(f"the shapes are {shapes.shape}, the axes need {expected}; order them as mode, y, x.")
 
 
 def require_scan(
     points_mm: FloatArray, readings: Readings, lines: tuple[int, int], size_mm: tuple[float, float]
 ) -> None:
-    """Points (N, 2) on the plate and readings (N, M) of modes, enough of them; raises ModesError."""
+    """Check points (N, 2) on the plate and readings (N, M); raises ModesError."""
     if min(lines) < MIN_LINES or readings.shape[1] < 1:
         raise ModesError(f"{len(points_mm)} points are too few; measure at least {MIN_LINES} lines by {MIN_LINES}.")
     if not np.isfinite(points_mm).all():
-        raise ModesError("a point's position is not a number; give it or leave the point out.")
+        raise ModesError("a point's position is not a number; give it or remove the point.")
     for position_mm, name, edge_mm in zip(points_mm.T, ("x_mm", "y_mm"), size_mm, strict=True):
         low, high = float(position_mm.min()), float(position_mm.max())
         if not (-edge_mm / 2.0 - _MOST_SHIFT_MM <= low and high <= edge_mm / 2.0 + _MOST_SHIFT_MM):
@@ -50,16 +50,16 @@ def require_scan(
         raise ModesError("more than half of the points have no value in some mode; measure them again.")
     for mode, shape in enumerate(readings.T, 1):
         if not np.nanmax(np.abs(shape)) > _MIN_VALUE:
-            raise ModesError(f"mode {mode} is zero everywhere; leave it out or measure it again.")
+            raise ModesError(f"mode {mode} is zero everywhere; remove it or measure it again.")
 
 
 def require_size(size_mm: tuple[float, float]) -> None:
-    """A plate's width and depth; raises ValueError."""
+    """Check a plate's width and depth; raises ValueError."""
     if not all(0.0 < edge_mm < math.inf for edge_mm in size_mm):
         raise ValueError(f"size_mm is {size_mm}; give the plate's width and depth in mm.")
 
 
 def require_step(step_mm: float) -> None:
-    """A step that a map can have; raises ValueError."""
+    """Check a map's step; raises ValueError."""
     if not _MIN_STEP_MM <= step_mm < math.inf:
         raise ValueError(f"step_mm is {step_mm}; give a map step of at least {_MIN_STEP_MM} mm.")

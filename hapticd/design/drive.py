@@ -1,8 +1,7 @@
-"""Which frequency to drive all modes at, when they share one oscillator.
+"""Drive frequency for all modes of one oscillator: it minimises the largest voltage for full amplitude.
 
-The criterion: the largest voltage that any mode needs for its own full amplitude shall be as small as it can be. The
-voltage of one mode, W |sigma - j 2 pi (f_mode - f)| / g, is convex in f, and so is the largest of several: it is least
-where two of them meet, half-way by voltage, or at the resonance of a mode that needs more than the others anyway.
+The voltage of one mode, W |sigma - j 2 pi (f_mode - f)| / g, is convex in f, and so is the maximum of several: its
+minimum lies where two of them are equal, or at the resonance of a mode that needs more than the others.
 """
 
 from __future__ import annotations
@@ -17,20 +16,20 @@ _CLOSE_HZ = 1e-4
 
 
 def voltage_v(mode: ModeCalibration, drive_hz: float, amplitude_um: float) -> float:
-    """What holds a mode at `amplitude_um` when it is driven at `drive_hz`."""
+    """Return the voltage that holds a mode at `amplitude_um` when it is driven at `drive_hz`."""
     model = mode.model(drive_hz)
     return amplitude_um * math.hypot(model.decay_1_s, model.detuning_rad_s) / model.gain_um_per_v_s
 
 
 def largest_voltage_v(modes: Sequence[ModeCalibration], drive_hz: float, amplitude_um: Sequence[float]) -> float:
-    """That of the mode that needs most; `amplitude_um` (M,)."""
+    """Return the largest `voltage_v` of all modes; `amplitude_um` (M,)."""
     return max(voltage_v(mode, drive_hz, um) for mode, um in zip(modes, amplitude_um, strict=True))
 
 
 def propose_drive_hz(modes: Sequence[ModeCalibration], amplitude_um: Sequence[float]) -> float:
-    """The frequency at which `largest_voltage_v` is least. Raises ValueError without modes."""
+    """Return the frequency that minimises `largest_voltage_v`. Raises ValueError without modes."""
     if not modes:
-        raise ValueError("a drive frequency is proposed for one mode or more.")
+        raise ValueError("a drive frequency needs one mode or more.")
     low_hz, high_hz = min(mode.frequency_hz for mode in modes), max(mode.frequency_hz for mode in modes)
     while high_hz - low_hz > _CLOSE_HZ:
         left_hz, right_hz = high_hz - _SHRINK * (high_hz - low_hz), low_hz + _SHRINK * (high_hz - low_hz)

@@ -1,9 +1,9 @@
-"""A scan as a sum of free-plate modes: a dozen numbers, not a hundred, where the plate is what theory takes it for.
+"""Fit of a scan by a sum of free-plate modes: a dozen parameters instead of a hundred.
 
 A mode of the real plate is a mixture of the theory's modes of nearly the same frequency. Material and thickness only
-set the scale of frequencies, so the modes are chosen by wave number, and of the material only Poisson's ratio shows.
-Such modes also show how the scan lies on the plate (`pose`). Whether a plate is free, flat and square enough for this,
-its own scan must tell: `cartography` compares the prediction error with that of the plain smoothing fit.
+scale the frequencies, so the modes are selected by wave number; of the material only Poisson's ratio matters. Such
+modes also determine the scan's pose on the plate. `cartography` compares the prediction error with that of the
+smoothing fit, which needs no free, flat and homogeneous plate.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from . import legendre
 from .free_plate import free_plate_modes
 from .legendre import FloatArray
-from .pose import AS_TOLD, Pose, find_pose
+from .pose import NOMINAL, Pose, find_pose
 from .smoothing import Order, Smoothed
 
-_EXACT = 1e-20  # share of the data's square: a misfit below is rounding, which no pose explains
-_BAND_FRAC = 0.08  # of the frequency: neighbours that the real plate can mix in, and the error of the wave number
+_EXACT = 1e-20  # share of the data's square: a smaller misfit is rounding, which no pose explains
+_BAND_FRAC = 0.08  # of the frequency: covers modes that the real plate mixes in, and the error of the wave number
 
 # Frequencies of these only label the modes: any thin plate of the same Poisson's ratio has the same shapes.
 _THICKNESS_MM, _YOUNG_GPA, _POISSON, _DENSITY_KG_M3 = 2.0, 72.5, 0.22, 2500.0
@@ -33,8 +33,8 @@ _WAVE_SPEED_M2_S = math.sqrt(_STIFFNESS_NM / (_DENSITY_KG_M3 * _THICKNESS_MM * 1
 def nearest_free_modes(
     modes: ModeShapes, wavelength_mm: float, size_mm: tuple[float, float]
 ) -> tuple[tuple[str, float], ...]:
-    """Of each mode the free-plate mode of about its wavelength that it is most like: its name, and their correlation
-    squared over the map, 1 for the same shape. () where theory has none.
+    """Return for each mode the most similar free-plate mode near its wavelength: name and squared correlation over the
+    map, 1 for the same shape. () where theory has none.
 
     Source of the measure: R. J. Allemang and D. L. Brown, Proc. 1st Int. Modal Analysis Conf. (1982) 110.
     """
@@ -47,19 +47,19 @@ def nearest_free_modes(
     points = np.stack(np.meshgrid(modes.x_mm, modes.y_mm), axis=-1).reshape(-1, 2)
     theory, measured = free.at(points), modes.shapes.reshape(modes.M, -1)
     sizes = np.outer((measured**2).sum(axis=1), (theory**2).sum(axis=0))
-    alike = (measured @ theory) ** 2 / np.maximum(sizes, np.finfo(float).tiny)
-    return tuple((free.names[int(np.argmax(row))], float(row.max())) for row in alike)
+    correlation = (measured @ theory) ** 2 / np.maximum(sizes, np.finfo(float).tiny)
+    return tuple((free.names[int(np.argmax(row))], float(row.max())) for row in correlation)
 
 
 class FreeFit(NamedTuple):
-    """A fit by free-plate modes, and how the scan lies on the plate for it."""
+    """A fit by free-plate modes, and the scan's pose."""
 
     fit: Smoothed
     pose: Pose
 
 
 class FreePlateModes:
-    """The free-plate modes whose wave number is near `wave_rad_mm`, as a basis for surfaces on a plate of `size_mm`."""
+    """Basis of the free-plate modes with wave numbers near `wave_rad_mm`, on a plate of `size_mm`."""
 
     def __init__(self, size_mm: tuple[float, float], wave_rad_mm: float) -> None:
         frequency_hz = _WAVE_SPEED_M2_S * (wave_rad_mm * 1e3) ** 2 / (2.0 * math.pi)
@@ -73,11 +73,11 @@ class FreePlateModes:
         return len(self._shapes)
 
     def tables(self) -> FloatArray:
-        """The modes as coefficients of Legendre products, (modes, nx, ny); see `free_plate.ModeShape`."""
+        """Return the modes as coefficients of Legendre products, (modes, nx, ny); see `free_plate.ModeShape`."""
         return np.stack([shape.coefficients for shape in self._shapes])
 
     def at(self, points_mm: FloatArray, order: Order = (0, 0)) -> FloatArray:
-        """A partial derivative, per mm, of all modes at `points_mm` (N, 2): (N, modes). Beyond an edge, the edge's."""
+        """Return a partial derivative, per mm, of all modes at `points_mm` (N, 2), clamped to the plate: (N, modes)."""
         x, y = np.clip(points_mm / self._half_mm, -1.0, 1.0).T
         coefficients = self.tables()
         along_x, along_y = (
@@ -90,22 +90,22 @@ class FreePlateModes:
         return product
 
     def fit(self, points_mm: FloatArray, values: FloatArray) -> FreeFit:
-        """Least squares of `values` (N, M) at `points_mm` (N, 2) of the scan; coefficients are (modes, M).
+        """Fit `values` (N, M) at `points_mm` (N, 2) by least squares; coefficients are (modes, M).
 
-        The scan is taken to lie as it says unless turning and shifting it wins more than chance would: three numbers
-        must lower the misfit by what Schwarz's criterion asks of them (G. Schwarz, Ann. Stat. 6 (1978) 461).
+        A pose other than the nominal one is accepted only if its three parameters lower the misfit by what Schwarz's
+        criterion requires (G. Schwarz, Ann. Stat. 6 (1978) 461).
         """
-        as_told = self._fit(AS_TOLD, points_mm, values)
+        nominal = self._fit(NOMINAL, points_mm, values)
         scale = np.sqrt((values**2).mean(axis=0))
-        if ((as_told.fit.residual / scale) ** 2).sum() < _EXACT * values.size:
-            return as_told
-        moved = self._fit(find_pose(self, points_mm, values / scale), points_mm, values)
-        misfits = [float(((one.fit.residual / scale) ** 2).sum()) for one in (as_told, moved)]
+        if ((nominal.fit.residual / scale) ** 2).sum() < _EXACT * values.size:
+            return nominal
+        moved = self._fit(find_pose(self.at, points_mm, values / scale), points_mm, values)
+        misfits = [float(((one.fit.residual / scale) ** 2).sum()) for one in (nominal, moved)]
         price = math.exp(len(Pose._fields) * math.log(values.size) / values.size)
-        return moved if misfits[1] * price < misfits[0] else as_told
+        return moved if misfits[1] * price < misfits[0] else nominal
 
     def on_grid(self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
-        """The surfaces `coefficients` (modes, M) on a grid: (M, ny, nx)."""
+        """Return the surfaces `coefficients` (modes, M) on a grid: (M, ny, nx)."""
         shapes = np.stack([shape.on_grid(x_mm, y_mm) for shape in self._shapes])
         surfaces: FloatArray = np.tensordot(coefficients.T, shapes, axes=1)
         return surfaces
@@ -114,6 +114,6 @@ class FreePlateModes:
         design = self.at(pose.on_plate(points_mm))
         coefficients = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], np.float64)
         surfaces = values.shape[1]
-        found = len(self) + (0.0 if pose == AS_TOLD else len(pose) / surfaces)
+        found = len(self) + (0.0 if pose == NOMINAL else len(pose) / surfaces)
         freedom = np.full(surfaces, float(found))
         return FreeFit(Smoothed(coefficients, freedom, values - design @ coefficients), pose)

@@ -26,12 +26,12 @@ _TERMS_PER_RADIAN = 1.4  # Legendre degrees per radian of the shortest wave over
 _TERMS_FOR_EDGES = 10  # and some more for the edge's decaying waves
 _MAX_DEGREE = 120  # the reference plate needs 34 at 30 kHz; at 120 each symmetry class takes half a minute
 _PEAK_GRID = 257
-_EQUAL_FRAC = 0.999  # products of beam functions this close in size are two halves of one combination
+_EQUAL_FRAC = 0.999  # products of beam functions this close in size form one combination
 
 
 @dataclass(frozen=True, eq=False)
 class ModeShape:
-    """One mode's shape: products of orthonormal Legendre polynomials in 2x/width and 2y/depth, peak |shape| of 1.
+    """A mode's shape as products of orthonormal Legendre polynomials in 2x/width and 2y/depth, peak |shape| of 1.
 
     `coefficients` (nx, ny) is read-only. `nodal_lines` counts the lines crossed along x and along y by the product
     of beam functions that dominates the shape; that product is positive in the corner (+x, +y).
@@ -47,18 +47,18 @@ class ModeShape:
         return self.evaluate(points_mm)
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """The shape (N,) at `points_mm` (N, 2); beyond an edge, that of the edge. NaN stays NaN."""
+        """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
         x, y = _on_plate(points_mm, self.size_mm)
         return self._at(x, y, (0, 0))
 
     def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """Derivatives (N, 2) along x and y in 1/mm at `points_mm` (N, 2), at the nearest point of the plate."""
+        """Return derivatives (N, 2) along x and y in 1/mm at `points_mm` (N, 2), clamped to the plate."""
         x, y = _on_plate(points_mm, self.size_mm)
         width_mm, depth_mm = self.size_mm
         return np.stack((self._at(x, y, (1, 0)) * (2.0 / width_mm), self._at(x, y, (0, 1)) * (2.0 / depth_mm)), axis=-1)
 
     def on_grid(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike) -> FloatArray:
-        """The shape (ny, nx) on the grid of `x_mm` (nx,) and `y_mm` (ny,): much cheaper than point by point."""
+        """Return the shape (ny, nx) on the grid of `x_mm` (nx,), `y_mm` (ny,): much cheaper than point by point."""
         width_mm, depth_mm = self.size_mm
         x = np.clip(np.asarray(x_mm, np.float64) * (2.0 / width_mm), -1.0, 1.0)
         y = np.clip(np.asarray(y_mm, np.float64) * (2.0 / depth_mm), -1.0, 1.0)
@@ -79,13 +79,13 @@ def free_plate_modes(
     density_kg_m3: float = 2500.0,
     band_hz: tuple[float, float] = (28000.0, 30500.0),
 ) -> list[tuple[float, ModeShape]]:
-    """The modes with frequencies in `band_hz`, as (frequency_hz, shape), lowest first.
+    """Return the modes with frequencies in `band_hz` as (frequency_hz, shape), lowest first.
 
-    Frequencies are the theory's to better than 1e-6. On a square plate the modes odd along one axis and even along
+    Frequencies solve the theory to better than 1e-6. On a square plate the modes odd along one axis and even along
     the other come in pairs of exactly equal frequency: the one odd along x first, then the same turned (x and y
     exchanged), so that "11x0" is the X mode and "0x11" the Y mode. All other modes of a square plate are single:
     f(x, y) + f(y, x) and f(x, y) - f(y, x) differ in frequency and are returned as they are, named "12x2+2x12".
-    Raises ValueError for a plate that cannot be, or a band beyond what the theory resolves.
+    Raises ValueError for an impossible plate, or a band beyond what the theory resolves.
     """
     _require_plate(size_mm, thickness_mm, young_gpa, poisson, density_kg_m3)
     low_hz, high_hz = (float(edge) for edge in band_hz)
@@ -113,7 +113,7 @@ def _modes_in_band(
         frequencies_hz = np.sqrt(np.maximum(eigenvalues, 0.0)) * (wave_speed / (2.0 * math.pi))
         inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz)
         found += list(zip(frequencies_hz[inside].tolist(), shapes[inside], strict=True))
-    found.sort(key=lambda mode: mode[0])  # stable: of an equal pair the one odd along x stays first
+    found.sort(key=lambda mode: mode[0])  # stable: of a degenerate pair the one odd along x stays first
     return tuple((frequency_hz, _mode_shape(size_mm, coefficients)) for frequency_hz, coefficients in found)
 
 
@@ -135,10 +135,10 @@ def _class_modes(
 
 
 def _smallest_first(stiffness: FloatArray, shift: float) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and vectors of `stiffness`, whose small ones matter and whose large ones are 1e6 to 1e10 times those.
+    """Return eigenvalues and vectors of `stiffness`, smallest first; the largest are 1e6 to 1e10 times larger.
 
-    A solver of symmetric problems errs by the rounding of the largest eigenvalue. So it is given the inverse of
-    stiffness + shift, where the small ones are the largest; scaled to a diagonal of 1 that inverse is well conditioned.
+    A symmetric eigensolver errs by the rounding of the largest eigenvalue, so it gets the inverse of stiffness + shift,
+    whose largest eigenvalues are the small ones; scaled to a diagonal of 1 that inverse is well conditioned.
     """
     raised = stiffness + shift * np.eye(len(stiffness))
     scale = 1.0 / np.sqrt(np.diag(raised))
@@ -149,12 +149,12 @@ def _smallest_first(stiffness: FloatArray, shift: float) -> tuple[FloatArray, Fl
 
 
 def _edge_integrals(degree: int, parity: int, edge_mm: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Integrals along one edge of f f, f' f', f'' f'' and f f'' for one parity, scaled to 1/m."""
+    """Return the integrals along one edge of f f, f' f', f'' f'' and f f'' for one parity, scaled to 1/m."""
     per_m = 2e3 / edge_mm
-    mine = slice(parity, None, 2)
+    own = slice(parity, None, 2)
     orders = ((0, 0), (1, 1), (2, 2), (0, 2))
     mass, twist, bend, cross = (
-        legendre.overlap(degree, left, right)[mine, mine] * per_m ** (left + right) for left, right in orders
+        legendre.overlap(degree, left, right)[own, own] * per_m ** (left + right) for left, right in orders
     )
     return mass, twist, bend, cross
 
@@ -192,14 +192,14 @@ def _beam_modes(degree: int) -> FloatArray:
     bend = legendre.overlap(degree, 2, 2)
     beam = np.zeros_like(bend)
     for parity in (0, 1):
-        mine = slice(parity, None, 2)
-        beam[mine, mine] = np.linalg.eigh(bend[mine, mine])[1].T
+        own = slice(parity, None, 2)
+        beam[own, own] = np.linalg.eigh(bend[own, own])[1].T
     at_end = beam @ legendre.values(np.ones(1), degree)[0]
     return beam * np.where(at_end < 0.0, -1.0, 1.0)[:, None]
 
 
 def _peak(coefficients: FloatArray) -> float:
-    """Greatest |shape| on the plate: on a grid, then on two ever finer ones around the best point (to 1e-9)."""
+    """Return the largest |shape| on the plate: on a grid, then on two finer ones around the best point (to 1e-9)."""
     x = y = np.linspace(-1.0, 1.0, _PEAK_GRID)
     reach, peak = 2.0 / (_PEAK_GRID - 1), 0.0
     for _ in range(3):
@@ -212,7 +212,7 @@ def _peak(coefficients: FloatArray) -> float:
 
 
 def _tensor(coefficients: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
-    """The shape on a grid of the plate's own coordinates, (ny, nx)."""
+    """Return the shape on a grid of normalised coordinates -1 .. 1, (ny, nx)."""
     terms_x, terms_y = coefficients.shape
     result: FloatArray = legendre.values(y, terms_y - 1) @ coefficients.T @ legendre.values(x, terms_x - 1).T
     return result

@@ -1,6 +1,6 @@
-"""Orthonormal Legendre polynomials on [-1, 1]: the basis of the plate theory and of the cartography fit.
+"""Orthonormal Legendre polynomials on [-1, 1]: the basis of the plate theory and of the fit of mode maps.
 
-They are complete, well conditioned up to high degrees and indifferent to what happens at the edges. Free-beam
+They are complete, well conditioned up to high degrees and assume no edge condition. Free-beam
 functions, the usual basis of plate theory, need differences of huge cosh and sinh terms beyond the tenth.
 """
 
@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:
-    """Derivatives of `order` of the polynomials 0..degree at s (N,), as (N, degree + 1)."""
+    """Return derivatives of `order` of the polynomials 0..degree at s (N,), as (N, degree + 1)."""
     raised = np.linalg.matrix_power(_derivative(degree), order)
     result: FloatArray = legendre.legvander(s, degree) @ raised * np.sqrt(np.arange(degree + 1) + 0.5)
     return result
@@ -24,7 +24,7 @@ def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:
 
 @lru_cache(maxsize=128)
 def overlap(degree: int, order_left: int, order_right: int) -> FloatArray:
-    """Integrals over [-1, 1] of the products of two derivatives, (degree + 1, degree + 1); exact (Gauss), read-only."""
+    """Return integrals over [-1, 1] of products of two derivatives, (degree + 1, degree + 1); exact, read-only."""
     nodes, weights = legendre.leggauss(degree + 1)
     left = values(nodes, degree, order_left)
     result: FloatArray = (left * weights[:, None]).T @ values(nodes, degree, order_right)

@@ -1,4 +1,4 @@
-"""What plates are made of. Catalogue values: a batch's modulus may be some per cent off, and frequencies half of that.
+"""Plate materials, catalogue values: a batch's modulus may be some per cent off, frequencies half of that.
 
 Sources: EN 572-1 (float); Pilkington technical bulletin ATS-129 (pilkington); SCHOTT, BOROFLOAT 33 mechanical
 properties (borosilicate); J. M. Gere, Mechanics of Materials, 5th ed., appendix H (aluminium, steel). `glass` is the
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """An isotropic solid, and where its numbers are from."""
+    """An isotropic solid, and the source of its values."""
 
     young_gpa: float
     poisson: float
@@ -31,13 +31,13 @@ MATERIALS = {
 
 
 def find_material(text: str) -> Material:
-    """One of MATERIALS by name, or "YOUNG_GPA,POISSON,DENSITY_KG_M3". Raises ValueError."""
+    """Return one of MATERIALS by name, or parse "YOUNG_GPA,POISSON,DENSITY_KG_M3". Raises ValueError."""
     if text in MATERIALS:
         return MATERIALS[text]
     try:
         young_gpa, poisson, density_kg_m3 = map(float, text.split(","))
     except ValueError:
         raise ValueError(
-            f"there is no material {text!r}; it is one of {', '.join(MATERIALS)}, or GPa,Poisson,kg/m3."
+            f"there is no material {text!r}; give one of {', '.join(MATERIALS)}, or GPa,Poisson,kg/m3."
         ) from None
     return Material(young_gpa, poisson, density_kg_m3, "as given")

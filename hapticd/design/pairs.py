@@ -1,4 +1,4 @@
-"""Which two modes a plate could be driven with: near a frequency, close to each other, and unlike each other."""
+"""Candidate pairs of modes to drive a plate with: near a frequency and close to each other."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from itertools import combinations
 
 from .free_plate import ModeShape
 
-THEORY_FRAC = 0.01  # of the frequency: what a plate's modulus and thickness are known to, at best
+THEORY_FRAC = 0.01  # of the frequency: the accuracy of a plate's modulus and thickness, at best
 
 
 @dataclass(frozen=True, slots=True)
 class ModePair:
-    """Two modes, the lower first. `next_hz` is how far the nearest other mode lies from either, inf where none is
-    known: nearer than a few f / Q it is driven too."""
+    """Two modes, the lower first. `next_hz` is the distance of the nearest other mode, inf where none is known: one
+    nearer than a few f / Q is driven too."""
 
     frequency_hz: tuple[float, float]
     shapes: tuple[ModeShape, ModeShape]
@@ -22,43 +22,37 @@ class ModePair:
 
     @property
     def centre_hz(self) -> float:
-        """Half-way between the two."""
+        """The mean of both frequencies."""
         return sum(self.frequency_hz) / 2.0
 
     @property
     def splitting_hz(self) -> float:
-        """From the one to the other."""
+        """The difference of both frequencies."""
         return self.frequency_hz[1] - self.frequency_hz[0]
 
     @property
     def name(self) -> str:
-        """Both shapes' nodal lines."""
+        """Both shapes' names."""
         return " + ".join(shape.name for shape in self.shapes)
 
 
 def mode_pairs(
     modes: Sequence[tuple[float, ModeShape]], near_hz: float, most_splitting_hz: float
 ) -> tuple[ModePair, ...]:
-    """The pairs of `modes` (as `free_plate_modes` gives them) that lie close enough together.
+    """Return the pairs of `modes` (as from `free_plate_modes`) at most `most_splitting_hz` apart.
 
-    Those nearest to `near_hz` come first, in steps of what theory is good to, and of these the one whose next mode is
-    farthest away.
+    They are sorted by distance from `near_hz`, in steps of THEORY_FRAC, then by distance of the next mode, farthest
+    first.
     """
     pairs = []
     for one, other in combinations(sorted(modes, key=lambda mode: mode[0]), 2):
         if other[0] - one[0] > most_splitting_hz:
             continue
-        others_hz = [
-            abs(hz - mine_hz) for hz, shape in modes for mine_hz in (one[0], other[0]) if _is_new(shape, one, other)
-        ]
-        next_hz = min(others_hz, default=float("inf"))
+        rest_hz = [hz for hz, shape in modes if shape is not one[1] and shape is not other[1]]
+        next_hz = min((abs(hz - own_hz) for hz in rest_hz for own_hz in (one[0], other[0])), default=float("inf"))
         pairs.append(ModePair((one[0], other[0]), (one[1], other[1]), next_hz))
-    return tuple(
-        sorted(
-            pairs, key=lambda pair: (round(abs(pair.centre_hz / near_hz - 1.0) / THEORY_FRAC), -round(pair.next_hz, 3))
-        )
-    )
 
+    def rank(pair: ModePair) -> tuple[int, float]:
+        return round(abs(pair.centre_hz / near_hz - 1.0) / THEORY_FRAC), -round(pair.next_hz, 3)
 
-def _is_new(shape: ModeShape, one: tuple[float, ModeShape], other: tuple[float, ModeShape]) -> bool:
-    return shape is not one[1] and shape is not other[1]
+    return tuple(sorted(pairs, key=rank))

@@ -1,4 +1,4 @@
-"""One mode from a frequency sweep: resonance, quality, gain and loop phase by a rational least-squares fit.
+"""Rational least-squares fit of one mode to a frequency sweep: resonance, quality, gain and loop phase.
 
 In the steady state a mode driven with the voltage V at f answers W = -j g L V / (sigma - 2 pi j (f0 - f)), a circle in
 the complex plane, with the unit phasor L of the loop's constant phase. Other modes far away add what is nearly constant
@@ -24,8 +24,8 @@ ITERATIONS = 20
 
 @dataclass(frozen=True, slots=True)
 class Resonance:
-    """A mode as fitted. `background_um_per_v` is what other modes add; `residual_frac` is the root mean square of what
-    the fit leaves, as a share of the largest answer."""
+    """A fitted mode. `background_um_per_v` is the response of other modes; `residual_frac` the RMS of the residual over
+    the largest response."""
 
     frequency_hz: float
     q_factor: float
@@ -35,28 +35,28 @@ class Resonance:
     residual_frac: float
 
     def response(self, frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
-        """W / V (n,) in um/V at each frequency (n,)."""
+        """Return W / V (n,) in um/V at each frequency (n,)."""
         decay_1_s = math.pi * self.frequency_hz / self.q_factor
         detuning_rad_s = 2.0 * math.pi * (self.frequency_hz - frequency_hz)
         turned = -1j * self.gain_um_per_v_s * cmath.exp(1j * self.loop_phase_rad)
         return np.asarray(turned / (decay_1_s - 1j * detuning_rad_s) + self.background_um_per_v)
 
     def calibration(self, mode: int) -> ModeCalibration:
-        """What the board is to be told of it."""
+        """Return the calibration of `mode` for the board."""
         return ModeCalibration(mode, self.frequency_hz, self.q_factor, self.gain_um_per_v_s, self.loop_phase_rad)
 
 
 def fit_resonance(frequency_hz: npt.NDArray[np.float64], response_um_per_v: npt.NDArray[np.complex128]) -> Resonance:
-    """The resonance that answers (n,) at frequencies (n,).
+    """Fit a resonance to responses (n,) at frequencies (n,).
 
-    Raises ValueError for fewer than MIN_POINTS points, values that are not finite, or an answer in which no decaying
-    resonance is to be found.
+    Raises ValueError for fewer than MIN_POINTS points, values that are not finite, or a response without a decaying
+    resonance.
     """
     f_hz, y = np.asarray(frequency_hz, np.float64), np.asarray(response_um_per_v, np.complex128)
     if len(f_hz) < MIN_POINTS or f_hz.shape != y.shape or np.ptp(f_hz) == 0.0:
-        raise ValueError(f"A resonance is fitted to {MIN_POINTS} or more points at different frequencies.")
+        raise ValueError(f"A resonance needs {MIN_POINTS} or more points at different frequencies.")
     if not (np.isfinite(f_hz).all() and np.isfinite(y).all() and np.abs(y).max() > 0.0):
-        raise ValueError("The sweep holds values that are not finite, or no vibration at all.")
+        raise ValueError("The sweep holds values that are not finite, or no vibration: repeat it with more voltage.")
     centre_hz, half_hz = float(f_hz.mean()), float(np.ptp(f_hz)) / 2.0
     s = 1j * (f_hz - centre_hz) / half_hz  # of order 1, as are then all unknowns
     scale = float(np.abs(y).max())
@@ -66,7 +66,7 @@ def fit_resonance(frequency_hz: npt.NDArray[np.float64], response_um_per_v: npt.
     turned = 2.0 * math.pi * half_hz * scale * a
     if not (decay_1_s > 0.0 and resonance_hz > 0.0 and abs(turned) > 0.0):
         raise ValueError(
-            "The answer does not look like a resonance: sweep a wider band around it, or with more voltage."
+            "The response does not look like a resonance: sweep a wider band around it, or with more voltage."
         )
     return Resonance(
         frequency_hz=resonance_hz,
@@ -79,7 +79,7 @@ def fit_resonance(frequency_hz: npt.NDArray[np.float64], response_um_per_v: npt.
 
 
 def _fit_pole(s: npt.NDArray[np.complexfloating], y: npt.NDArray[np.complex128]) -> tuple[complex, complex, complex]:
-    """a, b, c of y = a / (c + s) + b."""
+    """Return a, b, c of y = a / (c + s) + b."""
     weight = np.ones(len(s))
     a = b = c = 0j
     for _ in range(ITERATIONS):

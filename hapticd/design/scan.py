@@ -1,7 +1,6 @@
-"""A vibrometer's scan of known shapes, with what goes wrong in a laboratory: the input that a fit is judged on.
+"""Simulated vibrometer scans of known shapes, with noise, lost points, outliers and a pose: test input for the fits.
 
-Left out: readings that lie (a speck that reflects the neighbouring point), noise that depends on the place, and drift
-of the plate's temperature while the scan runs.
+Left out: correlated errors, noise that depends on the position, and drift of the plate's temperature during the scan.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy.typing as npt
 
 from .free_plate import ModeShape
 from .legendre import FloatArray
-from .pose import AS_TOLD, Pose
+from .pose import NOMINAL, Pose
 
 
 def sample_cartography(
@@ -24,11 +23,10 @@ def sample_cartography(
     seed: int = 1,
     missing_frac: float = 0.0,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What a vibrometer would read: `x_mm` (nx,), `y_mm` (ny,), shapes (M, ny, nx) with noise and NaN.
+    """Return a scan on a grid: `x_mm` (nx,), `y_mm` (ny,), shapes (M, ny, nx) with noise and NaN.
 
-    The grid is centred on the plate and stays on it. Noise is normal and independent, `noise_frac` of the peak RMS.
-    A point is lost with a chance of `missing_frac`, and then in all modes: it is a speck that reflects badly. The
-    same seed gives the same scan.
+    The grid is centred on the plate and stays on it. Noise is normal and independent, of `noise_frac` of the peak
+    (RMS). A point is lost with probability `missing_frac`, in all modes at once. The same seed gives the same scan.
     """
     random = np.random.default_rng(seed)
     x_mm, y_mm = (_scan_axis(edge_mm, step_mm) for edge_mm in modes[0].size_mm)
@@ -46,14 +44,14 @@ def sample_scan(
     seed: int = 1,
     missing_frac: float = 0.0,
     dropout_frac: float = 0.0,
-    pose: Pose = AS_TOLD,
+    pose: Pose = NOMINAL,
     scale: Sequence[complex] | None = None,
 ) -> tuple[FloatArray, npt.NDArray[np.complex128]]:
-    """The same as points in no order: `points_mm` (N, 2), as the scan tells them, and complex readings (N, M).
+    """Return a scan as points in random order: nominal `points_mm` (N, 2) and complex readings (N, M).
 
-    The points lie on the plate where `pose` puts the grid; what it puts beside the plate gives no reading and is left
-    out, like points lost. A `dropout_frac` of the others reads something random of the shapes' size instead. Each mode
-    is multiplied by its `scale`; noise, of `noise_frac` of the peak, is of either quadrature.
+    `pose` puts the grid on the plate; points off the plate give no reading and are left out, like lost ones. A
+    `dropout_frac` of the others reads a random value of the shapes' size instead. Each mode is multiplied by its
+    `scale`; either quadrature has noise of `noise_frac` of the peak.
     """
     random = np.random.default_rng(seed)
     x_mm, y_mm = (_scan_axis(edge_mm, step_mm) for edge_mm in modes[0].size_mm)

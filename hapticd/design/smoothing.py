@@ -1,4 +1,4 @@
-"""Penalised least squares over a plate: products of Legendre polynomials, and the weight the data asks for.
+"""Penalised least squares over a plate by products of Legendre polynomials, weighted by cross validation.
 
 Sources: P. Craven and G. Wahba, Numer. Math. 31 (1979) 377 (generalised cross validation); G. Wahba, Spline Models
 for Observational Data, ch. 4 (penalties made from a differential operator).
@@ -16,14 +16,14 @@ from .legendre import FloatArray
 
 Order = tuple[int, int]  # of the derivatives along x and along y
 
-_FLOOR = 1e-9  # keeps the normal equations definite in directions that neither data nor penalty see
-_WEIGHTS = np.logspace(-6.0, 5.0, 133)  # a twelfth of a decade apart: finer than cross validation can tell
+_FLOOR = 1e-9  # keeps the normal equations definite in directions that neither data nor penalty constrain
+_WEIGHTS = np.logspace(-6.0, 5.0, 133)  # a twelfth of a decade apart: finer than cross validation resolves
 
 
 class PlateBasis:
     """Products of Legendre polynomials with i / degrees[0] + j / degrees[1] <= 1, over a plate of 2 `half_mm`.
 
-    The corner of high degrees in both directions is left out: no wave that the axes resolve needs it.
+    High degrees in both directions are left out: no wave that the axes resolve needs them.
     """
 
     def __init__(self, degrees: tuple[int, int], half_mm: tuple[float, float]) -> None:
@@ -33,7 +33,7 @@ class PlateBasis:
         self._i, self._j = i[kept], j[kept]
 
     def at(self, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
-        """All products at points (N,), (N,), as (N, products)."""
+        """Return all products at points (N,), (N,): (N, products)."""
         along_x, along_y = self._along(0, x_mm, 0), self._along(1, y_mm, 0)
         product: FloatArray = along_x[:, self._i] * along_y[:, self._j]
         return product
@@ -41,14 +41,14 @@ class PlateBasis:
     def on_grid(
         self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray, order: Order = (0, 0)
     ) -> FloatArray:
-        """A partial derivative, per mm, of the surfaces `coefficients` (products, M) on a grid: (M, ny, nx)."""
+        """Return a partial derivative, per mm, of the surfaces `coefficients` (products, M) on a grid: (M, ny, nx)."""
         table = np.zeros((coefficients.shape[1], self.degrees[1] + 1, self.degrees[0] + 1))
         table[:, self._j, self._i] = coefficients.T
         surfaces: FloatArray = self._along(1, y_mm, order[1]) @ table @ self._along(0, x_mm, order[0]).T
         return surfaces
 
     def energy(self, left: Order, right: Order) -> FloatArray:
-        """Four times the mean over the plate of the products of two partial derivatives (products, products)."""
+        """Return four times the mean over the plate of products of two partial derivatives (products, products)."""
         along_x, along_y = (
             legendre.overlap(self.degrees[axis], left[axis], right[axis])
             / self.half_mm[axis] ** (left[axis] + right[axis])
@@ -64,7 +64,7 @@ class PlateBasis:
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """M fitted surfaces `coefficients` (products, M), how many parameters the data decided in each, `freedom` (M,),
+    """M fitted surfaces `coefficients` (products, M), the number of parameters that the data determine, `freedom` (M,),
     and data minus fit, `residual` (N, M)."""
 
     coefficients: FloatArray
@@ -73,17 +73,17 @@ class Smoothed:
 
     @property
     def residual_rms(self) -> FloatArray:
-        """Of each surface, (M,)."""
+        """RMS of the residual of each surface, (M,)."""
         return np.asarray(np.sqrt((self.residual**2).mean(axis=0)), np.float64)
 
     @property
     def noise_rms(self) -> FloatArray:
-        """The data's noise as residual and freedom imply it, (M,)."""
+        """The data's noise, estimated from residual and freedom, (M,)."""
         return self.residual_rms / np.sqrt(self._spare_frac)
 
     @property
     def prediction_rms(self) -> FloatArray:
-        """By how much the surfaces would miss fresh data: square root of the generalised cross validation, (M,)."""
+        """Expected error at new data: square root of the generalised cross validation, (M,)."""
         return self.residual_rms / self._spare_frac
 
     @property
@@ -93,7 +93,7 @@ class Smoothed:
 
 
 class ScatteredData:
-    """M values at each of N points of a plate, `values` (N, M), with the normal equations they make."""
+    """M values at each of N points of a plate, `values` (N, M), and their normal equations."""
 
     def __init__(self, basis: PlateBasis, x_mm: FloatArray, y_mm: FloatArray, values: FloatArray) -> None:
         self._values = values
@@ -102,15 +102,15 @@ class ScatteredData:
         self._right = self._design.T @ values * (4.0 / len(values))
 
     def smooth(self, penalty: FloatArray) -> Smoothed:
-        """Least mean square misfit + weight * penalty, with each surface's own weight by cross validation.
+        """Minimise mean square misfit + weight * penalty, with each surface's own weight by cross validation.
 
-        Normal equations and penalty are made diagonal together, so that all the weights cost one decomposition.
+        Normal equations and penalty are diagonalised together, so that all weights cost one decomposition.
         """
         points, surfaces = self._values.shape
         root = np.linalg.cholesky(self._normal + penalty + _FLOOR * np.eye(len(penalty)))
         half = np.linalg.solve(root, self._normal)
         seen, axes = np.linalg.eigh(np.linalg.solve(root, half.T))
-        seen = np.clip(seen, 0.0, 1.0)  # 1: the data alone decides; 0: the penalty alone
+        seen = np.clip(seen, 0.0, 1.0)  # 1: determined by the data alone; 0: by the penalty alone
         directions = np.linalg.solve(root.T, axes)
         loads = directions.T @ self._right
         damped = seen + _WEIGHTS[:, None] * (1.0 - seen)  # (weights, products)
@@ -125,7 +125,7 @@ class ScatteredData:
 
 
 def third_derivatives(basis: PlateBasis, wave_rad_mm: float) -> FloatArray:
-    """The penalty that knows no physics: squared third derivatives in units of `wave_rad_mm`^3 w."""
+    """Return the penalty on squared third derivatives in units of `wave_rad_mm`^3 w."""
     penalty = np.zeros_like(basis.energy((0, 0), (0, 0)))
     for n in range(4):
         penalty += basis.energy((n, 3 - n), (n, 3 - n)) * (math.comb(3, n) / wave_rad_mm**6)
@@ -133,7 +133,7 @@ def third_derivatives(basis: PlateBasis, wave_rad_mm: float) -> FloatArray:
 
 
 def plate_equation(basis: PlateBasis, wave_rad_mm: float) -> FloatArray:
-    """The penalty on lap lap w - k^4 w, squared, in units of k^4 w with k = `wave_rad_mm`."""
+    """Return the penalty on (lap lap w - k^4 w)^2 in units of k^4 w with k = `wave_rad_mm`."""
     terms = (((4, 0), 1.0), ((2, 2), 2.0), ((0, 4), 1.0), ((0, 0), -(wave_rad_mm**4)))
     penalty = np.zeros_like(basis.energy((0, 0), (0, 0)))
     for left, factor_left in terms:

@@ -1,7 +1,7 @@
-"""Where a plate may be held: the common nodes of its two modes, and how much a stamp of adhesive is moved there.
+"""Support points of a plate: the common nodes of its two modes, and the motion of an adhesive stamp there.
 
-A stamp is a disc; what moves it is the slope of the shapes, for at its centre both stand still. It costs damping, and
-shakes the sensor under the plate, in the measure of the largest motion within it.
+A stamp is a disc around a node: the slope of the shapes moves it. Damping, and the shaking of a sensor under the plate,
+grow with the largest motion within the disc.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ import numpy as np
 from .free_plate import ModeShape
 from .legendre import FloatArray
 
-_CELLS_PER_WAVE = 12  # of the grid on which nodes are looked for
-_STEPS = 20  # Newton's, which needs five
+_CELLS_PER_WAVE = 12  # of the grid on which nodes are searched
+_STEPS = 20  # of Newton's method, which needs five
 _SETTLED = 1e-9
 _SAME_MM = 0.1
-_DISC_RADII, _DISC_ANGLES = 4, 16  # points of a disc besides its centre
+_DISC_RADII, _DISC_ANGLES = 4, 16  # sample points of a disc
 _INNER_FRAC = 0.25  # of the half plate: four stamps nearer to the middle let the plate tip
 
 
 class Stamp(NamedTuple):
-    """A common node, and the largest motion within the disc about it, in shares of the amplitude that both modes have
-    at once, in phase at the worst."""
+    """A common node, and the largest motion within the disc around it, as a share of the amplitude of both modes, in
+    phase."""
 
     x_mm: float
     y_mm: float
@@ -32,7 +32,7 @@ class Stamp(NamedTuple):
 
 
 def common_nodes(shapes: Sequence[ModeShape], radius_mm: float) -> tuple[Stamp, ...]:
-    """All points where both `shapes` (two) stand still and a stamp of `radius_mm` finds room, the calmest first."""
+    """Return the common nodes of two `shapes` with room for a stamp of `radius_mm`, least motion first."""
     width_mm, depth_mm = shapes[0].size_mm
     lines = max(max(shape.nodal_lines) for shape in shapes) + 2
     x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, _CELLS_PER_WAVE * lines) for edge_mm in (width_mm, depth_mm))
@@ -45,12 +45,14 @@ def common_nodes(shapes: Sequence[ModeShape], radius_mm: float) -> tuple[Stamp, 
     room = (np.abs(points) <= np.array((width_mm, depth_mm)) / 2 - radius_mm).all(axis=1)
     points = _distinct(points[room])
     moved = _moved(shapes, points, radius_mm)
-    order = np.lexsort((*points.T, -np.round(np.abs(points[:, 0]), 3), np.round(moved, 6)))  # the same on any machine
+    order = np.lexsort(
+        (*points.T, -np.round(np.abs(points[:, 0]), 3), np.round(moved, 6))
+    )  # the same order on any machine
     return tuple(Stamp(float(points[i, 0]), float(points[i, 1]), float(moved[i])) for i in order)
 
 
 def four_stamps(nodes: Sequence[Stamp], size_mm: tuple[float, float]) -> tuple[Stamp, ...]:
-    """The calmest node of each quadrant that keeps away from the middle; fewer where a quadrant has none."""
+    """Return the node of least motion in each quadrant, away from the middle; fewer where a quadrant has none."""
     chosen = []
     for right, up in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         inner_x_mm, inner_y_mm = (_INNER_FRAC * edge_mm / 2 for edge_mm in size_mm)
@@ -60,7 +62,7 @@ def four_stamps(nodes: Sequence[Stamp], size_mm: tuple[float, float]) -> tuple[S
 
 
 def _nodes_near(shapes: Sequence[ModeShape], start: FloatArray, reach_mm: float) -> FloatArray:
-    """Newton's method from each start (N, 2); those that settle within reach."""
+    """Run Newton's method from each start (N, 2); return the points that converge within reach."""
     points = start.copy()
     for _ in range(_STEPS):
         values = np.stack([shape.evaluate(points) for shape in shapes], axis=-1)
@@ -80,7 +82,7 @@ def _distinct(points: FloatArray) -> FloatArray:
 
 
 def _moved(shapes: Sequence[ModeShape], points: FloatArray, radius_mm: float) -> FloatArray:
-    """The largest sum of the sizes of all shapes within each disc (N,)."""
+    """Return the largest sum of |shape| within each disc (N,)."""
     radii = radius_mm * np.arange(1, _DISC_RADII + 1) / _DISC_RADII
     angles = 2.0 * np.pi * np.arange(_DISC_ANGLES) / _DISC_ANGLES
     disc = (radii[:, None, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)).reshape(-1, 2)

@@ -1,1 +1,1 @@
-"""File formats: mode maps, calibrations, configuration syntax, recordings, and where outputs may be written."""
+"""File formats: mode maps, calibrations, TOML, recordings; pictures; and checks of output paths."""

@@ -1,7 +1,6 @@
-"""What sweeps found of the plate's modes, as a TOML file that a person can read and correct.
+"""Calibration file: the swept modes of a plate as TOML that a person can read and correct.
 
-`hapticd firmware sweep --save FILE` writes it; the service reads the one that `device.calibration_file` names, and
-tells the board.
+`hapticd firmware sweep --save FILE` writes it; the service reads `device.calibration_file` and sends it to the board.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from ..errors import ConfigError
 from ..wire import protocol
 from .toml_file import read_table, shown
 
-# Key of the file, lower and upper bound.
+# Key: lower and upper bound.
 KEYS = {
     "frequency_hz": (1000.0, 1e6),
     "q_factor": (1.0, 1e5),
@@ -30,7 +29,7 @@ HEADER = """\
 
 
 def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
-    """The calibrated modes in the file at `path`, at most one for each of `modes`. Raises ConfigError."""
+    """Read the calibrated modes, at most one for each of `modes`. Raises ConfigError."""
     table = read_table(path, "check device.calibration_file")
     entries = table.pop("mode", None)
     if table or not isinstance(entries, list):
@@ -40,17 +39,17 @@ def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
         if not 0 <= calibration.mode < modes:
             raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is not one of the plate's {modes}.")
         if calibration.mode in [earlier.mode for earlier in found[: place - 1]]:
-            raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} stands there twice: delete one.")
+            raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is listed twice: delete one.")
     return tuple(found)
 
 
 def save(path: Path, calibrations: Sequence[ModeCalibration]) -> None:
-    """Writes the file anew, modes in order. Raises ConfigError."""
+    """Overwrite the file, modes in order. Raises ConfigError."""
     text = HEADER + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode))
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror}): name a file in a folder of yours.") from None
+        raise ConfigError(f"{path}: cannot be written ({error.strerror}): name a file in a writable folder.") from None
 
 
 def _text(calibration: ModeCalibration) -> str:
@@ -75,10 +74,10 @@ def _mode(entry: Any, where: str) -> ModeCalibration:
     for key, (low, high) in KEYS.items():
         value = entry[key]
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-            raise ConfigError(f"{where}.{key}: {shown(value)} is out of bounds, it must be {low:g} .. {high:g}.")
+            raise ConfigError(f"{where}.{key}: {shown(value)} is out of bounds: it must be {low:g} .. {high:g}.")
     decay_1_s = math.pi * entry["frequency_hz"] / entry["q_factor"]
     if not protocol.is_within(decay_1_s, protocol.DECAY_1_S):
-        raise ConfigError(f"{where}.q_factor: {entry['q_factor']:g} makes no resonance of it: measure again.")
+        raise ConfigError(f"{where}.q_factor: {entry['q_factor']:g} does not describe a resonance: measure again.")
     return ModeCalibration(
         mode=mode,
         frequency_hz=float(entry["frequency_hz"]),

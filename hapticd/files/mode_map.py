@@ -1,10 +1,11 @@
-"""Map files as bytes: NPZ (arrays `x_mm`, `y_mm`, `shapes`) and CSV, the format a laboratory writes by hand.
+"""Files of mode maps: NPZ and CSV, real maps on a grid and a vibrometer's scan of real or complex readings.
 
-CSV has the header `x_mm,y_mm,phi_1,...,phi_M` and one line per measured point, in any order. A point may be left
-out, and an empty value or `nan` is a missing one: both become NaN. Lines that are blank or begin with # are
-skipped. Positions within a micrometre of each other are one line of the grid.
+CSV has a header and one line per point, in any order: `x_mm,y_mm`, then for each mode k from 1 `phi_k`, or `re_k,im_k`,
+or `abs_k,deg_k`. An empty value or `nan` is a missing one. Blank lines and lines that begin with # are skipped.
+NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M).
 
-Every ModesError says what is wrong and what to do; the caller knows the file's name and puts it in front.
+A grid may lack points, which become NaN; positions within a micrometre of each other are one line of it. Files come
+from outside: no bytes raise anything but ModesError, whose sentence `read_grid` and `read_scan` prefix with the path.
 """
 
 from __future__ import annotations
@@ -12,63 +13,145 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from hapticd.errors import ModesError
 
-Grid = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]
+Floats = npt.NDArray[np.float64]
+Grid = tuple[Floats, Floats, Floats]
+Arrays = Mapping[str, npt.NDArray[Any]]
+Decoded = TypeVar("Decoded")
 
 FORMATS = (".npz", ".csv")
 MAX_BYTES = 1 << 24  # of a file, and of an array in it; 20 modes on 300 x 300 points have 14 million
 MAX_LINES = 400  # of a grid along one axis: a third of a millimetre on the plate
-MAX_POSITION_MM = 1e6  # from the plate's centre: wider is a damaged file, and could overflow
+MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged file, and could overflow
 
-_SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above what printing a position loses
-_MIN_FILLED_FRAC = 0.5  # below it the points are scattered, not on a grid
+_GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
+_FORMS = (("phi",), ("re", "im"), ("abs", "deg"))
+_SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
+_MIN_FILLED_FRAC = 0.5  # of a grid: with fewer points they are scattered
+
+
+class Scan(NamedTuple):
+    """`points_mm` (N, 2) and `readings` (N, M), real or complex, NaN where a reading is missing."""
+
+    points_mm: Floats
+    readings: npt.NDArray[Any]
+
+
+def read_grid(path: str | Path) -> Grid:
+    """Read `x_mm` (nx,), `y_mm` (ny,) and real `shapes` (M, ny, nx), NaN where missing. Raises ModesError."""
+    return _read(Path(path), decode_grid)
+
+
+def read_scan(path: str | Path) -> Scan:
+    """Read a scan of any form; the fit judges its values. Raises ModesError."""
+    return _read(Path(path), decode_scan)
+
+
+def write_grid(path: str | Path, grid: Grid) -> None:
+    """Write a grid as NPZ or CSV, by the suffix; `read_grid` returns the same numbers. Raises ModesError."""
+    data = encode_grid(grid, _suffix(Path(path)))
+    try:
+        Path(path).write_bytes(data)
+    except OSError as error:
+        raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
 
 
 def decode_grid(data: bytes, suffix: str) -> Grid:
-    """`x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx) with NaN for what is missing. Raises ModesError only."""
-    return _decode_npz(data) if suffix == ".npz" else _decode_csv(data)
+    """Decode a real map on a grid; the types are those of `read_grid`. Raises ModesError only."""
+    if suffix == ".npz":
+        arrays = _decode_npz(data, (_GRID,))
+        if any(np.iscomplexobj(array) for array in arrays.values()):
+            raise ModesError("holds complex shapes; fit them with `hapticd calibrate modes --scan`.")
+        return _real(arrays["x_mm"]), _real(arrays["y_mm"]), _real(arrays["shapes"])
+    form, numbers, table = _decode_csv(data)
+    if form != ("phi",):
+        raise ModesError("holds complex readings; fit them with `hapticd calibrate modes --scan`.")
+    return _lay_on_grid(numbers, table)
+
+
+def decode_scan(data: bytes, suffix: str) -> Scan:
+    """Decode points and readings in any form. Raises ModesError only."""
+    if suffix == ".npz":
+        arrays = _decode_npz(data, (_POINTS, _GRID))
+        return _scattered(arrays) if "readings" in arrays else _points_of_grid(arrays)
+    form, _, table = _decode_csv(data)
+    parts = table[:, 2:].reshape(len(table), -1, len(form))
+    if form == ("re", "im"):
+        return Scan(table[:, :2], parts[..., 0] + 1j * parts[..., 1])
+    if form == ("abs", "deg"):
+        return Scan(table[:, :2], parts[..., 0] * np.exp(1j * np.radians(parts[..., 1])))
+    return Scan(table[:, :2], parts[..., 0])
 
 
 def encode_grid(grid: Grid, suffix: str) -> bytes:
-    """The file's bytes; `decode_grid` gives the same numbers to the last bit."""
+    """Return the file's bytes; `decode_grid` gives the same numbers to the last bit."""
     x_mm, y_mm, shapes = grid
     if suffix == ".npz":
         buffer = io.BytesIO()
         np.savez(buffer, x_mm=x_mm, y_mm=y_mm, shapes=shapes)
         return buffer.getvalue()
-    lines = [",".join(_header(shapes.shape[0]))]
+    lines = [",".join(_header(("phi",), shapes.shape[0]))]
     for row, y in enumerate(y_mm.tolist()):
         for column, x in enumerate(x_mm.tolist()):
             lines.append(",".join(map(repr, (x, y, *shapes[:, row, column].tolist()))))
     return ("\n".join(lines) + "\n").encode()
 
 
-def _decode_npz(data: bytes) -> Grid:
+def _read(path: Path, decode: Callable[[bytes, str], Decoded]) -> Decoded:
+    suffix = _suffix(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
+    try:
+        if len(data) > MAX_BYTES:
+            raise ModesError(f"has more than {MAX_BYTES >> 20} MiB; measure on a coarser grid.")
+        return decode(data, suffix)
+    except ModesError as error:
+        raise ModesError(f"{path}: {error}") from error
+
+
+def _suffix(path: Path) -> str:
+    if path.suffix.lower() not in FORMATS:
+        raise ModesError(f"{path}: has no known suffix; name the file {' or '.join(FORMATS)}.")
+    return path.suffix.lower()
+
+
+# --- NPZ --------------------------------------------------------------------------------------------------------
+
+
+def _decode_npz(data: bytes, choices: Sequence[Sequence[str]]) -> Arrays:
+    """Return the arrays of the first of `choices`, sets of names, that the archive holds in full."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            x_mm, y_mm, shapes = (_member(archive, f"{name}.npy") for name in ("x_mm", "y_mm", "shapes"))
+            present = {entry.filename for entry in archive.infolist()}
+            names = next((names for names in choices if present.issuperset(f"{name}.npy" for name in names)), ())
+            arrays = {name: _member(archive, f"{name}.npy") for name in names}
     except ModesError:
         raise
-    except KeyError as error:
-        raise ModesError("misses one of the arrays x_mm, y_mm, shapes; save it with these names.") from error
     except Exception as error:  # a damaged archive fails in any of zipfile's, zlib's and numpy's ways
         raise ModesError("is not a readable NPZ archive; save it again with numpy.savez.") from error
-    if any(array.dtype.kind not in "fiu" for array in (x_mm, y_mm, shapes)):
-        raise ModesError("holds arrays that are not real numbers; save x_mm, y_mm, shapes as float64.")
-    with np.errstate(over="ignore", invalid="ignore"):  # a long double may become infinite or NaN, which is told there
-        return x_mm.astype(np.float64), y_mm.astype(np.float64), shapes.astype(np.float64)
+    if not arrays:
+        expected = " nor ".join(", ".join(names) for names in choices)
+        raise ModesError(f"does not hold {expected}; save the arrays with these names.")
+    if any(array.dtype.kind not in "fiuc" for array in arrays.values()):
+        raise ModesError("holds arrays that are not numbers; save them as float64 or complex128.")
+    return arrays
 
 
-def _member(archive: zipfile.ZipFile, name: str) -> npt.NDArray[np.generic]:
-    """One array. Neither a bomb of packed zeros nor a header that claims too much can take more than the bound."""
+def _member(archive: zipfile.ZipFile, name: str) -> npt.NDArray[Any]:
+    """Return one array. Neither a bomb of packed zeros nor a header that claims too much can exceed the bound."""
     if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError("numpy packs in no other way, and these cannot be unpacked in pieces")
+        raise ValueError("numpy uses no other compression, and others cannot be unpacked in pieces")
     with archive.open(name) as file:
         npy = file.read(MAX_BYTES + 1)
     if len(npy) > MAX_BYTES:
@@ -77,20 +160,50 @@ def _member(archive: zipfile.ZipFile, name: str) -> npt.NDArray[np.generic]:
     if np.lib.format.read_magic(head) != (1, 0):
         raise ValueError("an array of plain numbers has this version")
     shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(head)
-    values: npt.NDArray[np.generic] = np.frombuffer(npy, dtype, offset=head.tell())
+    values: npt.NDArray[Any] = np.frombuffer(npy, dtype, offset=head.tell())
     return values.reshape(shape, order="F" if is_fortran else "C")
 
 
-def _decode_csv(data: bytes) -> Grid:
+def _scattered(arrays: Arrays) -> Scan:
+    points_mm, readings = arrays["points_mm"], arrays["readings"]
+    if points_mm.ndim != 2 or points_mm.shape[1] != 2 or readings.ndim != 2 or len(points_mm) != len(readings):
+        raise ModesError(
+            f"points_mm and readings are {points_mm.shape} and {readings.shape}; give (N, 2) and (N, modes)."
+        )
+    return Scan(_real(points_mm), _numbers(readings))
+
+
+def _points_of_grid(arrays: Arrays) -> Scan:
+    x_mm, y_mm, shapes = (arrays[name] for name in _GRID)
+    if x_mm.ndim != 1 or y_mm.ndim != 1 or shapes.ndim != 3 or shapes.shape[1:] != (y_mm.size, x_mm.size):
+        raise ModesError(f"shapes is {shapes.shape}, the axes need (modes, {y_mm.size}, {x_mm.size}); transpose it.")
+    points_mm = np.stack(np.meshgrid(_real(x_mm), _real(y_mm)), axis=-1).reshape(-1, 2)
+    return Scan(points_mm, _numbers(shapes).reshape(len(shapes), -1).T)
+
+
+def _real(array: npt.NDArray[Any]) -> Floats:
+    if np.iscomplexobj(array):
+        raise ModesError("holds complex positions; save them as float64.")
+    return _numbers(array)
+
+
+def _numbers(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    with np.errstate(over="ignore", invalid="ignore"):  # a long double may become infinite or NaN: checked later
+        return array.astype(np.complex128 if np.iscomplexobj(array) else np.float64)
+
+
+# --- CSV --------------------------------------------------------------------------------------------------------
+
+
+def _decode_csv(data: bytes) -> tuple[tuple[str, ...], list[int], Floats]:
+    """Return the form of the readings, each point's line number, and the table (N, columns)."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ModesError("is not a text file; save the map as CSV in UTF-8.") from error
     lines = _rows(text)
     _, header = next(lines, (0, []))
-    modes = len(header) - 2
-    if modes < 1 or header != _header(modes):
-        raise ModesError("does not begin with the header x_mm,y_mm,phi_1,...,phi_M; add it as the first line.")
+    form = _form(header)
     numbers: list[int] = []
     table: list[list[float]] = []
     for number, cells in lines:
@@ -100,33 +213,44 @@ def _decode_csv(data: bytes) -> Grid:
         table.append(_parse_line(number, cells, len(header)))
     if not table:
         raise ModesError("holds a header and no points; add a line per measured point.")
-    return _lay_on_grid(numbers, np.array(table))
+    return form, numbers, np.array(table)
 
 
 def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Line number and stripped cells of every line that says something."""
+    """Yield line number and cells, without blanks and quotes, of every line that holds data."""
     for number, line in enumerate(text.splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
-            yield number, [cell.strip() for cell in line.split(",")]
+            yield number, [cell.strip(' \t"') for cell in line.split(",")]
 
 
-def _header(modes: int) -> list[str]:
-    return ["x_mm", "y_mm", *(f"phi_{k}" for k in range(1, modes + 1))]
+def _form(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the form of the readings that the header names."""
+    for form in _FORMS:
+        modes = (len(header) - 2) // len(form)
+        if modes >= 1 and header == _header(form, modes):
+            return form
+    raise ModesError(
+        "does not begin with the header x_mm,y_mm and for each mode phi_1 or re_1,im_1 or abs_1,deg_1; add it."
+    )
+
+
+def _header(form: Sequence[str], modes: int) -> list[str]:
+    return ["x_mm", "y_mm", *(f"{part}_{k}" for k in range(1, modes + 1) for part in form)]
 
 
 def _parse_line(number: int, cells: Sequence[str], columns: int) -> list[float]:
     if len(cells) != columns:
-        raise ModesError(f"line {number} has {len(cells)} values where the header has {columns}; complete it.")
+        raise ModesError(f"line {number} has {len(cells)} values, the header {columns}; complete it.")
     try:
         values = [float(cell) if cell else math.nan for cell in cells]
     except ValueError as error:
         raise ModesError(f"line {number} holds something that is not a number; correct or empty it.") from error
     if not all(abs(position_mm) <= MAX_POSITION_MM for position_mm in values[:2]):
-        raise ModesError(f"line {number} does not say where its point lies; give x_mm and y_mm or delete it.")
+        raise ModesError(f"line {number} has no usable position; give x_mm and y_mm or delete it.")
     return values
 
 
-def _lay_on_grid(numbers: Sequence[int], table: npt.NDArray[np.float64]) -> Grid:
+def _lay_on_grid(numbers: Sequence[int], table: Floats) -> Grid:
     x_mm, column = _grid_lines(table[:, 0])
     y_mm, row = _grid_lines(table[:, 1])
     if len(table) < _MIN_FILLED_FRAC * x_mm.size * y_mm.size:
@@ -138,14 +262,14 @@ def _lay_on_grid(numbers: Sequence[int], table: npt.NDArray[np.float64]) -> Grid
     _, first = np.unique(node, return_index=True)
     if first.size < len(table):
         double = numbers[int(np.setdiff1d(np.arange(len(table)), first)[0])]
-        raise ModesError(f"line {double} gives a point of the grid a second time; delete one of the two.")
+        raise ModesError(f"line {double} repeats a point of the grid; delete one of the two.")
     shapes = np.full((table.shape[1] - 2, y_mm.size * x_mm.size), np.nan)
     shapes[:, node] = table[:, 2:].T
     return x_mm, y_mm, shapes.reshape(-1, y_mm.size, x_mm.size)
 
 
-def _grid_lines(positions_mm: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
-    """The distinct positions, and which of them each point is on."""
+def _grid_lines(positions_mm: Floats) -> tuple[Floats, npt.NDArray[np.intp]]:
+    """Return the distinct positions, and the index of each point's position among them."""
     order = np.argsort(positions_mm, kind="stable")
     ordered = positions_mm[order]
     starts = np.concatenate(([True], np.diff(ordered) > _SAME_LINE_MM))

@@ -1,7 +1,7 @@
-"""A TOML file that a person wrote, read within bounds: at most 64 KiB, whole numbers of 64 bits, plain one-line texts.
+"""TOML reader with bounds: at most 64 KiB, integers of 64 bits, printable one-line strings.
 
-The parser behind it takes numbers of any length, and memory that grows with the square of a dotted key's parts:
-both are refused before they cost something.
+The parser accepts numbers of any length, and its memory grows with the square of a dotted key's parts: both are refused
+before parsing.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import Any
 
 from ..errors import ConfigError, reason
 
-MAX_BYTES = 65536  # the whole commented configuration has 5000
-MAX_TEXT = 4096  # characters of a key or a text, as long as a path can be
-_MAX_KEY_PARTS = 16  # parts.of.a.dotted.key; ours have two
+MAX_BYTES = 65536  # the complete commented configuration has 5000
+MAX_TEXT = 4096  # characters of a key or a string: the longest path
+_MAX_KEY_PARTS = 16  # parts.of.a.dotted.key; hapticd's have two
 _NOT_IN_KEYS = re.compile(r"[=,{\n]")
 _SHOWN = 60  # characters of a value in an error's sentence
 
 
 def read_table(path: Path, hint: str) -> dict[str, Any]:
-    """The table in the file. ConfigError where it cannot be read, ending in `hint`, or is not such a file."""
+    """Return the table in the file. Raises ConfigError; for an unreadable file it ends with `hint`."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
@@ -34,13 +34,13 @@ def read_table(path: Path, hint: str) -> dict[str, Any]:
 
 
 def shown(value: object) -> str:
-    """A value for an error's sentence, shortened where it is long."""
+    """Return a value for an error message, shortened if long."""
     text = repr(value)
     return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
 
 
 def parse(text: str, where: str) -> dict[str, Any]:
-    """The table that the text means; `where` names it in errors. Raises ConfigError."""
+    """Parse the text; `where` names it in errors. Raises ConfigError."""
     if max(part.count(".") for part in _NOT_IN_KEYS.split(text)) >= _MAX_KEY_PARTS:
         raise ConfigError(f"{where}: holds a name with {_MAX_KEY_PARTS} dots or more: write [section] and key = value.")
     try:

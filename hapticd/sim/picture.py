@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import HapticdError
+from ..files import plotting
 from .lockstep import Run
 from .scenarios import STEP_S
 from .score import Score, score
@@ -67,10 +67,7 @@ def draw(films: list[Film], path: Path, *, w_limit_um: float, seconds: float | N
             axes[2, column].set_xlim(start_s, min(start_s + seconds, float(film.t_s[-1])))
     for axis in axes[:, 1:].flat:
         axis.set_ylabel("")
-    try:
-        figure.savefig(path, dpi=110, format="png")
-    except OSError as error:
-        raise HapticdError(f"The picture cannot be written to {path}: {error.strerror or error}.") from None
+    plotting.save(figure, path)
 
 
 def draw_run(run: Run, path: Path) -> None:
@@ -84,15 +81,7 @@ def draw_run(run: Run, path: Path) -> None:
 
 
 def _canvas(columns: int) -> tuple[Any, Any]:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
-    figure = Figure(figsize=(7.0 * columns, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(3, columns, sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1, 2))
-    return figure, axes
+    return plotting.subplots(7.0 * columns, 8.0, 3, columns, sharex="col", sharey="row", height_ratios=(2, 1, 2))
 
 
 def _draw_modes(axis: Any, film: Film, w_limit_um: float) -> None:

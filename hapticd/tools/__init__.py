@@ -1,1 +1,1 @@
-"""What people run: one module or package for each command of `hapticd`."""
+"""Commands of `hapticd`: one module or package for each; `__main__.COMMANDS` names them."""

@@ -1,4 +1,4 @@
-"""`hapticd run` as a process of its own, on a simulated rig."""
+"""`hapticd run` as a child process on a simulated rig, for demo, view, study and tests."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from ..io import owned_process as ownedprocess
+from ..io import owned_process
 
 END_WITHIN_S = 10.0
+# A loaded host that stalls the simulated pad must not lift its fingers, which would land again under other ids.
+PATIENT = "[trackpad]\nsilence_ms = 1000\n"
 
 
 class DaemonProcess:
-    """A service from `__enter__` to `__exit__`; `runtime_dir` is where its clients connect.
+    """Context manager of a service whose clients connect at `runtime_dir`; it takes some seconds to start.
 
-    `sim` are the lines of its [sim] table: the rig that runs already, or what its own plays; `settings` are more of its
-    configuration, as TOML. Clients give it some seconds to start.
+    `sim` are the lines of its [sim] table: a running rig, or the scenario of a rig of its own; `settings` are further
+    sections of its configuration, as TOML.
     """
 
     def __init__(self, sim: str, settings: str = "", *, log_level: str = "warning") -> None:
@@ -28,7 +30,7 @@ class DaemonProcess:
         )
 
     def __enter__(self) -> DaemonProcess:
-        self.process = ownedprocess.start(["run", "--config", str(self._config)], forget=Path(self._folder.name))
+        self.process = owned_process.start(["run", "--config", str(self._config)], forget=Path(self._folder.name))
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,20 +1,108 @@
-"""`hapticd install-service`."""
+"""`hapticd install-service`: install the files of `systemd/`, with this program's path in the unit.
+
+The files come from the package's data or from the source checkout. Nothing is started, and an existing configuration
+is kept.
+"""
 
 from __future__ import annotations
 
 import argparse
+import re
+import sys
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from . import installation
+from ..errors import HapticdError
+
+DESTINATIONS = {
+    "hapticd.service": Path("etc/systemd/system/hapticd.service"),
+    "71-hapticd.rules": Path("etc/udev/rules.d/71-hapticd.rules"),
+    "hapticd.sysusers.conf": Path("etc/sysusers.d/hapticd.conf"),
+    "hapticd.toml": Path("etc/hapticd/hapticd.toml"),
+}
+KEPT = {"hapticd.toml"}  # not overwritten
+HIDDEN_BY_UNIT = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # ProtectHome=, PrivateTmp=
+
+AFTERWARDS = """\
+systemd-sysusers
+udevadm control --reload
+udevadm trigger
+systemctl daemon-reload
+systemctl enable --now hapticd
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceFile:
+    """One file: its name in `systemd/`, its destination below the root, and its text."""
+
+    name: str
+    destination: Path
+    text: str
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where to."""
-    parser.add_argument("--print", action="store_true", help="show the files and where they go, and change nothing")
+    """Add --print and --root."""
+    parser.add_argument("--print", action="store_true", help="print the files with their destinations, change nothing")
     parser.add_argument("--root", type=Path, default=Path("/"), help="install below this directory (default /)")
     parser.set_defaults(command=_install_service)
 
 
 def _install_service(options: argparse.Namespace) -> None:
-    files = installation.service_files()
-    print(installation.listing(files) if options.print else installation.install(files, options.root), end="")
+    files = service_files()
+    print(listing(files) if options.print else install(files, options.root), end="")
+
+
+def service_files(folder: Path | None = None, program: Path | None = None) -> tuple[ServiceFile, ...]:
+    """Return the files of `folder` (default: the package's or the checkout's), the unit starting `program` (default:
+    the `hapticd` next to this interpreter). Raises HapticdError."""
+    folder = _folder() if folder is None else folder
+    program = Path(sys.executable).with_name("hapticd") if program is None else program
+    files = []
+    for name, destination in DESTINATIONS.items():
+        try:
+            text = (folder / name).read_text(encoding="utf-8")
+        except OSError as error:
+            raise HapticdError(f"{folder / name}: cannot be read ({error.strerror}): install hapticd again.") from None
+        if name.endswith(".service"):
+            text = re.sub(r"^ExecStart=\S+", lambda _: f"ExecStart={program}", text, flags=re.MULTILINE)
+        files.append(ServiceFile(name, destination, text))
+    return tuple(files)
+
+
+def listing(files: Sequence[ServiceFile]) -> str:
+    """Return all files with their destinations, and the commands to run afterwards."""
+    shown = [f"# --- /{file.destination}\n{file.text}" for file in files]
+    return "\n".join([*shown, f"# --- then\n{AFTERWARDS}"])
+
+
+def install(files: Sequence[ServiceFile], root: Path) -> str:
+    """Write the files below `root`; return a report with the next commands. Raises HapticdError."""
+    program = next(line.split("=")[1].split()[0] for line in _unit(files).splitlines() if line.startswith("ExecStart="))
+    if program.startswith(tuple(f"{place}/" for place in HIDDEN_BY_UNIT)):
+        raise HapticdError(f"{program}: is hidden from the service: install hapticd in /opt, see systemd/README.md.")
+    done = []
+    for file in files:
+        path = root / file.destination
+        if file.name in KEPT and path.exists():
+            done.append(f"kept       {path}")
+            continue
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(file.text, encoding="utf-8")
+            path.chmod(0o644)
+        except OSError as error:
+            raise HapticdError(f"{path}: cannot be written ({error.strerror}): run it as root.") from None
+        done.append(f"installed  {path}")
+    return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTERWARDS.splitlines()), ""])
+
+
+def _unit(files: Sequence[ServiceFile]) -> str:
+    return next(file.text for file in files if file.name.endswith(".service"))
+
+
+def _folder() -> Path:
+    packaged = Path(sysconfig.get_path("data"), "share", "hapticd", "systemd")
+    return packaged if packaged.is_dir() else Path(__file__).parents[2] / "systemd"

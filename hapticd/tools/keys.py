@@ -1,4 +1,4 @@
-"""`hapticd keys`: key pairs for the daemon and its clients on other machines, and the list of those it lets in."""
+"""`hapticd keys`: key pairs for the daemon and its remote clients, and the daemon's allow-list."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import zmq.auth
 
 from ..io import keys
 
-RESTART = "restart hapticd for it to count"
+RESTART = "restart hapticd to apply"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The subcommands: make, allow, revoke, list."""
+    """Add the subcommands make, allow, revoke and list."""
     parser.epilog = (
         f"{parser.epilog}\n"
         "         hapticd keys make . study-7\n"
@@ -23,21 +23,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
 
     make = _action(actions, "make", "make a pair: the daemon's, or with a NAME a client's", ". study-7")
-    make.add_argument("directory", type=Path, metavar="DIR", help="where its two files go")
-    make.add_argument("name", nargs="?", default=keys.DAEMON_NAME, metavar="NAME", help="what the daemon will call it")
+    make.add_argument("directory", type=Path, metavar="DIR", help="folder for its two files")
+    make.add_argument("name", nargs="?", default=keys.DAEMON_NAME, metavar="NAME", help="the client's name")
     make.set_defaults(command=_make)
 
-    allow = _action(actions, "allow", "let the client with this public key in", "/etc/hapticd/keys study-7.key")
+    allow = _action(actions, "allow", "admit the client with this public key", "/etc/hapticd/keys study-7.key")
     allow.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
-    allow.add_argument("certificate", type=Path, metavar="NAME.key", help="its public half; the secret stays with it")
+    allow.add_argument(
+        "certificate", type=Path, metavar="NAME.key", help="its public key; the secret one stays with the client"
+    )
     allow.set_defaults(command=_allow)
 
-    revoke = _action(actions, "revoke", "let a client in no more", "/etc/hapticd/keys study-7")
+    revoke = _action(actions, "revoke", "remove a client from the allow-list", "/etc/hapticd/keys study-7")
     revoke.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     revoke.add_argument("name", metavar="NAME", help="as `list` shows it")
     revoke.set_defaults(command=_revoke)
 
-    show = _action(actions, "list", "show the daemon's public key and who is let in", "/etc/hapticd/keys")
+    show = _action(actions, "list", "show the daemon's public key and the admitted clients", "/etc/hapticd/keys")
     show.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     show.set_defaults(command=_list)
 
@@ -54,7 +56,7 @@ def _action(actions: Any, name: str, summary: str, example: str) -> argparse.Arg
 
 def _make(options: argparse.Namespace) -> None:
     public, secret = keys.make_pair(options.directory, options.name)
-    print(f"{public}: to give away\n{secret}: to keep")
+    print(f"{public}: public, to distribute\n{secret}: secret, to keep")
 
 
 def _allow(options: argparse.Namespace) -> None:

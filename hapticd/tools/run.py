@@ -1,47 +1,75 @@
-"""`hapticd run`."""
+"""`hapticd run`: the service in the foreground, with the arguments that other commands share."""
 
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
 from typing import cast
 
 from ..config import loader as config
-from . import configured
+from ..config.sections import Config
 
-OPENSSL = ("_ssl", "_hashlib")  # what loads it
+OPENSSL = ("_ssl", "_hashlib")  # the modules that load it
+STDERR = 2  # the descriptor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which configuration, and whether it shall run."""
-    configured.add_arguments(parser)
-    parser.add_argument("--print-config", action="store_true", help="print the configuration in force, and end")
-    parser.add_argument("--check", action="store_true", help="read all that it names, say what is wrong, and end")
+    """Add the configuration, and the modes that do not serve."""
+    add_config_arguments(parser)
+    parser.add_argument("--print-config", action="store_true", help="print the active configuration, and exit")
+    parser.add_argument("--check", action="store_true", help="read all files it names, report errors, and exit")
     parser.set_defaults(command=_run)
 
 
+def add_config_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --config and --sim, for the commands that serve devices."""
+    parser.add_argument("--config", type=Path, help="the service's configuration (default: the simulated plate)")
+    parser.add_argument(
+        "--sim", action="store_true", help="serve the simulated plate instead of the configured devices"
+    )
+
+
+def configuration(options: argparse.Namespace) -> Config:
+    """Read the configuration of --config and --sim. Raises ConfigError."""
+    loaded = config.load(options.config) if options.config is not None else Config()
+    return config.simulated(loaded) if options.sim else loaded
+
+
+def log_to_stderr(level: str) -> None:
+    """Log to stderr: lines with the time for a terminal, in the journal's own format for the journal."""
+    from ..io.journal import JournalHandler
+    from ..io.systemd import JournalFormatter, speaks_to_journal
+
+    handler = JournalHandler()
+    plain = logging.Formatter("%(asctime)s %(levelname)s %(message)s", "%H:%M:%S")
+    handler.setFormatter(JournalFormatter() if speaks_to_journal(STDERR) else plain)
+    logging.basicConfig(level=level.upper(), handlers=[handler])
+
+
 def _run(options: argparse.Namespace) -> None:
-    loaded = configured.configuration(options)
+    loaded = configuration(options)
     if options.print_config:
         print(config.render(loaded), end="")
         return
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # nothing here is large enough for numpy's threads
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no array is large enough for numpy's threads
     with without_openssl():
         from ..daemon import service
     if options.check:
         service.check(loaded)
         return
-    configured.log_to_stderr(loaded.log.level)
-    service.run(loaded, lambda: configured.configuration(options), judge=_check_command(options))
+    log_to_stderr(loaded.log.level)
+    service.run(loaded, lambda: configuration(options), judge=_check_command(options))
 
 
 @contextmanager
 def without_openssl() -> Iterator[None]:
-    """Import as if Python had been built without it: nobody speaks TLS here, and it takes 4 MB."""
+    """Context in which imports find no OpenSSL: the service uses no TLS, and the library takes 4 MB."""
     hidden = [name for name in OPENSSL if name not in sys.modules]
     modules = cast("dict[str, ModuleType | None]", sys.modules)
     modules.update(dict.fromkeys(hidden))
@@ -53,6 +81,6 @@ def without_openssl() -> Iterator[None]:
 
 
 def _check_command(options: argparse.Namespace) -> list[str]:
-    """`hapticd run --check` on what these options name."""
+    """Return the command `hapticd run --check` with these options."""
     config_file = [] if options.config is None else ["--config", str(options.config)]
     return [sys.executable, "-m", "hapticd", "run", "--check", *config_file, *(["--sim"] if options.sim else [])]

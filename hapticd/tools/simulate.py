@@ -1,4 +1,4 @@
-"""`hapticd simulate`."""
+"""`hapticd simulate`: run a scenario in virtual time, and score it."""
 
 from __future__ import annotations
 
@@ -12,46 +12,50 @@ from ..sim.scenarios import SCENARIOS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which scenario, under which conditions, and what is written."""
+    """Add the scenario, its conditions, and the outputs."""
     scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
     parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
     parser.add_argument("scenario", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
-    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and cartography (default 1)")
-    parser.add_argument("--seconds", type=float, help="how long (default: the scenario's own)")
+    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
+    parser.add_argument("--seconds", type=float, help="duration (default: the scenario's own)")
     parser.add_argument("--speed", type=float, default=100.0, metavar="MM_S", help="of the fingers (default 100)")
     parser.add_argument("--noise", type=float, default=0.05, metavar="MM", help="of the sensor (default 0.05)")
-    parser.add_argument("--alone", action="store_true", help="leave out the paper's scheme and perfect knowledge")
+    parser.add_argument(
+        "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
+    )
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it in the manner of the paper's figures")
-    parser.add_argument("--record", type=Path, metavar="F.mcap", help="record it, with the plate's truth beside it")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it like the paper's figures")
+    parser.add_argument("--record", type=Path, metavar="F.mcap", help="record it, with the plate's ground truth")
     parser.set_defaults(command=_simulate)
 
 
 def _simulate(options: argparse.Namespace) -> None:
+    from ..files import plotting
     from ..files.outputs import check_writable, write_text
     from ..sim import lockstep, report
 
     check_writable(options.json, options.out, options.plot, options.record)
+    plotting.check(options.plot)
     settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
     t_start_s = time.perf_counter()
     if options.record is None:
-        played = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
+        result = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
     else:
         from .record import simulated
 
-        played = simulated.run(
+        result = simulated.run(
             options.scenario, options.record, settings=settings, seed=options.seed, seconds=options.seconds
         )
     took_s = time.perf_counter() - t_start_s
-    figures = report.figures(played, compare=not options.alone)
+    figures = report.figures(result, compare=not options.alone)
     print(report.table(figures), file=sys.stderr)
-    print(f"{played.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
+    print(f"{result.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
     if options.json is not None:
         write_text(json.dumps(figures, indent=2) + "\n", options.json)
     if options.out is not None:
-        report.save(played, options.out)
+        report.save(result, options.out)
     if options.plot is not None:
         from ..sim import picture
 
-        picture.draw_run(played, options.plot)
+        picture.draw_run(result, options.plot)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from test_examples import NAMES, example
 
-from hapticd.tools.study.rehearsal import rehearsal
+from hapticd.tools.study.program import rehearsal
 from hapticd_client import Client
 
 PATIENCE_S = 60.0

@@ -7,8 +7,7 @@ import pytest
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
-from hapticd.design.achievability import Finger, achievability_map, achievable_share, reach_um
-from hapticd.design.achievability_pairs import pair_map
+from hapticd.design.achievability import Finger, achievability_map, achievable_share, pair_map, reach_um
 from hapticd.sim.plate.truth import PlateSettings, PlateTruth
 
 PAIR = PlateTruth(PlateSettings()).cartography(1)

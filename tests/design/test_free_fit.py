@@ -10,7 +10,7 @@ import pytest
 
 from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes
 from hapticd.design.free_fit import FreePlateModes
-from hapticd.design.pose import AS_TOLD
+from hapticd.design.pose import NOMINAL
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
 WAVE_RAD_MM = 2.0 * math.pi / 26.2
@@ -155,7 +155,7 @@ def test_exact_values_give_the_exact_shares() -> None:
 
     fit, pose = modes.fit(points, modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
 
-    assert pose == AS_TOLD
+    assert pose == NOMINAL
     np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)
     assert (fit.residual_rms < 1e-12).all()
     np.testing.assert_array_equal(fit.freedom, [len(modes)] * 2)

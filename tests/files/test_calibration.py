@@ -1,4 +1,4 @@
-"""The calibration file: what is saved is loaded again, and what is wrong with one is said in a sentence."""
+"""The calibration file: round trip, and errors in one sentence."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def test_what_is_saved_is_loaded_again_in_the_order_of_the_modes(tmp_path: Path)
         (SOUND.replace("q_factor = 500\n", ""), r"\[\[mode\]\] 1: q_factor is missing"),
         (SOUND.replace("mode = 0", "mode = 2"), "mode 2 is not one of the plate's 2"),
         (SOUND.replace("mode = 0", "mode = true"), r"mode: must be a whole number.*not True"),
-        (SOUND + SOUND, r"\[\[mode\]\] 2: mode 0 stands there twice"),
+        (SOUND + SOUND, r"\[\[mode\]\] 2: mode 0 is listed twice"),
         (SOUND.replace("29195", '"29195"'), "frequency_hz: '29195' is out of bounds"),
         (SOUND.replace("= 5\n", "= nan\n"), "gain_um_per_v_s: nan is out of bounds"),
-        (SOUND.replace("500", "2"), "q_factor: 2 makes no resonance"),
+        (SOUND.replace("500", "2"), "q_factor: 2 does not describe a resonance"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:

@@ -1,9 +1,10 @@
-"""Map files: what was saved comes back, what a laboratory writes is read, and the rest is refused in a sentence."""
+"""Mode-map files: a round trip to the last bit, laboratories' own formats, and hostile files refused in a sentence."""
 
 from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.plate.mode_shapes import ModeShapes, read_grid
+from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ModesError
-from hapticd.files.mode_map import FORMATS, decode_grid, encode_grid
+from hapticd.files.mode_map import FORMATS, decode_grid, decode_scan, encode_grid, read_grid, read_scan
 
 HEADER = "x_mm,y_mm,phi_1,phi_2\n"
 
@@ -92,14 +93,16 @@ def test_a_file_with_gaps_loads_filled_and_reads_with_them(tmp_path: Path) -> No
         ("x_mm,y_mm\n0,0\n", "header"),
         ("x_mm,y_mm,phi_2,phi_1\n", "header"),
         (HEADER, "no points"),
-        (HEADER + "0,0,1,1\n\n1,0,1\n", "line 4 has 3 values where the header has 4"),
+        (HEADER + "0,0,1,1\n\n1,0,1\n", "line 4 has 3 values, the header 4"),
         (HEADER + "0,0,1,one\n", "line 2 holds something that is not a number"),
-        (HEADER + "nan,0,1,1\n", "line 2 does not say where"),
-        (HEADER + "0,,1,1\n", "line 2 does not say where"),
-        (HEADER + "0,0,1,1\n1,0,1,1\n0,1,1,1\n0,0,2,2\n", "line 5 gives a point of the grid a second time"),
+        (HEADER + "nan,0,1,1\n", "line 2 has no usable position"),
+        (HEADER + "0,,1,1\n", "line 2 has no usable position"),
+        (HEADER + "0,0,1,1\n1,0,1,1\n0,1,1,1\n0,0,2,2\n", "line 5 repeats a point of the grid"),
         (HEADER + "".join(f"{x},{x * x},1,1\n" for x in range(5)), "rectangular grid"),
         (HEADER + "".join(f"{x},0,1,1\n" for x in range(5)), "at least 4"),
         (HEADER + "".join(f"{x},{y},inf,1\n" for x in range(4) for y in range(4)), "infinite"),
+        ("x_mm,y_mm,re_1,im_1\n0,0,1,1\n", "complex readings"),
+        ("#" * (1 << 24) + "\n", "more than 16 MiB"),
     ],
 )
 def test_a_file_that_is_no_map_is_refused_with_its_name(tmp_path: Path, text: str, what: str) -> None:
@@ -128,9 +131,9 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "what"),
     [
-        ({"x_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4))}, "misses one of the arrays"),
-        ({"x_mm": np.arange(4.0), "y_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4), complex)}, "not real"),
-        ({"x_mm": np.arange(4.0), "y_mm": np.array(["a"] * 4), "shapes": np.ones((1, 4, 4))}, "not real"),
+        ({"x_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4))}, "does not hold x_mm, y_mm, shapes"),
+        ({"x_mm": np.arange(4.0), "y_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4), complex)}, "complex shapes"),
+        ({"x_mm": np.arange(4.0), "y_mm": np.array(["a"] * 4), "shapes": np.ones((1, 4, 4))}, "not numbers"),
         ({"x_mm": np.array([{}] * 4), "y_mm": np.arange(4.0), "shapes": np.ones((1, 4, 4))}, "not a readable NPZ"),
     ],
 )
@@ -145,8 +148,9 @@ def test_an_archive_of_something_else_is_refused(tmp_path: Path, arrays: dict[st
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=200), st.sampled_from(FORMATS))
 def test_no_bytes_raise_anything_but_a_sentence(data: bytes, suffix: str) -> None:
-    with pytest.raises(ModesError):
-        decode_grid(data, suffix)
+    for decode in (decode_grid, decode_scan):
+        with pytest.raises(ModesError):
+            decode(data, suffix)
 
 
 @settings(deadline=None, max_examples=150)
@@ -156,6 +160,7 @@ def test_a_damaged_file_is_read_or_refused(position: int, flip: int, suffix: str
     data[position % len(data)] ^= flip
 
     try:
+        decode_scan(bytes(data), suffix)
         modes = ModeShapes.from_grid(*decode_grid(bytes(data), suffix))
     except ModesError:
         return
@@ -178,6 +183,61 @@ def test_a_file_of_more_points_than_a_grid_has_is_refused() -> None:
 def test_an_archive_that_numpy_would_not_write_is_refused(member: bytes, packing: int, what: str) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", packing) as archive:
-        archive.writestr("x_mm.npy", member)
+        for name in ("x_mm", "y_mm", "shapes"):
+            archive.writestr(f"{name}.npy", member)
     with pytest.raises(ModesError, match=what):
         decode_grid(buffer.getvalue(), ".npz")
+
+
+# --- scans ------------------------------------------------------------------------------------------------------
+
+
+def test_every_form_of_a_scan_gives_the_same_readings(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    points_mm = random.uniform(-60.0, 60.0, (50, 2))
+    readings = random.standard_normal((50, 2)) + 1j * random.standard_normal((50, 2))
+    readings[3, 1] = np.nan
+    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings)
+    forms: dict[str, Callable[[complex], tuple[float, float]]] = {
+        "re_1,im_1,re_2,im_2": lambda w: (w.real, w.imag),
+        "abs_1,deg_1,abs_2,deg_2": lambda w: (abs(w), float(np.degrees(np.angle(w)))),
+    }
+    scans = [read_scan(tmp_path / "scan.npz")]
+    for columns, parts in forms.items():
+        rows = [
+            f'"{x!r}", {y!r},' + ",".join("," if np.isnan(w) else "{!r},{!r}".format(*parts(w)) for w in row)
+            for (x, y), row in zip(points_mm.tolist(), readings.tolist(), strict=True)
+        ]
+        (tmp_path / "scan.csv").write_text("\n".join(["# by hand", "", f"x_mm,y_mm,{columns}", *rows]))
+        scans.append(read_scan(tmp_path / "scan.csv"))
+    for scan in scans:
+        np.testing.assert_allclose(scan.points_mm, points_mm)
+        np.testing.assert_allclose(scan.readings, readings, rtol=1e-12, atol=1e-12)
+
+
+def test_a_grid_of_complex_values_and_a_real_table_are_scans(tmp_path: Path) -> None:
+    shapes = np.arange(12.0).reshape(2, 2, 3) * (1 + 2j)
+    np.savez(tmp_path / "grid.npz", x_mm=np.arange(3.0), y_mm=np.arange(2.0), shapes=shapes)
+    scan = read_scan(tmp_path / "grid.npz")
+    assert scan.points_mm.tolist()[4] == [1.0, 1.0]
+    assert scan.readings[4].tolist() == [4 + 8j, 10 + 20j]
+    scan = decode_scan(b"x_mm,y_mm,phi_1\n1,2,3\n4,5,\n", ".csv")
+    assert scan.points_mm.tolist() == [[1.0, 2.0], [4.0, 5.0]]
+    assert scan.readings[0, 0] == 3.0
+    assert np.isnan(scan.readings[1, 0])
+
+
+@pytest.mark.parametrize(
+    ("arrays", "sentence"),
+    [
+        ({"x_mm": np.zeros(2)}, "does not hold points_mm, readings nor x_mm"),
+        ({"points_mm": np.array(["a"]), "readings": np.zeros(1)}, "not numbers"),
+        ({"points_mm": np.zeros((3, 2)), "readings": np.zeros((2, 2))}, r"are \(3, 2\) and \(2, 2\)"),
+        ({"points_mm": np.zeros((3, 2), complex), "readings": np.zeros((3, 2))}, "complex positions"),
+        ({"x_mm": np.zeros(2), "y_mm": np.zeros(2), "shapes": np.zeros((1, 3, 2))}, "the axes need"),
+    ],
+)
+def test_arrays_that_are_no_scan_are_refused(tmp_path: Path, arrays: dict[str, np.ndarray], sentence: str) -> None:
+    np.savez(tmp_path / "scan.npz", **arrays)  # type: ignore[arg-type]
+    with pytest.raises(ModesError, match=sentence):
+        read_scan(tmp_path / "scan.npz")

@@ -1,4 +1,4 @@
-"""`hapticd latency`: figures of frames whose delays are known, and the whole of it once on the simulated rig."""
+"""`hapticd latency`: figures of frames with known delays, and one run on the simulated rig."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from machine_bench import MS, SLIPPERY, STICKY, Bench
 from hapticd.config.sections import Config
 from hapticd.core.board.ledger import Histogram, LedgerLine
 from hapticd.errors import HapticdError
-from hapticd.tools.latency import program as latency
-from hapticd.tools.latency.program import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger
+from hapticd.tools import latency
+from hapticd.tools.latency import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger
 
 
 def measured(milliseconds: int = 500) -> tuple[Bench, Measured]:
@@ -30,7 +30,7 @@ def measured(milliseconds: int = 500) -> tuple[Bench, Measured]:
     return bench, gather(bench.machine, lines)
 
 
-def test_each_frame_is_told_with_its_report_and_when_the_board_applied_it() -> None:
+def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it() -> None:
     _, found = measured()
     assert len(found.lines) > 30
     for line in found.lines:
@@ -41,7 +41,7 @@ def test_each_frame_is_told_with_its_report_and_when_the_board_applied_it() -> N
     assert [line.t_sent_ns for line in found.lines] == sorted({line.t_sent_ns for line in found.lines})
 
 
-def test_the_whole_way_is_from_the_sample_to_the_plate() -> None:
+def test_the_total_is_from_the_sample_to_the_plate() -> None:
     _, found = measured()
     total_ns = [line.t_applied_ns - line.t_sample_ns for line in found.lines]
     assert found.stages["total"].count == len(total_ns)
@@ -52,7 +52,7 @@ def test_the_whole_way_is_from_the_sample_to_the_plate() -> None:
 
 def test_frames_that_the_board_never_applies_are_counted() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    for _ in range(1500):  # the bench's board tells of one frame in ten
+    for _ in range(1500):  # the bench's board acknowledges one frame in ten
         bench.machine.pipeline.resend()
         bench.run(1)
     counts = gather(bench.machine, ()).counts
@@ -92,10 +92,10 @@ def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(tmp_path: Pat
     assert [tuple(int(row[name]) for name in names) for row in rows] == [
         tuple(getattr(line, name) for name in names) for line in found.lines
     ]
-    told = json.loads(json.dumps(figures(found)))
-    assert told["stages"]["link"]["count"] == found.stages["link"].count
-    assert told["counts"] == dict(found.counts)
-    assert told["processor_percent"] is None
+    plain = json.loads(json.dumps(figures(found)))
+    assert plain["stages"]["link"]["count"] == found.stages["link"].count
+    assert plain["counts"] == dict(found.counts)
+    assert plain["processor_percent"] is None
     draw(found, tmp_path / "latency.png")
     assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
 
@@ -113,14 +113,14 @@ def test_no_time_to_measure_in_is_refused_before_anything_is_opened(seconds: flo
 
 def test_the_simulated_rig_is_measured_as_it_is_built(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     latency.run(Config(), 2.0, json_file="-", ledger=tmp_path / "frames.csv", plot=None)
-    said = capsys.readouterr()
-    told = json.loads(said.out)
-    stages = told["stages"]
-    assert 0.0 < told["processor_percent"] < 100.0
-    assert f"{told['processor_percent']:.1f} % of one processor" in said.err
+    output = capsys.readouterr()
+    figures = json.loads(output.out)
+    stages = figures["stages"]
+    assert 0.0 < figures["processor_percent"] < 100.0
+    assert f"{figures['processor_percent']:.1f} % of one processor" in output.err
     assert stages["link"]["p50_ms"] >= 4.8  # the rig's constant 5 ms, less what the clocks err by
     assert stages["read_age"]["p50_ms"] >= 9.8  # and its sensor's 10
     assert stages["total"]["p50_ms"] >= 14.6  # one after the other
     assert stages["wire"]["count"] > 20
     assert len((tmp_path / "frames.csv").read_text().splitlines()) > 20
-    assert "sample to plate" in said.err
+    assert "sample to plate" in output.err

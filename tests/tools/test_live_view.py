@@ -1,4 +1,4 @@
-"""The live view: what it shows of a state, how often, and that nothing it may be told breaks it."""
+"""The live view: contents, rate, and robustness against odd states."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_on_a_narrow_terminal_no_line_wraps(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(Terminal, "fileno", lambda _: 1)
     lines = shown(*[state(finger(1, 0.0, 0.0))] * 30)
     assert max(map(len, lines)) == 40
-    assert len(lines) == ROWS + 2 + 4  # the plate's frame, one finger, and what is told of all
+    assert len(lines) == ROWS + 2 + 4  # the plate's frame, one finger, and the lines below
 
 
 def test_a_terminal_is_redrawn_in_place_ten_times_a_second() -> None:
@@ -92,7 +92,7 @@ def test_fingers_stand_where_they_are_as_what_they_are() -> None:
     assert table[3].split()[0] == "v"
 
 
-def test_limits_latency_and_rate_are_told() -> None:
+def test_limits_latency_and_rate_are_shown() -> None:
     lines = shown(*[state(limited=index % 4 == 0) for index in range(141)])
     assert lines[-2] == "WX +1.50  WY -2.25 um   LIMITED (26% of the time)"
     assert lines[-1] == "ACTIVE   64.0 passes/s   sample 10.4 ms old   horizon 15.6 ms"

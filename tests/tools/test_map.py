@@ -1,4 +1,4 @@
-"""`hapticd map` as a person runs it."""
+"""`hapticd map` by its command line."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from hapticd.sim.plate.truth import PlateSettings, PlateTruth
 PAIR = PlateTruth(PlateSettings()).cartography(1)
 
 
-def test_the_table_tells_both_wishes_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_has_both_maps_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "--finger", "-30,20", "--cells", "21"]) == 0
-    told = capsys.readouterr().out.splitlines()
-    assert told[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 3.92, 3.92 um"
-    assert told[1] == "(1) the other finger still, while one at -30, 20 mm slips by 1 um"
-    assert told[2] == "(2) the other finger slips by 1 um, while one at -30, 20 mm is still"
-    shares = np.array([line.split()[-6:-4] for line in told[5:8]], float)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 3.92, 3.92 um"
+    assert lines[1] == "(1) the other finger still, while one at -30, 20 mm slips by 1 um"
+    assert lines[2] == "(2) the other finger slips by 1 um, while one at -30, 20 mm is still"
+    shares = np.array([line.split()[-6:-4] for line in lines[5:8]], float)
     assert (np.diff(shares, axis=0) <= 0.0).all()
     assert (shares > 20.0).all()
     assert (shares < 100.0).all()
 
 
-def test_the_picture_shows_plenty_and_nothing_where_they_are(tmp_path: Path) -> None:
+def test_the_picture_shows_full_and_zero_shares(tmp_path: Path) -> None:
     one, both = tmp_path / "one.png", tmp_path / "both.png"
     assert main(["map", "--finger=-30,20", "--still", "--cells", "31", "--plot", str(one)]) == 0
     assert main(["map", "--finger=-30,20", "--cells", "31", "--plot", str(both)]) == 0
@@ -48,27 +48,27 @@ def test_the_arrays_are_what_the_solver_gives_on_any_modes(tmp_path: Path) -> No
     modes.save(tmp_path / "three.npz")
     command = ["map", "--modes", str(tmp_path / "three.npz"), "--limit", "3,4,2", "--finger", "10,-20", "--finger"]
     assert main([*command, "-40,8.5,0", "--target", "1.5", "--still", "--cells", "7", "--out", str(out)]) == 0
-    with np.load(out) as told:
-        assert told["still_target_um"].tolist() == [1.5, 0.0, 0.0]
-        assert "slip_share" not in told
-        places = [*told["still_fingers_mm"], (told["still_x_mm"][5], told["still_y_mm"][2])]
-        solved = solve(modes.evaluate(places), [1.5, 0.0, 0.0], told["limit_um"])
-        assert told["still_achieved_um"][:, 2, 5] == pytest.approx(solved.achieved_um)
-        assert told["still_share"][2, 5] == pytest.approx(min(solved.achieved_um[0] / 1.5, 1.0))
+    with np.load(out) as arrays:
+        assert arrays["still_target_um"].tolist() == [1.5, 0.0, 0.0]
+        assert "slip_share" not in arrays
+        places = [*arrays["still_fingers_mm"], (arrays["still_x_mm"][5], arrays["still_y_mm"][2])]
+        solved = solve(modes.evaluate(places), [1.5, 0.0, 0.0], arrays["limit_um"])
+        assert arrays["still_achieved_um"][:, 2, 5] == pytest.approx(solved.achieved_um)
+        assert arrays["still_share"][2, 5] == pytest.approx(min(solved.achieved_um[0] / 1.5, 1.0))
 
 
-def test_where_nobody_would_slip_only_the_other_wish_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
+def test_with_still_fingers_only_the_map_of_a_slipping_one_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "--finger", "1,2,0", "--cells", "5"]) == 0
     assert "(1) the other finger slips by 1 um" in capsys.readouterr().out
 
 
-def test_without_a_finger_it_tells_which_places_are_good(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture, out = tmp_path / "pairs.png", tmp_path / "pairs.npz"
     assert main(["map", "--cells", "9", "--plot", str(picture), "--out", str(out)]) == 0
-    with np.load(out) as told:
-        mean, least = told["still"].mean(), told["slipping"].min()
+    with np.load(out) as arrays:
+        mean, least = arrays["still"].mean(), arrays["slipping"].min()
     lines = capsys.readouterr().out.splitlines()
-    assert f"both have it on {100 * mean:.1f} % of all pairs of places" in lines[1]
+    assert f"both reach their target on {100 * mean:.1f} % of all pairs of positions" in lines[1]
     assert f"if one slips here, the other can be on this part of the plate: least {100 * least:.0f} % at" in lines[2]
     with Image.open(picture) as drawn:
         assert drawn.width > 900
@@ -78,12 +78,12 @@ def test_without_a_finger_it_tells_which_places_are_good(tmp_path: Path, capsys:
     ("arguments", "why"),
     [
         (["--finger", "1,2"] * 16, "--finger: 16 fingers are too many: give at most 15"),
-        (["--finger", "1"], "'1' is no finger: write X,Y in mm"),
+        (["--finger", "1"], "'1' is no position: write X,Y in mm"),
         (["--finger", "a,2"], "'a' is no number"),
         (["--finger", "nan,2"], "nan is out of bounds"),
-        (["--finger", "69,2"], "lies beside the plate, which reaches from -68.75,-68.75 to 68.75,68.75 mm"),
+        (["--finger", "69,2"], "lies off the plate, which reaches from -68.75,-68.75 to 68.75,68.75 mm"),
         (["--finger", "1,2,-1"], "-1 is out of bounds, it must be 0 .. 1000"),
-        (["--finger", "1,2,0", "--still"], "nobody would slip"),
+        (["--finger", "1,2,0", "--still"], "no finger slips"),
         (["--finger", "1,2", "--target", "0"], "--target: 0 is out of bounds"),
         (["--finger", "1,2", "--limit", "4,4,4"], "--limit: has 3 limits for 2 modes"),
         (["--finger", "1,2", "--limit", "inf"], "--limit: inf is out of bounds"),
@@ -93,17 +93,17 @@ def test_without_a_finger_it_tells_which_places_are_good(tmp_path: Path, capsys:
         (["--finger", "1,2", "--modes", "there-is-none.npz"], "there-is-none.npz: cannot be read"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(
+def test_invalid_arguments_are_refused_in_a_sentence(
     arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["map", *arguments]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("hapticd: --")
-    assert why in told
-    assert told.count("\n") == 1
+    complaint = capsys.readouterr().err
+    assert complaint.startswith("hapticd: --")
+    assert why in complaint
+    assert complaint.count("\n") == 1
 
 
-def test_without_matplotlib_a_picture_is_refused_with_what_mends_it(
+def test_without_matplotlib_a_picture_is_refused_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)

@@ -16,7 +16,7 @@ import numpy as np
 
 from hapticd.compiled import why_interpreted
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.tools.installation import HIDDEN_BY_UNIT
+from hapticd.tools.install_service import HIDDEN_BY_UNIT
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[1]

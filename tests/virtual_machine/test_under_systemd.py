@@ -16,7 +16,7 @@ import pytest
 from machine import Boot
 
 from hapticd.compiled import why_interpreted
-from hapticd.tools.installation import AFTERWARDS
+from hapticd.tools.install_service import AFTERWARDS
 
 pytestmark = [pytest.mark.virtual_machine, pytest.mark.timeout(1300)]
 

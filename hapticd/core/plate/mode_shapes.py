@@ -17,17 +17,17 @@ import numpy.typing as npt
 
 from hapticd.core.plate.bicubic import BicubicSurfaces, FloatArray, Patch, fill_gaps
 from hapticd.errors import ModesError
-from hapticd.files.mode_map import FORMATS, MAX_BYTES, MAX_LINES, MAX_POSITION_MM, Grid, decode_grid, encode_grid
 
-__all__ = ["BicubicSurfaces", "ModeShapes", "read_grid"]
+__all__ = ["BicubicSurfaces", "ModeShapes"]
 
 Row = tuple[float, ...]  # of M shapes at one point
 Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
 
 _MIN_POINTS = 4  # what a cubic through a line of the grid needs
+_MAX_POINTS = 400  # along one axis
 _MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
 _MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
-_MIN_STEP_MM, _MAX_VALUE = 1e-6, 1e12  # beyond is a damaged file, and could overflow
+_MIN_STEP_MM, _MAX_POSITION_MM, _MAX_VALUE = 1e-6, 1e6, 1e12  # beyond is a damaged file, and could overflow
 _FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
 
 
@@ -66,7 +66,9 @@ class ModeShapes:
 
     @classmethod
     def load(cls, path: str | Path) -> ModeShapes:
-        """Read a map from an NPZ or CSV file (`files.mode_map` tells the formats); raises ModesError."""
+        """Read a map from an NPZ or CSV file (formats: `files.mode_map`); raises ModesError."""
+        from hapticd.files.mode_map import read_grid
+
         try:
             return cls(*read_grid(path))
         except ModesError as error:
@@ -76,11 +78,9 @@ class ModeShapes:
 
     def save(self, path: str | Path) -> None:
         """Write the map as NPZ or CSV, by the file's suffix; `load` gives back the same numbers."""
-        data = encode_grid((self.x_mm, self.y_mm, self.shapes), _suffix(Path(path)))
-        try:
-            Path(path).write_bytes(data)
-        except OSError as error:
-            raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+        from hapticd.files.mode_map import write_grid
+
+        write_grid(path, (self.x_mm, self.y_mm, self.shapes))
 
     def at(self, x_mm: float, y_mm: float) -> Row:
         """Return all M shapes at one point as floats; clamped outside, zeros for NaN."""
@@ -164,32 +164,6 @@ class ModeShapes:
         return np.asarray(on_x & (y >= self.y_mm[0]) & (y <= self.y_mm[-1]), np.bool_)
 
 
-def read_grid(path: str | Path) -> Grid:
-    """`x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) of a map file, NaN where it has no value.
-
-    This is what a fit wants to see: `ModeShapes.load` mends the gaps instead. Raises ModesError.
-    """
-    path = Path(path)
-    suffix = _suffix(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
-    if len(data) > MAX_BYTES:
-        raise ModesError(f"{path}: has more than {MAX_BYTES >> 20} MiB; measure on a coarser grid.")
-    try:
-        return decode_grid(data, suffix)
-    except ModesError as error:
-        raise ModesError(f"{path}: {error}") from error
-
-
-def _suffix(path: Path) -> str:
-    if path.suffix.lower() not in FORMATS:
-        raise ModesError(f"{path}: the suffix tells no known format; name the file {' or '.join(FORMATS)}.")
-    return path.suffix.lower()
-
-
 def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:
     """Index of the knot interval of a position within the knots: computed on an even grid, else by bisection."""
     last = len(knots) - 1
@@ -208,13 +182,13 @@ def _points(points_mm: npt.ArrayLike) -> FloatArray:
 
 def _axis(values_mm: npt.ArrayLike, name: str) -> FloatArray:
     axis = np.array(values_mm, np.float64)
-    if axis.ndim != 1 or not _MIN_POINTS <= axis.size <= MAX_LINES:
+    if axis.ndim != 1 or not _MIN_POINTS <= axis.size <= _MAX_POINTS:
         raise ModesError(
-            f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} and at most {MAX_LINES} positions."
+            f"{name} has shape {axis.shape}; give at least {_MIN_POINTS} and at most {_MAX_POINTS} positions."
         )
     if not (np.isfinite(axis).all() and (np.diff(axis) > 0.0).all()):
         raise ModesError(f"{name} does not increase from each position to the next; sort it and remove doubles.")
-    if not (np.abs(axis).max() <= MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
+    if not (np.abs(axis).max() <= _MAX_POSITION_MM and np.diff(axis).min() >= _MIN_STEP_MM):
         raise ModesError(f"{name} holds positions that no plate has; check that they are in mm.")
     axis.setflags(write=False)
     return axis

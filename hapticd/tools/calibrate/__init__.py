@@ -1,5 +1,5 @@
-"""From a plate on the bench to a configuration: what `hapticd calibrate` and `hapticd plate` do.
+"""`hapticd calibrate`: steps from a plate on the bench to a configuration of the service.
 
-One file a step; each has a pure part, numbers in and numbers out, and ends in a verdict, a picture and a result file
-in one directory. The daemon needs none of it.
+One file per step; each has a pure part, numbers in and numbers out, and ends in a verdict, a picture and a result file
+in one directory. The daemon imports none of it.
 """

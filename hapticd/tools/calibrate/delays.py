@@ -1,8 +1,8 @@
-"""Step 4: how long each part of a touch's way takes, and with it how far ahead fingers are predicted.
+"""Step 4: delays from report to plate, which determine how far ahead fingers are predicted.
 
-The service measures the horizon itself, frame by frame; what it cannot know at its start is told here: the link's delay
-and the pad's report period. The sensor's own delay, from the finger's position to the report, shows in no clock of
-ours: `trackpad.latency_ms` stays as it is.
+The service measures the horizon itself, frame by frame. This step provides its initial values: the link's delay and the
+pad's report period. The sensor's own delay, from the finger's position to the report, shows in no host clock:
+`trackpad.latency_ms` stays unchanged.
 """
 
 from __future__ import annotations
@@ -16,36 +16,32 @@ import numpy as np
 from ...config import loader as config
 from ...config.sections import SIMULATED, Config
 from ...errors import CalibrationError
-from ..latency import program as latency
-from ..latency.program import STAGES, Measured
-from . import picture
+from .. import latency
+from ..latency import STAGES, Measured
 from .folder import CONFIG_FILE
-from .verdict import Figure, Finding, Outcome, Verdict, judge
+from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE, LEDGER_FILE = "latency.png", "latency.csv"
-STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # of the frames that come late or are never applied
-PERIOD_WORTH_FRAC = 0.03  # a report period nearer to the configured one is the same
+STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # share of frames that are late or never applied
+PERIOD_WORTH_FRAC = 0.03  # least change of the report period that is worth a setting
 LEAST_FRAMES = 50
 SPREAD_WORTH_MS = 3.0  # of the link, from the median to the 95th percentile
 
 
 def run(options: argparse.Namespace) -> Verdict:
-    """The whole step on the devices of the configuration. Raises HapticdError."""
-    picture.require()
+    """Run the step on the configured devices. Raises HapticdError."""
     configured = _configuration(options)
     is_simulated = SIMULATED in (configured.device.port, configured.trackpad.source)
     if is_simulated and not options.sim:
-        raise CalibrationError(
-            "The configuration names simulated devices: calibrate the real ones first, or add --sim."
-        )
+        raise CalibrationError("The configuration has simulated devices: calibrate the real ones first, or add --sim.")
     measured = latency.measure(configured, options.seconds)
-    latency.draw(measured, options.out / PICTURE_FILE)
+    latency.draw(measured, options.out / PICTURE_FILE, **PICTURE)
     latency.write_ledger(measured.lines, options.out / LEDGER_FILE)
     return verdict(measured, configured, is_simulated=options.sim)
 
 
 def _configuration(options: argparse.Namespace) -> Config:
-    """--config, or what the steps before have made, or the simulated plate."""
+    """Return the configuration of --config, else that of earlier steps, else the simulated plate."""
     made: Path = options.out / CONFIG_FILE
     if options.config is not None:
         named: Path = options.config
@@ -54,11 +50,11 @@ def _configuration(options: argparse.Namespace) -> Config:
         return config.load(made)
     if options.sim:
         return Config()
-    raise CalibrationError(f"No devices are named: give --config, or do the steps before, which make {made}.")
+    raise CalibrationError(f"No devices are configured: give --config, or run the earlier steps, which write {made}.")
 
 
 def verdict(measured: Measured, configured: Config, *, is_simulated: bool) -> Verdict:
-    """What the frames say of the way, and what the service is to start from."""
+    """Judge the frames, and derive the service's initial values."""
     figures = tuple(
         Figure(f"{what}, {percent} %", measured.stages[name].percentile_ns(percent) * 1e-6, "ms")
         for name, what in STAGES.items()
@@ -81,7 +77,7 @@ def verdict(measured: Measured, configured: Config, *, is_simulated: bool) -> Ve
 
 
 def report_period_ms(measured: Measured) -> float:
-    """The median time between samples that made frames; NaN where there were fewer than two."""
+    """Return the median time between samples that led to frames; NaN for fewer than two."""
     samples_ns = np.unique([line.t_sample_ns for line in measured.lines])
     return float(np.median(np.diff(samples_ns))) * 1e-6 if len(samples_ns) > 1 else float("nan")
 
@@ -98,17 +94,15 @@ def _findings(measured: Measured, lost_frac: float) -> list[Finding]:
     spread_ms = (link.percentile_ns(95) - link.percentile_ns(50)) * 1e-6
     findings: list[Finding] = []
     if lost_frac > USABLE_FRAC:
-        findings.append(
-            (Outcome.FAIL, f"{100 * lost_frac:.0f} % of the frames come late or are lost: look at the link.")
-        )
+        findings.append((Outcome.FAIL, f"{100 * lost_frac:.0f} % of the frames are late or lost: check the link."))
     elif lost_frac > STEADY_FRAC:
         findings.append(
-            (Outcome.LOOK, f"{100 * lost_frac:.1f} % of the frames come late or are lost: is the machine busy?")
+            (Outcome.LOOK, f"{100 * lost_frac:.1f} % of the frames are late or lost: reduce the host's load.")
         )
     if len(measured.lines) < LEAST_FRAMES:
         findings.append((Outcome.LOOK, f"Only {len(measured.lines)} frames: move two fingers, for longer."))
     if spread_ms > SPREAD_WORTH_MS:
         findings.append(
-            (Outcome.LOOK, f"The link's delay varies by {spread_ms:.1f} ms: see [realtime], and the cable.")
+            (Outcome.LOOK, f"The link's delay varies by {spread_ms:.1f} ms: check [realtime] and the cable.")
         )
     return findings

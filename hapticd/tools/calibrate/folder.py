@@ -1,7 +1,7 @@
-"""The directory that the steps fill: a result of each, and one configuration made of all of them.
+"""Results directory of the calibration: one result per step, and the configuration merged from all of them.
 
-`hapticd.toml` there is written anew after every step, from the results that did not fail; file names in it are
-relative, so the directory can be moved as a whole.
+`hapticd.toml` is rewritten after every step from the results that did not fail. Its file names are relative, so the
+directory can be moved as a whole.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from ...errors import CalibrationError, ConfigError
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE = "hapticd.toml"
-HEADER = "# Made by `hapticd calibrate`, and anew by each of its steps: copy it before you change it.\n"
+HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 STEPS = {
     "resonance": "sweep each mode on the board: frequency, quality, gain, drive (stop the service first)",
     "modes": "fit the vibrometer's scan of the mode shapes (--scan FILE)",
-    "trackpad": "touch the marks on the plate: where the pad lies (stop the service first)",
-    "latency": "serve the devices for a while: how far ahead to predict (stop the service first)",
+    "trackpad": "touch marks on the plate to fit the pad's position (stop the service first)",
+    "latency": "measure the delays that prediction must cover (stop the service first)",
     "friction": "fit friction against amplitude (--readings FILE)",
 }
 
 
 def prepare(directory: Path, *, is_simulated: bool) -> None:
-    """Have the directory, and see that it belongs to the same plate. Raises CalibrationError."""
+    """Create the directory, and check that its results are of the same plate. Raises CalibrationError."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise CalibrationError(f"{directory}: cannot be made ({error.strerror}): choose another --out.") from None
+        raise CalibrationError(f"{directory}: cannot be created ({error.strerror}): choose another --out.") from None
     for step, verdict in load(directory).items():
         if verdict.is_simulated != is_simulated:
-            whose = ("a real plate", "the simulated plate")[verdict.is_simulated]
-            raise CalibrationError(f"{directory}: its result of {step} is of {whose}: choose another --out.")
+            plate = "the simulated plate" if verdict.is_simulated else "a real plate"
+            raise CalibrationError(f"{directory}: its result of {step} is of {plate}: choose another --out.")
 
 
 def load(directory: Path) -> dict[str, Verdict]:
-    """The results that are there, in the steps' order. Raises CalibrationError."""
+    """Read the results in the steps' order. Raises CalibrationError."""
     found = {}
     for step in STEPS:
         path = directory / f"{step}.json"
@@ -55,7 +55,7 @@ def load(directory: Path) -> dict[str, Verdict]:
 
 
 def save(directory: Path, verdict: Verdict) -> Path:
-    """Write the step's result and the configuration of all; returns the latter's path. Raises CalibrationError."""
+    """Write the step's result and the merged configuration; return the latter's path. Raises CalibrationError."""
     path = directory / CONFIG_FILE
     try:
         (directory / f"{verdict.step}.json").write_text(to_json(verdict), encoding="utf-8")
@@ -66,22 +66,22 @@ def save(directory: Path, verdict: Verdict) -> Path:
 
 
 def accepted(verdict: Verdict) -> Verdict:
-    """The same, or a failed one where the service would not take its settings: they would spoil all others'."""
+    """Return the verdict, as failed if the service refuses its settings, which would invalidate all others."""
     if verdict.outcome is Outcome.FAIL:
         return verdict
     table = {section: dict(keys) for section, keys in verdict.settings.items()}
     for section, key, of_another_step in (("plate", "modes_file", "modes.npz"), ("trackpad", "source", "hid")):
-        table.setdefault(section, {}).setdefault(key, of_another_step)  # a real board is not taken without
+        table.setdefault(section, {}).setdefault(key, of_another_step)  # a real board is refused without them
     try:
         config.from_table(table, where=verdict.step, folder=None)
     except ConfigError as error:
         sentence = str(error).removeprefix(f"{verdict.step}: ")
-        return replace(verdict, outcome=Outcome.FAIL, sentence=f"{sentence} Are the units right?")
+        return replace(verdict, outcome=Outcome.FAIL, sentence=f"{sentence} Check the units.")
     return verdict
 
 
 def merged(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Any]]:
-    """The settings of all results that did not fail, by section."""
+    """Merge the settings of all results that did not fail, by section."""
     sections: dict[str, dict[str, Any]] = {}
     for verdict in verdicts:
         if verdict.outcome is not Outcome.FAIL:
@@ -91,7 +91,7 @@ def merged(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Any]]:
 
 
 def as_toml(settings: Settings) -> str:
-    """Lines for the service's configuration. Texts, numbers, truths and lists of these look in TOML as in JSON."""
+    """Return lines for the service's configuration. TOML writes strings, numbers, booleans and lists as JSON does."""
     return "".join(
         f"\n[{section}]\n"
         + "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in keys.items())
@@ -100,7 +100,7 @@ def as_toml(settings: Settings) -> str:
 
 
 def overview(directory: Path) -> str:
-    """The order of the steps, and what is done already."""
+    """Return the steps in order, with the results so far."""
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
     for place, (step, what) in enumerate(STEPS.items(), 1):
@@ -114,5 +114,5 @@ def overview(directory: Path) -> str:
     if left:
         lines += ["", f"Next: hapticd calibrate {left[0]} --out {directory}"]
     else:
-        lines += ["", f"All is done: hapticd run --config {directory / CONFIG_FILE}"]
+        lines += ["", f"All steps are done: hapticd run --config {directory / CONFIG_FILE}"]
     return "\n".join(lines)

@@ -1,12 +1,11 @@
-"""Step 5: the friction curve from measured friction against amplitude.
+"""Step 5: fit of the friction curve to measured friction against amplitude.
 
-Readings are a coefficient of friction, a force or anything proportional to one; several at each amplitude are welcome.
-The fit says only that more vibration never makes more friction: isotonic regression (R. E. Barlow et al., Statistical
-Inference under Order Restrictions, 1972), the blocks joined by a monotone cubic (F. N. Fritsch and R. E. Carlson, SIAM
-J. Numer. Anal. 17 (1980) 238). The friction of bare glass becomes 1, the floor 0. Readings beyond OUTLIER_SIGMA are
-left out and told.
+Readings are coefficients of friction, forces or anything proportional; there may be several at each amplitude. The fit
+assumes only that friction does not rise with amplitude: isotonic regression (R. E. Barlow et al., Statistical Inference
+under Order Restrictions, 1972), its blocks joined by a monotone cubic (F. N. Fritsch and R. E. Carlson, SIAM J. Numer.
+Anal. 17 (1980) 238). Bare glass maps to 1, the floor to 0. Readings beyond OUTLIER_SIGMA are left out and counted.
 
-The curve ends where the floor begins: beyond it amplitude costs voltage and buys nothing.
+The curve ends where the floor begins: beyond it amplitude costs voltage without lowering friction.
 """
 
 from __future__ import annotations
@@ -21,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import CalibrationError, reason
-from . import picture, simulated
-from .verdict import Figure, Finding, Outcome, Verdict, judge
+from ...files import plotting
+from . import simulated
+from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "friction.png"
 COLUMNS = ("amplitude_um", "friction")
@@ -32,9 +32,9 @@ MAX_READINGS = 100_000
 BARE_UM = 0.02  # up to here the glass counts as bare
 OUTLIER_SIGMA = 5.0
 SIGMA_PER_MEDIAN = 1.4826  # of normal noise: standard deviation over median size
-LEAST_FALL = 0.2  # of bare glass's friction: less is hardly felt
-FLAT_SIGMA = 2.0  # of a block's mean: nearer to the floor is on it
-LARGEST = 1e9  # of a reading, in whatever unit: its square is summed
+LEAST_FALL = 0.2  # of bare glass's friction: a smaller fall is hardly perceptible
+FLAT_SIGMA = 2.0  # of a block's mean: a block nearer to the floor belongs to it
+LARGEST = 1e9  # of a reading in any unit: its square is summed
 ROUNDING = 1e-9  # of the friction: readings without noise have a floor too
 
 Array = npt.NDArray[np.float64]
@@ -42,8 +42,8 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class FrictionFit:
-    """The curve `amplitude_um` (KNOTS,) at equally spaced frictions 1 .. 0, rising from 0; what the readings' own unit
-    says of bare glass and of the floor; the noise of one reading in it; and which readings (N,) were left out."""
+    """The curve `amplitude_um` (KNOTS,) at equally spaced frictions 1 .. 0, rising from 0; bare glass, floor and noise
+    of one reading in the readings' own unit; and the readings (N,) that were left out."""
 
     amplitude_um: Array
     bare: float
@@ -53,14 +53,11 @@ class FrictionFit:
 
 
 def run(options: argparse.Namespace) -> Verdict:
-    """The whole step. Raises CalibrationError."""
-    picture.require()
+    """Run the step. Raises CalibrationError."""
     if options.sim:
         amplitude_um, friction = simulated.friction_readings(options.seed)
     elif options.readings is None:
-        raise CalibrationError(
-            "No readings are named: give --readings F.csv with amplitude_um,friction, or try it with --sim."
-        )
+        raise CalibrationError("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
     else:
         amplitude_um, friction = read(options.readings)
     found = fit_friction(amplitude_um, friction)
@@ -69,14 +66,12 @@ def run(options: argparse.Namespace) -> Verdict:
 
 
 def read(path: Path) -> tuple[Array, Array]:
-    """Amplitudes and frictions (N,) of a CSV file with the header amplitude_um,friction. Raises CalibrationError."""
+    """Read amplitudes and frictions (N,) of a CSV file with the header COLUMNS. Raises CalibrationError."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
             if [cell.strip() for cell in next(rows, [])] != [*COLUMNS]:
-                raise CalibrationError(
-                    f"{path}: does not begin with the header {','.join(COLUMNS)}, commas between: add it."
-                )
+                raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")
             table = [_row(path, place, row) for place, row in enumerate(rows, 1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
@@ -97,30 +92,30 @@ def _row(path: Path, place: int, cells: Sequence[str]) -> tuple[float, float]:
 
 
 def fit_friction(amplitude_um: npt.ArrayLike, friction: npt.ArrayLike) -> FrictionFit:
-    """The falling curve through readings (N,), (N,) in any order.
+    """Fit a falling curve to readings (N,), (N,) in any order.
 
     Raises CalibrationError for readings that are not finite, absurdly large, too few or of the wrong sign, and for
-    those without bare glass or without a fall.
+    readings without bare glass or without a fall.
     """
     amplitude, value = np.asarray(amplitude_um, np.float64), np.asarray(friction, np.float64)
     if amplitude.shape != value.shape or amplitude.ndim != 1:
         raise CalibrationError("There must be one friction for each amplitude.")
     if not ((amplitude >= 0.0) & (amplitude <= LARGEST) & (np.abs(value) <= LARGEST)).all():  # NaN fails this, too
-        raise CalibrationError("An amplitude is negative, or a reading no number to measure: correct or delete it.")
+        raise CalibrationError("An amplitude is negative, or a reading is no finite number: correct or delete it.")
     if len(np.unique(amplitude)) < MIN_LEVELS or not amplitude.min() <= BARE_UM:
         raise CalibrationError(f"Measure bare glass (0 um) and at least {MIN_LEVELS - 1} amplitudes above it.")
     left_out = _left_out(amplitude, value)
     kept, heights = amplitude[~left_out], value[~left_out]
     levels, falling, weights = _falling(kept, heights)
     if not falling[0] > 0.0:
-        raise CalibrationError("Bare glass has no friction above 0: is the readings' sign right?")
+        raise CalibrationError("Bare glass has no friction above 0: check the readings' sign.")
     noise = float(np.sqrt(np.mean((heights - falling[np.searchsorted(levels, kept)]) ** 2)))
     curve_um = _inverted(*_blocks(levels, falling, weights, noise))
     return FrictionFit(curve_um, float(falling[0]), float(falling[-1]), noise, left_out)
 
 
 def _left_out(amplitude: Array, value: Array) -> npt.NDArray[np.bool_]:
-    """Which readings lie far off a curve through the medians of each amplitude."""
+    """Mark readings far off a curve through the medians of each amplitude."""
     levels = np.unique(amplitude)
     medians = np.array([np.median(value[amplitude == level]) for level in levels])
     curve = _isotonic(medians, np.ones(len(levels)))
@@ -130,7 +125,7 @@ def _left_out(amplitude: Array, value: Array) -> npt.NDArray[np.bool_]:
 
 
 def _falling(amplitude: Array, value: Array) -> tuple[Array, Array, Array]:
-    """Different amplitudes (L,), the isotonic fit there (L,), and how many readings each has (L,)."""
+    """Return the distinct amplitudes (L,), the isotonic fit there (L,), and the number of readings of each (L,)."""
     levels, where = np.unique(amplitude, return_inverse=True)
     weights = np.bincount(where).astype(np.float64)
     return levels, _isotonic(np.bincount(where, value) / weights, weights), weights
@@ -145,7 +140,7 @@ def _isotonic(value: Array, weights: Array) -> Array:
 
 
 def _blocks(levels: Array, falling: Array, weights: Array, noise: float) -> tuple[Array, Array]:
-    """Knots of the curve: each level block at its mean amplitude, bare glass at 0, the floor from where it begins."""
+    """Return the curve's knots: each block at its mean amplitude, bare glass at 0, the floor at its first amplitude."""
     starts = np.concatenate(([0], np.flatnonzero(np.diff(falling) < 0.0) + 1))
     counts = np.add.reduceat(weights, starts)
     at_um, height = np.add.reduceat(levels * weights, starts) / counts, falling[starts]
@@ -160,21 +155,21 @@ def _blocks(levels: Array, falling: Array, weights: Array, noise: float) -> tupl
 
 
 def _inverted(at_um: Array, height: Array) -> Array:
-    """The amplitude at KNOTS equally spaced frictions 1 .. 0, by halving: the monotone cubic falls strictly."""
+    """Return the amplitude at KNOTS equally spaced frictions 1 .. 0, by bisection: the cubic falls strictly."""
     from scipy.interpolate import PchipInterpolator
 
     curve = PchipInterpolator(at_um, (height - height[-1]) / (height[0] - height[-1]))
-    wanted = np.linspace(1.0, 0.0, KNOTS)[1:-1]
-    low, high = np.zeros(len(wanted)), np.full(len(wanted), at_um[-1])
+    target = np.linspace(1.0, 0.0, KNOTS)[1:-1]
+    low, high = np.zeros(len(target)), np.full(len(target), at_um[-1])
     for _ in range(60):
         middle = (low + high) / 2.0
-        is_above = curve(middle) > wanted
+        is_above = curve(middle) > target
         low, high = np.where(is_above, middle, low), np.where(is_above, high, middle)
     return np.concatenate(([0.0], (low + high) / 2.0, at_um[-1:]))
 
 
 def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
-    """What the curve says, and how sure it is."""
+    """Judge the curve and its uncertainty."""
     fall = found.bare - found.floor
     noise_frac = found.noise_rms / fall
     figures = (
@@ -188,18 +183,18 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
     )
     findings: list[Finding] = []
     if noise_frac > 0.15:
-        findings.append((Outcome.LOOK, "Readings scatter widely: take more of them, from more than one finger."))
+        findings.append((Outcome.LOOK, "Readings scatter widely: take more, from more than one finger."))
     if found.left_out.mean() > 0.1:
-        findings.append((Outcome.LOOK, "More than a tenth of the readings disagree with the others: look at them."))
+        findings.append((Outcome.LOOK, "More than a tenth of the readings are outliers: check them."))
     sentence = f"Friction falls to {100.0 * found.floor / found.bare:.0f} % at {found.amplitude_um[-1]:.2f} um."
-    outcome, said = judge(findings, sentence)
+    outcome, sentence = judge(findings, sentence)
     curve_um = [round(um, 5) for um in found.amplitude_um.tolist()]
-    return Verdict("friction", outcome, said, figures, {"plate": {"friction_curve": curve_um}}, is_simulated)
+    return Verdict("friction", outcome, sentence, figures, {"plate": {"friction_curve": curve_um}}, is_simulated)
 
 
 def draw(amplitude_um: Array, friction: Array, found: FrictionFit, path: Path) -> None:
-    """Readings, what was left out, and the curve. Raises CalibrationError."""
-    figure, axes = picture.canvas(1, width_in=6.0)
+    """Draw readings, outliers and the curve. Raises HapticdError."""
+    figure, axes = plotting.subplots(6.0, 4.0)
     left_out = found.left_out
     (plot,) = axes[0]
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")
@@ -210,4 +205,4 @@ def draw(amplitude_um: Array, friction: Array, found: FrictionFit, path: Path) -
     plot.plot([*found.amplitude_um, farthest_um], [*height, found.floor], "-o", markersize=3, label="curve")
     plot.set(xlabel="amplitude, um peak to peak", ylabel="friction, as measured", ylim=(0.0, None))
     plot.legend()
-    picture.save(figure, path)
+    plotting.save(figure, path, **PICTURE)

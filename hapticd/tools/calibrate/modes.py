@@ -1,47 +1,63 @@
-"""Step 2: from a vibrometer's scan to the map that the service solves with.
+"""Step 2: fit of a vibrometer's scan to the mode map that the service solves with.
 
-`design.cartography` aligns, denoises and fits twice, by the plate equation alone and by free-plate modes; what fits
-better is taken, the other is the cross-check. The map's cross-validated error goes through the solver (`leak`).
+`design.cartography` aligns, denoises and fits twice, by the plate equation and by free-plate modes; the better fit is
+taken, the other one is the cross-check. The map's cross-validated error is propagated through the solver.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...config.sections import LimitsConfig
 from ...core.plate.mode_shapes import ModeShapes
+from ...core.solver.public import solve_batch
 from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...errors import CalibrationError, ModesError
-from . import picture, simulated
-from .leak import ExpectedLeak, expected_leak
-from .scan_file import Scan, read
-from .verdict import Figure, Finding, Outcome, Verdict, judge
+from ...files import plotting
+from ...files.mode_map import Scan, read_scan
+from . import simulated
+from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 MODES_FILE, PICTURE_FILE = "modes.npz", "modes.png"
 
 USUAL_LIMIT_UM = LimitsConfig().w_limit_um
-GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # under the sticky finger, for 1 um under the other
+GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # at the sticky finger, for 1 um at the other
 USABLE_NOISE_FRAC = 0.5  # of the map, both RMS
-ONE_PHASE = 3.0  # times the noise: what may lie across a mode's phase
+ONE_PHASE = 3.0  # times the noise: the largest quadrature of a single mode
 WRONG_FRAC = 0.05  # of the points
-ALIKE_FRAC = 0.9  # of two modes' correlation squared: beyond it they are one
-LIKE_THEORY_FRAC = 0.7  # of that with the nearest free-plate mode
+ALIKE_FRAC = 0.9  # squared correlation beyond which two modes are the same
+LIKE_THEORY_FRAC = 0.7  # least squared correlation with the nearest free-plate mode
 TURNED_DEG, SHIFTED_MM = 1.0, 1.0
-RUNAWAY = 3.0  # times the largest readings: a map that goes beyond was invented between points or at the edges
+RUNAWAY = 3.0  # times the largest readings: a larger map is extrapolated between points or at the edges
+TARGETS_UM = (1.0, 0.0)  # of the pairs for which the leak is estimated
+W_LIMIT_UM = 4.0
+PAIRS = 1000
+MARGIN_MM = 8.0  # least distance of fingers from an edge
+APART_MM = 15.0  # and from each other
+
+
+class ExpectedLeak(NamedTuple):
+    """RMS and 95th percentile over all pairs of fingers, in um for the TARGETS_UM."""
+
+    rms_um: float
+    most_um: float
 
 
 @dataclass(frozen=True, slots=True)
 class FittedMap:
-    """The fit that is taken; by how much the other one's map differs, RMS per mode (M,), NaN where there is none; per
-    mode the free-plate mode that it is most like and their correlation squared; how far the map goes beyond the largest
-    readings; and what it will leak."""
+    """The better fit and its checks.
+
+    `other_differs_rms` (M,): difference of the other fit's map, NaN without one. `like`: for each mode the most similar
+    free-plate mode and their squared correlation. `beyond`: the map's largest value over the largest readings.
+    """
 
     fit: CartographyFit
     other_differs_rms: npt.NDArray[np.float64]
@@ -51,15 +67,17 @@ class FittedMap:
 
 
 def run(options: argparse.Namespace) -> Verdict:
-    """The whole step. Raises CalibrationError."""
-    picture.require()
+    """Run the step. Raises CalibrationError."""
     size_mm = parse_size(options.size)
     if options.sim:
         scan = Scan(*simulated.scan(options.seed))
     elif options.scan is None:
-        raise CalibrationError("No scan is named: give --scan with the vibrometer's CSV or NPZ, or try it with --sim.")
+        raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV or NPZ, or --sim.")
     else:
-        scan = read(options.scan)
+        try:
+            scan = read_scan(options.scan)
+        except ModesError as error:
+            raise CalibrationError(f"--scan: {error}") from None
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim))
     found.fit.modes.save(options.out / MODES_FILE)
@@ -68,7 +86,7 @@ def run(options: argparse.Namespace) -> Verdict:
 
 
 def parse_size(text: str) -> tuple[float, float]:
-    """Width and depth in mm of "137.5x137.5". Raises CalibrationError."""
+    """Parse width and depth in mm, such as "137.5x137.5". Raises CalibrationError."""
     try:
         width_mm, depth_mm = map(float, text.lower().split("x"))
     except ValueError:
@@ -79,7 +97,7 @@ def parse_size(text: str) -> tuple[float, float]:
 
 
 def fit_map(scan: Scan, size_mm: tuple[float, float], *, normalise: bool) -> FittedMap:
-    """Fit, cross-check and price the scan. Raises CalibrationError where it does not describe mode shapes."""
+    """Fit and cross-check the scan. Raises CalibrationError if it does not describe mode shapes."""
     fits: list[CartographyFit] = []
     for by in ("plate_equation", "free_plate"):
         try:
@@ -101,7 +119,7 @@ def fit_map(scan: Scan, size_mm: tuple[float, float], *, normalise: bool) -> Fit
 
 
 def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], *, is_simulated: bool) -> Verdict:
-    """Whether these are modes of one plate, and what the map will leak."""
+    """Judge whether these are modes of one plate, and the map's expected leak."""
     fit = found.fit
     figures = [
         Figure("points", float(points), ""),
@@ -124,7 +142,7 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], *, is_s
     ]
     taken = {"plate_equation": "the plate equation", "free_plate": "free-plate modes"}[fit.by]
     outcome, sentence = judge(
-        _findings(found, points), f"The map, by {taken}, will leak {found.leak.rms_um:.4f} um for 1 um."
+        _findings(found, points), f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um."
     )
     settings: dict[str, dict[str, Any]] = {"plate": {"size_mm": [*size_mm], "modes_file": MODES_FILE}}
     if len(USUAL_LIMIT_UM) != fit.modes.M:
@@ -142,7 +160,7 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
         )
     if len(USUAL_LIMIT_UM) != fit.modes.M:
         count = f"{fit.modes.M} mode{'' if fit.modes.M == 1 else 's'} where a plate usually has {len(USUAL_LIMIT_UM)}"
-        findings.append((Outcome.LOOK, f"The scan has {count}: are limits.w_limit_um right, and the board's modes?"))
+        findings.append((Outcome.LOOK, f"The scan has {count}: check limits.w_limit_um and the board's modes."))
     if found.beyond > RUNAWAY:
         beyond = f"The map goes {found.beyond:.1f} times beyond the largest readings"
         findings.append((Outcome.FAIL, f"{beyond}: measure closer points, up to the edges."))
@@ -157,7 +175,7 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
             findings.append((Outcome.FAIL, f"Mode {mode} is mostly noise: measure longer at each point."))
     if not found.like:
         findings.append(
-            (Outcome.LOOK, "Theory has no mode of this wavelength here: is --size right, and are positions in mm?")
+            (Outcome.LOOK, "Theory has no mode of this wavelength: check --size, and that positions are in mm.")
         )
     for mode, across in enumerate(fit.across_rms):
         if across > ONE_PHASE * fit.noise_rms[mode]:
@@ -165,26 +183,26 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
     for mode, (name, correlation) in enumerate(found.like):
         if correlation < LIKE_THEORY_FRAC:
             like = f"Mode {mode} is like the free plate's {name} by only {100 * correlation:.0f} %"
-            findings.append((Outcome.LOOK, f"{like}: is it another one, or a mixture?"))
+            findings.append((Outcome.LOOK, f"{like}: check for another mode or a mixture."))
     if fit.left_out > WRONG_FRAC * points:
         findings.append((Outcome.LOOK, f"{fit.left_out} of {points} readings are wrong: look at the reflecting film."))
     turned_deg, shifted_mm = math.degrees(fit.pose.rotation_rad), math.hypot(fit.pose.x_mm, fit.pose.y_mm)
     if abs(turned_deg) > TURNED_DEG or shifted_mm > SHIFTED_MM:
         findings.append(
-            (Outcome.LOOK, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: was that so?")
+            (Outcome.LOOK, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: check its axes.")
         )
     return findings
 
 
 def _limits_um(modes: int) -> list[float]:
-    """One for each mode, for the service takes no other number of them: the usual plate's, none larger."""
+    """One limit for each mode, as the service requires: the smallest of the usual plate's."""
     return [min(USUAL_LIMIT_UM)] * modes
 
 
 def _beyond(fit: CartographyFit, scan: Scan) -> float:
-    """The map's largest value over that of the readings, specks left out; of all modes the largest."""
-    told = np.nanpercentile(np.abs(scan.readings / fit.scale), 99.0, axis=0)
-    return float((np.abs(fit.modes.shapes).max(axis=(1, 2)) / told).max())
+    """Return the map's largest value over the readings' 99th percentile, the largest of all modes."""
+    largest = np.nanpercentile(np.abs(scan.readings / fit.scale), 99.0, axis=0)
+    return float((np.abs(fit.modes.shapes).max(axis=(1, 2)) / largest).max())
 
 
 def _correlation(modes: ModeShapes, first: int, second: int) -> float:
@@ -192,20 +210,48 @@ def _correlation(modes: ModeShapes, first: int, second: int) -> float:
     return float((one @ other) ** 2 / ((one @ one) * (other @ other)))
 
 
+def finger_pairs_mm(modes: ModeShapes, pairs: int, seed: int) -> npt.NDArray[np.float64]:
+    """Return random positions of two fingers (pairs, 2, 2) on the map, apart and clear of its edges."""
+    random = np.random.default_rng(seed)
+    low = np.array((modes.x_mm[0], modes.y_mm[0])) + MARGIN_MM
+    high = np.array((modes.x_mm[-1], modes.y_mm[-1])) - MARGIN_MM
+    drawn = random.uniform(low, high, (4 * pairs, 2, 2))
+    apart_mm = np.linalg.norm(drawn[:, 0] - drawn[:, 1], axis=1)
+    return np.asarray(drawn[apart_mm >= APART_MM][:pairs], np.float64)
+
+
+def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the modal amplitudes (pairs, M) that the solver finds on the map."""
+    phi = modes.evaluate(pairs_mm.reshape(-1, 2)).reshape(*pairs_mm.shape[:2], modes.M)
+    return solve_batch(phi, TARGETS_UM, W_LIMIT_UM)
+
+
+def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float], *, seed: int = 1) -> ExpectedLeak:
+    """Return the vibration at a sticky finger caused by the map's errors `map_error_rms` (M,), in units of the shapes.
+
+    Random pairs of fingers, one slippery, one sticky, are solved on the map. The sticky finger then gets sum_k W_k e_k,
+    where the map's error e_k is independent between modes and has the cross-validated RMS everywhere. All other leaks
+    are left out, of which prediction is the largest.
+    """
+    modal_um = solved_um(modes, finger_pairs_mm(modes, PAIRS, seed))
+    variance_um2 = modal_um**2 @ np.asarray(map_error_rms, np.float64) ** 2
+    return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
+
+
 def draw(scan: Scan, found: FittedMap, path: Path) -> None:
-    """Of each mode the readings, the map, and what is between them. Raises CalibrationError."""
+    """Draw readings, map and difference of each mode. Raises HapticdError."""
     modes, scale = found.fit.modes, found.fit.scale
-    figure, axes = picture.canvas(3, modes.M, width_in=7.5, height_in=2.5 * modes.M)
+    figure, axes = plotting.subplots(7.5, 2.5 * modes.M, modes.M, 3)
     extent = (modes.x_mm[0], modes.x_mm[-1], modes.y_mm[0], modes.y_mm[-1])
     on_map = modes.evaluate(found.fit.pose.on_plate(scan.points_mm))
     for mode in range(modes.M):
-        told = (scan.readings[:, mode] / scale[mode]).real
+        values = (scan.readings[:, mode] / scale[mode]).real
         largest = float(np.abs(modes.shapes[mode]).max())
         look = {"cmap": "RdBu", "vmin": -largest, "vmax": largest}
         left, middle, right = axes[mode]
-        left.scatter(*scan.points_mm.T, c=told, s=7, marker="s", **look)
+        left.scatter(*scan.points_mm.T, c=values, s=7, marker="s", **look)
         middle.imshow(modes.shapes[mode], origin="lower", extent=extent, **look)
-        residual = told - on_map[:, mode]
+        residual = values - on_map[:, mode]
         reach = max(float(np.nanpercentile(np.abs(residual), 99.0)), 1e-12)
         right.scatter(*scan.points_mm.T, c=residual, s=7, marker="s", cmap="RdBu", vmin=-reach, vmax=reach)
         like = found.like[mode][0] if found.like else "mode"
@@ -214,4 +260,4 @@ def draw(scan: Scan, found: FittedMap, path: Path) -> None:
         right.set(title=f"difference, to {100 * reach:.1f} %")
     for plot in axes.ravel():
         plot.set(aspect="equal", xlim=extent[:2], ylim=extent[2:])
-    picture.save(figure, path)
+    plotting.save(figure, path, **PICTURE)

@@ -1,43 +1,169 @@
-"""`hapticd calibrate`: each step measures, judges, draws and saves; without one, what is done and what is next."""
+"""`hapticd calibrate`: arguments of all steps; each step measures, judges, draws and saves.
+
+Without a step it prints the overview. The steps are imported when one runs, which keeps `--help` fast.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ...errors import CalibrationError
-from . import delays, folder, friction, modes, resonance, trackpad
-from .verdict import Outcome, Verdict, as_text
+if TYPE_CHECKING:
+    from .verdict import Outcome, Verdict
 
-RUN: dict[str, Callable[[argparse.Namespace], Verdict]] = {
-    "resonance": resonance.run,
-    "modes": modes.run,
-    "trackpad": trackpad.run,
-    "latency": delays.run,
-    "friction": friction.run,
-}
+DEFAULT_OUT = Path("calibration")
 
 
-def run(options: argparse.Namespace) -> int:
-    """One step, all steps, or the overview; 1 where a step failed."""
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the steps, in their order."""
+    parser.description = f"{parser.description} Without a step: the order, and the steps done so far."
+    parser.epilog = f"{parser.epilog}\n         hapticd run --config DIR/hapticd.toml"
+    parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default calibration)")
+    parser.set_defaults(command=_run, step=None)
+    steps = parser.add_subparsers(title="steps", metavar="STEP")
+    _add_resonance(steps)
+    _add_modes(steps)
+    _add_trackpad(steps)
+    _add_latency(steps)
+    _add_friction(steps)
+    _add_all(steps)
+
+
+def _step(steps: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = steps.add_parser(
+        name,
+        help=summary,
+        description=summary[0].upper() + summary[1:] + ".",
+        epilog=f"example: hapticd calibrate {name} {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    # Suppressed, so that the default of the parent parser remains.
+    parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
+    parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
+    parser.add_argument("--seed", type=int, default=1, help="of the simulated measurements (default 1)")
+    parser.set_defaults(step=name)
+    return parser
+
+
+def _add_board(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--port", help="serial port of the board, such as /dev/ttyACM0")
+    parser.add_argument("--baud", type=int, help="its speed (default 921600)")
+    parser.add_argument("--config", type=Path, help="the service's configuration, which names the devices")
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
+    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
+    parser.add_argument("--points", type=int, default=41, help="frequencies of a sweep (default 41)")
+    parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
+    parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
+    parser.set_defaults(mode=0)  # the sweep is planned for the first mode and repeated for the others
+
+
+def _add_scan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scan", type=Path, metavar="FILE", help="the vibrometer's readings, CSV or NPZ")
+    parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="of the plate (default 137.5x137.5)")
+    parser.add_argument(
+        "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"
+    )
+
+
+def _add_marks(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--marks", default="-50,-40 50,-40 50,40 -50,40", metavar="'X,Y ...'", help="on the plate in mm, 4 or more"
+    )
+    parser.add_argument("--model", default="auto", help="of the trackpad (default: the connected one)")
+    parser.add_argument(
+        "--within", type=float, default=120.0, metavar="S", help="time limit for all marks (default 120)"
+    )
+
+
+def _add_seconds(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10); move two fingers meanwhile")
+
+
+def _add_resonance(steps: Any) -> None:
+    parser = _step(
+        steps, "resonance", "sweep each mode on the board and propose the drive", "--port /dev/ttyACM0 --out DIR"
+    )
+    _add_board(parser)
+    _add_sweep(parser)
+
+
+def _add_modes(steps: Any) -> None:
+    parser = _step(steps, "modes", "fit the vibrometer's scan of the mode shapes", "--scan scan.csv --out DIR")
+    _add_scan(parser)
+
+
+def _add_trackpad(steps: Any) -> None:
+    parser = _step(steps, "trackpad", "fit the pad's position from touched marks on the plate", "--out DIR")
+    _add_marks(parser)
+
+
+def _add_latency(steps: Any) -> None:
+    parser = _step(steps, "latency", "measure the delays that the prediction must cover", "--out DIR --seconds 20")
+    parser.add_argument("--config", type=Path, help="the service's configuration (default: DIR/hapticd.toml)")
+    _add_seconds(parser)
+
+
+def _add_friction(steps: Any) -> None:
+    parser = _step(steps, "friction", "fit friction against amplitude", "--readings friction.csv --out DIR")
+    parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
+
+
+def _add_all(steps: Any) -> None:
+    parser = _step(steps, "all", "run all steps in order", "--sim --out DIR")
+    _add_board(parser)
+    _add_sweep(parser)
+    _add_scan(parser)
+    _add_marks(parser)
+    _add_seconds(parser)
+    parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run one step, all steps, or print the overview; 1 if a step failed."""
+    from ...errors import CalibrationError
+    from ...files import plotting
+    from . import folder
+    from .verdict import Outcome
+
     if options.step is None:
         print(folder.overview(options.out))
         return 0
     if options.seed < 0:
         raise CalibrationError(f"--seed is {options.seed}: give 0 or more.")
+    plotting.check(options.out / f"{options.step}.png")
     folder.prepare(options.out, is_simulated=options.sim)
-    steps = [*RUN] if options.step == "all" else [options.step]
-    outcomes = [_step(step, options) for step in steps]
+    steps = _steps()
+    outcomes = [_run_step(name, steps[name], options) for name in (steps if options.step == "all" else [options.step])]
     return 1 if Outcome.FAIL in outcomes else 0
 
 
-def _step(step: str, options: argparse.Namespace) -> Outcome:
-    verdict = folder.accepted(RUN[step](options))
+def _steps() -> dict[str, Callable[[argparse.Namespace], Verdict]]:
+    from . import delays, friction, modes, resonance, trackpad
+
+    return {
+        "resonance": resonance.run,
+        "modes": modes.run,
+        "trackpad": trackpad.run,
+        "latency": delays.run,
+        "friction": friction.run,
+    }
+
+
+def _run_step(name: str, run: Callable[[argparse.Namespace], Verdict], options: argparse.Namespace) -> Outcome:
+    from . import folder
+    from .verdict import Outcome, as_text
+
+    verdict = folder.accepted(run(options))
     path = folder.save(options.out, verdict)
     print(as_text(verdict))
     if verdict.outcome is Outcome.FAIL:
-        print(f"Nothing of it goes into {path}; the picture is {options.out / step}.png.\n")
+        print(f"{path} stays without this step; its picture is {options.out / name}.png.\n")
     else:
-        print(f"For the service's configuration, and in {path} already:")
+        print(f"Settings, written to {path}:")
         print(folder.as_toml(verdict.settings), flush=True)
     return verdict.outcome

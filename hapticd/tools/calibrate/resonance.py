@@ -1,7 +1,7 @@
-"""Step 1: sweep each mode on the board, fit its circle, and say where the drive should be.
+"""Step 1: sweep each mode on the board, fit its resonance, and propose a drive frequency.
 
-A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. The drive's criterion is
-told in `design.drive`. The drive frequency is the firmware's own constant: it is proposed here, not set.
+A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.drive` defines
+the criterion for the drive, which is a constant of the firmware: it is proposed here, not set.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -28,49 +27,32 @@ from ...wire import protocol
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.program import named_port
-from . import picture
-from .verdict import Figure, Finding, Outcome, Settings, Verdict, judge
+from ..firmware.sweep import ModeSweep
+from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
 
 CALIBRATION_FILE = "calibration.toml"
 PICTURE_FILE = "resonance.png"
 
-CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # of the largest answer: what the circle may leave
+CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response
 WORTH_MOVING = 1.1  # times the voltage at the best drive
 POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
 WIDTHS = 2.0  # of f / Q to either side, the second time
-DWELL_DECAYS = 12.0  # time constants of the mode, of which the board waits for half: 0.2 % is left then
-CURVE_POINTS = 400
-MOST_POINTS = 2001  # as the board takes them
-PIECE_POINTS = 7  # of a sweep: what is lost when the board ends it
+DWELL_DECAYS = 12.0  # time constants of the mode; the board discards the first half: 0.2 % remains
+MOST_POINTS = 2001  # the board's limit
+PIECE_POINTS = 7  # of a sweep: lost when the board ends it
 TRIES = 8  # of a piece that the board ends
-STATUS_WITHIN_S = 0.5  # the board says how it is ten times a second
-QUIET_WITHIN = 10  # of what it says
-
-
-@dataclass(frozen=True, slots=True)
-class ModeSweep:
-    """One mode's answers W / V (n,) at frequencies (n,), and their fit."""
-
-    mode: int
-    frequency_hz: np.ndarray[tuple[int], np.dtype[np.float64]]
-    response_um_per_v: np.ndarray[tuple[int], np.dtype[np.complex128]]
-    fit: Resonance
-
-    @property
-    def is_inside(self) -> bool:
-        """Whether the resonance lies within the sweep."""
-        return bool(self.frequency_hz.min() <= self.fit.frequency_hz <= self.frequency_hz.max())
+STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
+QUIET_WITHIN = 10  # status messages
 
 
 def run(options: argparse.Namespace) -> Verdict:
-    """The whole step on the board that `options` name. Raises HapticdError."""
-    picture.require()
+    """Run the step on the board named by `options`. Raises HapticdError."""
     if not MIN_POINTS <= options.points <= MOST_POINTS:
         raise CalibrationError(f"--points is {options.points}: a sweep has {MIN_POINTS} to {MOST_POINTS}.")
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         hello, sweeps = asyncio.run(_sweep_on(port, baud, options))
-    draw(sweeps, options.out / PICTURE_FILE)
+    sweep.draw(sweeps, options.out / PICTURE_FILE, **PICTURE)
     calibration.save(options.out / CALIBRATION_FILE, [one.fit.calibration(one.mode) for one in sweeps])
     device = {} if options.sim else {"port": port, "baud": baud}
     settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}}
@@ -83,7 +65,7 @@ async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[
 
 
 async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]:
-    """Every mode of the board by the same plan, and again where that was too coarse. Raises DeviceError."""
+    """Sweep every mode by the same plan, and again where that was too coarse. Raises DeviceError."""
     sweeps = []
     for mode in range(board.hello.modes):
         swept = await _sweep(board, replace(plan, mode=mode))
@@ -93,23 +75,15 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]
 
 
 async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
-    points = await _measured(board, plan)
-    frequency_hz = np.array([point.frequency_hz for point in points])
-    return ModeSweep(
-        plan.mode, frequency_hz, sweep.responses_um_per_v(points, plan.mode), sweep.fitted(points, plan.mode)
-    )
-
-
-async def _measured(board: Conversation, plan: Sweep) -> list[SweepPoint]:
-    """The plan's points, piece by piece: on a busy machine the board may not hear from us for 50 ms, and ends it."""
+    """Sweep piece by piece: on a loaded host the board may receive nothing for 50 ms, and ends a sweep."""
     points: list[SweepPoint] = []
     for piece in pieces(plan):
         points += await _measured_piece(board, piece)
-    return points
+    return sweep.fitted(points, plan.mode)
 
 
 def pieces(plan: Sweep) -> list[Sweep]:
-    """The same frequencies in sweeps of about PIECE_POINTS each."""
+    """Split the plan into sweeps of about PIECE_POINTS each, at the same frequencies."""
     frequency_hz = np.linspace(plan.start_hz, plan.stop_hz, plan.points).tolist()
     count = max(plan.points // PIECE_POINTS, 1)
     edges = [place * plan.points // count for place in range(count + 1)]
@@ -132,7 +106,7 @@ async def _measured_piece(board: Conversation, piece: Sweep) -> list[SweepPoint]
 
 
 async def _quiet(board: Conversation) -> None:
-    """Wait for the sweep before to have been ramped down; what else keeps a board busy it says when it is asked."""
+    """Wait until the previous sweep has ramped down; any other busy state makes the board refuse the next one."""
     for _ in range(QUIET_WITHIN):
         status = await board.wait_for(BoardStatus, STATUS_WITHIN_S)
         if status is None or status.state is not BoardState.TOOL:
@@ -140,7 +114,7 @@ async def _quiet(board: Conversation) -> None:
 
 
 def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
-    """A sweep around the resonance, or None where `plan` has shown it well."""
+    """Return a sweep around the resonance, or None if `plan` resolved it."""
     width_hz = found.frequency_hz / found.q_factor
     step_hz = abs(plan.stop_hz - plan.start_hz) / max(plan.points - 1, 1)
     low_hz, high_hz = sorted((plan.start_hz, plan.stop_hz))
@@ -157,7 +131,7 @@ def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
 
 
 def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, *, is_simulated: bool) -> Verdict:
-    """What the sweeps say of the plate, and of the board's drive and amplifiers."""
+    """Judge the sweeps, and the board's drive and amplifiers."""
     modes = [one.fit.calibration(one.mode) for one in sweeps]
     best_hz = propose_drive_hz(modes, hello.w_limit_um)
     now_v, best_v = (largest_voltage_v(modes, drive_hz, hello.w_limit_um) for drive_hz in (hello.drive_hz, best_hz))
@@ -184,7 +158,7 @@ def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, 
     outcome, sentence = judge(
         findings,
         f"{len(sweeps)} clean circles; the drive of {hello.drive_hz:.1f} Hz lies "
-        f"{abs(hello.drive_hz - best_hz):.1f} Hz beside the best.",
+        f"{abs(hello.drive_hz - best_hz):.1f} Hz off the best one.",
     )
     return Verdict("resonance", outcome, sentence, tuple(figures), settings, is_simulated)
 
@@ -204,30 +178,11 @@ def _figures(one: ModeSweep, hello: BoardHello) -> list[Figure]:
 
 
 def _findings(one: ModeSweep) -> list[Finding]:
-    if not one.is_inside:
+    if not one.frequency_hz.min() <= one.fit.frequency_hz <= one.frequency_hz.max():
         return [(Outcome.FAIL, f"Mode {one.mode} lies outside its sweep: give --from and --to around it.")]
     if one.fit.residual_frac > USABLE_FRAC:
-        return [(Outcome.FAIL, f"Mode {one.mode} draws no circle: look at its sensor, amplifier and wiring.")]
+        return [(Outcome.FAIL, f"Mode {one.mode} shows no resonance circle: check its sensor, amplifier and wiring.")]
     if one.fit.residual_frac > CLEAN_FRAC:
         left = 100.0 * one.fit.residual_frac
-        return [(Outcome.LOOK, f"Mode {one.mode} leaves {left:.0f} % beside its circle: is another mode near?")]
+        return [(Outcome.LOOK, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby.")]
     return []
-
-
-def draw(sweeps: Sequence[ModeSweep], path: Path) -> None:
-    """Amplitude over frequency of all modes, and their circles. Raises CalibrationError."""
-    figure, axes = picture.canvas(2)
-    amplitude, circle = axes[0]
-    for one in sweeps:
-        curve_hz = np.linspace(one.frequency_hz.min(), one.frequency_hz.max(), CURVE_POINTS)
-        fit, measured = 1e3 * one.fit.response(curve_hz), 1e3 * one.response_um_per_v
-        label = f"mode {one.mode}: {one.fit.frequency_hz:.2f} Hz, Q {one.fit.q_factor:.0f}"
-        (line,) = amplitude.plot(curve_hz, np.abs(fit), label=label)
-        amplitude.plot(one.frequency_hz, np.abs(measured), ".", color=line.get_color())
-        circle.plot(fit.real, fit.imag, color=line.get_color())
-        circle.plot(measured.real, measured.imag, ".", color=line.get_color())
-    amplitude.set(xlabel="frequency, Hz", ylabel="amplitude, nm/V", title="points: measured; lines: fit")
-    amplitude.locator_params(axis="x", nbins=5)
-    amplitude.legend(loc="lower center", fontsize=8)
-    circle.set(xlabel="in phase, nm/V", ylabel="quadrature, nm/V", aspect="equal")
-    picture.save(figure, path)

@@ -1,9 +1,8 @@
-"""What the simulated plate gives the steps to measure, where no process with a board is needed for it.
+"""Simulated measurements for the steps that need no board: scan, touches and friction readings.
 
-Its truth is that of `sim.plate.truth`: the scan is of the driven modes with noise of 2 % of the peak, 3 % of the points
-lost, 1 % wrong, and the phase of a drive; the pad lies as the rig's pad does; and friction falls as the scene's
-built-in curve says. Left out: a scan that lies turned, fingers that miss their mark, friction that drifts as a finger
-dries.
+The ground truth is `sim.plate.truth`: the scan shows the driven modes with noise of 2 % of the peak, 3 % of the points
+lost, 1 % wrong, and the phase of a drive; the pad lies as the rig's pad does; friction follows the scene's built-in
+curve. Left out: a rotated scan, fingers that miss their mark, friction that drifts as a finger dries.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
 from ...sim.plate.truth import DRIVEN_MODES
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
-DRIVE_PHASES_RAD = (0.4, -1.1)  # of the vibrometer's readings: the drive's, not the plate's
+DRIVE_PHASES_RAD = (0.4, -1.1)  # of the vibrometer's readings, caused by the drive
 
-HOLD_S, AWAY_S = 0.9, 0.5  # how long a finger stays on a mark, and between two
+HOLD_S, AWAY_S = 0.9, 0.5  # time of a finger on a mark, and between two marks
 TREMOR_MM = 0.05
 
 BARE_FRICTION, FLOOR_FRICTION = 0.8, 0.25  # coefficients of a dry finger on glass, still and levitated
@@ -34,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 
 def scan(seed: int) -> tuple[Array, npt.NDArray[np.complex128]]:
-    """Points (N, 2) and complex readings (N, M) of the driven modes."""
+    """Return points (N, 2) and complex readings (N, M) of the driven modes."""
     shapes = {shape.name: shape for _, shape in free_plate_modes()}
     return sample_scan(
         [shapes[name] for name in DRIVEN_MODES],
@@ -49,7 +48,7 @@ def scan(seed: int) -> tuple[Array, npt.NDArray[np.complex128]]:
 def touch_reports(
     marks_mm: Sequence[tuple[float, float]], seed: int, settings: SensorSettings | None = None
 ) -> list[Report]:
-    """The pad's reports while one finger after the other rests on each mark."""
+    """Return the pad's reports while one finger after the other rests on each mark."""
     touches = tuple(
         Touch(Rest(mark, TREMOR_MM, seed + place), place * (HOLD_S + AWAY_S), place * (HOLD_S + AWAY_S) + HOLD_S)
         for place, mark in enumerate(marks_mm)
@@ -59,7 +58,7 @@ def touch_reports(
 
 
 def friction_readings(seed: int) -> tuple[Array, Array]:
-    """Amplitudes in um and coefficients of friction (N,), some of them wrong."""
+    """Return amplitudes in um and coefficients of friction (N,), some of them wrong."""
     random = np.random.default_rng(seed)
     amplitude_um = np.repeat(np.linspace(0.0, 3.0, 25), REPEATS)
     curve_um, fractions = zip(*((um, frac) for frac, um in DEFAULT_FRICTION_CURVE.knots), strict=True)

@@ -1,7 +1,7 @@
-"""Step 3: a finger touches marks on the plate, and where the pad lies under it follows.
+"""Step 3: fit of the pad's position under the plate to touched marks.
 
-The pad is read as the service reads it, so the service must not run. On the simulated plate the fingers' reports are
-played in virtual time.
+The pad is read as the service reads it, so the service must not run. On the simulated plate the reports are generated
+in virtual time.
 """
 
 from __future__ import annotations
@@ -16,27 +16,26 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import CalibrationError
+from ...files import plotting
 from ...io.trackpad import MODELS, HidTrackpad, TrackpadSource
 from ...values import RawReport
 from ...wire.trackpad import Decoder
-from . import picture, simulated
-from .affine import MIN_MARKS, AffineFit, fit_affine, placement
-from .touches import APART_MM, Point, TouchedMarks
-from .verdict import Figure, Finding, Outcome, Verdict, judge
+from . import simulated
+from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
+from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "trackpad.png"
 SIMULATED_MODEL = "mt2-usb"
-FARTHEST_MM = 500.0  # a mark on the largest plate there can be
+FARTHEST_MM = 500.0  # of a mark on the largest plate
 
-GOOD_MM, USABLE_MM = 1.0, 3.0  # of the residual left out: a fingertip aims to about half a millimetre
-TURNED_DEG = 45.0  # more is hardly meant
-SCALE = (0.9, 1.1)  # of a pad's own millimetres: they are good to some per cent
-ENLARGED = 20.0  # the residuals in the picture
+GOOD_MM, USABLE_MM = 1.0, 3.0  # of the left-out residual: a fingertip aims to about half a millimetre
+TURNED_DEG = 45.0  # a larger rotation is probably an error
+SCALE = (0.9, 1.1)  # of a pad's own millimetres, which are accurate to some per cent
+ENLARGED = 20.0  # magnification of the residuals in the picture
 
 
 def run(options: argparse.Namespace) -> Verdict:
-    """The whole step. Raises HapticdError."""
-    picture.require()
+    """Run the step. Raises HapticdError."""
     marks_mm = parse_marks(options.marks)
     if options.sim:
         model, touches_mm = SIMULATED_MODEL, _played(marks_mm, options.seed)
@@ -48,12 +47,12 @@ def run(options: argparse.Namespace) -> Verdict:
 
 
 def parse_marks(text: str) -> list[Point]:
-    """Marks "x,y x,y ..." in plate mm. Raises CalibrationError."""
+    """Parse marks "x,y x,y ..." in plate mm. Raises CalibrationError."""
     try:
         marks = [(float(x), float(y)) for x, y in (mark.split(",") for mark in text.split())]
     except ValueError:
         raise CalibrationError(f"--marks is {text!r}: write each mark as X,Y, with blanks between them.") from None
-    if not all(abs(position) <= FARTHEST_MM for mark in marks for position in mark):  # NaN fails this, as it must
+    if not all(abs(position) <= FARTHEST_MM for mark in marks for position in mark):
         raise CalibrationError(f"--marks is {text!r}: positions are millimetres from the plate's centre.")
     if len(marks) < MIN_MARKS or any(math.dist(*pair) <= 2 * APART_MM for pair in combinations(marks, 2)):
         raise CalibrationError(f"--marks needs {MIN_MARKS} marks or more, {2 * APART_MM:g} mm or more from each other.")
@@ -61,25 +60,27 @@ def parse_marks(text: str) -> list[Point]:
 
 
 def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
-    """What the simulated pad tells of the marks."""
+    """Return the touches that the simulated pad reports."""
     decoder, touched = Decoder(SIMULATED_MODEL), TouchedMarks()
     for report in simulated.touch_reports(marks_mm, seed):
         for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
             touched.update(frame)
     if len(touched.rests_mm) < len(marks_mm):
         missing = marks_mm[len(touched.rests_mm)]
-        raise CalibrationError(f"The simulated pad does not reach the mark {missing}: choose marks nearer the centre.")
+        raise CalibrationError(
+            f"The simulated pad does not reach the mark {missing}: choose marks nearer to the centre."
+        )
     return touched.rests_mm
 
 
 def _pad(model: str) -> HidTrackpad:
     if model not in ("auto", *MODELS):
-        raise CalibrationError(f"--model is {model!r}: it is auto or one of {', '.join(MODELS)}.")
+        raise CalibrationError(f"--model is {model!r}: give auto or one of {', '.join(MODELS)}.")
     return HidTrackpad(model)
 
 
 async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[str, list[Point]]:
-    """The pad's model, and where it felt the marks; a person is told which one is next."""
+    """Prompt for one mark after the other; return the pad's model and the touches."""
     if not 0.0 < within_s < math.inf:
         raise CalibrationError(f"--within is {within_s:g}: give a time above 0 s.")
     touched, decoders = TouchedMarks(), dict[str, Decoder]()
@@ -110,7 +111,7 @@ async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: flo
     except TimeoutError:
         raise CalibrationError(
             f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
-            "for half a second, lift it in between, and stop the service first if nothing is felt."
+            "for half a second, lift it in between, and stop the service first if no touch is detected."
         ) from None
     finally:
         await pad.close()
@@ -125,7 +126,7 @@ def _ask(marks_mm: Sequence[Point], place: int) -> None:
 
 
 def verdict(found: AffineFit, device: dict[str, str], *, is_simulated: bool) -> Verdict:
-    """Whether the marks agree, and whether a pad can lie like this."""
+    """Judge whether the marks agree, and whether the placement is plausible."""
     here, where = found.plate_from_pad, placement(found.plate_from_pad)
     figures = (
         Figure("pad's centre x", here.offset_x_mm, "mm"),
@@ -154,11 +155,11 @@ def _findings(found: AffineFit) -> list[Finding]:
     findings: list[Finding] = []
     if where.scale_y < 0.0:
         findings.append(
-            (Outcome.FAIL, "The pad seems mirrored: were the marks touched in their order? x is right, y is away.")
+            (Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you.")
         )
     elif abs(where.rotation_deg) > TURNED_DEG:
-        turned = f"The pad seems turned by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
-        findings.append((Outcome.LOOK, f"{turned}: is that how it lies, or were the marks touched in another order?"))
+        turned = f"The pad seems rotated by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
+        findings.append((Outcome.LOOK, f"{turned}: check how it lies, and the order of the touches."))
     if found.left_out_rms_mm > USABLE_MM:
         findings.append((Outcome.FAIL, f"The marks disagree by {found.left_out_rms_mm:.1f} mm: touch them again."))
     elif found.left_out_rms_mm > GOOD_MM:
@@ -169,13 +170,13 @@ def _findings(found: AffineFit) -> list[Finding]:
             )
         )
     if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
-        findings.append((Outcome.LOOK, "The pad's millimetres are far from the plate's: are the marks where you say?"))
+        findings.append((Outcome.LOOK, "The pad's scale differs from the plate's: check the positions of the marks."))
     return findings
 
 
 def draw(marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path) -> None:
-    """Marks, touches where the map puts them, and their difference enlarged. Raises CalibrationError."""
-    figure, axes = picture.canvas(1, width_in=5.5, height_in=4.5)
+    """Draw marks, mapped touches and their difference, enlarged. Raises HapticdError."""
+    figure, axes = plotting.subplots(5.5, 4.5)
     (plot,) = axes[0]
     marks = np.array(marks_mm)
     mapped = np.array([found.plate_from_pad.apply(*touch) for touch in touches_mm])
@@ -190,4 +191,4 @@ def draw(marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFi
     plot.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"left out: {found.left_out_rms_mm:.3f} mm RMS")
     plot.margins(0.2)
     plot.legend(fontsize=8, loc="center")
-    picture.save(figure, path)
+    plotting.save(figure, path, **PICTURE)

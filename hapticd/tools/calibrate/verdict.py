@@ -1,4 +1,4 @@
-"""What a step of the calibration came to: one value for all steps, as text and as JSON."""
+"""Verdict of a calibration step: one value for all steps, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from typing import Any
 
 Settings = Mapping[str, Mapping[str, Any]]  # of the service: section, key, value
 
+PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
+
 
 class Outcome(Enum):
-    """Good to use; to be used once a person has looked; not to be used. In this order each is worse."""
+    """Usable; usable after a look by a person; unusable. Sorted by severity."""
 
     PASS = "pass"
     LOOK = "look"
@@ -22,7 +24,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One number that was found; `unit` is "" for a pure one."""
+    """One measured number; `unit` is "" for a pure one."""
 
     name: str
     value: float
@@ -31,9 +33,9 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The step's name, what became of it, why in a sentence or more, the figures, and what the service is to be told.
+    """A step's name, outcome, reason, figures, and settings for the service.
 
-    `is_simulated` keeps what a simulated plate showed from being mixed with a real one's.
+    `is_simulated` keeps results of the simulated plate apart from those of a real one.
     """
 
     step: str
@@ -48,7 +50,7 @@ Finding = tuple[Outcome, str]
 
 
 def judge(findings: Sequence[Finding], passed: str) -> Finding:
-    """The worst of the findings, with the sentences of all that are as bad; `passed` where there are none."""
+    """Return the worst outcome with the sentences of all findings that have it; `passed` without findings."""
     severity = list(Outcome)
     worst = max((outcome for outcome, _ in findings), key=severity.index, default=Outcome.PASS)
     sentences = [sentence for outcome, sentence in findings if outcome is worst]
@@ -56,19 +58,21 @@ def judge(findings: Sequence[Finding], passed: str) -> Finding:
 
 
 def as_text(verdict: Verdict) -> str:
-    """For a person to read: a figure a line, then the verdict."""
+    """Return one line per figure, then the verdict."""
     width = max((len(figure.name) for figure in verdict.figures), default=0)
-    rows = [f"  {figure.name:<{width}}  {_shown(figure.value)} {figure.unit}".rstrip() for figure in verdict.figures]
+    rows = [
+        f"  {figure.name:<{width}}  {_formatted(figure.value)} {figure.unit}".rstrip() for figure in verdict.figures
+    ]
     return "\n".join([*rows, f"{verdict.step}: {verdict.outcome.name}: {verdict.sentence}"])
 
 
-def _shown(value: float) -> str:
-    """Four digits, and all of a frequency's down to hundredths."""
+def _formatted(value: float) -> str:
+    """Format with four digits, and from 1000 on with hundredths, as frequencies need."""
     return f"{value:.2f}".rstrip("0").rstrip(".") if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
 def to_json(verdict: Verdict) -> str:
-    """The file's text; `from_json` gives the same value. A figure that is no finite number is null there."""
+    """Return JSON that `from_json` reads back; a figure that is not finite is null."""
     table = {
         "step": verdict.step,
         "outcome": verdict.outcome.value,
@@ -84,7 +88,7 @@ def to_json(verdict: Verdict) -> str:
 
 
 def from_json(text: str) -> Verdict:
-    """Raises ValueError for anything that `to_json` does not write."""
+    """Parse the text of `to_json`. Raises ValueError for any other."""
     try:
         table = json.loads(text)
         figures = tuple(Figure(str(one["name"]), _number(one["value"]), str(one["unit"])) for one in table["figures"])
@@ -95,7 +99,7 @@ def from_json(text: str) -> Verdict:
         outcome = Outcome(table["outcome"])
         return Verdict(str(table["step"]), outcome, str(table["sentence"]), figures, settings, is_simulated)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise ValueError(f"it is no verdict ({error})") from None
+        raise ValueError(f"not a verdict ({error})") from None
 
 
 def _number(value: Any) -> float:

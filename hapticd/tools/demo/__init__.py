@@ -1,1 +1,1 @@
-"""`hapticd demo`: the whole system on the simulated plate, in real time, judged afterwards."""
+"""`hapticd demo`: the whole system on the simulated plate, in real time, scored at the end."""

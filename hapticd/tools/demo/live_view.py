@@ -1,4 +1,4 @@
-"""The live view in a terminal: positions, targets, what is achieved, limits, latency, rates.
+"""Live view in a terminal: positions, targets, achieved amplitudes, limits, latency, rates.
 
 Redrawn in place on a terminal, one line a second elsewhere.
 """
@@ -19,13 +19,13 @@ LINE_S = 1.0
 RATE_OVER = 64
 PLATE_MM = 137.5
 COLUMNS, ROWS = 45, 15
-COLUMNS_UNTOLD = 80  # of a terminal that does not say how wide it is
+DEFAULT_COLUMNS = 80  # of a terminal that does not report its width
 LEAST_UM = 0.005  # less is shown as 0
 CLEAR_TO_END = "\x1b[J"
 
 
 class LiveView:
-    """Draws telemetry states, as often as an eye wants them. `update` is given every state and the time."""
+    """Draws telemetry states at a readable rate. `update` takes every state and the time."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
@@ -37,7 +37,7 @@ class LiveView:
         self._states = 0
 
     def update(self, state: PlateState, t_now_s: float) -> None:
-        """Take a state; draw it if it is time."""
+        """Count a state; draw it if a redraw is due."""
         self._instants_s.append(t_now_s)
         self._states += 1
         self._limited += bool(state.limited)
@@ -45,7 +45,7 @@ class LiveView:
             return
         self._t_drawn_s = t_now_s
         lines = self._picture(state) if self._in_place else [self._line(state)]
-        if self._in_place:  # a line that wraps would be two, and the next picture begin too low
+        if self._in_place:  # a line that wraps would be two, and shift the next picture
             width = _columns(self._out)
             lines = [line[:width] for line in lines]
         if self._in_place and self._lines > 0:
@@ -55,7 +55,7 @@ class LiveView:
         self._lines = len(lines)
 
     def close(self) -> None:
-        """Leave the last picture standing."""
+        """Keep the last picture."""
         self._out.flush()
 
     def _rate_hz(self) -> float:
@@ -73,10 +73,10 @@ class LiveView:
 
     def _picture(self, state: PlateState) -> list[str]:
         lines = ["+" + "-" * COLUMNS + "+", *(f"|{row}|" for row in _plate(state)), "+" + "-" * COLUMNS + "+"]
-        lines.append(f"{'finger':<10}{'x mm':>8}{'y mm':>8}{'target um':>11}{'gets um':>9}")
+        lines.append(f"{'finger':<10}{'x mm':>8}{'y mm':>8}{'target um':>11}{'actual um':>10}")
         lines += [
             f"{finger.id!s:<10}{finger.x_mm:>8.1f}{finger.y_mm:>8.1f}"
-            f"{_um(finger.target_um):>11}{_um(finger.achieved_um):>9}"
+            f"{_um(finger.target_um):>11}{_um(finger.achieved_um):>10}"
             for finger in state.fingers
         ]
         modes = "  ".join(f"W{name} {w}" for name, w in zip("XYZ", _phasors(state), strict=False))
@@ -91,13 +91,13 @@ class LiveView:
 
 def _columns(out: TextIO) -> int:
     try:
-        return os.get_terminal_size(out.fileno()).columns or COLUMNS_UNTOLD
-    except (OSError, ValueError):  # no terminal at all, but something that says so
-        return COLUMNS_UNTOLD
+        return os.get_terminal_size(out.fileno()).columns or DEFAULT_COLUMNS
+    except (OSError, ValueError):  # an object that only claims to be a terminal
+        return DEFAULT_COLUMNS
 
 
 def _plate(state: PlateState) -> list[str]:
-    """The plate from above: a slippery finger is drawn as o, a sticky one as #, one that nobody wants as +."""
+    """Return the plate from above: a slippery finger is drawn as o, a sticky one as #, one without target as +."""
     rows = [[" "] * COLUMNS for _ in range(ROWS)]
     for finger in state.fingers:
         if not (math.isfinite(finger.x_mm) and math.isfinite(finger.y_mm)):
@@ -111,7 +111,7 @@ def _plate(state: PlateState) -> list[str]:
 
 
 def _phasors(state: PlateState) -> list[str]:
-    """The modes' amplitudes, with the imaginary parts while two slipping fingers turn their phase."""
+    """Return the modes' amplitudes, with imaginary parts while slipping fingers differ in phase."""
     parts_um = zip_longest(state.modal_um, state.modal_q_um, fillvalue=0.0)
     is_turned = any(abs(q_um) >= LEAST_UM for q_um in state.modal_q_um)
     return [f"{d_um:+.2f}{q_um:+.2f}j" if is_turned else f"{d_um:+.2f}" for d_um, q_um in parts_um]

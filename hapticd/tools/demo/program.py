@@ -1,14 +1,15 @@
-"""The demo: everything of hapticd at once, in real time and in separate processes, watched from a client.
+"""`hapticd demo`: rig, daemon and client as separate processes in real time, with a score at the end.
 
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
-The client asks for a slippery and a sticky finger, a live view shows what they get, and at the end the plate's true
-motion is judged beside the paper's scheme on the same fingers. The board is the firmware's core within the rig, or
-its whole program in a process of its own, with a simpler plate inside: then the paper's scheme gets that too.
+The client sets a slippery and a sticky finger, a live view shows their amplitudes, and at the end the plate's true
+motion is scored against the paper's scheme on the same fingers. The board is the firmware's core in the rig, or its
+whole program in a process, with a simpler plate inside; the paper's scheme then gets the same plate.
 """
 
 from __future__ import annotations
 
+import argparse
 import signal
 import subprocess
 import sys
@@ -24,8 +25,9 @@ import numpy as np
 
 from ...config.sections import LimitsConfig
 from ...errors import HapticdError, UsageError
+from ...files import plotting
 from ...files.outputs import check_writable
-from ...io import owned_process as ownedprocess
+from ...io import owned_process
 from ...sim import lockstep
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scripted import ScriptedClient
@@ -49,82 +51,87 @@ PICTURE_S = 2.5
 
 BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process"}
 
-# What the plate inside another process leaves out, left out for the paper's scheme as well.
+# The plate inside another process lacks these effects; the paper's scheme gets the same plate.
 BARE_PLATE = PlateSettings(
     finger_decay_1_s=0.0, neighbour_coupling=0.0, neighbour_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
 )
 
 
-def show(
-    seconds: float,
-    seed: int,
-    out: Path,
-    *,
-    board: str = "library",
-    image: Path | None = None,
-    in_browser: bool = False,
-) -> int:
-    """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code.
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add duration, seed, board and outputs."""
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10)")
+    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
+    parser.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (default demo.png)")
+    parser.add_argument(
+        "--board",
+        choices=("library", "host"),
+        default="library",
+        help="the firmware's core in the rig (default), or its whole program as a process",
+    )
+    parser.add_argument("--image", type=Path, metavar="FILE", help="that program (default: built by make -C firmware)")
+    parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")
+    parser.set_defaults(command=run)
 
-    `board` is "library" or "host"; `image` the program for the latter, if not the source checkout's. `in_browser` opens
-    a page (`viewer`) where the plate can be watched meanwhile.
-    """
+
+def run(options: argparse.Namespace) -> None:
+    """Run the demo, print the summary and write the picture; the page of `hapticd view` is served meanwhile."""
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError("The demo is a client too: install it with `pip install clients/python`.") from None
-    if not seconds > 0:
-        raise UsageError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
-    check_writable(out)
-    if board == "library" and image is not None:
-        raise UsageError("--image is for a board in another process: give --board host as well.")
-    program = None if board == "library" else find_program(image)
+        raise HapticdError("The demo needs the client library: install it with `pip install clients/python`.") from None
+    if not options.seconds > 0:
+        raise UsageError(f"--seconds: {options.seconds:g} is too short: give more than 0.")
+    check_writable(options.out)
+    plotting.check(options.out)
+    if options.board == "library" and options.image is not None:
+        raise UsageError("--image needs a board in another process: give --board host as well.")
+    program = None if options.board == "library" else find_program(options.image)
     try:
-        return _play(seconds, seed, out, board, program, in_browser=in_browser)
+        _play(options, program)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
 
-def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None, *, in_browser: bool) -> int:
+def _play(options: argparse.Namespace, program: Path | None) -> None:
     import hapticd_client
 
+    board, seed = options.board, options.seed
     print("starting the simulated rig, the daemon and a client ...", flush=True)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was started ends too
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # ends the child processes too
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
         rig = RigProcess(SCENARIO, seed, record=record, program=program)
         with rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
-                person = _Person(client, rig, seed)
-                with _watched(daemon.runtime_dir, opens=in_browser):
-                    t_asked_s = _ask(client, person)
-                    status = _watch(client, person, seconds)
+                user = _ScriptedUser(client, rig, seed)
+                with _watched(daemon.runtime_dir, opens=options.view):
+                    t_asked_s = _wait_for_fingers(client, user)
+                    status = _watch(client, user, options.seconds)
                 if status["board"].get("refused"):
                     raise HapticdError(status["board"]["refused"])
             t_end_s = time.monotonic() - rig.t_start_s
         with np.load(record) as arrays:
             ours = _film(dict(arrays), BOARD_NAMES[board]).between(t_asked_s, t_end_s)
-    print("\njudging it, and the paper's scheme on the same fingers ...", flush=True)
+    print("\nscoring it, and the paper's scheme on the same fingers ...", flush=True)
     same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
-    played = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
-    paper = Film.of(played, "the paper's scheme").between(t_asked_s, t_end_s)
-    draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
+    paper_run = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
+    paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
+    draw([ours, paper], options.out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
     print(summary(ours.score, paper.score, status))
     if board == "library":
         print(
-            "Both know a noisy map of the driven modes; hapticd also one of the two beside them, which fingers drive."
+            "Both have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite."
         )
     else:
-        print("Both plates here feel no fingers and have no neighbouring modes: these figures flatter both schemes.")
+        print("Without damping by fingers and parasitic modes, these figures are optimistic for both schemes.")
     if status["board"].get("deadman_trips", 0) > 0:
-        print("The board fell silent for want of frames in time: this computer is too busy to emulate it; try again.")
-    print(f"picture: {out.resolve()}")
+        print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
+    print(f"picture: {options.out.resolve()}")
     print("To touch such a plate yourself, in the browser: hapticd view --sim")
-    return 0
 
 
 def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
-    """What the demo showed, in a few lines."""
+    """Return the scores and latencies as a few lines."""
     latency = status["latency_ms"]
     lines = [
         "",
@@ -145,54 +152,54 @@ def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-class _Person:
-    """Whose fingers the scenario plays: asks for what each should feel, whenever one lands.
+class _ScriptedUser:
+    """Sets the target of each of the scenario's fingers when it lands.
 
-    On a computer that stalls the pad seems silent, its fingers count as lifted, and land anew under other ids.
+    On a stalled host the pad seems silent, its fingers count as lifted, and land again under other ids.
     """
 
     def __init__(self, client: Client, rig: RigProcess, seed: int) -> None:
         self._client, self._rig = client, rig
         self._scripted = ScriptedClient(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S))
-        self._asked: set[int] = set()
+        self._known: set[int] = set()
 
-    def see(self, state: PlateState) -> None:
-        """Ask for what the fingers that are new shall feel."""
+    def update(self, state: PlateState) -> None:
+        """Set the targets of new fingers."""
         fingers = [(finger.id, finger.x_mm, finger.y_mm) for finger in state.fingers if isinstance(finger.id, int)]
-        if all(finger_id in self._asked for finger_id, _, _ in fingers):
+        if all(finger_id in self._known for finger_id, _, _ in fingers):
             return
         t_s = self.t_s()
-        wanted = self._scripted.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
-        for finger, target in (wanted.targets if wanted is not None else {}).items():
-            if isinstance(finger, int) and finger not in self._asked and isinstance(target, AmplitudeTarget):
+        targets = self._scripted.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
+        for finger, target in (targets.targets if targets is not None else {}).items():
+            if isinstance(finger, int) and finger not in self._known and isinstance(target, AmplitudeTarget):
                 self._client.set(finger, amplitude_um=target.amplitude_um, wait=False)
-                self._asked.add(finger)
+                self._known.add(finger)
 
     def t_s(self) -> float:
-        """Now, in the rig's time."""
+        """Return the current time of the rig."""
         return time.monotonic() - self._rig.t_start_s
 
 
-def _ask(client: Client, person: _Person) -> float:
-    """Wait for the scenario's fingers and ask for what each should feel. Returns when, in the rig's time."""
+def _wait_for_fingers(client: Client, user: _ScriptedUser) -> float:
+    """Wait for the scenario's fingers and set their targets. Return the instant in the rig's time."""
     t_give_up_s = time.monotonic() + FINGERS_WITHIN_S
     for state in client.states(timeout_s=FINGERS_WITHIN_S):
         if len(state.fingers) == FINGERS:
-            person.see(state)
-            return person.t_s()
+            user.update(state)
+            return user.t_s()
         if time.monotonic() > t_give_up_s:
             break
-    raise HapticdError("The simulated fingers did not land: try `hapticd run --sim` and read what it says.")
+    raise HapticdError("The simulated fingers did not land: try `hapticd run --sim` and read its log.")
 
 
 @contextmanager
 def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
-    """The plate's page is served as well, and its address told. Where it cannot be, who wants it opened hears why."""
+    """Serve the plate's page and print its address. Without aiohttp it is skipped, unless it is to be opened."""
     if not opens and find_spec("aiohttp") is None:
         yield
         return
     command = ["view", "--endpoint", str(runtime_dir), "--port", "0", *([] if opens else ["--no-browser"])]
-    with ownedprocess.start(command, stdout=subprocess.PIPE) as process:
+    with owned_process.start(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         print(process.stdout.readline(), end="", flush=True)
         try:
@@ -201,13 +208,13 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
             process.terminate()
 
 
-def _watch(client: Client, person: _Person, seconds: float) -> dict[str, Any]:
-    """Show the live view for `seconds`; returns the daemon's status at its end."""
+def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any]:
+    """Show the live view for `seconds`; return the daemon's status at its end."""
     view = LiveView(sys.stdout)
     t_end_s = time.monotonic() + seconds
     for state in client.states(timeout_s=2.0):
         t_now_s = time.monotonic()
-        person.see(state)
+        user.update(state)
         view.update(state, t_now_s)
         if t_now_s >= t_end_s:
             break

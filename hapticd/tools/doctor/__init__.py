@@ -1,10 +1,5 @@
-"""`hapticd doctor`: what the service needs, one by one; each line passes, warns or fails, and says what mends it.
+"""`hapticd doctor`: checks of everything that the service needs; each passes, warns or fails, and prints its fix.
 
-Nothing is changed, and nothing is kept open. Where no daemon runs, the trackpad is read for two seconds, and the board
-is asked who it is.
+Nothing is changed or kept open. If no daemon runs, the trackpad is read for two seconds, and the board's handshake is
+requested.
 """
-
-from .finding import FAIL, PASS, WARN, Finding
-from .report import examine
-
-__all__ = ["FAIL", "PASS", "WARN", "Finding", "examine"]

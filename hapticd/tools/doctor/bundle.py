@@ -1,7 +1,6 @@
-"""`hapticd doctor --bundle`: all that helps to understand a fault from afar, in one file. Nothing is sent anywhere.
+"""`hapticd doctor --bundle`: one file with the data for a remote diagnosis. Nothing is sent.
 
-Secret keys stay where they are: no file of `client.keys_dir` is taken, and what looks like one in a text is blotted
-out.
+No file of `client.keys_dir` is included, and text that looks like a secret key is redacted.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from ... import __version__
 from ...config import loader as configuration
 from ...errors import ConfigError, HapticdError
 from ..record.attach import record
-from .finding import Finding, Patient
+from .finding import Finding, System, as_document
 
 RECORD_S = 10.0
 LOG_LINES = 5000
@@ -39,54 +38,52 @@ Record = Callable[[Path, Path | None, float | None], str]
 
 
 class BundleError(ConfigError):
-    """A file that cannot be the bundle."""
+    """The bundle cannot be written to this file."""
 
     exit_code = 2
 
 
 def check_name(path: Path) -> None:
-    """Before anything is examined. Raises BundleError."""
+    """Check the path before the checks run. Raises BundleError."""
     if not path.name.endswith(".tar.gz"):
         raise BundleError(f"--bundle {path}: must end in .tar.gz.")
     if path.exists():
-        raise BundleError(f"--bundle {path}: is there already: name another file.")
+        raise BundleError(f"--bundle {path}: exists already: name another file.")
     if not path.absolute().parent.is_dir():
-        raise BundleError(f"--bundle {path}: there is no folder {path.absolute().parent}: make it first.")
+        raise BundleError(f"--bundle {path}: there is no folder {path.absolute().parent}: create it first.")
 
 
 def collect(
     path: Path,
-    patient: Patient | None,
+    system: System | None,
     config_path: Path | None,
     found: Sequence[Finding],
     *,
     record: Record = record,
     log: Callable[[], str] | None = None,
 ) -> str:
-    """Write the bundle, for its owner's eyes only; what is in it, as text. Raises BundleError."""
-    from .report import as_document
-
+    """Write the bundle, readable by its owner only; return a list of its contents. Raises BundleError."""
     parts = {
         "doctor.txt": "".join(f"{finding}\n" for finding in found),
         "doctor.json": as_document(found),
         "versions.txt": versions(),
         "log.txt": (journal if log is None else log)(),
-        **_configuration(patient, config_path),
+        **_configuration(system, config_path),
     }
-    if patient is not None and patient.status is not None:
-        parts["status.json"] = json.dumps(patient.status, indent=2, default=repr)
-    contents = {name: SECRET.sub(r'\1"(blotted out)"', text).encode() for name, text in parts.items()}
-    recorded, why = _recording(patient, record)
+    if system is not None and system.status is not None:
+        parts["status.json"] = json.dumps(system.status, indent=2, default=repr)
+    contents = {name: SECRET.sub(r'\1"(redacted)"', text).encode() for name, text in parts.items()}
+    recorded, why = _recording(system, record)
     if recorded:
         contents["recording.mcap"] = recorded
     _write(path, contents)
-    lines = [f"{path}: nothing was sent anywhere; look into it before you give it away. In it:"]
+    lines = [f"{path}: nothing was sent; check it before you share it. Contents:"]
     lines += [f"  {name:<20} {len(data):>9} bytes" for name, data in contents.items()]
     return "\n".join([*lines, f"  {why}"])
 
 
 def versions() -> str:
-    """Of the program, what it runs on, and the libraries it takes."""
+    """Return the versions of the program, its platform and its libraries."""
     lines = [
         f"hapticd {__version__}",
         f"python {sys.version.split()[0]} ({platform.python_implementation()})",
@@ -102,41 +99,41 @@ def versions() -> str:
 
 
 def journal() -> str:
-    """The service's newest lines, or why there are none."""
+    """Return the service's newest log lines, or the reason why there are none."""
     program = shutil.which("journalctl")
     if program is None:
-        return "There is no journalctl here: send what `hapticd run` printed as well.\n"
+        return "journalctl is not installed: send the output of `hapticd run` as well.\n"
     command = [program, "--unit", "hapticd", "--no-pager", "--output", "short-iso-precise", "--lines", str(LOG_LINES)]
     try:
         ended = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=LOG_WITHIN_S)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"journalctl gave nothing: {error}\n"
+        return f"journalctl failed: {error}\n"
     return ended.stdout + ended.stderr
 
 
-def _configuration(patient: Patient | None, config_path: Path | None) -> Mapping[str, str]:
-    """The file as it stands, and what came of it."""
+def _configuration(system: System | None, config_path: Path | None) -> Mapping[str, str]:
+    """Return the configuration file, and the active configuration."""
     parts = {}
     if config_path is not None:
         try:
             parts["hapticd.toml"] = config_path.read_text(encoding="utf-8", errors="replace")
         except OSError as error:
             parts["hapticd.toml"] = f"# {config_path}: cannot be read ({error.strerror})\n"
-    if patient is not None:
-        parts["in-force.toml"] = configuration.render(patient.config)
+    if system is not None:
+        parts["in-force.toml"] = configuration.render(system.config)
     return parts
 
 
-def _recording(patient: Patient | None, record: Record) -> tuple[bytes, str]:
-    if patient is None or patient.status is None:
-        return b"", "no recording, for no daemon answered"
+def _recording(system: System | None, record: Record) -> tuple[bytes, str]:
+    if system is None or system.status is None:
+        return b"", "no recording: no daemon answered"
     with tempfile.TemporaryDirectory(prefix="hapticd-doctor-") as folder:
         file = Path(folder, "recording.mcap")
         try:
-            record(file, patient.directory, RECORD_S)
+            record(file, system.directory, RECORD_S)
             return (
                 file.read_bytes(),
-                f"recording.mcap: {RECORD_S:g} s; `hapticd plot` draws it, `export` makes tables of it",
+                f"recording.mcap: {RECORD_S:g} s; `hapticd plot` draws it, `hapticd export` converts it to tables",
             )
         except (HapticdError, OSError) as error:
             return b"", f"no recording: {error}"

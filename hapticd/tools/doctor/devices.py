@@ -1,4 +1,4 @@
-"""Trackpad and board: found, ours to open, how often the one reports and what the other runs."""
+"""Checks of trackpad and board: presence, access rights, report rate, firmware version."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ...io.trackpad import HidTrackpad, TrackpadSource, find_pads, load_hid
 from ...values import RawReport
 from ...wire.trackpad import Decoder
 from ..firmware.conversation import Conversation
-from .finding import FAIL, PASS, WARN, Finding, Patient, is_ours
+from .finding import FAIL, PASS, WARN, Finding, System, is_accessible
 from .host import INSTALL
-from .service import again
+from .service import refreshed
 
 LISTEN_S = 2.0
 LOOK_EVERY_S = 0.25
 SLOW_FRAC = 0.9  # of the rate that the configuration expects
-TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports while it is touched"
-FASTER = "a cable instead of Bluetooth; else prediction.period_ms in the configuration"
-IDLER = "leave the processor to the simulated pad: `top` shows who has it"
+TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports only while touched"
+FASTER = "use a cable instead of Bluetooth; else set prediction.period_ms"
+IDLER = "reduce the host's load, which slows the simulated pad: see `top`"
 
 
-def trackpad(patient: Patient) -> Finding:
-    """The pad on this machine."""
-    if not patient.has_pad:
-        return Finding(PASS, "trackpad", f"{patient.config.trackpad.source} asked for")
+def trackpad(system: System) -> Finding:
+    """Check for a connected pad."""
+    if not system.has_pad:
+        return Finding(PASS, "trackpad", f"{system.config.trackpad.source} is configured")
     try:
-        pads = list(find_pads(load_hid(), patient.config.trackpad.model))
+        pads = list(find_pads(load_hid(), system.config.trackpad.model))
     except (HapticdError, OSError) as error:
         return Finding(FAIL, "trackpad", str(error), "pip install hidapi")
     if not pads:
@@ -42,47 +42,46 @@ def trackpad(patient: Patient) -> Finding:
         return Finding(FAIL, "trackpad", "none is connected", remedy)
     pad, path = pads[0]
     node = os.fsdecode(path)
-    if node.startswith("/dev/") and not is_ours(Path(node)) and patient.status is None:
-        return Finding(FAIL, "trackpad", f"{node} is not yours to open", f"{INSTALL}, then replug it")
+    if node.startswith("/dev/") and not is_accessible(Path(node)) and system.status is None:
+        return Finding(FAIL, "trackpad", f"{node} cannot be opened by this user", f"{INSTALL}, then replug it")
     return Finding(PASS, "trackpad", f"{pad.model} at {node}")
 
 
-def rate(patient: Patient, wait: Callable[[float], None] = time.sleep) -> Finding:
-    """How often the pad reports: as the daemon counts it, or read here where no daemon runs."""
-    if patient.status is not None:
-        measured_hz = _counted_rate_hz(patient, wait)
-    elif patient.has_pad:
+def rate(system: System, wait: Callable[[float], None] = time.sleep) -> Finding:
+    """Check the report rate: the daemon's count, or measured here if no daemon runs."""
+    if system.status is not None:
+        measured_hz = _counted_rate_hz(system, wait)
+    elif system.has_pad:
         try:
-            measured_hz = listen(HidTrackpad(patient.config.trackpad.model), LISTEN_S)
+            measured_hz = listen(HidTrackpad(system.config.trackpad.model), LISTEN_S)
         except HapticdError as error:
             return Finding(WARN, "report rate", str(error), "see trackpad above")
     else:
-        return Finding(PASS, "report rate", "no daemon answers, and no pad is asked for")
+        return Finding(PASS, "report rate", "no daemon answers, and no pad is configured")
     if measured_hz is None:
-        return Finding(WARN, "report rate", f"nothing was touched for {LISTEN_S:g} s", TOUCH)
-    expected_hz = 1e3 / patient.config.prediction.period_ms
-    said = f"{measured_hz:.1f} Hz, the configuration expects {expected_hz:.1f}"
+        return Finding(WARN, "report rate", f"no touch within {LISTEN_S:g} s", TOUCH)
+    expected_hz = 1e3 / system.config.prediction.period_ms
+    text = f"{measured_hz:.1f} Hz, the configuration expects {expected_hz:.1f}"
     if measured_hz < SLOW_FRAC * expected_hz:
-        return Finding(WARN, "report rate", said, FASTER if patient.has_pad else IDLER)
-    return Finding(PASS, "report rate", said)
+        return Finding(WARN, "report rate", text, FASTER if system.has_pad else IDLER)
+    return Finding(PASS, "report rate", text)
 
 
-def _counted_rate_hz(patient: Patient, wait: Callable[[float], None]) -> float | None:
+def _counted_rate_hz(system: System, wait: Callable[[float], None]) -> float | None:
     samples = []
     for _ in range(round(LISTEN_S / LOOK_EVERY_S) + 1):
-        frames, t_ns = patient.told("trackpad", "reports", "frames"), patient.told("t_ns")
+        frames, t_ns = system.reported("trackpad", "reports", "frames"), system.reported("t_ns")
         if isinstance(frames, int) and isinstance(t_ns, int):
             samples.append((t_ns, frames))
         wait(LOOK_EVERY_S)
-        patient = again(patient)
+        system = refreshed(system)
     return steady_rate_hz(samples)
 
 
 def steady_rate_hz(samples: Sequence[tuple[int, int]]) -> float | None:
-    """The rate over the longest run of (t_ns, counter) in which the counter never stood; None without any.
+    """Return the rate over the longest run of (t_ns, counter) with a rising counter; None without one.
 
-    A run that a finger begins or ends would be counted short, so its first and its last step are left out where
-    enough remain.
+    A run that begins or ends with a touch has short first and last steps: they are dropped if enough remain.
     """
     runs: list[list[tuple[int, int]]] = [[]]
     for sample in samples:
@@ -99,7 +98,7 @@ def steady_rate_hz(samples: Sequence[tuple[int, int]]) -> float | None:
 
 
 def listen(source: TrackpadSource, seconds: float) -> float | None:
-    """Read the pad for so long: the median rate of its touch frames, None without any. Raises HapticdError."""
+    """Read the pad for `seconds`; return the median rate of its touch frames, None without any. Raises HapticdError."""
     reports: list[RawReport] = []
     links: list[tuple[bool, str]] = []
 
@@ -112,33 +111,33 @@ def listen(source: TrackpadSource, seconds: float) -> float | None:
 
     asyncio.run(read())
     if not any(up for up, _ in links):
-        raise HapticdError(links[-1][1] if links else "the pad did not open")
+        raise HapticdError(links[-1][1] if links else "the pad could not be opened")
     return frame_rate_hz(reports, source.model or "")
 
 
 def frame_rate_hz(reports: Sequence[RawReport], model: str) -> float | None:
-    """Of the touch frames in raw reports, from the median of their distances on the pad's clock."""
+    """Return the rate of the touch frames in raw reports, from their median interval on the pad's clock."""
     decoder = Decoder(model)
     t_ns = [frame.t_ns for report in reports for frame in decoder.decode(report.data, report.t_host_ns)]
     gaps_ns = [later - earlier for earlier, later in pairwise(t_ns) if later > earlier]
     return 1e9 / median(gaps_ns) if gaps_ns else None
 
 
-def board(patient: Patient) -> Finding:
-    """The serial port."""
-    port = patient.config.device.port
-    if not patient.has_board:
+def board(system: System) -> Finding:
+    """Check the serial port."""
+    port = system.config.device.port
+    if not system.has_board:
         return Finding(PASS, "board", "simulated")
     if not Path(port).exists():
-        return Finding(FAIL, "board", f"there is no {port}", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
-    if not is_ours(Path(port)) and patient.status is None:
+        return Finding(FAIL, "board", f"{port} does not exist", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
+    if not is_accessible(Path(port)) and system.status is None:
         remedy = f"sudo usermod -aG {_group(Path(port))} $USER, then log in again"
-        return Finding(FAIL, "board", f"{port} is not yours to open", remedy)
-    return Finding(PASS, "board", f"{port} can be opened" if patient.status is None else f"{port} is there")
+        return Finding(FAIL, "board", f"{port} cannot be opened by this user", remedy)
+    return Finding(PASS, "board", f"{port} can be opened" if system.status is None else f"{port} exists")
 
 
 def _group(path: Path) -> str:
-    """The group that a device belongs to, by its name where it has one."""
+    """Return a device's group, by its name if it has one."""
     number = path.stat().st_gid
     try:
         return grp.getgrgid(number).gr_name
@@ -146,29 +145,29 @@ def _group(path: Path) -> str:
         return str(number)
 
 
-def firmware(patient: Patient) -> Finding:
-    """Which firmware the board runs: as the daemon was told, or asked here where no daemon runs."""
-    if patient.status is not None:
-        refused, version = patient.told("board", "refused"), patient.told("board", "firmware")
+def firmware(system: System) -> Finding:
+    """Check the board's firmware: the daemon's report, or a handshake here if no daemon runs."""
+    if system.status is not None:
+        refused, version = system.reported("board", "refused"), system.reported("board", "firmware")
         if refused:
             return Finding(FAIL, "firmware", str(refused), "make -C firmware flash")
-        if version is None or not patient.told("board", "ready"):
+        if version is None or not system.reported("board", "ready"):
             return Finding(WARN, "firmware", "the board does not answer the daemon", "journalctl -u hapticd -n 20")
-        return Finding(PASS, "firmware", f"version {version}, as the daemon was told")
-    port = patient.config.device.port
-    if not patient.has_board:
-        return Finding(PASS, "firmware", "the simulated board's is this package's")
-    if not (Path(port).exists() and is_ours(Path(port))):
-        return Finding(WARN, "firmware", "not asked, for the port is not ours", "see board above")
+        return Finding(PASS, "firmware", f"version {version}, reported to the daemon")
+    port = system.config.device.port
+    if not system.has_board:
+        return Finding(PASS, "firmware", "that of the simulated board, from this package")
+    if not (Path(port).exists() and is_accessible(Path(port))):
+        return Finding(WARN, "firmware", "not checked: the port cannot be opened", "see board above")
     try:
-        baud = patient.config.device.baud
-        version = asyncio.run(greeted(SerialLink(port, baud), f"{port} at {baud} baud"))
+        baud = system.config.device.baud
+        version = asyncio.run(firmware_version(SerialLink(port, baud), f"{port} at {baud} baud"))
     except DeviceError as error:
         return Finding(FAIL, "firmware", str(error), f"hapticd firmware info --port {port}")
     return Finding(PASS, "firmware", f"version {version}, of this protocol")
 
 
-async def greeted(link: SerialLink, where: str) -> str:
-    """The version of the firmware at the other end. Raises DeviceError."""
+async def firmware_version(link: SerialLink, where: str) -> str:
+    """Return the version of the firmware at the other end. Raises DeviceError."""
     async with Conversation(link, where) as conversation:
         return conversation.hello.firmware_version

@@ -1,10 +1,11 @@
-"""One line of the report, and the patient that all the lines are about."""
+"""One line of the report, and the system under examination."""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ PASS, WARN, FAIL = "pass", "warn", "FAIL"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was found of one `check`; `remedy` is the command that mends it, empty where there is nothing to do."""
+    """Result of one `check`; `said` is its text, `remedy` the fix, empty if none is needed."""
 
     verdict: str
     check: str
@@ -28,9 +29,9 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Patient:
-    """A configuration and its surroundings. `status` is the running daemon's answer, None where none answered, and
-    `version` its program's; `root` is the machine's file system, for its own settings."""
+class System:
+    """A configuration and its host. `status` and `version` are the running daemon's replies, None and "" without one;
+    `root` is the root of the host's file system."""
 
     config: Config
     directory: Path
@@ -40,29 +41,39 @@ class Patient:
 
     @property
     def has_pad(self) -> bool:
-        """A trackpad is asked for, not a simulated or replayed one."""
+        """Whether a trackpad is configured, not a simulated or replayed one."""
         return self.config.trackpad.source == "hid"
 
     @property
     def has_board(self) -> bool:
-        """A board is asked for, not the simulated one."""
+        """Whether a board is configured, not the simulated one."""
         return self.config.device.port != SIMULATED
 
-    def told(self, *path: str) -> Any:
-        """What stands there in the daemon's status; None where nothing does."""
+    def reported(self, *path: str) -> Any:
+        """Return a value of the daemon's status, None if it is missing."""
         value: Any = self.status
         for key in path:
             value = value.get(key) if isinstance(value, dict) else None
         return value
 
     def text(self, *parts: str) -> str | None:
-        """What a file of the machine says, stripped; None where it cannot be read."""
+        """Return the text of a file of the host, stripped; None if it cannot be read."""
         try:
             return self.root.joinpath(*parts).read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError):
             return None
 
 
-def is_ours(path: Path) -> bool:
-    """This user may read and write it."""
+def is_accessible(path: Path) -> bool:
+    """Return whether this user may read and write it."""
     return os.access(path, os.R_OK | os.W_OK)
+
+
+def as_document(found: Sequence[Finding]) -> str:
+    """Return the report as JSON: the findings in order, and whether one of them failed."""
+    return json.dumps({"failed": has_failed(found), "findings": [asdict(one) for one in found]}, indent=2)
+
+
+def has_failed(found: Sequence[Finding]) -> bool:
+    """Return whether one finding is a failure."""
+    return any(one.verdict == FAIL for one in found)

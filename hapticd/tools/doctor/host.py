@@ -1,4 +1,4 @@
-"""What the kernel and the distribution grant: udev's rules, groups, real time, a quick clock, a processor awake."""
+"""Checks of the host: udev rules, groups, real-time limits, clock source, frequency governor, installed parts."""
 
 from __future__ import annotations
 
@@ -12,54 +12,56 @@ from pathlib import Path
 
 from ...errors import HapticdError
 from ...io.awake import LATENCY_FILE
-from .. import installation
-from .finding import PASS, WARN, Finding, Patient
+from ..install_service import service_files
+from .finding import PASS, WARN, Finding, System
 
 RULES = "71-hapticd.rules"
 RULE_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d", "usr/lib/udev/rules.d")
 DEVICE_GROUP, CLIENT_GROUP = "hapticd-dev", "hapticd"
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
-MEMLOCK_BYTES = 512 << 20  # what the service's unit grants
-QUICK_CLOCKS = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page", "xen")
-HAPTICD = Path(sys.executable).with_name("hapticd")  # sudo has a path of its own
+MEMLOCK_BYTES = 512 << 20  # granted by the service's unit
+FAST_CLOCKS = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page", "xen")
+HAPTICD = Path(sys.executable).with_name("hapticd")  # sudo uses another PATH
 INSTALL = f"sudo {HAPTICD} install-service && sudo udevadm control --reload && sudo udevadm trigger"
 
 
-def rules(patient: Patient) -> Finding:
-    """udev's rule, which gives devices to the service and to who sits at the screen."""
-    found = next((folder for folder in RULE_FOLDERS if patient.root.joinpath(folder, RULES).is_file()), None)
+def rules(system: System) -> Finding:
+    """Check the udev rule that gives devices to the service and to the user logged in at the screen."""
+    found = next((folder for folder in RULE_FOLDERS if system.root.joinpath(folder, RULES).is_file()), None)
     if found is None:
-        if not (patient.has_pad or patient.has_board):
+        if not (system.has_pad or system.has_board):
             return Finding(PASS, "udev rules", "not installed, and not needed for the simulated plate")
         return Finding(WARN, "udev rules", f"{RULES} is not installed", INSTALL)
     try:
-        ours = next(file.text for file in installation.service_files() if file.name == RULES)
+        ours = next(file.text for file in service_files() if file.name == RULES)
     except HapticdError as error:
         return Finding(WARN, "udev rules", str(error))
-    if patient.text(found, RULES) != ours.strip():
+    if system.text(found, RULES) != ours.strip():
         return Finding(WARN, "udev rules", f"/{found}/{RULES} is not this version's", INSTALL)
     return Finding(PASS, "udev rules", f"/{found}/{RULES}")
 
 
-def groups(patient: Patient) -> Finding:
-    """Whether this user is in the groups that sockets and devices belong to."""
+def groups(system: System) -> Finding:
+    """Check that this user is in the groups of sockets and devices."""
     if os.geteuid() == 0:
         return Finding(PASS, "groups", "root needs none")
     user = _user_name()
-    wanted = [CLIENT_GROUP] if patient.root.joinpath("run/hapticd").is_dir() else []
-    wanted += [DEVICE_GROUP] if patient.has_pad or patient.has_board else []
-    for name in wanted:
+    needed = [CLIENT_GROUP] if system.root.joinpath("run/hapticd").is_dir() else []
+    needed += [DEVICE_GROUP] if system.has_pad or system.has_board else []
+    for name in needed:
         try:
             group = grp.getgrnam(name)
         except KeyError:
-            return Finding(WARN, "groups", f"there is no group {name}", "sudo systemd-sysusers, after install-service")
+            return Finding(
+                WARN, "groups", f"group {name} does not exist", "sudo systemd-sysusers, after install-service"
+            )
         if group.gr_gid in os.getgroups():
             continue
         if user in group.gr_mem:
             return Finding(WARN, "groups", f"{user} is in {name}, but not in this session", "log out and in again")
-        said = f"{user} is not in {name}; whoever sits at the screen gets devices without it"
-        return Finding(WARN, "groups", said, f"sudo usermod -aG {name} {user}, then log in again")
-    return Finding(PASS, "groups", f"{user} is in {', '.join(wanted)}" if wanted else "none is needed")
+        text = f"{user} is not in {name}, which only the user logged in at the screen does not need"
+        return Finding(WARN, "groups", text, f"sudo usermod -aG {name} {user}, then log in again")
+    return Finding(PASS, "groups", f"{user} is in {', '.join(needed)}" if needed else "none is needed")
 
 
 def _user_name() -> str:
@@ -69,40 +71,42 @@ def _user_name() -> str:
         return str(os.geteuid())
 
 
-def real_time(patient: Patient) -> Finding:
-    """Priority, memory, processors awake: what a running daemon was granted, else what this user may ask for."""
-    wanted = patient.config.realtime
-    granted = patient.told("real_time", "priority")
+def real_time(system: System) -> Finding:
+    """Check priority, locked memory and CPU latency: as granted to the daemon, else the limits of this user."""
+    requested = system.config.realtime
+    granted = system.reported("real_time", "priority")
     if granted is not None:
-        refused = patient.told("real_time", "refused") or ()
+        refused = system.reported("real_time", "refused") or ()
         if refused:
-            return Finding(WARN, "real time", f"the daemon was refused {'; '.join(refused)}", "systemctl cat hapticd")
-        return Finding(PASS, "real time", f"the daemon runs at priority {granted}, nothing was refused it")
-    if wanted.fifo_priority == 0 and not (wanted.lock_memory or wanted.stay_awake):
-        return Finding(PASS, "real time", "not asked for")
+            return Finding(
+                WARN, "real time", f"the system refused the daemon: {'; '.join(refused)}", "systemctl cat hapticd"
+            )
+        return Finding(PASS, "real time", f"the daemon runs at priority {granted}, with all it requested")
+    if requested.fifo_priority == 0 and not (requested.lock_memory or requested.stay_awake):
+        return Finding(PASS, "real time", "not configured")
     allowed = _limit(resource.RLIMIT_RTPRIO)
-    if wanted.fifo_priority > allowed and not _can(patient, CAP_SYS_NICE):
+    if requested.fifo_priority > allowed and not _can(system, CAP_SYS_NICE):
         return Finding(
             WARN,
             "real time",
-            f"this user may ask for priority {allowed:g}, not {wanted.fifo_priority}",
+            f"this user is limited to priority {allowed:g}, the configuration requests {requested.fifo_priority}",
             "run it as the service, whose unit grants 20: sudo systemctl start hapticd",
         )
-    if wanted.lock_memory and _limit(resource.RLIMIT_MEMLOCK) < MEMLOCK_BYTES and not _can(patient, CAP_IPC_LOCK):
+    if requested.lock_memory and _limit(resource.RLIMIT_MEMLOCK) < MEMLOCK_BYTES and not _can(system, CAP_IPC_LOCK):
         return Finding(
             WARN,
             "real time",
-            f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not all of it",
+            f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not enough for all of it",
             "run it as the service, whose unit grants 512 MiB: sudo systemctl start hapticd",
         )
-    latency_file = patient.root / LATENCY_FILE.relative_to("/")
-    if wanted.stay_awake and not os.access(latency_file, os.W_OK):
-        said = f"this user may not write to {LATENCY_FILE}, so processors will sleep"
-        return Finding(WARN, "real time", said, INSTALL)
-    asked = [f"priority {wanted.fifo_priority}"] if wanted.fifo_priority > 0 else []
-    asked += ["locked memory"] if wanted.lock_memory else []
-    asked += ["processors that stay awake"] if wanted.stay_awake else []
-    return Finding(PASS, "real time", f"{' and '.join(asked)} may be asked for")
+    latency_file = system.root / LATENCY_FILE.relative_to("/")
+    if requested.stay_awake and not os.access(latency_file, os.W_OK):
+        text = f"this user may not write to {LATENCY_FILE}, so processors enter sleep states"
+        return Finding(WARN, "real time", text, INSTALL)
+    parts = [f"priority {requested.fifo_priority}"] if requested.fifo_priority > 0 else []
+    parts += ["locked memory"] if requested.lock_memory else []
+    parts += ["processors kept out of sleep states"] if requested.stay_awake else []
+    return Finding(PASS, "real time", f"{' and '.join(parts)} within this user's limits")
 
 
 def _limit(which: int) -> float:
@@ -110,42 +114,42 @@ def _limit(which: int) -> float:
     return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
 
 
-def _can(patient: Patient, capability: int) -> bool:
-    for line in (patient.text("proc/self/status") or "").splitlines():
+def _can(system: System, capability: int) -> bool:
+    for line in (system.text("proc/self/status") or "").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> capability & 1)
     return False
 
 
-def clock(patient: Patient) -> Finding:
-    """The clock behind the monotonic clock: it is read several times a pass."""
+def clock(system: System) -> Finding:
+    """Check the source of the monotonic clock, which is read several times per pass."""
     folder = "sys/devices/system/clocksource/clocksource0"
-    source = patient.text(folder, "current_clocksource")
+    source = system.text(folder, "current_clocksource")
     if source is None:
-        return Finding(PASS, "clock", "this system does not tell its source")
-    if source in QUICK_CLOCKS:
+        return Finding(PASS, "clock", "its source is not reported by this system")
+    if source in FAST_CLOCKS:
         return Finding(PASS, "clock", source)
-    offered = (patient.text(folder, "available_clocksource") or "").split()
-    quick = next((one for one in QUICK_CLOCKS if one in offered), None)
-    remedy = f"echo {quick} | sudo tee /{folder}/current_clocksource" if quick else "journalctl -k --grep clocksource"
+    offered = (system.text(folder, "available_clocksource") or "").split()
+    fast = next((one for one in FAST_CLOCKS if one in offered), None)
+    remedy = f"echo {fast} | sudo tee /{folder}/current_clocksource" if fast else "journalctl -k --grep clocksource"
     return Finding(WARN, "clock", f"{source} is slow to read", remedy)
 
 
-def governor(patient: Patient) -> Finding:
-    """How processors are clocked: one that dozes between touches is late for each."""
-    folder = patient.root / "sys/devices/system/cpu"
-    told = {patient.text(str(path)) for path in folder.glob("cpu*/cpufreq/scaling_governor")}
-    found = {name for name in told if name is not None}
+def governor(system: System) -> Finding:
+    """Check the frequency governor: a processor clocked down between touches delays each first pass."""
+    folder = system.root / "sys/devices/system/cpu"
+    names = {system.text(str(path)) for path in folder.glob("cpu*/cpufreq/scaling_governor")}
+    found = {name for name in names if name is not None}
     if not found:
-        return Finding(PASS, "processor", "its clock is not governed by this system")
+        return Finding(PASS, "processor", "no frequency governor")
     if found == {"performance"}:
         return Finding(PASS, "processor", "governor performance")
-    said = f"governor {', '.join(sorted(found))}: passes after a pause take longer"
-    return Finding(WARN, "processor", said, "sudo cpupower frequency-set -g performance")
+    text = f"governor {', '.join(sorted(found))}: passes after a pause take longer"
+    return Finding(WARN, "processor", text, "sudo cpupower frequency-set -g performance")
 
 
-def built(_: Patient) -> Finding:
-    """The simulated board's firmware."""
+def built(_: System) -> Finding:
+    """Check the simulated board's firmware."""
     if importlib.util.find_spec("hapticd.sim.board._firmware") is None:
         return Finding(
             WARN, "simulated board", "its firmware is not built", "sudo apt install gcc, and pip install hapticd again"
@@ -153,8 +157,8 @@ def built(_: Patient) -> Finding:
     return Finding(PASS, "simulated board", "its firmware is built")
 
 
-def client_library(_: Patient) -> Finding:
-    """What clients of Python import, and this program to ask the daemon."""
+def client_library(_: System) -> Finding:
+    """Check the Python client library, which this program uses too."""
     if importlib.util.find_spec("hapticd_client") is None:
-        return Finding(WARN, "client library", "not installed here", "pip install clients/python")
+        return Finding(WARN, "client library", "not installed", "pip install clients/python")
     return Finding(PASS, "client library", "installed")

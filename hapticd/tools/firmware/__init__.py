@@ -1,1 +1,1 @@
-"""`hapticd firmware`: the board at the bench, while the service is stopped."""
+"""`hapticd firmware`: commands for the board at the bench, while the service is stopped."""

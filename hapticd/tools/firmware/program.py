@@ -1,4 +1,4 @@
-"""The subcommands of `hapticd firmware`: each greets the board, asks, and prints."""
+"""`hapticd firmware`: arguments, and the subcommands info, log, clear-fault, gains and raw."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 from ...board_values import BoardState, BoardStatus, BoardTime, ClearFault, TimeRequest
 from ...config import loader as config
@@ -22,30 +23,97 @@ from ...tool_values import BoardController, BoardLog, ControllerRequest, LogRequ
 from . import sweep, telemetry, text
 from .conversation import Conversation
 
-STATUS_WITHIN_S = 1.0  # the board says how it is ten times a second
+STATUS_WITHIN_S = 1.0  # the board sends its status ten times a second
 ECHOES = 5
-FULL_FRAC = 0.999  # of the voltage asked for, as float32 has it
-SIM_SCENARIO = "step"  # nobody touches the plate
+FULL_FRAC = 0.999  # of the requested voltage, which the board rounds to float32
+SIM_SCENARIO = "step"  # its plate is not touched
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the subcommands, each with the arguments that select the board."""
+    commands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
+    _command(commands, "info", "show the board's identity and status", "--sim", json=True)
+    _command(
+        commands, "log", "show the cause of the last reset and the logged events", "--port /dev/ttyACM0", json=True
+    )
+    _command(commands, "clear-fault", "clear a latched fault", "--port /dev/ttyACM0")
+    _add_gains(commands)
+    _add_sweep(commands)
+    _add_raw(commands)
+    _add_telemetry(commands)
+
+
+def _command(commands: Any, name: str, summary: str, example: str, *, json: bool = False) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary,
+        description=summary[0].upper() + summary[1:] + ".",
+        epilog=f"example: hapticd firmware {name} {example}",
+    )
+    where = parser.add_argument_group("the board")
+    where.add_argument("--port", help="serial port, such as /dev/ttyACM0")
+    where.add_argument("--baud", type=int, help="serial speed (default 921600)")
+    where.add_argument("--config", type=Path, help="the service's configuration, which names port and speed")
+    where.add_argument("--sim", action="store_true", help="a simulated board with a simulated plate")
+    if json:
+        parser.add_argument("--json", action="store_true", help="write JSON")
+    parser.set_defaults(command=run, subcommand=name)
+    return parser
+
+
+def _add_gains(commands: Any) -> None:
+    summary = "show or set the control law, its gains and models"
+    parser = _command(commands, "gains", summary, "--sim --law deadbeat", json=True)
+    parser.add_argument("--law", help="pi, pi_ff or deadbeat; until the service or a reset sets another")
+    parser.add_argument("--bandwidth", type=float, metavar="1_S", help="in 1/s (default: the firmware's own)")
+    parser.add_argument("--integral-time", type=float, metavar="S", help="in seconds (default: the firmware's own)")
+
+
+def _add_sweep(commands: Any) -> None:
+    summary = "measure a mode: resonance, quality, gain and loop phase"
+    parser = _command(commands, "sweep", summary, "--sim --mode 0 --plot mode-0.png", json=True)
+    parser.add_argument("--mode", type=int, default=0, help="which mode, from 0 (default 0)")
+    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
+    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
+    parser.add_argument("--points", type=int, default=41, help="frequencies (default 41)")
+    parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
+    parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw amplitude and circle")
+    parser.add_argument("--save", type=Path, metavar="F.toml", help="write the mode to a calibration file")
+
+
+def _add_raw(commands: Any) -> None:
+    parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for at most 1 s", "--sim --volts 10")
+    parser.add_argument("--mode", type=int, default=0, help="which amplifier, from 0 (default 0)")
+    parser.add_argument("--volts", type=float, required=True, help="magnitude, at most a fifth of the board's limit")
+    parser.add_argument("--phase", type=float, default=0.0, metavar="DEG", help="relative to the drive (default 0)")
+    parser.add_argument("--ms", type=int, default=500, help="duration, at most 1000 (default 500)")
+
+
+def _add_telemetry(commands: Any) -> None:
+    parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv", json=True)
+    parser.add_argument("--rate", type=int, default=100, metavar="HZ", help="samples a second, at most (default 100)")
+    parser.add_argument("--seconds", type=float, default=2.0, help="duration (default 2)")
 
 
 def run(options: argparse.Namespace) -> int:
-    """The whole of one subcommand; returns the exit code."""
+    """Run one subcommand; return the exit code."""
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         try:
             asyncio.run(_converse(port, baud, options))
-        except BrokenPipeError:  # `| head` has seen enough; what is buffered must not be tried again at exit
+        except BrokenPipeError:  # as by `| head`; the buffer must not be flushed again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
 def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str, int]:
-    """The board's port and speed as --port, --baud, --config or --sim say; `stack` keeps the simulated rig."""
+    """Return port and speed from --port, --baud, --config or --sim; `stack` keeps the simulated rig running."""
     loaded = config.load(options.config) if options.config is not None else None
     device = DeviceConfig() if loaded is None else loaded.device
     named = options.port or (loaded is not None and device.port)
     if not (options.sim or named):
-        raise ConfigError("No board is named: give --port or --config, or try it with --sim.")
+        raise ConfigError("No board is given: add --port or --config, or --sim.")
     if options.baud is not None:
         device = config.from_table({"device": {"baud": options.baud}}, where="--baud", folder=Path()).device
     baud = device.baud
@@ -63,7 +131,7 @@ async def _converse(port: str, baud: int, options: argparse.Namespace) -> None:
 async def _status(board: Conversation) -> BoardStatus:
     status = await board.wait_for(BoardStatus, STATUS_WITHIN_S)
     if status is None:
-        raise DeviceError("The board answered its greeting but does not say how it is: reset it, and try again.")
+        raise DeviceError("The board sends no status after its handshake: reset it, and try again.")
     return status
 
 
@@ -105,7 +173,7 @@ async def _gains(board: Conversation, options: argparse.Namespace) -> None:
     if options.law is not None or options.bandwidth is not None or options.integral_time is not None:
         law = options.law or found.law
         if law is None:
-            raise DeviceError("The board runs a law that this hapticd does not know: choose one with --law.")
+            raise DeviceError("The board runs a law unknown to this hapticd: set one with --law.")
         await board.demand(SetGains(law, options.bandwidth, options.integral_time))
         found = await board.ask(ControllerRequest(), BoardController)
     print(text.as_json(found) if options.json else text.controller(found))
@@ -114,7 +182,7 @@ async def _gains(board: Conversation, options: argparse.Namespace) -> None:
 async def _raw(board: Conversation, options: argparse.Namespace) -> None:
     sweep.check_drive(board.hello, options.mode, options.volts)
     if not math.isfinite(options.phase):
-        raise UsageError(f"--phase is {options.phase:g}: an angle is a finite number of degrees.")
+        raise UsageError(f"--phase is {options.phase:g}: give a finite number of degrees.")
     voltage_v = cmath.rect(options.volts, math.radians(options.phase))
     with board.driving():
         await board.demand(RawVoltage(options.mode, voltage_v, options.ms))
@@ -125,7 +193,7 @@ async def _raw(board: Conversation, options: argparse.Namespace) -> None:
     if status.state is BoardState.FAULT:
         raise DeviceError("The board ended the voltage with a fault: see `hapticd firmware info`.")
     if not measured_um:
-        print("too short to be measured: the board says how it is ten times a second")
+        print("no measurement: the board sends its status ten times a second, so give more --ms")
     for k, w_um in enumerate(measured_um):
         print(f"mode {k}    {abs(w_um):.5f} um at {math.degrees(cmath.phase(w_um)):+.2f} degrees")
 

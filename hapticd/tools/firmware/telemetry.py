@@ -1,4 +1,4 @@
-"""`hapticd firmware telemetry`: control ticks as they happen, as CSV or as one JSON map on each line."""
+"""`hapticd firmware telemetry`: stream of control ticks as CSV, or as one JSON map per line."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ FIGURES = ("decay_1_s", "detuning_rad_s")
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:
-    """Stream for as long as asked; then say how many samples came and how many were dropped."""
+    """Stream for --seconds; then print the number of samples received and dropped."""
     if options.rate < 1:
-        raise UsageError(f"--rate is {options.rate}: a stream has at least 1 sample a second.")
+        raise UsageError(f"--rate is {options.rate}: give at least 1 sample a second.")
     if not options.seconds > 0.0:
-        raise UsageError(f"--seconds is {options.seconds:g}: a stream lasts for some time.")
+        raise UsageError(f"--seconds is {options.seconds:g}: give a time above 0 s.")
     if not options.json:
         print(header(board.hello.modes))
     loop = asyncio.get_running_loop()
@@ -43,7 +43,7 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
 
 
 def header(modes: int) -> str:
-    """Names of the columns."""
+    """Return the names of the columns."""
     names = ["t_s", "t_board_us", "state", "saturated", "limited", "dropped"]
     for k in range(modes):
         names += [f"mode{k}_{name}_{axis}" for name in PHASORS for axis in "dq"]
@@ -52,7 +52,7 @@ def header(modes: int) -> str:
 
 
 def row(t_s: float, sample: TelemetrySample) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     cells = [f"{t_s:.6f}", str(sample.t_board_us), sample.state.name, str(int(sample.saturated))]
     cells += [str(int(sample.limited)), str(sample.dropped)]
     for mode in sample.modes:

@@ -1,4 +1,4 @@
-"""What the board said, for a person to read."""
+"""Text and JSON forms of the board's messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STATES = {
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: dataclasses become maps, complex numbers pairs, states their names."""
+    """Return a value for JSON: dataclasses become maps, complex numbers pairs, enums their names."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
@@ -36,12 +36,12 @@ def plain(value: Any) -> Any:
 
 
 def as_json(value: Any) -> str:
-    """The same as text on several lines."""
+    """Return `plain(value)` as indented JSON."""
     return json.dumps(plain(value), indent=2)
 
 
 def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
-    """Who the board is and how it is."""
+    """Return the board's identity and status."""
     limits = ", ".join(f"{limit_um:g}" for limit_um in hello.w_limit_um)
     state = STATES[status.state]
     if status.state is BoardState.FAULT:
@@ -54,7 +54,7 @@ def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
         ("rates", f"control {hello.control_hz:g} Hz, drive {hello.drive_hz:g} Hz, dead-man {hello.deadman_ms} ms"),
         (
             "link",
-            f"{round_trip_ms:.1f} ms there and back, {status.bad_frames} bad and {status.late_frames} late frames",
+            f"{round_trip_ms:.1f} ms round trip, {status.bad_frames} bad and {status.late_frames} late frames",
         ),
         ("trips", f"{status.deadman_trips} of the dead-man"),
     )
@@ -62,7 +62,7 @@ def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
 
 
 def controller(found: BoardController) -> str:
-    """Law, gains and what it believes of each mode."""
+    """Return control law, gains and the model of each mode."""
     lines = [
         f"law       {found.law or 'unknown to this hapticd'}, bandwidth {found.bandwidth_1_s:g} 1/s, "
         f"integral time {1e3 * found.integral_time_s:g} ms"
@@ -78,7 +78,7 @@ def controller(found: BoardController) -> str:
 
 
 def log(found: BoardLog, boot_id: int) -> str:
-    """The last reset and what went wrong."""
+    """Return the cause of the last reset and the logged events."""
     cause = protocol.RESET_CAUSES.get(found.reset_cause, f"code {found.reset_cause}")
     lines = [f"reset     {cause}", f"events    {found.events} logged"]
     return "\n".join(lines + [f"  {_entry(entry, boot_id)}" for entry in found.entries])
@@ -93,18 +93,18 @@ def _entry(entry: LogEntry, boot_id: int) -> str:
 
 
 def sweep_head(modes: int) -> str:
-    """The table's first line."""
+    """Return the table's header."""
     return "      Hz  " + "  ".join(f"  |W{k}| um   degrees" for k in range(modes))
 
 
 def sweep_row(point: SweepPoint) -> str:
-    """One line of the table: amplitude and phase of each mode against the voltage."""
+    """Return one line of the table: amplitude and phase of each mode against the voltage."""
     cells = [f"{abs(w):9.5f} {math.degrees(math.atan2(w.imag, w.real)):9.2f}" for w in point.measured_um]
     return f"{point.frequency_hz:9.2f} " + "  ".join(cells)
 
 
 def resonance(mode: int, found: Resonance, points: Sequence[SweepPoint]) -> str:
-    """What the fit makes of a sweep."""
+    """Return the fitted resonance of a sweep."""
     driven = max(abs(point.measured_um[mode]) for point in points)
     others = [abs(w) for point in points for k, w in enumerate(point.measured_um) if k != mode]
     rows = (
@@ -113,7 +113,7 @@ def resonance(mode: int, found: Resonance, points: Sequence[SweepPoint]) -> str:
         ("quality", f"{found.q_factor:.1f}"),
         ("gain", f"{found.gain_um_per_v_s:.4g} um/(V s)"),
         ("phase", f"{math.degrees(found.loop_phase_rad):+.2f} degrees of the loop"),
-        ("residual", f"{100 * found.residual_frac:.2f} % of the largest answer"),
-        ("others", f"{100 * max(others, default=0.0) / driven:.1f} % of it in other modes, at most"),
+        ("residual", f"{100 * found.residual_frac:.2f} % of the largest response"),
+        ("others", f"{100 * max(others, default=0.0) / driven:.1f} % of the response in other modes, at most"),
     )
     return "\n".join(f"{name:<9} {text}" for name, text in rows)

@@ -116,7 +116,7 @@ def replay(recording: Recording) -> Outcome:
     return outcome
 
 
-def machine_of(recording: Recording, config: Config, write_board: Callable[[bytes], bool]) -> Machine:
+def machine_of(recording: Recording, config: Config, write_board: Callable[[bytes], int | None]) -> Machine:
     """A new machine, made as the recorded one was, but with these settings."""
     header = recording.header
     return Machine(

@@ -1,5 +1,4 @@
-"""`hapticd stream`: what a running daemon tells, in forms that other programs already read.
+"""`hapticd stream`: a running daemon's states and metrics in the formats of other programs.
 
-Each is a process of its own and one more client of the daemon: nothing in the daemon knows of it, and nothing of it
-lies on the path of a touch.
+Each stream is a process of its own and a client of the daemon, which needs no code for it.
 """

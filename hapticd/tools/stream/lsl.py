@@ -1,8 +1,8 @@
 """`hapticd stream lsl`: fingers, modes and markers as outlets of the Lab Streaming Layer.
 
-Three streams, each sample with the daemon's own time: the LSL clock is the host's monotonic clock, as the daemon's is.
-Units and meanings stand in each stream's description, as LSL's recorders expect them. pylsl is handed in, so that all
-of this can be tried without liblsl.
+Three streams, each sample with the daemon's own time: LSL's clock is the host's monotonic clock, as the daemon's is.
+Each stream's description holds units and meanings, as LSL's recorders expect them. pylsl is passed in, so that tests
+need no liblsl.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hapticd_client import PlateState
 from .samples import FINGER_FIELDS, MODE_FIELDS, Sampler, finger_values, mode_values
 from .states import serve
 
-# How the units are spelt in the metadata of XDF, the format that LSL's recordings are in.
+# Units as spelt in the metadata of XDF, the format of LSL's recordings.
 UNITS = {"mm": "millimeters", "um": "micrometers"}
 MAKER = "hapticd"
 
@@ -32,7 +32,7 @@ class Channel(NamedTuple):
 
 
 def finger_channels(fingers: int) -> tuple[Channel, ...]:
-    """Of the slots 1 .. `fingers`: the id of the finger in it, then FINGER_FIELDS."""
+    """Return, for each slot 1 .. `fingers`, the finger's id and FINGER_FIELDS."""
     channels = []
     for place in range(1, fingers + 1):
         channels.append(Channel(f"finger_{place}_id", "none", "Id"))
@@ -41,12 +41,12 @@ def finger_channels(fingers: int) -> tuple[Channel, ...]:
 
 
 def mode_channels(modes: int) -> tuple[Channel, ...]:
-    """Of each mode: MODE_FIELDS."""
+    """Return MODE_FIELDS of each mode."""
     return tuple(Channel(f"mode_{m}_{name}", _unit(name), "Amplitude") for m in range(modes) for name in MODE_FIELDS)
 
 
 def finger_sample(state: PlateState, sampler: Sampler) -> list[float]:
-    """The values of `finger_channels`; NaN where no finger is, or nothing was computed for it."""
+    """Return the values of `finger_channels`; NaN without a finger or a computed value."""
     sample: list[float | None] = []
     for finger in sampler.fingers(state):
         sample += [None if finger is None else float(finger.id), *finger_values(finger)]
@@ -54,14 +54,14 @@ def finger_sample(state: PlateState, sampler: Sampler) -> list[float]:
 
 
 def mode_sample(state: PlateState, modes: int) -> list[float]:
-    """The values of `mode_channels`; NaN for what the board has not measured."""
+    """Return the values of `mode_channels`; NaN before the board measures."""
     values = [value for mode in range(modes) for value in mode_values(state, mode)]
     return [math.nan if value is None else value for value in values]
 
 
 class Outlets:
-    """The three outlets of one plate. `lsl` is pylsl or what behaves like it; `clock_offset_s` is what LSL's clock
-    shows beyond the daemon's."""
+    """The three outlets of one plate. `lsl` is pylsl or a substitute; `clock_offset_s` is LSL's clock minus the
+    daemon's."""
 
     def __init__(self, lsl: Any, source: str, fingers: int, modes: int, clock_offset_s: float) -> None:
         self.modes = modes
@@ -72,7 +72,7 @@ class Outlets:
         self._markers = _outlet(lsl, "markers", "Markers", (Channel("marker", "none", "Marker"),), source)
 
     def push(self, state: PlateState) -> None:
-        """One sample of fingers and modes, and one for each marker: "CLIENT: TEXT"."""
+        """Push one sample of fingers and modes, and one for each marker: "CLIENT: TEXT"."""
         t_s = state.t_ns / 1e9 + self._offset_s
         self._fingers.push_sample(finger_sample(state, self._sampler), t_s)
         self._modes.push_sample(mode_sample(state, self.modes), t_s)
@@ -81,7 +81,7 @@ class Outlets:
 
 
 def run(lsl: Any, endpoint: str | None, fingers: int, ended: Callable[[], bool] = lambda: False) -> None:
-    """Stream until `ended` or Ctrl-C; the outlets are there from the first state on, and anew for other modes."""
+    """Stream until `ended` or Ctrl-C; the first state creates the outlets, another number of modes new ones."""
     offset_s = lsl.local_clock() - time.monotonic()
     source = f"{socket.gethostname()}:{endpoint or 'default'}"
     outlets: list[Outlets] = []
@@ -96,7 +96,7 @@ def run(lsl: Any, endpoint: str | None, fingers: int, ended: Callable[[], bool] 
 
 
 def _outlet(lsl: Any, what: str, kind: str, channels: Sequence[Channel], source: str) -> Any:
-    """An outlet of irregular rate; `source` lets a recorder find it again after a restart."""
+    """Return an outlet of irregular rate; by its `source` a recorder finds it again after a restart."""
     form = lsl.cf_string if kind == "Markers" else lsl.cf_double64
     info = lsl.StreamInfo(f"{MAKER}-{what}", kind, len(channels), lsl.IRREGULAR_RATE, form, f"{MAKER}:{what}:{source}")
     description = info.desc()

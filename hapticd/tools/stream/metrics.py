@@ -1,6 +1,6 @@
-"""The daemon's `status` as Prometheus metrics: base units, counters that end in _total. Pure.
+"""Conversion of the daemon's `status` to Prometheus metrics: base units, counters that end in _total. Pure.
 
-What a daemon does not tell (an older one, or before the board answered) is left out.
+Values missing from the status (of an older daemon, or before the board answered) are left out.
 """
 
 from __future__ import annotations
@@ -21,12 +21,14 @@ from .samples import STATES
 
 Fields = Mapping[str, Any]
 
-EDGES_LOG2_NS = range(13, 31)  # 8 us .. 1.07 s: the daemon's buckets are sixteenths of these, so no count is split
+EDGES_LOG2_NS = range(
+    13, 31
+)  # 8 us .. 1.07 s: the daemon's buckets are sixteenths of these octaves, so no count is split
 SUB_BITS = 4
 
 
 class Figure(NamedTuple):
-    """One number of `status`: where it stands, what it is called here, and what makes base units of it."""
+    """One number of `status`: its path, its name as a metric, its help text, and its scale to base units."""
 
     path: str
     name: str
@@ -49,45 +51,45 @@ GAUGES = (
     Figure("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
 )
 COUNTERS = (
-    Figure("telemetry.published", "states_published", "States told to subscribers"),
-    Figure("telemetry.skipped_no_subscriber", "states_skipped", "States not built, for nobody listened"),
-    Figure("clients.refused", "client_messages_refused", "Messages refused with a sentence"),
-    Figure("clients.overtaken", "client_messages_overtaken", "Messages that a newer one had overtaken"),
-    Figure("board.reboots", "board_reboots", "Boots of the board that were noticed"),
-    Figure("board.unsent", "board_frames_unsent", "Frames that the serial line had no room for"),
-    Figure("board.held_back", "board_frames_held_back", "Frames kept from a board that did not answer"),
-    Figure("board.deadman_trips", "board_deadman_trips", "Times the board fell silent for want of frames"),
-    Figure("board.bad_frames", "board_bad_frames", "Frames that the board refused"),
-    Figure("board.late_frames", "board_late_frames", "Frames that the board got too late"),
-    Figure("timing.joined_reports", "reports_joined", "Reports that came to a pass with a newer one"),
-    Figure("timing.missed_ticks", "ticks_missed", "Timer ticks skipped, for the loop was busy"),
+    Figure("telemetry.published", "states_published", "States sent to subscribers"),
+    Figure("telemetry.skipped_no_subscriber", "states_skipped", "States not built, for want of subscribers"),
+    Figure("clients.refused", "client_messages_refused", "Messages refused with an error"),
+    Figure("clients.overtaken", "client_messages_overtaken", "Messages overtaken by a newer one"),
+    Figure("board.reboots", "board_reboots", "Detected boots of the board"),
+    Figure("board.unsent", "board_frames_unsent", "Frames dropped because the serial line was full"),
+    Figure("board.held_back", "board_frames_held_back", "Frames withheld from a board that did not answer"),
+    Figure("board.deadman_trips", "board_deadman_trips", "Times that the board's dead-man timeout tripped"),
+    Figure("board.bad_frames", "board_bad_frames", "Frames refused by the board"),
+    Figure("board.late_frames", "board_late_frames", "Frames that arrived at the board too late"),
+    Figure("timing.joined_reports", "reports_joined", "Reports merged into a pass with a newer one"),
+    Figure("timing.missed_ticks", "ticks_missed", "Timer ticks skipped because the loop was busy"),
     Figure("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
     Figure("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
-    Figure("timing.unanswered_frames", "frames_unanswered", "Frames that the board never said it applied"),
+    Figure("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
 )
-COUNTED = (  # maps of counters: one metric, with a label
-    ("touch", "touch_events", "event", "What passes did or spared"),
+COUNTED = (  # maps of counters: one metric with a label
+    ("touch", "touch_events", "event", "Work done or avoided by passes"),
     ("trackpad.reports", "trackpad_reports", "kind", "Reports of the trackpad: frames, refused by reason, clock steps"),
-    ("board.dropped", "board_messages_dropped", "reason", "What came from the board damaged"),
+    ("board.dropped", "board_messages_dropped", "reason", "Damaged messages from the board"),
 )
 LOST_MESSAGES = ("too_fast", "misshapen", "denied")
-SPANS = {  # histograms of `status`, and what they are called here
+SPANS = {  # histograms of `status`: name and help text of the metric
     "read_age": ("read_age", "Age of a report's sample when it was read"),
     "wait": ("report_wait", "From reading a report to its pass"),
     "wire": ("report_to_wire", "From reading a report to its frame's writing"),
-    "compute": ("pass", "A pass, with all that follows it"),
-    "tick_late": ("tick_late", "How late the loop's timer was"),
-    "pause": ("collector_pause", "How long a garbage collection held the loop"),
+    "compute": ("pass", "Duration of a pass, including its outputs"),
+    "tick_late": ("tick_late", "Delay of the loop's timer"),
+    "pause": ("collector_pause", "Duration of a garbage collection"),
     "age": ("sample_age", "Age of the sample when a frame's pass began"),
     "link": ("link", "From sending a frame to its effect on the plate"),
-    "horizon": ("horizon", "How far ahead of its sample a frame aimed"),
-    "late": ("frame_late", "How much later than planned a frame took effect"),
+    "horizon": ("horizon", "Prediction horizon of a frame, from its sample"),
+    "late": ("frame_late", "Delay of a frame's effect against its plan"),
 }
 
 
 def families(status: Fields | None) -> Iterator[Metric]:
-    """All metrics of one answer; of None, a daemon that did not answer, only `hapticd_up` 0."""
-    yield GaugeMetricFamily("hapticd_up", "1 where the daemon answered", value=float(status is not None))
+    """Yield all metrics of one reply; without one, None, only `hapticd_up` 0."""
+    yield GaugeMetricFamily("hapticd_up", "1 if the daemon answered", value=float(status is not None))
     if status is None:
         return
     yield StateSetMetricFamily("hapticd_state", "Of the daemon", {one: status.get("state") == one for one in STATES})
@@ -102,17 +104,17 @@ def families(status: Fields | None) -> Iterator[Metric]:
         yield from _counted(f"hapticd_{name}", text, label, _map(_at(status, path)))
     clients = _map(status.get("clients"))
     lost = {why: clients[why] for why in LOST_MESSAGES if why in clients}
-    yield from _counted("hapticd_client_messages_lost", "Messages that reached nobody", "reason", lost)
+    yield from _counted("hapticd_client_messages_lost", "Messages dropped", "reason", lost)
     yield from _amplitudes(_map(status.get("board")))
-    told = _map(_at(status, "timing.histograms"))
+    histograms = _map(_at(status, "timing.histograms"))
     for key, (name, text) in SPANS.items():
-        if isinstance(told.get(key), dict):
-            yield histogram(f"hapticd_{name}_seconds", text, told[key])
+        if isinstance(histograms.get(key), dict):
+            yield histogram(f"hapticd_{name}_seconds", text, histograms[key])
 
 
-def histogram(name: str, text: str, told: Fields) -> HistogramMetricFamily:
-    """One of the daemon's histograms in octaves. Counts are exact; the sum is of its fine buckets' middles, to 3 %."""
-    fine = [(round(float(below_ms) * 1e6), int(count)) for below_ms, count in told.get("buckets", ())]
+def histogram(name: str, text: str, fields: Fields) -> HistogramMetricFamily:
+    """Convert a histogram to octaves. Counts are exact; the sum uses the middles of the fine buckets, to 3 %."""
+    fine = [(round(float(below_ms) * 1e6), int(count)) for below_ms, count in fields.get("buckets", ())]
     buckets = [
         (repr((1 << log2_ns) * 1e-9), float(sum(count for below_ns, count in fine if below_ns <= 1 << log2_ns)))
         for log2_ns in EDGES_LOG2_NS
@@ -144,12 +146,12 @@ def _counted(name: str, text: str, label: str, counts: Fields) -> Iterator[Metri
 
 
 def _amplitudes(board: Fields) -> Iterator[Metric]:
-    """Peak to peak, as everywhere in hapticd, but in metres."""
+    """Yield limits and displacements of the modes, peak to peak in metres."""
     limits_um = [_number(limit_um) for limit_um in _list(board.get("w_limit_um"))]
     moved_um = [abs(complex(*w_um)) for w_um in _list(board.get("measured_um")) if len(w_um) == 2]
     for name, text, values_um in (
-        ("mode_limit_meters", "What the board lets a mode move, peak to peak", limits_um),
-        ("mode_displacement_meters", "What the board last measured of a mode, peak to peak", moved_um),
+        ("mode_limit_meters", "The board's limit of a mode, peak to peak", limits_um),
+        ("mode_displacement_meters", "Last measured amplitude of a mode, peak to peak", moved_um),
     ):
         metric = GaugeMetricFamily(f"hapticd_{name}", text, labels=["mode"])
         for mode, value_um in enumerate(values_um):

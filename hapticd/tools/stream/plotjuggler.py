@@ -1,6 +1,6 @@
 """`hapticd stream plotjuggler`: each state as one flat MessagePack map, published over ZeroMQ.
 
-What PlotJuggler's "ZMQ Subscriber" and its MessagePack parser expect is in this folder's README.
+This folder's README describes what PlotJuggler's "ZMQ Subscriber" and its MessagePack parser expect.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from ...errors import UsageError
 from .samples import Sampler, Value
 from .states import serve
 
-BACKLOG = 1000  # messages that wait for a plot that is slow; then it misses some
+BACKLOG = 1000  # messages queued for a slow subscriber, which then misses some
 
 
 def encode(row: Mapping[str, Value]) -> bytes:
-    """One message: one part, one map, keys in the row's order, floats of 64 bits."""
+    """Encode one message: one part, one map, keys in the row's order, floats of 64 bits."""
     return bytes(msgpack.packb(dict(row)))
 
 
 class Publisher:
-    """A PUB socket at `address`, such as tcp://127.0.0.1:9872. Raises UsageError where that cannot be had."""
+    """A PUB socket at `address`, such as tcp://127.0.0.1:9872. Raises UsageError if it cannot be bound."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], address: str) -> None:
         self._socket = context.socket(zmq.PUB)
@@ -36,7 +36,7 @@ class Publisher:
         except zmq.ZMQError as error:
             self._socket.close()
             raise UsageError(
-                f"--bind {address}: cannot be had ({error.strerror}): give an address such as tcp://127.0.0.1:9873."
+                f"--bind {address}: cannot be bound ({error.strerror}): give an address such as tcp://127.0.0.1:9873."
             ) from None
         self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
@@ -47,13 +47,13 @@ class Publisher:
         self._socket.close()
 
     def publish(self, payload: bytes) -> None:
-        """To all who listen now; nobody is waited for."""
+        """Send to all subscribers, without blocking."""
         self._socket.send(payload, zmq.NOBLOCK)
 
 
 def run(endpoint: str | None, address: str, fingers: int, ended: Callable[[], bool] = lambda: False) -> None:
     """Publish until `ended` or Ctrl-C. Raises HapticdError."""
-    unix_offset_ns = time.time_ns() - time.monotonic_ns()  # kept, so that a clock that is set makes no curve run back
+    unix_offset_ns = time.time_ns() - time.monotonic_ns()  # constant, so that setting the clock moves no curve back
     sampler = Sampler(fingers)
     context: Any = zmq.Context()
     try:

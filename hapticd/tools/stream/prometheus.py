@@ -1,4 +1,4 @@
-"""`hapticd stream prometheus`: metrics over HTTP. The daemon is asked for its status at each scrape, and only then."""
+"""`hapticd stream prometheus`: metrics over HTTP. Each scrape, and nothing else, requests the daemon's status."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from hapticd_client.endpoint import Endpoint, find
 from ...errors import UsageError
 from .metrics import Fields, families
 
-ANSWER_S = 1.0  # of the ten seconds that Prometheus waits by default
+ANSWER_S = 1.0  # of Prometheus' default scrape timeout of ten seconds
 
 
 class Status:
-    """Asks one daemon for its status, from any thread; None where nobody answers."""
+    """Requests one daemon's status, from any thread; None without a reply."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
         self._control = Control(context, endpoint)
@@ -43,17 +43,17 @@ class Status:
 
 
 class StatusCollector(Collector):
-    """What a scrape collects: the answer to `ask`, at that moment."""
+    """Collector of a scrape: the metrics of `request`'s reply."""
 
-    def __init__(self, ask: Callable[[], Fields | None]) -> None:
-        self._ask = ask
+    def __init__(self, request: Callable[[], Fields | None]) -> None:
+        self._request = request
 
     def describe(self) -> Iterator[Metric]:
-        """Nothing: to be registered is no reason to ask the daemon."""
+        """Yield nothing, so that registration requests no status."""
         return iter(())
 
     def collect(self) -> Iterator[Metric]:
-        return families(self._ask())
+        return families(self._request())
 
 
 def run(
@@ -61,9 +61,9 @@ def run(
     host: str,
     port: int,
     wait: Callable[[], object],
-    tell: Callable[[str], object] = lambda address: print(f"metrics: {address}\n(Ctrl-C ends)", flush=True),
+    announce: Callable[[str], object] = lambda address: print(f"metrics: {address}\n(Ctrl-C ends)", flush=True),
 ) -> None:
-    """Serve until `wait` returns or is interrupted; `tell` hears the address. Raises HapticdError,
+    """Serve until `wait` returns or is interrupted; `announce` gets the address. Raises HapticdError,
     hapticd_client.HapticdError."""
     context: Any = zmq.Context()
     status = Status(context, find(endpoint, os.environ))
@@ -72,7 +72,7 @@ def run(
         registry.register(StatusCollector(status))
         server, thread = _server(host, port, registry)
         try:
-            tell(f"http://{host}:{server.server_port}/metrics")
+            announce(f"http://{host}:{server.server_port}/metrics")
             wait()
         except KeyboardInterrupt:
             pass
@@ -90,5 +90,5 @@ def _server(host: str, port: int, registry: CollectorRegistry) -> tuple[Any, thr
         return start_http_server(port, host, registry)
     except (OSError, OverflowError) as error:
         raise UsageError(
-            f"--host {host} --port {port}: cannot be had ({getattr(error, 'strerror', error)}): choose another."
+            f"--host {host} --port {port}: cannot be bound ({getattr(error, 'strerror', error)}): choose another."
         ) from None

@@ -1,9 +1,11 @@
-"""A state of the plate as one row of numbers: always the same columns, whoever touches. Pure.
+"""A state of the plate as one row of numbers with constant columns. Pure.
 
 timestamp, t_s, seq, state, ...        of the whole plate
 mode_0_d_um, mode_0_q_um, ...          of each mode, as many as the plate has
-finger_1_id, finger_1_x_mm, ...        of each slot, empty (None) while no finger holds it
-virtual/NAME/x_mm, ...                 of each virtual finger, while there is one
+finger_1_id, finger_1_x_mm, ...        of each slot, None while it is free
+virtual/NAME/x_mm, ...                 of each virtual finger, while it exists
+
+Fingers have slots because their ids count up for ever: curves by id would come and go.
 """
 
 from __future__ import annotations
@@ -13,17 +15,36 @@ from collections.abc import Sequence
 
 from hapticd_client import FingerState, PlateState
 
-from .slots import Slots
-
 Value = float | int | bool | None
 
-STATES = ("IDLE", "ARMED", "ACTIVE", "FAULT", "STOPPED")  # in `state`, by their place here
+STATES = ("IDLE", "ARMED", "ACTIVE", "FAULT", "STOPPED")  # `state` is the index
 FINGER_FIELDS = ("x_mm", "y_mm", "predicted_x_mm", "predicted_y_mm", "target_um", "achieved_um")
 MODE_FIELDS = ("d_um", "q_um", "measured_d_um", "measured_q_um")
 
 
+class Slots:
+    """`count` slots; a finger keeps its slot until it lifts, and a new one takes the first free slot."""
+
+    def __init__(self, count: int) -> None:
+        self._taken: list[int | None] = [None] * count
+
+    def assign(self, finger_ids: Sequence[int]) -> tuple[int | None, ...]:
+        """Return the id in each slot, None for a free one. Fingers without a slot wait until one is free."""
+        taken = [held if held in finger_ids else None for held in self._taken]
+        waiting = [one for one in finger_ids if one not in taken]
+        for place, held in enumerate(taken):
+            if held is None and waiting:
+                taken[place] = waiting.pop(0)
+        self._taken = taken
+        return tuple(taken)
+
+    def clear(self) -> None:
+        """Free all slots: another daemon counts its fingers from 1."""
+        self._taken = [None] * len(self._taken)
+
+
 class Sampler:
-    """Turns states into rows; keeps who is in which slot, and counts markers."""
+    """Converts states to rows; assigns fingers to slots, and counts markers."""
 
     def __init__(self, fingers: int) -> None:
         self._slots = Slots(fingers)
@@ -31,8 +52,8 @@ class Sampler:
         self._markers = 0
 
     def row(self, state: PlateState, unix_offset_ns: int) -> dict[str, Value]:
-        """One row. `unix_offset_ns` is what the wall clock shows beyond the monotonic one."""
-        self._count(state)
+        """Return one row. `unix_offset_ns` is the wall clock minus the monotonic clock."""
+        self._markers += len(state.markers)
         row: dict[str, Value] = {
             "timestamp": (state.t_ns + unix_offset_ns) / 1e9,
             "t_s": state.t_ns / 1e9,
@@ -56,24 +77,21 @@ class Sampler:
         return row
 
     def fingers(self, state: PlateState) -> tuple[FingerState | None, ...]:
-        """The finger in each slot; call it once for each state, in order, or let `row` do it."""
+        """Return the finger in each slot. Takes each state once, in order; `row` calls it."""
         if state.instance != self._instance:
             self._instance = state.instance
             self._slots.clear()
         down = {int(finger.id): finger for finger in state.fingers if not finger.virtual}
         return tuple(None if held is None else down[held] for held in self._slots.assign(tuple(down)))
 
-    def _count(self, state: PlateState) -> None:
-        self._markers += len(state.markers)
-
 
 def finger_values(finger: FingerState | None) -> tuple[float | None, ...]:
-    """What FINGER_FIELDS name; all None for no finger."""
+    """Return the values of FINGER_FIELDS; all None without a finger."""
     return tuple(None if finger is None else _finite(getattr(finger, name)) for name in FINGER_FIELDS)
 
 
 def mode_values(state: PlateState, mode: int) -> tuple[float | None, ...]:
-    """What MODE_FIELDS name of one mode: what is asked of it, and what the board last measured, None before it did."""
+    """Return the values of MODE_FIELDS of one mode; measured ones are None before the board measures."""
     measured_um = state.measured_um[mode] if mode < len(state.measured_um) else None
     return (
         _finite(state.modal_um[mode]),

@@ -1,6 +1,6 @@
-"""What the answers amount to: success rates, their spread over participants, and tests against guessing.
+"""Statistics of the answers: success rates, their spread over participants, and tests against guessing.
 
-All tests are two-sided, against the 50 % of somebody who feels nothing. scipy does the statistics.
+All tests are two-sided, against the 50 % of a guessing participant. scipy computes them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .session import Session
 
 GUESSING_FRAC = 0.5
 CONFIDENCE = 0.95
-MAX_EXACT = 12  # participants up to which every assignment of signs is tried
+MAX_EXACT = 12  # participants up to which all assignments of signs are enumerated
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,28 +36,28 @@ class Result:
 
     @property
     def correct(self) -> int:
-        """Trials whose stimulus was recognised."""
+        """Number of recognised trials."""
         return self.low[0] + self.high[0]
 
     @property
     def trials(self) -> int:
-        """All trials."""
+        """Number of trials."""
         return self.low[1] + self.high[1]
 
     @property
     def rate_frac(self) -> float:
-        """The success rate."""
+        """Success rate."""
         return self.correct / self.trials
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """All participants. NaN where there is nothing to test: fewer than two, or rates that do not differ.
+    """All participants. A test is NaN for fewer than two participants, or equal rates.
 
     `sd_frac` is the standard deviation of the rates (n - 1). `t`, `t_p`: one-sample t test of the rates. `above` and
-    `below` count participants beside 50 %, `sign_p` is the exact sign test on them, `wilcoxon_p` the signed-rank test,
-    exact also where rates are tied up to MAX_EXACT participants. `pooled_p` is the exact binomial test on all trials,
-    as if they were one participant's.
+    `below` count participants on either side of 50 %, `sign_p` is the exact sign test on them, `wilcoxon_p` the
+    signed-rank test, exact up to MAX_EXACT participants, also for tied rates. `pooled_p` is the exact
+    binomial test on all trials, as if of one participant.
     """
 
     mean_frac: float
@@ -73,8 +73,8 @@ class Group:
     pooled_p: float
 
 
-def judge(session: Session) -> Result:
-    """A finished session. Raises HapticdError where scipy is missing."""
+def analyse(session: Session) -> Result:
+    """Analyse a finished session. Raises HapticdError without scipy."""
     counts = {friction: [0, 0] for friction in Friction}
     for stimulus, answer in zip(session.presented, session.answers, strict=True):
         counts[stimulus][0] += answer.answer is stimulus
@@ -84,14 +84,14 @@ def judge(session: Session) -> Result:
 
 
 def result(participant: str, low: tuple[int, int], high: tuple[int, int]) -> Result:
-    """The same from counts of trials (recognised, presented)."""
+    """Analyse counts of trials (recognised, presented)."""
     test = _stats().binomtest(low[0] + high[0], low[1] + high[1], GUESSING_FRAC)
     interval = test.proportion_ci(CONFIDENCE, method="exact")
     return Result(participant, low, high, (float(interval.low), float(interval.high)), float(test.pvalue))
 
 
-def judge_group(results: Sequence[Result]) -> Group:
-    """All participants together; at least one. Raises HapticdError where scipy is missing."""
+def analyse_group(results: Sequence[Result]) -> Group:
+    """Analyse all participants together, at least one. Raises HapticdError without scipy."""
     stats = _stats()
     rates = [one.rate_frac for one in results]
     sd_frac = statistics.stdev(rates) if len(rates) > 1 else math.nan
@@ -119,7 +119,7 @@ def judge_group(results: Sequence[Result]) -> Group:
 
 
 def _wilcoxon(stats: Any, results: Sequence[Result]) -> float:
-    """Signed ranks of the rates' distances from 50 %; those at 50 % are left out."""
+    """Return p of the signed ranks of the rates' distances from 50 %; those at 50 % are left out."""
     away = [round(one.rate_frac - GUESSING_FRAC, 12) for one in results if 2 * one.correct != one.trials]
     if len(away) < 2:
         return math.nan

@@ -1,7 +1,7 @@
-"""The panel in a browser: a page with big buttons on this machine alone, served while a session is held.
+"""Panel in a browser: a page with big buttons, served on this machine alone during a session.
 
-Only the page itself is let in: the address carries a secret, the Host must be ours (a foreign name that resolves to
-this machine is not), and what is pressed must come from our Origin. Nothing is loaded from elsewhere.
+Only this page is admitted: its address has a secret, the Host must be this server (against DNS rebinding), and a press
+must have this server's Origin. Nothing is loaded from other hosts.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from ...errors import HapticdError
+from ..view import guard
 from .panel import Key, Screen
 from .protocol import StudyError
 
@@ -26,28 +27,21 @@ ADDRESS = "127.0.0.1"
 MAX_PRESS_BYTES = 256
 START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-}
 
 Handler = Callable[["web.Request"], Awaitable["web.StreamResponse"]]
 
 
 class Browser:
-    """Serves the page from a thread of its own, as a context manager; `url` is what to open. Port 0: any free one.
+    """Context manager that serves the page from its own thread at `url`. Port 0: any free one.
 
-    Raises HapticdError where aiohttp is missing, StudyError where the port is taken.
+    Raises HapticdError without aiohttp, StudyError for a port in use.
     """
 
     def __init__(self, port: int = 0) -> None:
         self._web = _aiohttp_web()
         self._port = port
         self._secret = secrets.token_urlsafe(12)
-        # The screen and its number, replaced as one: a press on a screen that is gone does not count.
+        # Screen and number, replaced together: a press on an earlier screen is ignored.
         self._shown = (0, Screen("One moment", "The session is about to begin.", {}))
         self._note = ""
         self._presses: queue.SimpleQueue[tuple[int, Key]] = queue.SimpleQueue()
@@ -65,7 +59,7 @@ class Browser:
             asyncio.run_coroutine_threadsafe(self._start(), self._loop).result(START_WITHIN_S)
         except OSError as error:
             self._end()
-            raise StudyError(f"port {self._port}: cannot be served on ({error.strerror}): choose another.") from None
+            raise StudyError(f"port {self._port}: cannot be bound ({error.strerror}): choose another.") from None
         return self
 
     def __exit__(
@@ -93,10 +87,10 @@ class Browser:
     async def _start(self) -> None:
         application = self._web.Application(client_max_size=MAX_PRESS_BYTES)
         root = f"/{self._secret}"
-        application.router.add_get(f"{root}/", self._ours(self._page))
-        application.router.add_get(f"{root}/{{name}}", self._ours(self._page))
-        application.router.add_get(f"{root}/now/screen", self._ours(self._now))
-        application.router.add_post(f"{root}/press", self._ours(self._press))
+        application.router.add_get(f"{root}/", self._guarded(self._page))
+        application.router.add_get(f"{root}/{{name}}", self._guarded(self._page))
+        application.router.add_get(f"{root}/now/screen", self._guarded(self._now))
+        application.router.add_post(f"{root}/press", self._guarded(self._press))
         self._runner = self._web.AppRunner(application, access_log=None)
         await self._runner.setup()
         site = self._web.TCPSite(self._runner, ADDRESS, self._port)
@@ -112,17 +106,14 @@ class Browser:
         self._thread.join()
         self._loop.close()
 
-    def _ours(self, handler: Handler) -> Handler:
-        """The same for our own page; whoever else asks is refused."""
+    def _guarded(self, handler: Handler) -> Handler:
+        """Return the handler, restricted to requests of this server's own page."""
 
         async def guarded(request: web.Request) -> web.StreamResponse:
-            hosts = {f"{name}:{self._port}" for name in (ADDRESS, "localhost")}
-            origin = request.headers.get("Origin")
-            is_foreign = request.host not in hosts or origin not in {None, *(f"http://{host}" for host in hosts)}
-            if is_foreign or (request.method == "POST" and origin is None):
-                raise self._web.HTTPForbidden(text="This page is for the browser on this machine.")
+            if why := guard.refusal(self._port, request.headers, needs_origin=request.method == "POST"):
+                raise self._web.HTTPForbidden(text=why)
             response = await handler(request)
-            response.headers.update(HEADERS)
+            response.headers.update(guard.headers(self._port))
             return response
 
         return guarded
@@ -163,5 +154,5 @@ def _aiohttp_web() -> Any:
     try:
         from aiohttp import web
     except ImportError:
-        raise HapticdError('A page needs aiohttp: install it with `pip install "hapticd[study]"`.') from None
+        raise HapticdError('The page needs aiohttp: install it with `pip install "hapticd[study]"`.') from None
     return web

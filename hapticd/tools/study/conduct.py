@@ -1,4 +1,4 @@
-"""One participant's session with a person: training, trials with a rest before each, pauses, and the end."""
+"""Session of one participant: training, trials with a rest before each, pauses, and the end."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from .session import Answer, SessionFile
 from .stage import Stage
 
 REST_S = 1.0
-LEAST_TOUCH_S = 0.3  # an answer without having felt anything is a slip of the hand
-ADVICE_STEP_MM_S = 5  # finer it would flicker
-FAST_MM_S = 100.0  # the paper's 10 cm/s, at which its positions were 1.5 mm behind
+LEAST_TOUCH_S = 0.3  # before an answer counts
+ADVICE_STEP_MM_S = 5  # finer steps would flicker
+FAST_MM_S = 100.0  # the paper's 10 cm/s, at which its positions lagged 1.5 mm
 
 
 class Clock(Protocol):
-    """Time, for a session: a test has its own."""
+    """Time source of a session; tests pass their own."""
 
     def monotonic(self) -> float:
-        """Seconds that only ever grow."""
+        """Return monotonic seconds."""
 
     def time(self) -> float:
-        """Seconds of the calendar, since 1970."""
+        """Return seconds since 1970."""
 
 
 def conduct(file: SessionFile, stage: Stage, shown: Panel, clock: Clock) -> None:
-    """Hold the session to its end. It may be left at any time, by an exception: what was answered is kept."""
+    """Run the session to its end. An exception may end it at any time: given answers are kept."""
     trials = file.session.design.trials
     if file.session.answers:
         _pause(file, stage, shown)
@@ -51,17 +51,17 @@ def conduct(file: SessionFile, stage: Stage, shown: Panel, clock: Clock) -> None
 
 
 def _train(stage: Stage, shown: Panel) -> None:
-    """Both frictions as in the trials, by name and by choice, until the participant has had enough."""
-    feeling = Key.HIGH
-    while feeling is not Key.NEXT:
-        shown.show(panel.training(feeling))
-        stage.present(Friction(feeling))
-        feeling = _wait(stage, shown, lambda: _advice(stage))
+    """Present either friction by name, as often as the participant chooses."""
+    key = Key.HIGH
+    while key is not Key.NEXT:
+        shown.show(panel.training(key))
+        stage.present(Friction(key))
+        key = _wait(stage, shown, lambda: _advice(stage))
     stage.rest()
 
 
 def _try(file: SessionFile, stage: Stage, shown: Panel, clock: Clock, number: int) -> Answer | None:
-    """One trial; None where it was broken off."""
+    """Run one trial; return None if it was interrupted."""
     session = file.session
     stage.mark(f"study {session.participant} trial {number} start")
     t_start_s = clock.monotonic()
@@ -99,7 +99,7 @@ def _pause(file: SessionFile, stage: Stage, shown: Panel) -> None:
 
 
 def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> Key:
-    """Step until a key of the screen is pressed."""
+    """Step until a key of the screen is pressed; return it."""
     while (key := shown.pressed()) is None:
         stage.step()
         if remark := advice():
@@ -108,7 +108,7 @@ def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> Key:
 
 
 def _advice(stage: Stage) -> str:
-    """Participants are trained not to move too fast, as in the paper."""
+    """Return advice on the speed: participants learn not to move too fast, as in the paper."""
     speed_mm_s = ADVICE_STEP_MM_S * round(stage.touch.recent_mm_s / ADVICE_STEP_MM_S)
     if speed_mm_s == 0:
         return "  0 mm/s, move your finger"

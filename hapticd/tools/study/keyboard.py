@@ -1,4 +1,4 @@
-"""The panel in a terminal: F and J answer, where the index fingers find them, P pauses, Enter goes on."""
+"""Panel in a terminal: F and J answer (under the index fingers), P pauses, Enter continues."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ READ_SIZE = 256
 
 
 class Keyboard:
-    """Reads single keys, as a context manager that gives the terminal back as it was.
+    """Context manager that reads single keys, and restores the terminal at the end.
 
-    Where standard input is no terminal it is read all the same, a key at a time; at its end a session is left.
+    Standard input need not be a terminal; its end ends the session.
     """
 
     def __init__(self, out: TextIO, fd: int | None = None) -> None:
@@ -49,7 +49,7 @@ class Keyboard:
         if screen == self._screen:
             return
         self._screen = screen
-        if self._is_terminal:  # whoever types ahead has not felt what comes
+        if self._is_terminal:  # keys typed before the screen do not count on it
             termios.tcflush(self._fd, termios.TCIFLUSH)
             self._waiting = ""
         if self._noted:
@@ -69,7 +69,7 @@ class Keyboard:
         if not self._waiting and select.select([self._fd], [], [], 0)[0]:
             data = os.read(self._fd, READ_SIZE)
             if not data:
-                raise KeyboardInterrupt  # nobody will press anything any more
+                raise KeyboardInterrupt  # end of input: no further key
             self._waiting = data.decode("ascii", "replace").lower()
         while self._waiting and self._screen is not None:
             letter, self._waiting = self._waiting[0], self._waiting[1:]

@@ -1,4 +1,4 @@
-"""What a participant sees and presses, whatever shows it: the terminal or a browser."""
+"""Screens and keys of a session, shown by the terminal or a browser."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 
 class Key(StrEnum):
-    """What can be pressed."""
+    """Keys of a screen."""
 
     LOW = "low"
     HIGH = "high"
@@ -16,7 +16,7 @@ class Key(StrEnum):
 
 
 class Screen(NamedTuple):
-    """One screen: a heading, what to do, and the keys that count on it with what they say."""
+    """One screen: heading, instructions, and its keys with their labels."""
 
     heading: str
     text: str
@@ -24,16 +24,16 @@ class Screen(NamedTuple):
 
 
 class Panel(Protocol):
-    """A place for screens. Keys pressed before a screen was shown do not count on it."""
+    """Interface that shows screens. Keys pressed before a screen was shown do not count on it."""
 
     def show(self, screen: Screen) -> None:
-        """Replace what is shown. The same screen again changes nothing."""
+        """Replace the screen. The same screen again changes nothing."""
 
     def note(self, text: str) -> None:
-        """A passing remark below the screen; empty: none."""
+        """Show a remark below the screen; empty removes it."""
 
     def pressed(self) -> Key | None:
-        """A key of the screen, pressed since the last call. Does not wait."""
+        """Return a key of the screen pressed since the last call, else None. Does not block."""
 
 
 ANSWERS = {Key.HIGH: "high friction: sticky", Key.LOW: "low friction: slippery"}
@@ -45,27 +45,27 @@ TRAINING_TEXT = (
 TRIAL_TEXT = "Move one finger over the plate. Is its friction high or low?"
 
 
-def training(feeling: Key) -> Screen:
-    """The training, while this friction is to be felt."""
-    return Screen(f"Training: {feeling} friction", TRAINING_TEXT, {**CHOOSE, Key.NEXT: "begin the trials"})
+def training(friction: Key) -> Screen:
+    """Return the screen of the training with this friction."""
+    return Screen(f"Training: {friction} friction", TRAINING_TEXT, {**CHOOSE, Key.NEXT: "begin the trials"})
 
 
 def trial(number: int, trials: int) -> Screen:
-    """A trial; says nothing of what is presented."""
+    """Return the screen of a trial, which does not depend on its stimulus."""
     return Screen(f"Trial {number} of {trials}", TRIAL_TEXT, {**ANSWERS, Key.PAUSE: "pause"})
 
 
 def between(number: int, trials: int) -> Screen:
-    """The rest before a trial."""
+    """Return the screen of the rest before a trial."""
     return Screen(f"Trial {number} of {trials}", "The plate is at rest: wait a moment.", {})
 
 
 def paused(answered: int, trials: int) -> Screen:
-    """A pause, or the way back into a session; the trial that it broke off is presented anew."""
-    text = "The plate is at rest. You can also stop here and go on another day: start the same command again."
-    return Screen(f"{answered} of {trials} answered", text, {Key.NEXT: "go on"})
+    """Return the screen of a pause, or of a resumed session; the interrupted trial is presented again."""
+    text = "The plate is at rest. You can also stop here and continue another day with the same command."
+    return Screen(f"{answered} of {trials} answered", text, {Key.NEXT: "continue"})
 
 
 def over(trials: int) -> Screen:
-    """The end. How well it went is for the report, when all have been here."""
+    """Return the last screen. The result is left to the report."""
     return Screen("Thank you", f"All {trials} answers are kept. You can lift your finger.", {})

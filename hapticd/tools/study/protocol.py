@@ -1,8 +1,8 @@
-"""What is asked, of whom and in which order: the paper's evaluation study (section IV.C), as plain values.
+"""Design of the study and order of its trials: the paper's evaluation (section IV.C) as plain values.
 
-A trial presents one of the paper's two combinations, and the participant says whether the glass had high or low
+A trial presents one of the paper's two combinations, and the participant answers whether the glass had high or low
 friction. Combination 1: the participant's finger slips and the virtual one sticks; combination 2: the other way round.
-(The paper's sentence calls both fingers of combination 1 "low friction"; its W1 = 1 um and W2 = 0 tell what is meant.)
+(The paper's sentence calls both fingers of combination 1 "low friction"; its W1 = 1 um and W2 = 0 show the intention.)
 """
 
 from __future__ import annotations
@@ -21,30 +21,29 @@ Point = tuple[float, float]
 
 
 class StudyError(HapticdError):
-    """A study that cannot be begun, continued or judged as asked."""
+    """A session cannot be started or continued, or a study not analysed, as requested."""
 
     exit_code = 2
 
 
 class Friction(StrEnum):
-    """What the participant's finger is given in a trial, and what the participant answers."""
+    """Stimulus of the participant's finger in a trial, and the participant's answer."""
 
     LOW = "low"
     HIGH = "high"
 
     @property
     def combination(self) -> int:
-        """The paper's number."""
+        """Number of the combination in the paper."""
         return 1 if self is Friction.LOW else 2
 
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """What all trials of a session have in common. Raises StudyError for what cannot be one.
+    """Parameters of all trials of a session. Raises StudyError for invalid ones.
 
-    The number of trials and `slippery_um` (W1; W2 is 0) are the paper's. It says neither where the virtual finger's
-    straight line lies nor how fast it walks: `line_mm` crosses the plate beside the middle, at a slow hand's
-    `line_speed_mm_s`.
+    The number of trials and `slippery_um` (W1; W2 is 0) are the paper's. It gives neither position nor speed of the
+    virtual finger's straight line: `line_mm` crosses the plate off its middle, at the `line_speed_mm_s` of a slow hand.
     """
 
     trials: int = 20
@@ -63,14 +62,14 @@ class Design:
             raise StudyError(f"line_speed_mm_s: {self.line_speed_mm_s:g} must be finite and above 0.")
 
     def amplitudes_um(self, friction: Friction) -> tuple[float, float]:
-        """What the participant's finger and the virtual one get."""
+        """Return the targets of the participant's finger and of the virtual one."""
         return (self.slippery_um, 0.0) if friction is Friction.LOW else (0.0, self.slippery_um)
 
 
 def presented(seed: int, trials: int) -> tuple[Friction, ...]:
-    """The combinations of a session in their order: as many of either (an odd one is drawn), shuffled by the seed.
+    """Return the stimuli of a session in order: half of either (an odd one is drawn), shuffled by the seed.
 
-    The order is that of SHA-256 digests, so that a session goes on as it began under any version of Python.
+    SHA-256 digests determine the order, so that a session continues unchanged under any version of Python.
     """
     halves = [Friction.LOW, Friction.HIGH] * (trials // 2)
     odd = [Friction.LOW if _digest(seed, 0)[0] % 2 else Friction.HIGH] * (trials % 2)
@@ -80,7 +79,7 @@ def presented(seed: int, trials: int) -> tuple[Friction, ...]:
 
 
 def participant_name(name: str) -> str:
-    """A participant's name, which also names the file. Raises StudyError."""
+    """Check a participant's name, which also names the file. Raises StudyError."""
     if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", name):
         return name
     raise StudyError(f"participant: {name!r} must be 1 .. 32 letters, digits, - or _, such as P03.")

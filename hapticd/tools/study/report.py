@@ -1,4 +1,4 @@
-"""A study's report: all finished sessions of a folder, as text, CSV, JSON and the paper's figure 12."""
+"""`hapticd study report`: all finished sessions of a folder as text, CSV, JSON and the paper's figure 12."""
 
 from __future__ import annotations
 
@@ -11,54 +11,58 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import picture
-from .analysis import Group, Result, judge, judge_group
+from ...errors import reason
+from ...files import plotting
+from ...files.outputs import check_writable, write_text
+from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
 from .protocol import StudyError
 from .session import SUFFIX, Session, read
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
+LIGHT, DARK = "#9ecae1", "#08519c"
+BAR_IN = 0.55  # a participant's share of the figure's width
+MAX_WIDTH_IN = 16.0
 
 
 def write(folder: Path, json_file: str | None = None) -> None:
-    """Judge the sessions in `folder`, print the report and write its files beside them.
+    """Analyse the sessions in `folder`, print the report, and write its files there.
 
-    Raises StudyError where no session is finished, a file is damaged, or nothing can be written.
+    Raises HapticdError if no session is finished, a file is damaged, or an output cannot be written.
     """
+    check_writable(json_file)
+    plotting.check(folder / FIGURE)
     sessions = sessions_in(folder)
     finished = [session for session in sessions if session.is_over]
     if not finished:
         raise StudyError(f"{folder}: holds no finished session: {_progress(sessions) or 'run one with --out first'}.")
-    results = [judge(session) for session in finished]
-    group = judge_group(results)
+    results = [analyse(session) for session in finished]
+    group = analyse_group(results)
     print(text(results, group), file=sys.stderr if json_file == "-" else sys.stdout)
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
     _write_rows(folder / RESULTS, result_rows(results, group))
     _write_rows(folder / TRIALS, trial_rows(finished))
-    picture.draw(results, group, folder / FIGURE)
+    draw(results, group, folder / FIGURE)
     if json_file is not None:
-        told = json.dumps(figures(results, group), indent=2) + "\n"
-        sys.stdout.write(told) if json_file == "-" else _write_text(Path(json_file), told)
+        write_text(json.dumps(figures(results, group), indent=2) + "\n", json_file)
 
 
 def sessions_in(folder: Path) -> list[Session]:
-    """All sessions of a folder, by the participants' names (P2 before P10). Raises StudyError."""
+    """Read all sessions of a folder, sorted by participant (P2 before P10). Raises StudyError."""
     if not folder.is_dir():
-        raise StudyError(f"{folder}: is no folder: give the --out of the sessions.")
-    whose: dict[str, Path] = {}
+        raise StudyError(f"{folder}: is not a folder: give the --out of the sessions.")
+    paths: dict[str, Path] = {}
     sessions = []
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         sessions.append(read(path))
-        first = whose.setdefault(sessions[-1].participant, path)
+        first = paths.setdefault(sessions[-1].participant, path)
         if first != path:
-            raise StudyError(
-                f"{path}: is {sessions[-1].participant}'s, as {first} is: keep one of them, or it counts twice."
-            )
+            raise StudyError(f"{path}: is {sessions[-1].participant}'s, as {first} is: delete one, or it counts twice.")
     return sorted(sessions, key=lambda session: (len(session.participant), session.participant))
 
 
 def text(results: Sequence[Result], group: Group) -> str:
-    """The report for a person."""
+    """Return the report as text."""
     lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}{'low':>9}{'high':>8}"]
     for one in results:
         low, high = one.interval_frac
@@ -81,15 +85,15 @@ def _tests(results: Sequence[Result], group: Group) -> list[str]:
     if not math.isnan(group.t):
         lines.append(f"  t test of the rates   {f't({len(results) - 1}) = {group.t:.2f}':<32}p = {_p(group.t_p)}")
     if not math.isnan(group.sign_p):
-        beside = f"{group.above} above 50 %, {group.below} below"
-        lines.append(f"  exact sign test       {beside:<32}p = {_p(group.sign_p)}")
+        counts = f"{group.above} above 50 %, {group.below} below"
+        lines.append(f"  exact sign test       {counts:<32}p = {_p(group.sign_p)}")
     if not math.isnan(group.wilcoxon_p):
         lines.append(f"  Wilcoxon signed rank  {'':<32}p = {_p(group.wilcoxon_p)}")
     return lines
 
 
 def figures(results: Sequence[Result], group: Group) -> dict[str, Any]:
-    """The report as plain data; null where a figure has no meaning."""
+    """Return the report as plain data; an undefined figure is null."""
     people = [
         {**asdict(one), "correct": one.correct, "trials": one.trials, "rate_frac": one.rate_frac} for one in results
     ]
@@ -98,7 +102,7 @@ def figures(results: Sequence[Result], group: Group) -> dict[str, Any]:
 
 
 def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
-    """A row for each participant, then the average and the standard deviation of the rates."""
+    """Return a row for each participant, then the average and the standard deviation of the rates."""
     head: list[object] = ["participant", "recognised", "trials", "success_rate_percent", "p_binomial"]
     rows: list[list[object]] = [head]
     rows += [[one.participant, one.correct, one.trials, 100 * one.rate_frac, one.p] for one in results]
@@ -109,7 +113,7 @@ def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
 
 
 def trial_rows(sessions: Iterable[Session]) -> list[list[object]]:
-    """A row for each trial of the finished sessions."""
+    """Return a row for each trial of the finished sessions."""
     head = ["participant", "trial", "combination", "presented", "answer", "recognised"]
     measured = ["t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac"]
     rows: list[list[object]] = [[*head, *measured]]
@@ -123,16 +127,44 @@ def trial_rows(sessions: Iterable[Session]) -> list[list[object]]:
     return rows
 
 
+def draw(results: Sequence[Result], group: Group, path: Path) -> None:
+    """Draw the paper's figure 12: success rates, light, and their average with its standard deviation, dark."""
+    width_in = min(2.4 + BAR_IN * len(results), MAX_WIDTH_IN)
+    figure, ((axes,),) = plotting.subplots(max(width_in, 4.0), 3.2)
+    top = max(105.0, 5.0 + 100 * (group.mean_frac + (0.0 if math.isnan(group.sd_frac) else group.sd_frac)))
+    axes.set(ylabel="stimuli recognised, %", ylim=(0, top))
+    places = range(1, len(results) + 1)
+    axes.bar(places, [100 * one.rate_frac for one in results], width=0.7, color=LIGHT)
+    spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
+    axes.bar(len(results) + 1.5, 100 * group.mean_frac, yerr=spread, width=0.7, color=DARK, capsize=4)
+    axes.axhline(100 * GUESSING_FRAC, color="grey", lw=0.8, ls="--")
+    axes.annotate(
+        "guessing",
+        (1.0, 100 * GUESSING_FRAC),
+        (4, 0),
+        ("axes fraction", "data"),
+        "offset points",
+        va="center",
+        fontsize="small",
+        color="grey",
+    )
+    names = [one.participant for one in results]
+    is_crowded = sum(map(len, names)) > 8 * width_in
+    axes.set_xticks([*places, len(results) + 1.5], [*names, "average"], rotation=45 if is_crowded else 0)
+    axes.spines[["top", "right"]].set_visible(False)
+    plotting.save(figure, path)
+
+
 def _remarks(sessions: Sequence[Session]) -> list[str]:
-    """What a reader must know of what was judged together."""
-    remarks = [f"not judged, for it is not finished: {progress}" for progress in [_progress(sessions)] if progress]
+    """Return warnings about the sessions analysed together."""
+    remarks = [f"not finished, so not analysed: {progress}" for progress in [_progress(sessions)] if progress]
     if len({session.design for session in sessions if session.is_over}) > 1:
-        remarks.append("These sessions are not of one design (trials, amplitude, line): do not judge them together.")
+        remarks.append("These sessions have different designs (trials, amplitude, line): analyse them separately.")
     people = {bool(session.about.get("simulated")) for session in sessions if session.is_over}
     if people == {True}:
         remarks.append("These participants are simulated: this is no evidence about people.")
     elif len(people) > 1:
-        remarks.append("Simulated participants and people lie in one folder: judge them apart.")
+        remarks.append("Simulated participants and people share one folder: analyse them separately.")
     return remarks
 
 
@@ -146,14 +178,7 @@ def _write_rows(path: Path, rows: Iterable[Sequence[object]]) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(rows)
     except OSError as error:
-        raise StudyError(f"{path}: cannot be written ({error.strerror}).") from None
-
-
-def _write_text(path: Path, told: str) -> None:
-    try:
-        path.write_text(told, encoding="utf-8")
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be written ({error.strerror}).") from None
+        raise StudyError(f"{path}: cannot be written ({reason(error)}); choose another place.") from None
 
 
 def _percent(frac: float, digits: int) -> str:

@@ -1,11 +1,11 @@
-"""A session as a file: JSON lines, only ever appended to, one flushed to the disk for each answer.
+"""Session file: JSON lines, append-only, each answer flushed to the disk.
 
     {"kind": "session", "version": 1, "participant": .., "seed": .., "design": {..}, ..}
     {"kind": "answer", "trial": 1, "answer": "low", ..}
     {"kind": "end", "presented": ["high", ..]}
 
-What was presented is written by the last line only: until then the file does not tell a curious eye. A line that a
-crash cut short was not yet an answer and is dropped; the trial is presented again.
+Only the last line holds the stimuli, so that an unfinished file keeps the study blind. A line cut short by a crash is
+dropped, and its trial presented again.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from .protocol import Design, Friction, StudyError, participant_name, presented
 
 VERSION = 1
 SUFFIX = ".jsonl"
-BEGIN = b'{"kind": "session", '  # of every file: what begins otherwise is somebody's own
+BEGIN = b'{"kind": "session", '  # of every session file: others are not overwritten
 MAX_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer. `trial` counts from 1, `t_unix_s` is when it was given, `took_s` how long since the trial began.
+    """One answer. `trial` counts from 1, `t_unix_s` is its time, `took_s` the time since the trial began.
 
-    `touched_s` is how long the finger was on the plate meanwhile, `speed_mm_s` its mean speed there, `limited_frac`
-    the share of that time in which the plate could not give what was asked.
+    `touched_s` is the time of the finger on the plate, `speed_mm_s` its mean speed there, `limited_frac` the share of
+    that time in which the plate missed its targets.
     """
 
     trial: int
@@ -47,7 +47,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One participant's session as far as it has come; `about` is whatever else the first line holds."""
+    """One participant's session so far; `about` holds further fields of the first line."""
 
     participant: str
     seed: int
@@ -58,20 +58,20 @@ class Session:
 
     @property
     def presented(self) -> tuple[Friction, ...]:
-        """What each trial presents (trials,)."""
+        """Stimulus of each trial (trials,)."""
         return presented(self.seed, self.design.trials)
 
     @property
     def is_complete(self) -> bool:
-        """Every trial was answered."""
+        """Whether every trial is answered."""
         return len(self.answers) == self.design.trials
 
 
 class SessionFile:
-    """A session being held: `append` answers, then `end` it. Begins the file, or goes on where it stops.
+    """A running session: `append` answers, then `end` it. Creates the file, or continues it.
 
-    `given` is the session as it would begin; of a session that has answers, the file's own seed, design and answers
-    count. Raises StudyError where the file is not a session, is of another design, or another process has it open.
+    `given` is the session of a new file; a file with answers keeps its own seed, design and answers. Raises StudyError
+    for a file that is not a session, is of another design, or is open in another process.
     """
 
     def __init__(self, path: Path, given: Session) -> None:
@@ -96,14 +96,14 @@ class SessionFile:
         self._file.close()
 
     def append(self, answer: Answer) -> None:
-        """Keep an answer: when this returns it is on the disk."""
+        """Write an answer; it is on the disk when this returns."""
         if answer.trial != len(self.session.answers) + 1 or self.session.is_complete:
             raise ValueError(f"trial {answer.trial} is not the next")
         self._write({"kind": "answer", **asdict(answer)})
         self.session = replace(self.session, answers=(*self.session.answers, answer))
 
     def end(self) -> None:
-        """Say what was presented. Nothing is added after it."""
+        """Write the stimuli as the last line."""
         if not self.session.is_complete:
             raise ValueError("trials are missing")
         if not self.session.is_over:
@@ -121,12 +121,12 @@ class SessionFile:
         data = self._file.read()
         whole = data.rfind(b"\n") + 1
         if whole > 0:
-            begun = decode(data[:whole], str(path))
-            if begun.answers:
+            started = decode(data[:whole], str(path))
+            if started.answers:
                 self._file.truncate(whole)
-                return begun
+                return started
         elif not data.startswith(BEGIN[: len(data)]):
-            raise StudyError(f"{path}: is no session of hapticd study: choose another --out.")
+            raise StudyError(f"{path}: is not a session of hapticd study: choose another --out.")
         self._file.truncate(0)
         header = {"kind": "session", "version": VERSION, "participant": given.participant, "seed": given.seed}
         self._write({**header, "design": asdict(given.design), **given.about})
@@ -139,7 +139,7 @@ class SessionFile:
 
 
 def read(path: Path) -> Session:
-    """A session's file. Raises StudyError, naming the line that is wrong."""
+    """Read a session file. Raises StudyError, which names a wrong line."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -148,22 +148,24 @@ def read(path: Path) -> Session:
 
 
 def decode(data: bytes, where: str) -> Session:
-    """The lines of a session's file. Raises StudyError, and nothing else, for whatever else they are."""
+    """Decode the lines of a session file. Raises StudyError and nothing else."""
     session: Session | None = None
     for number, line in enumerate(data.splitlines(), 1):
         try:
             entry = json.loads(line)
-            session = _begun(entry) if session is None else _with(session, entry)
+            session = _started(entry) if session is None else _with(session, entry)
         except StudyError as error:
             raise StudyError(f"{where}: line {number}: {error}") from None
         except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
-            raise StudyError(f"{where}: line {number} is not of a session: is this hapticd study's file?") from None
+            raise StudyError(
+                f"{where}: line {number} is not of a session: check that this is a file of hapticd study."
+            ) from None
     if session is None:
         raise StudyError(f"{where}: holds no session yet.")
     return session
 
 
-def _begun(entry: dict[str, Any]) -> Session:
+def _started(entry: dict[str, Any]) -> Session:
     if entry["kind"] != "session":
         raise ValueError("a file begins with its session")
     if entry["version"] != VERSION:
@@ -181,7 +183,7 @@ def _begun(entry: dict[str, Any]) -> Session:
 
 
 def _with(session: Session, entry: dict[str, Any]) -> Session:
-    """The session after one more line."""
+    """Return the session with one more line."""
     if session.is_over:
         raise ValueError("nothing follows the end")
     if entry["kind"] == "end":

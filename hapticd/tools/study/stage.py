@@ -1,4 +1,4 @@
-"""The plate during a session, through the client library: presents a combination, and rests in between."""
+"""Plate of a session, through the client library: presents stimuli, and measures the exploration."""
 
 from __future__ import annotations
 
@@ -16,48 +16,48 @@ if TYPE_CHECKING:
 WALKER = "study-walker"
 STATE_WITHIN_S = 2.0
 MAX_STEP_S = 0.25  # between two states of one touch
-RECENT_S = 0.5  # the speed that a participant is told
+RECENT_S = 0.5  # window of the displayed speed
 
 
 @dataclass(slots=True)
 class Touch:
-    """How the plate was explored since the last `present`: time on the plate, way, and share of time at the limit."""
+    """Exploration since the last `present`: time on the plate, distance, and time at a limit."""
 
     touched_s: float = 0.0
-    way_mm: float = 0.0
+    path_mm: float = 0.0
     limited_s: float = 0.0
     recent: deque[tuple[float, float]] = field(default_factory=deque)  # (duration s, way mm), RECENT_S of them
 
     @property
     def speed_mm_s(self) -> float:
-        """The mean speed while the finger was down; 0 before."""
-        return self.way_mm / self.touched_s if self.touched_s > 0 else 0.0
+        """Mean speed while the finger was down; 0 before."""
+        return self.path_mm / self.touched_s if self.touched_s > 0 else 0.0
 
     @property
     def recent_mm_s(self) -> float:
-        """The speed of late."""
+        """Mean speed over the last RECENT_S."""
         span_s = sum(step_s for step_s, _ in self.recent)
-        return sum(way_mm for _, way_mm in self.recent) / span_s if span_s > 0 else 0.0
+        return sum(path_mm for _, path_mm in self.recent) / span_s if span_s > 0 else 0.0
 
     @property
     def limited_frac(self) -> float:
-        """The share of the time on the plate in which some target was missed for a mode's limit."""
+        """Share of the time on the plate in which a mode's limit caused a missed target."""
         return self.limited_s / self.touched_s if self.touched_s > 0 else 0.0
 
-    def add(self, step_s: float, way_mm: float, *, limited: bool) -> None:
-        """One step from state to state with the finger down."""
+    def add(self, step_s: float, path_mm: float, *, limited: bool) -> None:
+        """Add one step between two states with the finger down."""
         self.touched_s += step_s
-        self.way_mm += way_mm
+        self.path_mm += path_mm
         self.limited_s += step_s * limited
-        self.recent.append((step_s, way_mm))
+        self.recent.append((step_s, path_mm))
         while sum(span_s for span_s, _ in self.recent) > RECENT_S:
             self.recent.popleft()
 
 
 class Stage:
-    """One daemon's plate. `present` sets what is felt; call `step` all the time: it follows fingers that land.
+    """One daemon's plate. `present` sets the stimulus; call `step` continuously: it sets the target of landed fingers.
 
-    The participant's finger is the one that has been down longest; others are left alone, as two modes serve two
+    The participant's finger is the one that has been down longest; others get no target, as two modes serve two
     fingers. Raises the client library's errors.
     """
 
@@ -72,19 +72,19 @@ class Stage:
         self.mark = _marker(client)
 
     def present(self, friction: Friction) -> None:
-        """From now on the finger on the plate feels this, and the virtual one, from its line's start, the opposite."""
+        """Give the finger on the plate this stimulus, and the virtual one the opposite, from its line's start."""
         self._friction, self._finger, self._last, self.touch = friction, None, None, Touch()
-        _, walker_um = self._design.amplitudes_um(friction)
+        _, virtual_um = self._design.amplitudes_um(friction)
         self._client.virtual(WALKER, path=self._design.line_mm, speed_mm_s=self._design.line_speed_mm_s)
-        self._client.set(WALKER, amplitude_um=walker_um)
+        self._client.set(WALKER, amplitude_um=virtual_um)
 
     def rest(self) -> None:
-        """The plate stands still, and nobody walks on it."""
+        """Stop the plate, and remove the virtual finger."""
         self._friction = None
         self._client.release()
 
     def step(self) -> PlateState:
-        """Wait for the next state (the daemon sends ten or more a second), and give a finger that landed its due."""
+        """Wait for the next state (ten or more a second), and set the target of a finger that landed."""
         state = next(self._states)
         finger = next((finger for finger in state.fingers if not finger.virtual), None)
         if self._friction is None or finger is None:
@@ -102,13 +102,13 @@ class Stage:
             before, state_before = self._last
             step_s = (state.t_ns - state_before.t_ns) * 1e-9
             if before.id == finger.id and 0 < step_s < MAX_STEP_S:
-                way_mm = math.hypot(finger.x_mm - before.x_mm, finger.y_mm - before.y_mm)
-                self.touch.add(step_s, way_mm, limited=state.limited)
+                path_mm = math.hypot(finger.x_mm - before.x_mm, finger.y_mm - before.y_mm)
+                self.touch.add(step_s, path_mm, limited=state.limited)
         self._last = finger, state
 
 
 def _marker(client: Client) -> Callable[[str], object]:
-    """How this daemon is told of the moments of an experiment; does nothing where it does not take them."""
+    """Return the function that marks instants of the experiment; it does nothing if the daemon takes no markers."""
     marker = getattr(client, "marker", None)
     if marker is None or "marker" not in client.capabilities().get("ops", ()):
         return lambda _: None

@@ -1,4 +1,4 @@
-"""The plate in the browser: `hapticd view` serves one page on this computer, and is a client of the daemon's like any.
+"""`hapticd view`: the plate on a page in the browser, served on this computer by a client of the daemon.
 
 daemon --telemetry--> client (a thread) --frames--> server (asyncio) --websocket--> page
 page --fingers, targets--> server --> the simulated rig's pad; the client --> daemon

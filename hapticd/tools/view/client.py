@@ -1,7 +1,7 @@
-"""The viewer's one client of the daemon, on a thread of its own: it hears states and carries out what pages want.
+"""The viewer's client of the daemon, on a thread of its own: it receives states and executes the pages' requests.
 
-It is connected while a page is open, so that the daemon builds no telemetry for nobody. A daemon that goes is said,
-and looked for until it is back.
+It is connected only while a page is open, so that the daemon builds no unused telemetry. It reports a lost daemon and
+reconnects.
 """
 
 from __future__ import annotations
@@ -14,30 +14,32 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import zmq
 
 import hapticd_client
 
-from ...errors import HapticdError
+from ...core.plate.mode_shapes import ModeShapes
+from ...errors import HapticdError, ModesError
 from . import messages
 from .layers import LAYERS, LayerFinger
-from .messages import ClearFault, Want
-from .rig import TruthEar
-from .shapes import modes_of, picture_grid
+from .messages import ClearFault, SetTarget
+from .rig import TruthSubscriber
 
 ANSWER_S = 2.0
-STATE_S = 1.0  # a daemon that is silent for longer is gone
+STATE_S = 1.0  # timeout of a silent daemon
 RETRY_S = 0.5
 STATUS_EVERY_S = 1.0
-FRAME_EVERY_S = 1 / 62  # as often as a screen is drawn, and a little more
-MAX_WISHES = 32  # that wait, of different fingers: two for each that a client may hold
+FRAME_EVERY_S = 1 / 62  # slightly above the refresh rate of a screen
+MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client may hold
+GRID = 101  # points of the page's shapes per side; the browser interpolates between them
 
-Tell = Callable[[str, str, "Plate | None"], None]
-Wish = tuple[Want | ClearFault, Callable[[str], None]]
+Publish = Callable[[str, str, "Plate | None"], None]
+Request = tuple[SetTarget | ClearFault, Callable[[str], None]]
 
 
 class Plate:
-    """What is known of the daemon's plate: its description for the page, the grid of its shapes, where its rig is."""
+    """The daemon's plate: its description for the page, the grid of its shapes, the folder of its rig."""
 
     def __init__(self, body: Mapping[str, Any], client: str) -> None:
         simulated = body.get("simulated")
@@ -46,41 +48,41 @@ class Plate:
         self.size_mm = (float(body["size_mm"][0]), float(body["size_mm"][1]))
         self.reference_limit_um = tuple(map(float, body["reference_limit_um"]))
         self.grid = picture_grid(self.modes, self.size_mm)
-        self.fingers: tuple[LayerFinger, ...] = ()  # those that are wanted now
+        self.fingers: tuple[LayerFinger, ...] = ()  # those that have a target
         self.text = messages.plate(body, client, sorted(LAYERS), is_simulated=self.rig_dir is not None)
 
 
 class PlateClient:
-    """Runs from `start` to `close`. `tell` is called on its thread with a kind, a message for all pages, and the plate
-    where that is news."""
+    """Runs from `start` to `close`. `publish` is called on its thread with a kind, a message for all pages, and the
+    plate if it changed."""
 
-    def __init__(self, endpoint: str | None, tell: Tell) -> None:
+    def __init__(self, endpoint: str | None, publish: Publish) -> None:
         self.name = f"view-{os.getpid()}"
         self._endpoint = endpoint
-        self._tell = tell
-        self._wishes: dict[int | str | None, Wish] = {}  # by finger, None for the fault: the newest counts
-        self._lock = threading.Lock()  # of the wishes
+        self._publish = publish
+        self._requests: dict[int | str | None, Request] = {}  # the newest by finger, None for the fault
+        self._lock = threading.Lock()  # of the requests
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapticd-view", daemon=True)
 
     def start(self) -> None:
-        """Connect, and go on until closed."""
+        """Connect, and run until closed."""
         self._thread.start()
 
     def close(self) -> None:
-        """Release everything and disconnect; returns when that is done."""
+        """Release all fingers and disconnect; return when that is done."""
         self._ending.set()
         self._thread.join()
 
-    def ask(self, wish: Want | ClearFault, refuse: Callable[[str], None]) -> None:
-        """Have it carried out soon, if no newer one for the same finger comes; `refuse` hears why not."""
-        finger = wish.finger if isinstance(wish, Want) else None
+    def request(self, request: SetTarget | ClearFault, refuse: Callable[[str], None]) -> None:
+        """Queue a request; a newer one for the same finger replaces it. `refuse` gets the error."""
+        finger = request.finger if isinstance(request, SetTarget) else None
         with self._lock:
-            is_taken = finger in self._wishes or len(self._wishes) < MAX_WISHES
-            if is_taken:
-                self._wishes[finger] = wish, refuse
-        if not is_taken:
-            refuse(messages.refused(f"{MAX_WISHES} wishes wait for the daemon already: ask again."))
+            is_queued = finger in self._requests or len(self._requests) < MAX_REQUESTS
+            if is_queued:
+                self._requests[finger] = request, refuse
+        if not is_queued:
+            refuse(messages.refused(f"{MAX_REQUESTS} requests are queued for the daemon already: try again."))
 
     def _run(self) -> None:
         while not self._ending.is_set():
@@ -88,68 +90,88 @@ class PlateClient:
                 with hapticd_client.Client(self._endpoint, name=self.name, timeout_s=ANSWER_S) as client:
                     self._serve(client)
             except (hapticd_client.HapticdError, HapticdError) as error:
-                self._tell("gone", messages.gone(str(error)), None)
+                self._publish("gone", messages.gone(str(error)), None)
                 self._refuse_all(messages.refused(str(error)))
                 self._ending.wait(RETRY_S)
 
     def _serve(self, client: hapticd_client.Client) -> None:
         plate = Plate(client.plate(), client.name)
-        self._tell("plate", plate.text, plate)
+        self._publish("plate", plate.text, plate)
         with contextlib.ExitStack() as stack:
-            ear = None
+            subscriber = None
             if plate.rig_dir is not None:
                 context = stack.enter_context(zmq.Context())
-                ear = TruthEar(context, plate.rig_dir)
-                stack.callback(ear.close)
-            self._follow(client, plate, ear)
+                subscriber = TruthSubscriber(context, plate.rig_dir)
+                stack.callback(subscriber.close)
+            self._follow(client, plate, subscriber)
 
-    def _follow(self, client: hapticd_client.Client, plate: Plate, ear: TruthEar | None) -> None:
+    def _follow(self, client: hapticd_client.Client, plate: Plate, subscriber: TruthSubscriber | None) -> None:
         t_frame_s = t_status_s = -1.0
         instance: int | None = None
         for state in client.states(timeout_s=STATE_S):
             if self._ending.is_set() or (instance is not None and state.instance != instance):
-                return  # another daemon may have another plate
+                return  # another daemon, perhaps with another plate
             instance = state.instance
-            self._carry_out(client)
+            self._execute(client)
             t_now_s = time.monotonic()
             if t_now_s - t_frame_s >= FRAME_EVERY_S:
                 t_frame_s = t_now_s
-                truth = None if ear is None else ear.newest(state.t_ns)
+                truth = None if subscriber is None else subscriber.newest(state.t_ns)
                 plate.fingers = tuple(
                     LayerFinger(finger.id, finger.x_mm, finger.y_mm, finger.target_um)
                     for finger in state.fingers
                     if finger.target_um is not None
                 )
-                self._tell("frame", messages.frame(state, truth), None)
+                self._publish("frame", messages.frame(state, truth), None)
             if t_now_s - t_status_s >= STATUS_EVERY_S:
                 t_status_s = t_now_s
-                self._tell("status", messages.status(client.status()), None)
+                self._publish("status", messages.status(client.status()), None)
 
     def _refuse_all(self, sentence: str) -> None:
-        for _, refuse in self._waiting():
+        for _, refuse in self._pending():
             refuse(sentence)
 
-    def _carry_out(self, client: hapticd_client.Client) -> None:
-        for wish, refuse in self._waiting():
+    def _execute(self, client: hapticd_client.Client) -> None:
+        for request, refuse in self._pending():
             try:
-                _ask(client, wish)
+                _send(client, request)
             except hapticd_client.RefusedError as error:
                 refuse(messages.refused(str(error)))
 
-    def _waiting(self) -> Iterator[Wish]:
-        """What is wished now, each taken away; as many as may wait, for pages may wish faster than they are served."""
-        for _ in range(MAX_WISHES):
+    def _pending(self) -> Iterator[Request]:
+        """Remove and yield queued requests, at most MAX_REQUESTS: pages may send faster than the daemon replies."""
+        for _ in range(MAX_REQUESTS):
             with self._lock:
-                if not self._wishes:
+                if not self._requests:
                     return
-                wish = self._wishes.pop(next(iter(self._wishes)))
-            yield wish
+                request = self._requests.pop(next(iter(self._requests)))
+            yield request
 
 
-def _ask(client: hapticd_client.Client, wish: Want | ClearFault) -> None:
-    if isinstance(wish, ClearFault):
+def _send(client: hapticd_client.Client, request: SetTarget | ClearFault) -> None:
+    if isinstance(request, ClearFault):
         client.clear_fault()
-    elif wish.amplitude_um is None:
-        client.release(wish.finger)
+    elif request.amplitude_um is None:
+        client.release(request.finger)
     else:
-        client.set(wish.finger, amplitude_um=wish.amplitude_um)
+        client.set(request.finger, amplitude_um=request.amplitude_um)
+
+
+def modes_of(body: Mapping[str, Any]) -> ModeShapes:
+    """Return the daemon's mode map from its reply to `plate`. Raises HapticdError for a reply without one."""
+    try:
+        x_mm, y_mm = body["x_mm"], body["y_mm"]
+        values = np.frombuffer(body["shapes"], "<f4").reshape(body["modes"], len(y_mm), len(x_mm))
+        return ModeShapes.from_grid(x_mm, y_mm, values.astype(np.float64))
+    except (KeyError, TypeError, ValueError, ModesError) as error:
+        raise HapticdError(
+            f"The daemon's reply to `plate` holds no mode shapes ({error}): restart it in this version."
+        ) from None
+
+
+def picture_grid(modes: ModeShapes, size_mm: tuple[float, float]) -> bytes:
+    """Return the shapes as float32, little-endian: by mode, by rows from the top (+y) down, by columns."""
+    x_mm = np.linspace(-size_mm[0] / 2, size_mm[0] / 2, GRID)
+    y_mm = np.linspace(size_mm[1] / 2, -size_mm[1] / 2, GRID)
+    points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return np.ascontiguousarray(modes.evaluate(points_mm).T, dtype="<f4").tobytes()

@@ -1,8 +1,8 @@
-"""Who may speak to the page's server: a browser on this computer that shows this page, opened with its key.
+"""Access control of the servers of view and study: only their own page, in a browser on this computer.
 
-A server on localhost is within reach of every page that the browser shows and of every user of the computer. So a
-request must name this server as its host (else a foreign name was bound to this address: DNS rebinding), come from
-its own page where it says where it comes from, and bring the key that the program printed.
+Every page in the browser and every user of the computer can reach a server on localhost. So a request must name this
+server as its host (against DNS rebinding), have this page as its origin if it has one, and carry the key that the
+program printed.
 """
 
 from __future__ import annotations
@@ -13,25 +13,26 @@ from collections.abc import Mapping
 HOSTS = ("127.0.0.1", "localhost")
 
 
-def refusal(port: int, headers: Mapping[str, str], *, is_socket: bool) -> str:
-    """Why a request with these headers is refused, "" where it is not. A websocket must tell its origin."""
+def refusal(port: int, headers: Mapping[str, str], *, needs_origin: bool) -> str:
+    """Return why a request with these headers is refused, "" if it is admitted. `needs_origin` holds for websockets and
+    posts."""
     if headers.get("Host", "") not in _hosts(port):
         return "This server answers to 127.0.0.1 and localhost only."
     origin = headers.get("Origin")
     if origin is None:
-        return "A websocket must tell its origin." if is_socket else ""
+        return "This request needs an origin." if needs_origin else ""
     if origin not in [f"http://{host}" for host in _hosts(port)]:
         return "Another page may not use this server."
     return ""
 
 
 def has_key(given: str, key: str) -> bool:
-    """In a time that tells nothing of the key."""
+    """Compare the keys in constant time."""
     return hmac.compare_digest(given.encode(), key.encode())
 
 
 def headers(port: int) -> dict[str, str]:
-    """What each answer tells the browser: nothing comes from elsewhere, nobody frames or keeps this page."""
+    """Return the headers of each response: no foreign content, no frames, no cache."""
     sockets = " ".join(f"ws://{host}" for host in _hosts(port))
     return {
         "Content-Security-Policy": (
@@ -47,5 +48,5 @@ def headers(port: int) -> dict[str, str]:
 
 
 def _hosts(port: int) -> list[str]:
-    """As browsers write them: the port of http itself is left out."""
+    """Return host names as browsers send them: without the port 80."""
     return [f"{host}:{port}" for host in HOSTS] + (list(HOSTS) if port == 80 else [])

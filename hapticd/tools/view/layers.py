@@ -1,10 +1,9 @@
-"""Layers: what can be laid over the picture of the field, computed while somebody looks at it.
+"""Layers over the picture of the field: maps of the share of its target that a finger would reach elsewhere.
 
-A layer is a pure function of the plate and of the fingers on it, registered in LAYERS under the name that the page's
-menu shows. It answers for each point how well another finger could get there what the layer is about: 0 not at all,
-1 as asked, NaN nothing to say. The other finger is one more, or one of those that are there and could go elsewhere. A
-layer is called in a thread, never on the loop; the page asks for it again and again while it is chosen, and shows no
-menu where there is none.
+A layer is a pure function of the plate and its fingers, registered in LAYERS under the name in the page's menu. It
+returns for each point a share from 0 to 1 of the target, NaN for no value, for one more finger or for a selected one
+that could move. A layer runs in a thread, not on the loop; the page requests it repeatedly while it is selected, and
+shows no menu without layers.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from ...errors import RequestError
 Array = npt.NDArray[np.float64]
 
 STICKY, SLIPPERY = "could be sticky", "could be slippery"
-POINTS = 81  # per side: finer than a fingertip, and than the valleys between places that can and cannot
-FEW_POINTS, FEWEST_POINTS = 41, 27  # where more than one slips, and the solver has to search: on two modes, and on more
-SLIPPERY_UM = 1.0  # what one finger more would ask for
+POINTS = 81  # per side: finer than a fingertip, and than the valleys of the map
+FEW_POINTS, FEWEST_POINTS = 41, 27  # with several slipping fingers the solver must search: on two modes, on more
+SLIPPERY_UM = 1.0  # target of one more finger
 
 
 class LayerFinger(NamedTuple):
-    """A finger that is wanted: its id or name, where it is and what it should get."""
+    """A finger with a target: its id or name, position and target."""
 
     key: int | str
     x_mm: float
@@ -65,10 +64,10 @@ def picture(
     size_mm: Sequence[float],
     mover: int | str | None = None,
 ) -> bytes:
-    """A layer as bytes, by rows from the top (+y) down: 0 .. 254 from none to full, 255 where it says nothing.
+    """Return a layer as bytes, by rows from the top (+y) down: 0 .. 254 from none to full, 255 for no value.
 
-    `mover` is the key of the finger that could go elsewhere; without, or when it is gone, it is about one finger more.
-    Raises RequestError for a layer that there is not.
+    `mover` is the key of the finger that could move; without it, or if it is gone, the layer is for one more finger.
+    Raises RequestError for an unknown layer.
     """
     if name not in LAYERS:
         raise RequestError(f"There is no layer {name[:32]!r}.")

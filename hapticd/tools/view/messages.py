@@ -1,8 +1,8 @@
-"""What page and server say to each other over the websocket, as JSON. Pure.
+"""Messages between page and server over the websocket, as JSON. Pure.
 
 page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all that are held on the simulated pad
-                 {"op": "set", "finger": 3, "amplitude_um": 1.0}         what a finger shall feel
-                 {"op": "release", "finger": 3}                          nothing more of this page's
+                 {"op": "set", "finger": 3, "amplitude_um": 1.0}         set a finger's target
+                 {"op": "release", "finger": 3}                          release this page's target
                  {"op": "clear_fault"}
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
@@ -29,19 +29,19 @@ MAX_MESSAGE_BYTES = 4096
 MAX_FINGERS = 16
 MAX_AMPLITUDE_UM = 1000.0
 MAX_ID = 2**32 - 1
-LATENCIES = ("age", "compute", "link", "horizon")  # of the daemon's histograms, those that the page draws
+LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """These fingers are held on the simulated pad, and no others of this page's."""
+    """All fingers that this page holds on the simulated pad."""
 
     points_mm: dict[str, Point]
 
 
 @dataclass(frozen=True, slots=True)
-class Want:
-    """A finger shall feel this amplitude; None gives it up."""
+class SetTarget:
+    """Set a finger's amplitude; None releases it."""
 
     finger: int | str
     amplitude_um: float | None
@@ -49,23 +49,23 @@ class Want:
 
 @dataclass(frozen=True, slots=True)
 class ClearFault:
-    """Leave a latched fault."""
+    """Clear a latched fault."""
 
 
-def read(text: str) -> Hold | Want | ClearFault:
-    """A message of the page's. Raises RequestError."""
+def decode(text: str) -> Hold | SetTarget | ClearFault:
+    """Decode a page's message. Raises RequestError."""
     try:
         fields = Fields(json.loads(text))
     except (ValueError, RecursionError):
         raise RequestError("The page's message is not JSON.") from None
     op = fields.take("op")
-    message: Hold | Want | ClearFault
+    message: Hold | SetTarget | ClearFault
     if op == "fingers":
         message = Hold(_points(fields.take("fingers")))
     elif op == "set":
-        message = Want(_key(fields.take("finger")), fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
+        message = SetTarget(_key(fields.take("finger")), fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
     elif op == "release":
-        message = Want(_key(fields.take("finger")), None)
+        message = SetTarget(_key(fields.take("finger")), None)
     elif op == "clear_fault":
         message = ClearFault()
     else:
@@ -75,7 +75,7 @@ def read(text: str) -> Hold | Want | ClearFault:
 
 
 def mover(text: str) -> int | str | None:
-    """The finger that a layer is asked for, as JSON; empty is none. Raises RequestError."""
+    """Decode the finger of a layer request, JSON or empty for none. Raises RequestError."""
     if not text:
         return None
     try:
@@ -90,14 +90,14 @@ def _key(value: object) -> int | str:
 
 def _points(value: object) -> dict[str, Point]:
     if not isinstance(value, dict) or len(value) > MAX_FINGERS:
-        raise RequestError(f"fingers: must be at most {MAX_FINGERS} fingers with their places.")
+        raise RequestError(f"fingers: must be at most {MAX_FINGERS} fingers with their positions.")
     return {label(name, "fingers"): _point(place) for name, place in value.items()}
 
 
 def _point(value: object) -> Point:
     place = items(value, 2, "fingers")
     if len(place) != 2:
-        raise RequestError("fingers: a place has two numbers, x and y.")
+        raise RequestError("fingers: a position has two numbers, x and y.")
     x_mm, y_mm = (bounded(number, -MAX_POSITION_MM, MAX_POSITION_MM, "fingers") for number in place)
     return x_mm, y_mm
 
@@ -106,7 +106,7 @@ def _point(value: object) -> Point:
 
 
 def frame(state: PlateState, truth: Truth | None) -> str:
-    """One instant of the plate: what the daemon told, and on a simulated plate the truth about it."""
+    """Return one instant of the plate: the daemon's state, and on a simulated plate the ground truth."""
     return _text(
         {
             "kind": "frame",
@@ -131,7 +131,7 @@ def frame(state: PlateState, truth: Truth | None) -> str:
 
 
 def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], *, is_simulated: bool) -> str:
-    """What the page must know once: sizes, limits, who we are, and whether the plate can be touched from here."""
+    """Return the plate's constants: sizes, limits, this client's name, and whether the page can touch it."""
     return _text(
         {
             "kind": "plate",
@@ -147,7 +147,7 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], *, is_sim
 
 
 def status(body: Mapping[str, Any]) -> str:
-    """Of the daemon's status what the page shows."""
+    """Return the part of the daemon's status that the page shows."""
     timing, board = body["timing"], body["board"]
     histograms = timing["histograms"]
     return _text(
@@ -168,12 +168,12 @@ def status(body: Mapping[str, Any]) -> str:
 
 
 def gone(sentence: str) -> str:
-    """No daemon answers."""
+    """Return the message that no daemon answers."""
     return _text({"kind": "gone", "sentence": sentence})
 
 
 def refused(sentence: str) -> str:
-    """What the page asked for was not done."""
+    """Return the message that a request was refused."""
     return _text({"kind": "refused", "sentence": sentence})
 
 

@@ -1,7 +1,8 @@
-"""`hapticd view`: serves the page until it is interrupted, with --sim on a simulated plate of its own."""
+"""`hapticd view`: arguments, and the server process, with --sim on a simulated plate of its own."""
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import os
@@ -14,48 +15,59 @@ from pathlib import Path
 from ...config.sections import SCENARIO_NAMES
 from ...errors import HapticdError, UsageError
 from ...sim.rig.process import RigProcess
-from ..daemon_process import DaemonProcess
+from ..daemon_process import PATIENT, DaemonProcess
 
 SCENARIO = "hands"
 HOST = "127.0.0.1"
-PATIENT = "[trackpad]\nsilence_ms = 1000\n"  # a browser that takes the processor must not make old fingers new ones
+PORT = 8017
 
 
-def run(
-    *, simulate: bool, scenario: str | None, seed: int, endpoint: str | None, port: int, open_browser: bool
-) -> None:
-    """Serve until SIGTERM or SIGINT. Raises HapticdError in one sentence."""
-    _check(simulate=simulate, scenario=scenario, endpoint=endpoint, port=port)
-    listener = _listener(port)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes it over: what was started ends too
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the plate's source, and the page's address."""
+    parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
+    parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
+    parser.add_argument("--seed", type=int, default=1, help="of its fingers, noise and mode map (default 1)")
+    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
+    parser.add_argument("--port", type=int, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})")
+    parser.add_argument("--no-browser", action="store_true", help="print the page's address without opening it")
+    parser.set_defaults(command=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Serve until SIGTERM or SIGINT. Raises HapticdError."""
+    _check(options)
+    listener, endpoint = _listener(options.port), options.endpoint
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes over; ends the child processes too
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
-        if simulate:
+        if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            rig = stack.enter_context(RigProcess(scenario or SCENARIO, seed))
+            rig = stack.enter_context(RigProcess(options.scenario or SCENARIO, options.seed))
             endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
-        asyncio.run(_serve(listener, endpoint, open_browser=open_browser))
+        asyncio.run(_serve(listener, endpoint, open_browser=not options.no_browser))
 
 
-def _check(*, simulate: bool, scenario: str | None, endpoint: str | None, port: int) -> None:
+def _check(options: argparse.Namespace) -> None:
     try:
         import aiohttp  # noqa: F401
     except ImportError:
-        raise HapticdError('The page is served with aiohttp: install it with `pip install "hapticd[view]"`.') from None
+        raise HapticdError('The page needs aiohttp: install it with `pip install "hapticd[view]"`.') from None
     try:
         import hapticd_client  # noqa: F401
     except ImportError:
-        raise HapticdError("The viewer is a client too: install it with `pip install clients/python`.") from None
-    if not 0 <= port <= 65535:
-        raise UsageError(f"--port: {port} is out of bounds, it must be 0 .. 65535.")
-    if simulate and endpoint is not None:
-        raise UsageError("--sim starts a service of its own: leave --endpoint away.")
-    if scenario is not None and not simulate:
-        raise UsageError("--scenario is for a simulated plate: give --sim as well.")
-    if scenario is not None and scenario not in SCENARIO_NAMES:
-        raise UsageError(f"--scenario: there is no {scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
-    if endpoint is not None and not Path(endpoint.removeprefix("ipc://")).is_dir():
-        raise UsageError(f"--endpoint: {endpoint} is no directory: name the service's runtime directory.")
+        raise HapticdError(
+            "The viewer needs the client library: install it with `pip install clients/python`."
+        ) from None
+    if not 0 <= options.port <= 65535:
+        raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
+    if options.sim and options.endpoint is not None:
+        raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
+    if options.scenario is not None and not options.sim:
+        raise UsageError("--scenario needs a simulated plate: give --sim as well.")
+    if options.scenario is not None and options.scenario not in SCENARIO_NAMES:
+        raise UsageError(f"--scenario: there is no {options.scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
+    if options.endpoint is not None and not Path(options.endpoint.removeprefix("ipc://")).is_dir():
+        raise UsageError(f"--endpoint: {options.endpoint} is not a directory: give the service's runtime directory.")
 
 
 def _listener(port: int) -> socket.socket:
@@ -66,7 +78,7 @@ def _listener(port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise HapticdError(
-            f"Port {port} of this computer cannot be had ({error.strerror}): choose another with --port, or 0 for any."
+            f"Port {port} cannot be bound ({error.strerror}): choose another with --port, or 0 for any."
         ) from None
     return listener
 
@@ -95,5 +107,5 @@ async def _serve(listener: socket.socket, endpoint: str | None, *, open_browser:
 
 
 def has_screen() -> bool:
-    """Without one, `webbrowser` could open a text browser in this terminal."""
+    """Return whether there is a screen; without one, `webbrowser` could open a text browser in this terminal."""
     return sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

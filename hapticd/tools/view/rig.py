@@ -1,4 +1,4 @@
-"""The simulated rig from a viewer's side: it hears the plate's truth, and holds a person's fingers on the pad."""
+"""Viewer's connection to the simulated rig: the plate's ground truth, and the fingers held on the pad."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import zmq
 
 from ...sim.fingers.hands import Point
 
-FRESH_NS = 100_000_000  # an older truth is of a rig that stands still
+FRESH_NS = 100_000_000  # an older message is from a stopped rig
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the plate does: where the fingers are, its modes' phasors, and the displacement under each finger."""
+    """Ground truth: positions of the fingers, phasors of the modes, and the displacement at each finger."""
 
     t_ns: int
     fingers_mm: tuple[tuple[float, float], ...]
@@ -26,7 +26,7 @@ class Truth:
 
 
 def decode_truth(payload: bytes) -> Truth | None:
-    """A message of the rig's `truth` socket; None where it is none."""
+    """Decode a message of the rig's `truth` socket; None if it is invalid."""
     try:
         fields: Any = msgpack.unpackb(payload)
         return Truth(
@@ -39,8 +39,8 @@ def decode_truth(payload: bytes) -> Truth | None:
         return None
 
 
-class TruthEar:
-    """Hears the newest truth. Of one thread."""
+class TruthSubscriber:
+    """Receives the newest ground truth. For one thread."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
         self._last: Truth | None = None
@@ -51,18 +51,18 @@ class TruthEar:
         self._socket.connect(f"ipc://{directory / 'truth'}")
 
     def newest(self, t_ns: int) -> Truth | None:
-        """The last that was told, if it is of now."""
+        """Return the newest message, None if it is older than FRESH_NS."""
         while self._socket.poll(0):
             self._last = decode_truth(self._socket.recv())
         return self._last if self._last is not None and t_ns - self._last.t_ns < FRESH_NS else None
 
     def close(self) -> None:
-        """Hear no more."""
+        """Close the socket."""
         self._socket.close()
 
 
-class PadHand:
-    """Holds fingers on the simulated pad. Of one thread; what nobody takes is dropped, for it would be late."""
+class PadSender:
+    """Holds fingers on the simulated pad. For one thread; messages are dropped, not delayed, without a receiver."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], directory: Path) -> None:
         self._socket = context.socket(zmq.PUSH)
@@ -72,12 +72,12 @@ class PadHand:
         self._socket.connect(f"ipc://{directory / 'fingers'}")
 
     def hold(self, points_mm: Mapping[str, Point]) -> None:
-        """All fingers that are held now."""
+        """Send all fingers that are held now."""
         try:
             self._socket.send(msgpack.packb({"fingers": dict(points_mm)}), zmq.NOBLOCK)
         except zmq.Again:
             return
 
     def close(self) -> None:
-        """Let go: the rig notices the silence."""
+        """Close the socket; the rig releases the fingers after a timeout."""
         self._socket.close()

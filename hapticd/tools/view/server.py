@@ -1,8 +1,8 @@
-"""Serves the page on this computer, and each open page a websocket. One asyncio loop; the client has its own thread.
+"""HTTP server of the page, with a websocket per open page, on one asyncio loop; the client has its own thread.
 
-/            the page, for who brings the key     /shapes           the plate's mode shapes, float32
-/<file>      its styles and scripts               /layer?name=..    laid over the picture for &finger=.. (layers.py)
-/socket      frames out, wishes in (messages.py)
+/            the page; needs the key       /shapes           the plate's mode shapes, float32
+/<file>      its styles and scripts        /layer?name=..    layer over the picture for &finger=.. (layers.py)
+/socket      frames out, requests in (messages.py)
 """
 
 from __future__ import annotations
@@ -20,55 +20,54 @@ from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, Point
 from . import guard, layers, messages
 from .client import Plate, PlateClient
-from .messages import ClearFault, Hold, Want
-from .rig import PadHand
+from .messages import ClearFault, Hold, SetTarget
+from .rig import PadSender
 
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-KEYED = ("/", "/shapes", "/layer", "/socket")  # what is more than the page's own files
+KEYED = ("/", "/shapes", "/layer", "/socket")  # all but the page's own files
 MAX_PAGES = 8
-MAX_WANTED = 16  # fingers that a client may hold
-HOLD_EVERY_S = 0.15  # the rig lets go of who is silent for three times as long
+MAX_HELD = 16  # fingers that a client may hold
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Page:
-    """One open page: what it must still be told, what it holds on the pad, what it asked for."""
+    """One open page: its queued messages, the fingers it holds on the pad, and those it set targets for."""
 
     def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
         self.socket = socket
         self.number = number
         self.held: dict[str, Point] = {}
-        self.wanted: dict[int | str, None] = {}  # the newest MAX_WANTED, in their order
-        self._waiting: dict[str, str] = {}  # by kind: only the newest of each counts
-        self._news = asyncio.Event()
+        self.targeted: dict[int | str, None] = {}  # the newest MAX_HELD, in their order
+        self._waiting: dict[str, str] = {}  # the newest of each kind
+        self._ready = asyncio.Event()
 
-    def tell(self, kind: str, text: str) -> None:
-        """Send it soon; a page that does not keep up misses those before."""
+    def send(self, kind: str, text: str) -> None:
+        """Queue a message; it replaces an unsent one of the same kind."""
         self._waiting.pop(kind, None)
         self._waiting[kind] = text
-        self._news.set()
+        self._ready.set()
 
-    def remember(self, wish: Want) -> None:
-        """What is given up for this page when it closes."""
-        self.wanted.pop(wish.finger, None)
-        if wish.amplitude_um is not None:
-            self.wanted[wish.finger] = None
-        if len(self.wanted) > MAX_WANTED:
-            del self.wanted[next(iter(self.wanted))]
+    def remember(self, request: SetTarget) -> None:
+        """Note a finger whose target is released when this page closes."""
+        self.targeted.pop(request.finger, None)
+        if request.amplitude_um is not None:
+            self.targeted[request.finger] = None
+        if len(self.targeted) > MAX_HELD:
+            del self.targeted[next(iter(self.targeted))]
 
     async def write(self) -> None:
-        """Send what there is, until cancelled or the page is gone."""
+        """Send queued messages until cancelled or the page is closed."""
         while not self.socket.closed:
-            await self._news.wait()
-            self._news.clear()
+            await self._ready.wait()
+            self._ready.clear()
             while self._waiting:
                 kind = next(iter(self._waiting))
                 await self.socket.send_str(self._waiting.pop(kind))
 
 
 class Viewer:
-    """All open pages, and the client that they share while there are any."""
+    """All open pages, and the client that they share."""
 
     def __init__(self, endpoint: str | None, key: str | None = None) -> None:
         self.key = secrets.token_urlsafe(16) if key is None else key
@@ -80,9 +79,9 @@ class Viewer:
         self._plate: Plate | None = None
         self._last: dict[str, str] = {}
         self._context = zmq.Context()
-        self._hand: PadHand | None = None
+        self._pad: PadSender | None = None
         self._closing: set[asyncio.Task[None]] = set()
-        self._layering = asyncio.Lock()  # pages wait for each other's layers, not the pictures for all of them
+        self._layering = asyncio.Lock()  # one layer at a time, while frames go on
 
     def app(self) -> web.Application:
         """The web application; `port` must be set before it is served."""
@@ -97,11 +96,11 @@ class Viewer:
         app.on_shutdown.append(self._close)
         return app
 
-    # --- answers ---
+    # --- responses ---
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        why = guard.refusal(self.port, request.headers, is_socket=request.path == "/socket")
+        why = guard.refusal(self.port, request.headers, needs_origin=request.path == "/socket")
         if not why and request.path in KEYED:
             is_known = guard.has_key(request.query.get("key", ""), self.key)
             why = "" if is_known else "Open the address that `hapticd view` printed: it ends with a key."
@@ -121,13 +120,13 @@ class Viewer:
 
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
         if self._plate is None:
-            raise web.HTTPNotFound(text="No plate is known yet.\n")
+            raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
         return web.Response(body=self._plate.grid, content_type="application/octet-stream")
 
     async def _layer(self, request: web.Request) -> web.StreamResponse:
         plate = self._plate
         if plate is None:
-            raise web.HTTPNotFound(text="No plate is known yet.\n")
+            raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
         name, fingers = request.query.get("name", ""), plate.fingers
         try:
             mover = messages.mover(request.query.get("finger", ""))
@@ -142,7 +141,7 @@ class Viewer:
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(max_msg_size=messages.MAX_MESSAGE_BYTES, heartbeat=10.0)
         await socket.prepare(request)
-        if len(self._pages) >= MAX_PAGES:  # said within the socket: of a refused one a browser hides why
+        if len(self._pages) >= MAX_PAGES:  # within the socket: a browser hides the reason of a refused one
             why = f"{MAX_PAGES} pages are open already: close one."
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=why.encode())
             return socket
@@ -153,7 +152,7 @@ class Viewer:
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
-                    self._hear(page, message.data)
+                    self._receive(page, message.data)
         finally:
             writing.cancel()
             await asyncio.gather(writing, return_exceptions=True)
@@ -164,95 +163,95 @@ class Viewer:
 
     def _enter(self, page: Page) -> None:
         for kind, text in self._last.items():
-            page.tell(kind, text)
+            page.send(kind, text)
         self._pages.append(page)
         if self._client is None:
             loop = asyncio.get_running_loop()
 
-            def tell(kind: str, text: str, plate: Plate | None) -> None:
-                loop.call_soon_threadsafe(self._told, kind, text, plate)
+            def publish(kind: str, text: str, plate: Plate | None) -> None:
+                loop.call_soon_threadsafe(self._publish, kind, text, plate)
 
-            self._client = PlateClient(self._endpoint, tell)
+            self._client = PlateClient(self._endpoint, publish)
             self._client.start()
 
     def _leave(self, page: Page) -> None:
         self._pages.remove(page)
         if self._pages:
-            wanted_elsewhere = set().union(*(other.wanted for other in self._pages))
-            for finger in page.wanted.keys() - wanted_elsewhere:
-                self._ask(page, Want(finger, None))
+            targeted_elsewhere = set().union(*(other.targeted for other in self._pages))
+            for finger in page.targeted.keys() - targeted_elsewhere:
+                self._request(page, SetTarget(finger, None))
             if page.held:
                 self._hold()
             return
-        if self._hand is not None and page.held:
-            self._hand.hold({})
+        if self._pad is not None and page.held:
+            self._pad.hold({})
         client, self._client = self._client, None
         self._last.clear()
-        self._forget_plate()
-        if client is not None:  # its farewell may take half a second: not on the loop
+        self._clear_plate()
+        if client is not None:  # disconnecting may take half a second: not on the loop
             task = asyncio.ensure_future(asyncio.to_thread(client.close))
             self._closing.add(task)
             task.add_done_callback(self._closing.discard)
 
-    def _hear(self, page: Page, text: str) -> None:
+    def _receive(self, page: Page, text: str) -> None:
         try:
-            message = messages.read(text)
+            message = messages.decode(text)
         except RequestError as error:
-            page.tell("refused", messages.refused(str(error)))
+            page.send("refused", messages.refused(str(error)))
             return
         if isinstance(message, Hold):
             page.held = message.points_mm
             self._hold()
         else:
-            self._ask(page, message)
+            self._request(page, message)
 
-    def _ask(self, page: Page, wish: Want | ClearFault) -> None:
-        if isinstance(wish, Want):
-            page.remember(wish)
+    def _request(self, page: Page, request: SetTarget | ClearFault) -> None:
+        if isinstance(request, SetTarget):
+            page.remember(request)
         if self._client is None:
             return
         loop = asyncio.get_running_loop()
 
         def refuse(text: str) -> None:
-            loop.call_soon_threadsafe(page.tell, "refused", text)
+            loop.call_soon_threadsafe(page.send, "refused", text)
 
-        self._client.ask(wish, refuse)
+        self._client.request(request, refuse)
 
     def _hold(self) -> None:
-        """All fingers of all pages, each page's under names of its own."""
-        if self._hand is None:
+        """Send the fingers of all pages, with names that are unique per page."""
+        if self._pad is None:
             return
         held = {f"{page.number}-{name}"[:32]: place for page in self._pages for name, place in page.held.items()}
-        self._hand.hold(dict(list(held.items())[:MAX_HANDS]))
+        self._pad.hold(dict(list(held.items())[:MAX_HANDS]))
 
-    # --- the daemon's news ---
+    # --- messages of the client ---
 
-    def _told(self, kind: str, text: str, plate: Plate | None) -> None:
+    def _publish(self, kind: str, text: str, plate: Plate | None) -> None:
         if self._client is None:
-            return  # said by one that is being closed
+            return  # from a client that is being closed
         if kind == "gone":
             self._last.clear()
-            self._forget_plate()
+            self._clear_plate()
         if plate is not None:
             self._last.pop("gone", None)
-            self._forget_plate()
+            self._clear_plate()
             self._plate = plate
-            self._hand = None if plate.rig_dir is None else PadHand(self._context, plate.rig_dir)
+            self._pad = None if plate.rig_dir is None else PadSender(self._context, plate.rig_dir)
         self._last[kind] = text
         for page in self._pages:
-            page.tell(kind, text)
+            page.send(kind, text)
 
-    def _forget_plate(self) -> None:
+    def _clear_plate(self) -> None:
         self._plate = None
-        if self._hand is not None:
-            self._hand.close()
-            self._hand = None
+        if self._pad is not None:
+            self._pad.close()
+            self._pad = None
 
     async def _close(self, _: web.Application) -> None:
         client, self._client = self._client, None
         for page in tuple(self._pages):
             await page.socket.close()
-        if client is not None:  # its pages leave later, perhaps too late
+        if client is not None:  # its pages close later, perhaps too late
             await asyncio.to_thread(client.close)
         if self._closing:
             await asyncio.gather(*self._closing)

@@ -1,4 +1,4 @@
-"""Step 4: what frames whose delays are known say, and what the service is told of it."""
+"""Step 4: judgement of frames with known delays, and the settings derived from them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapticd.config.sections import Config, PredictionConfig
 from hapticd.core.board.ledger import Histogram, LedgerLine
 from hapticd.tools.calibrate import delays
 from hapticd.tools.calibrate.verdict import Outcome
-from hapticd.tools.latency.program import Measured, gather
+from hapticd.tools.latency import Measured, gather
 
 
 @pytest.fixture(scope="module")
@@ -36,15 +36,15 @@ def test_the_link_goes_into_the_configuration_and_a_usual_period_does_not(measur
     assert delays.report_period_ms(measured) == pytest.approx(11.25, abs=0.3)
 
 
-def test_another_period_than_the_configured_one_is_told(measured: Measured) -> None:
+def test_another_period_than_the_configured_one_becomes_a_setting(measured: Measured) -> None:
     slow = Config(prediction=PredictionConfig(period_ms=16.0))
-    told = delays.verdict(measured, slow, is_simulated=True).settings
-    assert told["prediction"]["period_ms"] == pytest.approx(11.25, abs=0.3)
+    found = delays.verdict(measured, slow, is_simulated=True).settings
+    assert found["prediction"]["period_ms"] == pytest.approx(11.25, abs=0.3)
 
 
 @pytest.mark.parametrize(
     ("late", "outcome", "sentence"),
-    [(0, Outcome.PASS, "ms ahead"), (5, Outcome.LOOK, "is the machine busy"), (60, Outcome.FAIL, "look at the link")],
+    [(0, Outcome.PASS, "ms ahead"), (5, Outcome.LOOK, "reduce the host's load"), (60, Outcome.FAIL, "check the link")],
 )
 def test_frames_that_come_late_are_judged_by_their_share(
     measured: Measured, late: int, outcome: Outcome, sentence: str
@@ -55,17 +55,17 @@ def test_frames_that_come_late_are_judged_by_their_share(
     assert sentence in verdict.sentence
 
 
-def test_few_frames_and_a_link_that_wavers_want_a_look(measured: Measured) -> None:
+def test_few_frames_and_an_unsteady_link_want_a_look(measured: Measured) -> None:
     few = delays.verdict(replace(measured, lines=measured.lines[:9]), Config(), is_simulated=True)
     assert (few.outcome, "Only 9 frames" in few.sentence) == (Outcome.LOOK, True)
-    wavering = Histogram()
+    unsteady = Histogram()
     for span_ns in [5 * MS] * 90 + [12 * MS] * 10:
-        wavering.add(span_ns)
-    changed = replace(measured, stages={**measured.stages, "link": wavering})
+        unsteady.add(span_ns)
+    changed = replace(measured, stages={**measured.stages, "link": unsteady})
     assert "varies by" in delays.verdict(changed, Config(), is_simulated=True).sentence
 
 
-def test_without_frames_nothing_is_said_of_the_period(measured: Measured) -> None:
+def test_without_frames_the_period_is_unknown(measured: Measured) -> None:
     empty = replace(measured, lines=())
     assert delays.report_period_ms(empty) != delays.report_period_ms(empty)
     assert "prediction" not in delays.verdict(empty, Config(), is_simulated=True).settings

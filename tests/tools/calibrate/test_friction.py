@@ -1,4 +1,4 @@
-"""Step 5: a friction curve that the service takes, out of readings that scatter, lie, or show none."""
+"""Step 5: a friction curve from noisy readings with outliers, and refusal of readings without one."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def test_the_simulated_curve_is_found_again_and_wrong_readings_are_left_out(seed
     assert found.left_out.sum() == simulated.SLIPS
     assert found.bare == pytest.approx(simulated.BARE_FRICTION, abs=0.02)
     assert found.floor == pytest.approx(simulated.FLOOR_FRICTION, abs=0.02)
-    told = FrictionCurve.from_amplitudes(found.amplitude_um.tolist())
-    for wanted in np.linspace(0.2, 1.0, 17):  # nearer the floor amplitude hardly changes friction
-        got = np.interp(told.amplitude_um(wanted), np.linspace(0, 3, 301), falling(np.linspace(0, 3, 301)))
-        assert got == pytest.approx(0.25 + 0.55 * wanted, abs=0.03)
-        assert told.amplitude_um(wanted) == pytest.approx(DEFAULT_FRICTION_CURVE.amplitude_um(wanted), abs=0.15)
+    curve = FrictionCurve.from_amplitudes(found.amplitude_um.tolist())
+    for share in np.linspace(0.2, 1.0, 17):  # nearer the floor amplitude hardly changes friction
+        got = np.interp(curve.amplitude_um(share), np.linspace(0, 3, 301), falling(np.linspace(0, 3, 301)))
+        assert got == pytest.approx(0.25 + 0.55 * share, abs=0.03)
+        assert curve.amplitude_um(share) == pytest.approx(DEFAULT_FRICTION_CURVE.amplitude_um(share), abs=0.15)
 
 
 def test_readings_without_noise_give_the_law_and_none_is_left_out() -> None:
@@ -59,7 +59,7 @@ def test_whatever_the_noise_the_curve_rises_strictly_and_does_not_know_the_unit(
     np.testing.assert_allclose(scaled.amplitude_um, found.amplitude_um, rtol=1e-6, atol=1e-9)
 
 
-def test_the_service_takes_the_curve_that_the_verdict_says() -> None:
+def test_the_service_accepts_the_curve_of_the_verdict() -> None:
     verdict = friction.verdict(fit_friction(*simulated.friction_readings(4)), is_simulated=True)
     assert verdict.outcome is Outcome.PASS
     assert len(from_table(dict(verdict.settings), where="x", folder=Path()).plate.friction_curve) == KNOTS
@@ -77,10 +77,10 @@ def test_readings_that_scatter_widely_want_a_look() -> None:
         ([0.5, 1, 2, 3], [1, 0.5, 0.2, 0.1], "Measure bare glass"),
         ([0, 1, 2, 3], [1, 1, 1, 1], "hardly falls"),
         ([0, 1, 2, 3], [0.2, 0.5, 0.8, 1], "hardly falls"),
-        ([0, 1, 2, float("nan")], [1, 1, 1, 1], "no number to measure"),
-        ([0, 1, 2, 3], [1, 0.5, 0.2, float("nan")], "no number to measure"),
-        ([0, 1, 2, 3], [1e308, 1e307, 1e306, 1e305], "no number to measure"),
-        ([0, 1, 2, 3], [-0.1, -0.4, -0.7, -0.8], "sign right"),
+        ([0, 1, 2, float("nan")], [1, 1, 1, 1], "no finite number"),
+        ([0, 1, 2, 3], [1, 0.5, 0.2, float("nan")], "no finite number"),
+        ([0, 1, 2, 3], [1e308, 1e307, 1e306, 1e305], "no finite number"),
+        ([0, 1, 2, 3], [-0.1, -0.4, -0.7, -0.8], "readings' sign"),
         ([-1, 0, 2, 3], [1, 1, 1, 1], "negative"),
         ([], [], "Measure bare glass"),
         ([0, 1], [1], "one friction for each amplitude"),

@@ -1,4 +1,4 @@
-"""Step 2: scans in every form they may have, the map that comes of them, and what it is said to leak."""
+"""Step 2: the fitted map, its expected leak, and the verdicts on unsound scans."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ import pytest
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.errors import CalibrationError
+from hapticd.files.mode_map import Scan
 from hapticd.sim.plate.truth import DRIVEN_MODES, PlateTruth
 from hapticd.tools.calibrate import folder, modes, simulated
-from hapticd.tools.calibrate.leak import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, solved_um
-from hapticd.tools.calibrate.modes import fit_map
-from hapticd.tools.calibrate.scan_file import Scan, read
+from hapticd.tools.calibrate.modes import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, fit_map, solved_um
 from hapticd.tools.calibrate.verdict import Outcome
 
 SIZE_MM = (137.5, 137.5)
@@ -104,7 +103,7 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
         ),
     ],
 )
-def test_what_is_wrong_with_a_scan_is_said(
+def test_a_fault_of_the_scan_is_reported(
     found: modes.FittedMap, change: Callable[[modes.FittedMap], modes.FittedMap], outcome: Outcome, sentence: str
 ) -> None:
     verdict = modes.verdict(change(found), 900, SIZE_MM, is_simulated=False)
@@ -135,87 +134,6 @@ def test_readings_that_are_no_modes_fail(points_mm: np.ndarray, scale: float) ->
 def test_readings_that_are_all_the_same_are_refused(value: float) -> None:
     with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
         fit_map(Scan(GRID_MM, np.full((400, 2), value)), SIZE_MM, normalise=True)
-
-
-def test_every_form_of_the_file_gives_the_same_scan(tmp_path: Path) -> None:
-    points_mm, readings = simulated.scan(2)
-    readings[3, 1] = np.nan
-    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings)
-    forms = {
-        "re": ("re_1,im_1,re_2,im_2", lambda w: f"{w.real!r},{w.imag!r}"),
-        "abs": ("abs_1,deg_1,abs_2,deg_2", lambda w: f"{abs(w)!r},{np.degrees(np.angle(w))!r}"),
-    }
-    scans = [read(tmp_path / "scan.npz")]
-    for name, (columns, text) in forms.items():
-        lines = [
-            f"{x!r},{y!r}," + ",".join("," if np.isnan(w) else text(complex(w)) for w in row)
-            for (x, y), row in zip(points_mm.tolist(), readings, strict=True)
-        ]
-        path = tmp_path / f"{name}.csv"
-        path.write_text(
-            "# by hand\n\nx_mm,y_mm," + columns + "\n" + "\n".join(lines).replace("np.float64(", "").replace(")", "")
-        )
-        scans.append(read(path))
-    for scan in scans:
-        np.testing.assert_allclose(scan.points_mm, points_mm)
-        np.testing.assert_allclose(scan.readings, readings, rtol=1e-12, atol=1e-12)
-
-
-def test_a_grid_of_complex_values_and_a_real_csv_are_read(tmp_path: Path) -> None:
-    x_mm, y_mm = np.arange(3.0), np.arange(2.0)
-    shapes = np.arange(12.0).reshape(2, 2, 3) * (1 + 2j)
-    np.savez(tmp_path / "grid.npz", x_mm=x_mm, y_mm=y_mm, shapes=shapes)
-    scan = read(tmp_path / "grid.npz")
-    assert scan.points_mm.tolist()[4] == [1.0, 1.0]
-    assert scan.readings[4].tolist() == [4 + 8j, 10 + 20j]
-    (tmp_path / "real.csv").write_text("x_mm,y_mm,phi_1\n1,2,3\n4,5,\n")
-    scan = read(tmp_path / "real.csv")
-    assert scan.points_mm.tolist() == [[1.0, 2.0], [4.0, 5.0]]
-    assert scan.readings[0, 0] == 3.0
-    assert np.isnan(scan.readings[1, 0])
-
-
-@pytest.mark.parametrize(
-    ("name", "data", "sentence"),
-    [
-        ("none.csv", None, "cannot be read"),
-        ("a.csv", b"", "is empty"),
-        ("a.csv", b"x,y,phi\n", "does not begin with a header"),
-        ("a.csv", b"x_mm,y_mm,re_1\n", "does not begin with a header"),
-        ("a.csv", b"x_mm,y_mm,phi_1\n1,2\n", "line 2 has 2 values"),
-        ("a.csv", b"x_mm,y_mm,phi_1\n1,2,much\n", "line 2 holds something"),
-        ("a.csv", b"\xff\xfe\x00", "not a readable CSV"),
-        ("a.csv", b'x_mm,y_mm,phi_1\n"1,2,3\n', "not a readable CSV"),
-        ("a.npz", b"PK\x03\x04 no", "not a readable NPZ"),
-        ("a.csv", b"#" * (1 << 24) + b"\n", "more than 16 MiB"),
-    ],
-)
-def test_a_file_that_is_no_scan_is_refused_in_a_sentence(
-    tmp_path: Path, name: str, data: bytes | None, sentence: str
-) -> None:
-    if data is not None:
-        (tmp_path / name).write_bytes(data)
-    with pytest.raises(CalibrationError, match=sentence) as refused:
-        read(tmp_path / name)
-    assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("arrays", "sentence"),
-    [
-        ({"x_mm": np.zeros(2)}, "holds neither"),
-        ({"points_mm": np.array(["a"]), "readings": np.zeros(1)}, "not numbers"),
-        ({"points_mm": np.zeros((3, 2)), "readings": np.zeros((2, 2))}, r"are \(3, 2\) and \(2, 2\)"),
-        ({"points_mm": np.zeros((3, 2), complex), "readings": np.zeros((3, 2))}, "complex positions"),
-        ({"x_mm": np.zeros(2), "y_mm": np.zeros(2), "shapes": np.zeros((1, 3, 2))}, "the axes ask for"),
-    ],
-)
-def test_arrays_that_are_no_scan_are_refused_in_a_sentence(
-    tmp_path: Path, arrays: dict[str, np.ndarray], sentence: str
-) -> None:
-    np.savez(tmp_path / "scan.npz", **arrays)  # type: ignore[arg-type]
-    with pytest.raises(CalibrationError, match=sentence):
-        read(tmp_path / "scan.npz")
 
 
 @pytest.mark.parametrize("text", ["137", "1x2x3", "axb", "nanx100", "1x100", "infx100"])

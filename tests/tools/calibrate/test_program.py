@@ -1,4 +1,4 @@
-"""The whole of it: every step on the simulated plate by its command, and the service that runs with what came of it."""
+"""`hapticd calibrate`: every step on the simulated plate, and the service with the resulting configuration."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from hapticd.files import calibration
 from hapticd.sim.lockstep import Settings, Simulation
 from hapticd.sim.plate.truth import PlateTruth
 from hapticd.sim.scenarios import SCENARIOS, SPEED_MM_S
+from hapticd.tools import latency
 from hapticd.tools.calibrate import folder, resonance
 from hapticd.tools.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
 from hapticd.tools.firmware import sweep
 from hapticd.tools.firmware.conversation import Conversation
-from hapticd.tools.latency import program as latency
 
 SECONDS = 4.0
 Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
@@ -107,7 +107,7 @@ def test_what_hapticd_run_prepares_of_it_is_the_measured_map(out: Path) -> None:
         assert [one.q_factor for one in prepared.calibration] == pytest.approx([500.0, 500.0], rel=0.03)
 
 
-def test_without_a_step_the_order_is_told_and_what_is_done(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--out", str(out)]) == 0
     said = capsys.readouterr().out
     places = [said.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
@@ -121,9 +121,9 @@ def test_without_a_step_the_order_is_told_and_what_is_done(out: Path, capsys: py
     ("arguments", "sentence"),
     [
         (["resonance", "--sim", "--points", "-1"], "--points is -1"),
-        (["modes"], "No scan is named"),
-        (["friction"], "No readings are named"),
-        (["latency"], "No devices are named"),
+        (["modes"], "No scan is given"),
+        (["friction"], "No readings are given"),
+        (["latency"], "No devices are configured"),
         (["modes", "--sim", "--size", "big"], "--size is 'big'"),
         (["trackpad", "--sim", "--marks", "1,2"], "--marks"),
         (["trackpad", "--model", "mt9"], "--model is 'mt9'"),
@@ -139,13 +139,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert complaint.count("\n") == 1
 
 
-@pytest.mark.parametrize("step", ["resonance", "modes", "trackpad", "latency", "friction", "all"])
-def test_help_of_every_step_has_an_example(step: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["calibrate", step, "--help"])
-    assert f"example: hapticd calibrate {step}" in capsys.readouterr().out
-
-
 def a_verdict(step: str = "friction", outcome: Outcome = Outcome.PASS, **changes: bool) -> Verdict:
     figures = (Figure("noise", 0.5, "%"), Figure("period", float("inf"), "ms"))
     settings = {"plate": {"friction_curve": [0.0, 1.0]}}
@@ -153,16 +146,20 @@ def a_verdict(step: str = "friction", outcome: Outcome = Outcome.PASS, **changes
 
 
 def test_a_verdict_written_is_read_again_and_no_other_text_is_one() -> None:
-    read = from_json(to_json(a_verdict()))
-    assert read.figures[0] == a_verdict().figures[0]
-    assert read.figures[1].value != read.figures[1].value
-    assert (read.outcome, read.sentence, read.settings) == (Outcome.PASS, 'It "fits": 1 µm.', a_verdict().settings)
+    parsed = from_json(to_json(a_verdict()))
+    assert parsed.figures[0] == a_verdict().figures[0]
+    assert parsed.figures[1].value != parsed.figures[1].value
+    assert (parsed.outcome, parsed.sentence, parsed.settings) == (
+        Outcome.PASS,
+        'It "fits": 1 µm.',
+        a_verdict().settings,
+    )
     for text in ("", "{}", "[1]", to_json(a_verdict()).replace("pass", "fine"), "[" * 100_000, '{"step": 1}'):
-        with pytest.raises(ValueError, match="it is no verdict"):
+        with pytest.raises(ValueError, match="not a verdict"):
             from_json(text)
 
 
-def test_the_worst_finding_decides_and_all_that_are_as_bad_are_told() -> None:
+def test_the_worst_finding_decides_and_all_of_its_severity_are_listed() -> None:
     look, fail = (Outcome.LOOK, "Look."), (Outcome.FAIL, "Bad.")
     assert judge([], "Good.") == (Outcome.PASS, "Good.")
     assert judge([look, look], "Good.") == (Outcome.LOOK, "Look. Look.")
@@ -209,7 +206,7 @@ def test_a_directory_or_a_result_that_cannot_be_used_is_one_sentence(tmp_path: P
     (tmp_path / "modes.json").write_text("{")
     with pytest.raises(CalibrationError, match="delete it and repeat"):
         folder.load(tmp_path)
-    with pytest.raises(CalibrationError, match="cannot be made"):
+    with pytest.raises(CalibrationError, match="cannot be created"):
         folder.prepare(tmp_path / "modes.json" / "below", is_simulated=True)
 
 

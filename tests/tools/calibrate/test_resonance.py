@@ -1,9 +1,8 @@
-"""Step 1: what the sweeps find of the simulated plate's truth, and what the verdict says of sound and unsound ones."""
+"""Step 1: sweeps of the simulated plate against its ground truth, and the verdicts on sound and unsound ones."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +14,10 @@ from hapticd.errors import SweepEndedError
 from hapticd.sim.plate.truth import PlateSettings, PlateTruth
 from hapticd.tool_values import Sweep, SweepPoint
 from hapticd.tools.calibrate import resonance
-from hapticd.tools.calibrate.resonance import ModeSweep, draw, refined, sweep_modes
+from hapticd.tools.calibrate.resonance import refined, sweep_modes
 from hapticd.tools.calibrate.verdict import Outcome, Verdict
 from hapticd.tools.firmware.conversation import Conversation
+from hapticd.tools.firmware.sweep import ModeSweep
 
 PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)
@@ -48,7 +48,6 @@ def test_every_mode_is_found_within_half_a_hertz_and_three_percent_of_quality(se
     for one in sweeps:
         assert one.fit.frequency_hz == pytest.approx(truth.frequency_hz[one.mode], abs=0.5)
         assert one.fit.q_factor == pytest.approx(settings.q_factor, rel=0.03)
-        assert one.is_inside
 
 
 def a_sweep(
@@ -75,13 +74,13 @@ def test_a_sound_pair_passes_and_the_drive_lies_between() -> None:
     ("second", "outcome", "sentence"),
     [
         (a_sweep(1, 29215.0, residual=0.08), Outcome.LOOK, "Mode 1 leaves 8 %"),
-        (a_sweep(1, 29215.0, residual=0.5), Outcome.FAIL, "Mode 1 draws no circle"),
+        (a_sweep(1, 29215.0, residual=0.5), Outcome.FAIL, "Mode 1 shows no resonance circle"),
         (a_sweep(1, 29500.0), Outcome.FAIL, "Mode 1 lies outside its sweep"),
         (a_sweep(1, 29295.0), Outcome.LOOK, "At 29245.0 Hz full amplitude would take"),
         (a_sweep(1, 29215.0, gain=2.0), Outcome.LOOK, "the amplifiers end at 150"),
     ],
 )
-def test_what_is_wrong_is_said(second: ModeSweep, outcome: Outcome, sentence: str) -> None:
+def test_a_fault_is_reported(second: ModeSweep, outcome: Outcome, sentence: str) -> None:
     found = judged(a_sweep(0), second)
     assert found.outcome is outcome
     assert sentence in found.sentence
@@ -127,8 +126,3 @@ def test_a_piece_that_the_board_ends_is_swept_again_but_not_for_ever(
     else:
         with pytest.raises(SweepEndedError):
             swept(PlateSettings())
-
-
-def test_the_picture_is_one(tmp_path: Path) -> None:
-    draw((a_sweep(0), a_sweep(1, 29215.0)), tmp_path / "resonance.png")
-    assert (tmp_path / "resonance.png").read_bytes().startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""Step 3: rests that count as touches of marks, the map that they make, and pads that cannot lie like this."""
+"""Step 3: detection of touched marks, the fitted map, and implausible placements."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from hapticd.sim.fingers.paths import Line, Rest, Touch
 from hapticd.sim.fingers.paths import Path as FingerPath
 from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
 from hapticd.tools.calibrate import trackpad
-from hapticd.tools.calibrate.affine import AffineFit, fit_affine, placement
+from hapticd.tools.calibrate.marks import AffineFit, TouchedMarks, fit_affine, placement
 from hapticd.tools.calibrate.simulated import touch_reports
-from hapticd.tools.calibrate.touches import TouchedMarks
 from hapticd.tools.calibrate.trackpad import parse_marks
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.values import AffineMap, RawReport
@@ -60,13 +59,13 @@ def test_a_pad_anywhere_is_found_to_a_twentieth_of_a_millimetre(seed: int) -> No
     assert trackpad.verdict(found, {}, is_simulated=True).outcome is Outcome.PASS
 
 
-def test_what_it_says_to_the_service_is_the_same_map() -> None:
+def test_the_service_reads_the_same_map_from_the_settings() -> None:
     truth = AffineMap(1.01, -0.03, 0.04, 0.99, 2.5, -1.25)
     fit = fit_affine([AffineMap(*inverse(truth)).apply(*mark) for mark in MARKS], MARKS)
     verdict = trackpad.verdict(fit, {"source": "sim"}, is_simulated=True)
-    told = plate_from_pad(from_table(dict(verdict.settings), where="x", folder=Path()))
+    configured = plate_from_pad(from_table(dict(verdict.settings), where="x", folder=Path()))
     for corner in MARKS:
-        assert told.apply(*corner) == pytest.approx(truth.apply(*corner), abs=1e-3)
+        assert configured.apply(*corner) == pytest.approx(truth.apply(*corner), abs=1e-3)
 
 
 def inverse(one: AffineMap) -> tuple[float, ...]:
@@ -80,7 +79,7 @@ def inverse(one: AffineMap) -> tuple[float, ...]:
     [
         ((1, 0, 3, 2), Outcome.FAIL, "mirrored"),
         ((3, 2, 1, 0), Outcome.FAIL, "mirrored"),
-        ((2, 3, 0, 1), Outcome.LOOK, "turned by 180 degrees"),
+        ((2, 3, 0, 1), Outcome.LOOK, "rotated by 180 degrees"),
         ((1, 2, 3, 0), Outcome.LOOK, "degrees, as if x and y were swapped"),
     ],
 )
@@ -176,7 +175,7 @@ class PlayedPad:
         self.is_closed = True
 
 
-def test_a_person_is_told_which_mark_is_next_until_all_are_touched(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_mark_is_prompted_until_all_are_touched(capsys: pytest.CaptureFixture[str]) -> None:
     pad = PlayedPad(MARKS)
     model, rests_mm = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
     assert model == "mt2-usb"
@@ -193,8 +192,3 @@ def test_marks_that_are_not_touched_in_time_are_one_sentence() -> None:
     assert pad.is_closed
     with pytest.raises(CalibrationError, match="--within"):
         in_virtual_time(trackpad._touched(pad, MARKS, math.nan))
-
-
-def test_the_picture_is_one(tmp_path: Path) -> None:
-    trackpad.draw(MARKS, MARKS, fit_affine(MARKS, MARKS), tmp_path / "trackpad.png")
-    assert (tmp_path / "trackpad.png").read_bytes().startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""The bundle holds what helps from afar, no secret, and is sent nowhere."""
+"""The bundle: its contents, no secrets, and refused paths."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.errors import RecordingError
 from hapticd.io import keys
-from hapticd.tools.doctor import PASS, Finding
 from hapticd.tools.doctor.bundle import collect, versions
-from hapticd.tools.doctor.finding import Patient
+from hapticd.tools.doctor.finding import PASS, Finding, System
 
 FOUND = [Finding(PASS, "board", "simulated")]
 
@@ -38,18 +37,18 @@ def recorded(out: Path, directory: Path | None, seconds: float | None) -> str:
     return "recorded"
 
 
-def test_of_a_running_daemon_there_are_status_and_recording(tmp_path: Path) -> None:
+def test_with_a_running_daemon_it_has_status_and_recording(tmp_path: Path) -> None:
     path = tmp_path / "report.tar.gz"
-    patient = Patient(Config(), tmp_path, {"state": "ACTIVE"})
-    told = collect(path, patient, None, FOUND, record=recorded, log=lambda: "a line\n")
+    system = System(Config(), tmp_path, {"state": "ACTIVE"})
+    listing = collect(path, system, None, FOUND, record=recorded, log=lambda: "a line\n")
     held = members(path)
     assert held["recording.mcap"] == f"10 s of {tmp_path}".encode()
     assert json.loads(held["status.json"]) == {"state": "ACTIVE"}
     assert held["doctor.txt"] == b"pass  board: simulated\n"
     assert held["log.txt"] == b"a line\n"
     assert json.loads(held["doctor.json"])["failed"] is False
-    assert "nothing was sent anywhere" in told
-    assert all(name in told for name in held)
+    assert "nothing was sent" in listing
+    assert all(name in listing for name in held)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
@@ -58,8 +57,8 @@ def test_a_recording_that_fails_costs_nothing_else(tmp_path: Path) -> None:
         raise RecordingError("No hapticd answers here.")
 
     path = tmp_path / "report.tar.gz"
-    told = collect(path, Patient(Config(), tmp_path, {}), None, FOUND, record=refuse, log=str)
-    assert "no recording: No hapticd answers here." in told
+    listing = collect(path, System(Config(), tmp_path, {}), None, FOUND, record=refuse, log=str)
+    assert "no recording: No hapticd answers here." in listing
     assert "status.json" in members(path)
 
 
@@ -76,20 +75,22 @@ def test_no_secret_key_is_in_it_even_where_one_was_pasted_into_the_configuration
         encoding="utf-8",
     )
     path = tmp_path / "report.tar.gz"
-    collect(path, Patient(config.load(given), tmp_path), given, FOUND, record=recorded, log=secret_file.read_text)
+    collect(path, System(config.load(given), tmp_path), given, FOUND, record=recorded, log=secret_file.read_text)
     held = members(path)
     assert secret not in b"".join(held.values())
-    assert b"(blotted out)" in held["hapticd.toml"]
-    assert b"(blotted out)" in held["log.txt"]
+    assert b"(redacted)" in held["hapticd.toml"]
+    assert b"(redacted)" in held["log.txt"]
     assert str(folder).encode() in held["in-force.toml"]
 
 
-def test_without_a_daemon_it_says_why_there_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_daemon_it_gives_the_reason_for_the_missing_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     given = tmp_path / "hapticd.toml"
     given.write_text("[limits]\nw_limit = 3\n", encoding="utf-8")
     path = tmp_path / "report.tar.gz"
     assert main(["doctor", "--config", str(given), "--bundle", str(path)]) == 1
-    assert "no recording, for no daemon answered" in capsys.readouterr().out
+    assert "no recording: no daemon answered" in capsys.readouterr().out
     held = members(path)
     assert held["hapticd.toml"] == given.read_bytes()
     assert b"did you mean w_limit_um?" in held["doctor.txt"]
@@ -100,17 +101,17 @@ def test_without_a_daemon_it_says_why_there_is_no_recording(tmp_path: Path, caps
     ("name", "word"),
     [("report.zip", "must end in .tar.gz"), ("none/report.tar.gz", "there is no folder"), ("old.tar.gz", "already")],
 )
-def test_a_file_that_cannot_be_it_is_refused_before_anything_is_examined(
+def test_an_unusable_path_is_refused_before_the_checks(
     name: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "old.tar.gz").touch()
     assert main(["doctor", "--bundle", str(tmp_path / name)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert word in said.err
-    assert said.err.count("\n") == 1
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert word in output.err
+    assert output.err.count("\n") == 1
 
 
 def test_versions_name_the_program_and_its_libraries() -> None:
-    told = versions()
-    assert all(name in told for name in ("hapticd ", "python 3", "zeromq ", "numpy ", "pyserial "))
+    text = versions()
+    assert all(name in text for name in ("hapticd ", "python 3", "zeromq ", "numpy ", "pyserial "))

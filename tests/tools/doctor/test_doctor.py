@@ -1,4 +1,4 @@
-"""The doctor looks at what is there, and each finding that is not a pass says what mends it."""
+"""Each check of the doctor, and a fix for every finding that is no pass."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from hapticd.files import calibration
 from hapticd.io.realtime import Granted
 from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.sensor import SensorModel
-from hapticd.tools import doctor, installation
-from hapticd.tools.doctor import FAIL, PASS, WARN, devices, files, host, report, service
-from hapticd.tools.doctor.finding import Finding, Patient
-from hapticd.tools.doctor.report import CHECKS
+from hapticd.tools import install_service
+from hapticd.tools.doctor import devices, files, host, program, service
+from hapticd.tools.doctor.finding import FAIL, PASS, WARN, Finding, System
+from hapticd.tools.doctor.program import CHECKS
 from hapticd.values import RawReport
 
 
 def examined(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
     path = tmp_path / "hapticd.toml"
     path.write_text(text, encoding="utf-8")
-    return doctor.examine(path), capsys.readouterr().out
+    return program.examine(path), capsys.readouterr().out
 
 
-def patient(tmp_path: Path, told: Any = None, version: str = __version__, **sections: dict[str, Any]) -> Patient:
-    """With these sections of a configuration, on a machine whose file system is `tmp_path`."""
+def system(tmp_path: Path, status: Any = None, version: str = __version__, **sections: dict[str, Any]) -> System:
+    """A system with these sections of a configuration, and `tmp_path` as its file system."""
     made = config.from_table(dict(sections), where="test", folder=None)
-    return Patient(made, tmp_path, told, version, tmp_path)
+    return System(made, tmp_path, status, version, tmp_path)
 
 
 def put(path: Path, text: str) -> None:
@@ -56,8 +56,8 @@ def put(path: Path, text: str) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _nothing_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither a daemon nor a pad that happens to be here."""
+def _nothing_of_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide daemons and pads of this host."""
     monkeypatch.setattr(service, "directories", lambda _: (Path("/nonexistent"),))
     monkeypatch.setattr(devices, "load_hid", lambda: None)
     monkeypatch.setattr(devices, "find_pads", lambda *_: iter(()))
@@ -65,8 +65,8 @@ def _nothing_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def told() -> Any:
-    """What a daemon says that drives two fingers."""
+def reported() -> Any:
+    """Status of a daemon that drives two fingers."""
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(100)
@@ -76,22 +76,22 @@ def told() -> Any:
 REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}
 
 
-def test_the_simulated_plate_is_in_good_health(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_simulated_plate_has_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, said = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
     assert code == 0
     assert "FAIL" not in said
-    assert f"warn  daemon: none serves {tmp_path}" in said
+    assert f"warn  daemon: none runs in {tmp_path}" in said
     assert said.count("\npass") + said.count("\nwarn") == len(CHECKS)
 
 
-def test_a_bad_configuration_is_all_it_looks_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_after_a_bad_configuration_no_other_check_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, said = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
     assert code == 1
     assert "did you mean w_limit_um?" in said
     assert "board:" not in said
 
 
-def test_the_report_is_also_to_be_had_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_can_be_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "hapticd.toml"
     path.write_text("[limits]\nw_limit = 3\n", encoding="utf-8")
     assert main(["doctor", "--config", str(path), "--json"]) == 1
@@ -103,12 +103,12 @@ def test_the_report_is_also_to_be_had_as_json(tmp_path: Path, capsys: pytest.Cap
     assert finding["remedy"]
 
 
-def test_the_service_s_own_configuration_is_pointed_at(tmp_path: Path) -> None:
-    assert report.configured(None, tmp_path).verdict == PASS
+def test_another_configuration_of_the_service_is_reported(tmp_path: Path) -> None:
+    assert program.configured(None, tmp_path).verdict == PASS
     put(tmp_path / "etc/hapticd/hapticd.toml", "")
-    found = report.configured(None, tmp_path)
+    found = program.configured(None, tmp_path)
     assert (found.verdict, found.remedy) == (WARN, f"hapticd doctor --config {tmp_path}/etc/hapticd/hapticd.toml")
-    assert report.configured(tmp_path / "mine.toml", tmp_path).verdict == PASS
+    assert program.configured(tmp_path / "mine.toml", tmp_path).verdict == PASS
 
 
 # --- files ---
@@ -120,9 +120,9 @@ def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.Ca
     text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
     code, said = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
     assert code == 1
-    assert f"FAIL  board: there is no {tmp_path}/none\n      -> plug the board in" in said
+    assert f"FAIL  board: {tmp_path}/none does not exist\n      -> plug the board in" in said
     assert "warn  calibration: none" in said
-    assert "warn  firmware: not asked" in said
+    assert "warn  firmware: not checked" in said
 
 
 def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -133,8 +133,8 @@ def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
-    assert files.modes(patient(tmp_path)).verdict == PASS
-    found = files.modes(patient(tmp_path, limits={"w_limit_um": [4.0, 4.0, 4.0]}))
+    assert files.modes(system(tmp_path)).verdict == PASS
+    found = files.modes(system(tmp_path, limits={"w_limit_um": [4.0, 4.0, 4.0]}))
     assert (found.verdict, found.said.split(",")[0]) == (FAIL, "limits.w_limit_um has 3 limits")
 
 
@@ -142,28 +142,28 @@ def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
     section = {"calibration_file": str(path)}
     both = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1)]
-    assert files.calibrated(patient(tmp_path, device=section)).verdict == FAIL
+    assert files.calibrated(system(tmp_path, device=section)).verdict == FAIL
     calibration.save(path, both[:1])
-    assert "knows 1 of 2 modes" in files.calibrated(patient(tmp_path, device=section)).said
+    assert "has 1 of 2 modes" in files.calibrated(system(tmp_path, device=section)).said
     calibration.save(path, both)
-    found = files.calibrated(patient(tmp_path, device=section))
+    found = files.calibrated(system(tmp_path, device=section))
     assert (found.verdict, found.said) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
 
 
 def test_recordings_need_a_folder_and_room(tmp_path: Path) -> None:
     section = {"file": str(tmp_path / "none" / "s.mcap"), "max_mb": 1, "max_files": 1}
-    missing = files.recordings(patient(tmp_path, record=section))
+    missing = files.recordings(system(tmp_path, record=section))
     assert (missing.verdict, missing.remedy) == (FAIL, f"mkdir -p {tmp_path / 'none'}")
     section["file"] = str(tmp_path / "s.mcap")
-    assert files.recordings(patient(tmp_path, record=section)).verdict == PASS
+    assert files.recordings(system(tmp_path, record=section)).verdict == PASS
     section |= {"max_mb": 1_000_000, "max_files": 999}
-    assert files.recordings(patient(tmp_path, record=section)).verdict == WARN
+    assert files.recordings(system(tmp_path, record=section)).verdict == WARN
 
 
 # --- the daemon ---
 
 
-def test_a_daemon_that_died_is_not_taken_for_a_living_one(
+def test_a_stale_socket_is_not_a_daemon_and_a_lock_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(service, "ANSWER_S", 0.05)
@@ -171,7 +171,7 @@ def test_a_daemon_that_died_is_not_taken_for_a_living_one(
     with socket.socket(socket.AF_UNIX) as left_behind, (tmp_path / "lock").open("wb") as lock:
         left_behind.bind(str(tmp_path / "control"))
         said = examined(text, tmp_path, capsys)[1]
-        assert f"warn  daemon: none serves {tmp_path} (what is there was left by one that was killed" in said
+        assert f"warn  daemon: none runs in {tmp_path} (the socket there is stale" in said
         fcntl.flock(lock, fcntl.LOCK_EX)
         code, said = examined(text, tmp_path, capsys)
         assert code == 1
@@ -180,13 +180,13 @@ def test_a_daemon_that_died_is_not_taken_for_a_living_one(
 
 
 @pytest.fixture
-def answering(tmp_path: Path, told: Any) -> Iterator[Callable[[], list[str]]]:
-    """A `control` socket that answers as a daemon does; gives what it was asked."""
+def answering(tmp_path: Path, reported: Any) -> Iterator[Callable[[], list[str]]]:
+    """A `control` socket that replies as a daemon does; returns the requests."""
     context = zmq.Context()
     control = context.socket(zmq.ROUTER)
     control.bind(f"ipc://{tmp_path / 'control'}")
     ended, asked = threading.Event(), []
-    bodies = {"hello": {"protocol": 1, "version": __version__, "instance": 7}, "status": told}
+    bodies = {"hello": {"protocol": 1, "version": __version__, "instance": 7}, "status": reported}
 
     def answer() -> None:
         while not ended.is_set():
@@ -207,26 +207,26 @@ def answering(tmp_path: Path, told: Any) -> Iterator[Callable[[], list[str]]]:
     context.term()
 
 
-def test_a_daemon_that_answers_is_asked_how_it_is(tmp_path: Path, answering: Callable[[], list[str]]) -> None:
-    met = service.met(config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None), {})
+def test_a_daemon_that_answers_is_asked_for_its_status(tmp_path: Path, answering: Callable[[], list[str]]) -> None:
+    found = service.find(config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None), {})
     assert set(answering()) == {"hello", "status"}
-    assert service.daemon(met) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
-    assert service.health(met).said == "ACTIVE: touched"
-    assert devices.firmware(met).said == "version 9.9, as the daemon was told"
+    assert service.daemon(found) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
+    assert service.health(found).said == "ACTIVE: touched"
+    assert devices.firmware(found).said == "version 9.9, reported to the daemon"
 
 
-def test_a_directory_that_this_user_may_not_look_into_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     closed = tmp_path / "closed"
     closed.mkdir()
     monkeypatch.setattr(service, "directories", lambda _: (tmp_path, closed))
     monkeypatch.setattr(service.os, "access", lambda path, _: path != closed)
-    found = service.daemon(service.met(Config(), {}))
-    assert (found.verdict, found.said) == (FAIL, f"{closed} is not yours to connect to")
+    found = service.daemon(service.find(Config(), {}))
+    assert (found.verdict, found.said) == (FAIL, f"{closed} is not accessible to this user")
     assert "usermod -aG hapticd" in found.remedy
 
 
-def test_a_daemon_of_another_version_is_said(tmp_path: Path, told: Any) -> None:
-    found = service.daemon(patient(tmp_path, told, "0.0.9"))
+def test_a_daemon_of_another_version_is_a_warning(tmp_path: Path, reported: Any) -> None:
+    found = service.daemon(system(tmp_path, reported, "0.0.9"))
     assert found.verdict == WARN
     assert "0.0.9" in found.said
     assert "restart" in found.remedy
@@ -234,7 +234,7 @@ def test_a_daemon_of_another_version_is_said(tmp_path: Path, told: Any) -> None:
 
 @pytest.mark.parametrize(("state", "verdict"), [("FAULT", FAIL), ("IDLE", WARN), ("ARMED", PASS)])
 def test_the_daemon_s_state_is_judged_with_its_reason(tmp_path: Path, state: str, verdict: str) -> None:
-    found = service.health(patient(tmp_path, {"state": state, "state_changes": [{"why": "the cause"}]}))
+    found = service.health(system(tmp_path, {"state": state, "state_changes": [{"why": "the cause"}]}))
     assert (found.verdict, found.said) == (verdict, f"{state}: the cause")
 
 
@@ -242,10 +242,10 @@ def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypa
     other = tmp_path / "other"
     put(other / "lock", "")
     monkeypatch.setattr(service, "directories", lambda _: (tmp_path, other))
-    assert service.alone(patient(tmp_path)).verdict == PASS
+    assert service.alone(system(tmp_path)).verdict == PASS
     with (other / "lock").open("rb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        found = service.alone(patient(tmp_path))
+        found = service.alone(system(tmp_path))
     assert found.verdict == WARN
     assert str(other) in found.said
 
@@ -257,23 +257,23 @@ def test_an_answer_of_another_version_breaks_no_check(
     monkeypatch.setattr(devices, "LISTEN_S", 0.0)
     monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
     for check in CHECKS:
-        assert check(patient(tmp_path, answer, **REAL)).verdict in (PASS, WARN, FAIL)
+        assert check(system(tmp_path, answer, **REAL)).verdict in (PASS, WARN, FAIL)
 
 
 # --- devices ---
 
 
 def test_a_pad_that_is_not_there_fails(tmp_path: Path) -> None:
-    found = devices.trackpad(patient(tmp_path, **REAL))
+    found = devices.trackpad(system(tmp_path, **REAL))
     assert (found.verdict, found.said) == (FAIL, "none is connected")
 
 
-def test_a_port_of_another_group_is_said_with_that_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_of_another_group_fails_with_that_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     port = tmp_path / "ttyACM7"
     port.touch()
-    monkeypatch.setattr(devices, "is_ours", lambda _: False)
-    found = devices.board(patient(tmp_path, **{**REAL, "device": {"port": str(port)}}))
-    assert (found.verdict, found.said) == (FAIL, f"{port} is not yours to open")
+    monkeypatch.setattr(devices, "is_accessible", lambda _: False)
+    found = devices.board(system(tmp_path, **{**REAL, "device": {"port": str(port)}}))
+    assert (found.verdict, found.said) == (FAIL, f"{port} cannot be opened by this user")
     assert f"usermod -aG {port.group()} " in found.remedy
 
 
@@ -302,7 +302,7 @@ class Pad:
     async def close(self) -> None: ...
 
 
-def test_without_a_daemon_the_pad_itself_is_heard() -> None:
+def test_without_a_daemon_the_pad_itself_is_measured() -> None:
     reports = [RawReport(round(r.t_arrive_s * 1e9), r.data) for r in SensorModel().reports([Rest((0.0, 0.0))], 0.5)]
     assert devices.listen(Pad(reports), 0.001) == pytest.approx(88.9, rel=0.03)
     assert devices.listen(Pad([]), 0.001) is None
@@ -331,56 +331,56 @@ def test_a_counter_s_rate_is_that_of_its_longest_unbroken_run(counters: list[int
 def test_the_rate_that_the_daemon_counts_is_judged(
     tmp_path: Path, step: int, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def told(k: int) -> dict[str, Any]:
+    def counted_at(k: int) -> dict[str, Any]:
         return {"t_ns": k * 250_000_000, "trackpad": {"reports": {"frames": k * step}}}
 
     counted = iter(range(1, 100))
-    monkeypatch.setattr(devices, "again", lambda _: patient(tmp_path, told(next(counted))))
-    found = devices.rate(patient(tmp_path, told(0)), wait=lambda _: None)
+    monkeypatch.setattr(devices, "refreshed", lambda _: system(tmp_path, counted_at(next(counted))))
+    found = devices.rate(system(tmp_path, counted_at(0)), wait=lambda _: None)
     assert found.verdict == verdict
     assert (f"{step * 4:.1f} Hz" in found.said) == (step > 0)
 
 
-def test_a_free_board_is_asked_who_it_is() -> None:
+def test_a_free_board_reports_its_firmware() -> None:
     with asyncio.Runner(loop_factory=VirtualLoop) as runner:
-        assert runner.run(devices.greeted(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
-        with pytest.raises(DeviceError, match="Nobody answers on the bench"):
-            runner.run(devices.greeted(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
+        assert runner.run(devices.firmware_version(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
+        with pytest.raises(DeviceError, match="No board answers on the bench"):
+            runner.run(devices.firmware_version(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
 
 
 # --- the machine ---
 
 
 def test_the_rule_of_udev_is_looked_for_and_compared(tmp_path: Path) -> None:
-    assert host.rules(patient(tmp_path)).verdict == PASS
-    missing = host.rules(patient(tmp_path, **REAL))
+    assert host.rules(system(tmp_path)).verdict == PASS
+    missing = host.rules(system(tmp_path, **REAL))
     assert missing.verdict == WARN
     assert "install-service" in missing.remedy
     path = tmp_path / "etc/udev/rules.d" / host.RULES
     put(path, "an older one")
-    assert "is not this version's" in host.rules(patient(tmp_path, **REAL)).said
-    put(path, next(file.text for file in installation.service_files() if file.name == host.RULES))
-    assert host.rules(patient(tmp_path, **REAL)).verdict == PASS
+    assert "is not this version's" in host.rules(system(tmp_path, **REAL)).said
+    put(path, next(file.text for file in install_service.service_files() if file.name == host.RULES))
+    assert host.rules(system(tmp_path, **REAL)).verdict == PASS
 
 
-def test_a_slow_clock_is_said_with_the_quick_one_that_is_offered(tmp_path: Path) -> None:
+def test_a_slow_clock_is_reported_with_a_faster_one_on_offer(tmp_path: Path) -> None:
     folder = tmp_path / "sys/devices/system/clocksource/clocksource0"
-    assert host.clock(patient(tmp_path)).verdict == PASS
+    assert host.clock(system(tmp_path)).verdict == PASS
     put(folder / "current_clocksource", "hpet\n")
     put(folder / "available_clocksource", "hpet tsc acpi_pm\n")
-    found = host.clock(patient(tmp_path))
+    found = host.clock(system(tmp_path))
     assert (found.verdict, found.said) == (WARN, "hpet is slow to read")
     assert found.remedy.startswith("echo tsc | sudo tee /sys/")
     put(folder / "current_clocksource", "tsc\n")
-    assert host.clock(patient(tmp_path)).verdict == PASS
+    assert host.clock(system(tmp_path)).verdict == PASS
 
 
-def test_a_processor_that_dozes_is_said(tmp_path: Path) -> None:
+def test_a_governor_other_than_performance_is_a_warning(tmp_path: Path) -> None:
     governor = tmp_path / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
-    assert host.governor(patient(tmp_path)).verdict == PASS
+    assert host.governor(system(tmp_path)).verdict == PASS
     for name, verdict in (("powersave", WARN), ("performance", PASS)):
         put(governor, f"{name}\n")
-        assert host.governor(patient(tmp_path)).verdict == verdict
+        assert host.governor(system(tmp_path)).verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -405,35 +405,35 @@ def test_what_real_time_needs_is_a_limit_or_a_capability(
 ) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
     put(tmp_path / "proc/self/status", f"Name:\tpython\nCapEff:\t{capabilities:016x}\n")
-    assert host.real_time(patient(tmp_path, realtime=realtime)).verdict == verdict
+    assert host.real_time(system(tmp_path, realtime=realtime)).verdict == verdict
 
 
-def test_processors_stay_awake_where_this_user_may_wish_it(tmp_path: Path) -> None:
-    assert host.real_time(patient(tmp_path, realtime={"stay_awake": True})).verdict == WARN
+def test_the_latency_file_must_be_writable(tmp_path: Path) -> None:
+    assert host.real_time(system(tmp_path, realtime={"stay_awake": True})).verdict == WARN
     put(tmp_path / "dev/cpu_dma_latency", "")
-    assert host.real_time(patient(tmp_path, realtime={"stay_awake": True})).verdict == PASS
+    assert host.real_time(system(tmp_path, realtime={"stay_awake": True})).verdict == PASS
 
 
-def test_what_the_running_daemon_was_refused_counts_more_than_what_this_user_may(tmp_path: Path) -> None:
+def test_the_running_daemon_s_grants_count_more_than_this_user_s_limits(tmp_path: Path) -> None:
     for refused, verdict in ((("mlockall: Cannot allocate memory",), WARN), ((), PASS)):
         granted = {name: getattr(Granted(10, (1,), False, refused), name) for name in Granted.__slots__}
-        assert host.real_time(patient(tmp_path, {"real_time": granted})).verdict == verdict
+        assert host.real_time(system(tmp_path, {"real_time": granted})).verdict == verdict
 
 
 def test_groups_are_asked_for_only_where_something_belongs_to_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(host.os, "geteuid", lambda: 1)
-    assert host.groups(patient(tmp_path)).said == "none is needed"
-    found = host.groups(patient(tmp_path, **REAL))
-    assert found.verdict in (PASS, WARN)  # whether this machine has the group is not ours to say
+    assert host.groups(system(tmp_path)).said == "none is needed"
+    found = host.groups(system(tmp_path, **REAL))
+    assert found.verdict in (PASS, WARN)  # the host may or may not have the group
     assert host.DEVICE_GROUP in found.said
 
 
-def test_all_that_is_no_pass_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_finding_that_is_no_pass_has_a_fix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(devices, "LISTEN_S", 0.0)
     monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
-    found = [check(patient(tmp_path, **REAL, realtime={"fifo_priority": 50})) for check in CHECKS]
-    found += [check(Patient(Config(), tmp_path, {"state": "FAULT"}, "0")) for check in CHECKS]
+    found = [check(system(tmp_path, **REAL, realtime={"fifo_priority": 50})) for check in CHECKS]
+    found += [check(System(Config(), tmp_path, {"state": "FAULT"}, "0")) for check in CHECKS]
     assert all(one.remedy for one in found if one.verdict != PASS)
     assert not any(one.remedy for one in found if one.verdict == PASS)

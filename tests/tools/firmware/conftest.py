@@ -1,4 +1,4 @@
-"""Conversations with a board in virtual time."""
+"""Sessions with a board in virtual time."""
 
 from __future__ import annotations
 

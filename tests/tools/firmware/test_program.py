@@ -1,4 +1,4 @@
-"""What `hapticd firmware` prints, measures and refuses, against the firmware's C in virtual time."""
+"""`hapticd firmware` against the firmware's C in virtual time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TypeIn = Callable[..., str]
 SWEEP = ("sweep", "--points", "9", "--dwell", "100")
 
 
-def test_info_says_who_the_board_is_and_how(link: Any, type_in: TypeIn) -> None:
+def test_info_shows_identity_and_status(link: Any, type_in: TypeIn) -> None:
     said = type_in(link, "info")
     assert "firmware  0.1.0, protocol 2" in said
     assert "modes     2, limits 4, 4 um and 150 V" in said
@@ -73,9 +73,9 @@ def test_a_sweep_as_json_holds_points_and_fit(link: Any, type_in: TypeIn) -> Non
     ("arguments", "sentence"),
     [
         (("--mode", "2"), "There is no mode 2: the board has modes 0 to 1"),
-        (("--volts", "31"), "--volts is 31, but open loop the board gives more than 0 and at most 30 V"),
+        (("--volts", "31"), "--volts is 31: open loop the board takes more than 0 and at most 30 V"),
         (("--volts", "nan"), "--volts is nan"),
-        (("--to", "40000"), "--to is 40000 Hz, but the board sweeps 2000 Hz at most"),
+        (("--to", "40000"), "--to is 40000 Hz: the board sweeps 2000 Hz at most"),
         (("--points", "3000"), "points is 3000, not within 1..2001"),
         (("--dwell", "0"), "dwell_ms is 0, not within 1..1000"),
     ],
@@ -103,10 +103,10 @@ def test_a_sweep_that_ends_without_a_ramp_still_gets_its_last_point(
 
 
 @pytest.mark.parametrize("where", ["--save", "--plot"])
-def test_a_place_that_is_not_there_is_said_before_the_sweep(
+def test_a_missing_directory_is_refused_before_the_sweep(
     link: Any, type_in: TypeIn, tmp_path: Path, where: str
 ) -> None:
-    with pytest.raises(ConfigError, match="its directory is missing"):
+    with pytest.raises(UsageError, match="its directory is missing"):
         type_in(link, *SWEEP, where, str(tmp_path / "nowhere" / "file"))
     assert link.peak_v == 0.0
 
@@ -125,12 +125,12 @@ def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: Any, converse: C
 
 
 def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: Any, type_in: TypeIn) -> None:
-    def broken_from_now_on(said: bytes) -> bytes:
+    def broken_after_a_point(said: bytes) -> bytes:
         if any(isinstance(message, SweepPoint) for message in Decoder().feed(said)):
             link.board.fake_measurement(np.array([7.0 + 0j, 0j]))
         return said
 
-    link.says = broken_from_now_on
+    link.says = broken_after_a_point
     with pytest.raises(DeviceError, match="The board ended the sweep"):
         type_in(link, *SWEEP)
     said = type_in(link, "info")
@@ -144,7 +144,7 @@ def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: Any, type_in: Type
     assert "1 logged" in type_in(link, "log")
 
 
-def test_a_raw_voltage_is_held_for_its_time_and_what_it_moves_is_said(link: Any, type_in: TypeIn) -> None:
+def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: Any, type_in: TypeIn) -> None:
     said = type_in(link, "raw", "--volts", "12", "--phase", "90", "--ms", "400")
     gain, decay = link.board.config.gain_um_per_v_s[0], link.board.config.decay_1_s[0]
     expected_um = 12 * gain / math.hypot(decay, 20 * math.pi)
@@ -155,12 +155,12 @@ def test_a_raw_voltage_is_held_for_its_time_and_what_it_moves_is_said(link: Any,
 
 @pytest.mark.parametrize("phase", ["inf", "-inf", "nan"])
 def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: Any, type_in: TypeIn, phase: str) -> None:
-    with pytest.raises(UsageError, match=f"--phase is {phase}: an angle is a finite number"):
+    with pytest.raises(UsageError, match=f"--phase is {phase}: give a finite number"):
         type_in(link, "raw", "--volts", "5", f"--phase={phase}")
     assert link.peak_v == 0.0
 
 
-def test_gains_are_shown_and_chosen(link: Any, type_in: TypeIn) -> None:
+def test_gains_are_shown_and_set(link: Any, type_in: TypeIn) -> None:
     assert "law       deadbeat" in type_in(link, "gains")
     said = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
     assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in said
@@ -193,22 +193,22 @@ def test_telemetry_as_json_is_one_map_on_each_line(link: Any, type_in: TypeIn) -
 
 @pytest.mark.parametrize("seconds", ["nan", "0", "-3"])
 def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: TypeIn, seconds: str) -> None:
-    with pytest.raises(UsageError, match=f"--seconds is {seconds}: a stream lasts for some time"):
+    with pytest.raises(UsageError, match=f"--seconds is {seconds}: give a time above 0 s"):
         type_in(link, "telemetry", f"--seconds={seconds}")
 
 
-# --- what goes wrong --------------------------------------------------------------------------------------------
+# --- errors -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("setting", "sentence"),
     [
-        ({"mute": True}, "Nobody answers on the bench"),
+        ({"mute": True}, "No board answers on the bench"),
         (
             {"refuses": "ttyX cannot be opened: another program holds it"},
             "ttyX cannot be opened: another program holds it: stop the service first",
         ),
-        ({"refuses": "ttyX cannot be opened: No such file or directory"}, "No such file or directory: look at --port"),
+        ({"refuses": "ttyX cannot be opened: No such file or directory"}, "No such file or directory: check --port"),
     ],
 )
 def test_a_board_that_cannot_be_reached_is_named_in_one_sentence(
@@ -220,7 +220,7 @@ def test_a_board_that_cannot_be_reached_is_named_in_one_sentence(
 
 def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: Any, type_in: TypeIn) -> None:
     link.says = lambda data: bytes(byte ^ 0x5A for byte in data[:-1]) + b"\0"
-    with pytest.raises(DeviceError, match="makes no sense: look at --baud"):
+    with pytest.raises(DeviceError, match="is damaged: check --baud"):
         type_in(link, "info")
 
 
@@ -233,14 +233,14 @@ def test_a_board_with_another_protocol_is_refused(link: Any, type_in: TypeIn, mo
 def test_a_plug_that_is_pulled_ends_the_conversation(link: Any, converse: Callable[..., Any]) -> None:
     async def pulled(board: Conversation) -> None:
         asyncio.get_running_loop().call_later(0.05, link.pull)
-        while await board.hear(1.0) is not None:
+        while await board.receive(1.0) is not None:
             pass
 
-    with pytest.raises(DeviceError, match="The board went away: board lost"):
+    with pytest.raises(DeviceError, match="The board disconnected: board lost"):
         converse(link, pulled)
 
 
-def test_a_lost_answer_is_asked_for_again(link: Any, converse: Callable[..., Any]) -> None:
+def test_a_lost_reply_is_requested_again(link: Any, converse: Callable[..., Any]) -> None:
     async def talk(board: Conversation) -> BoardState | None:
         lost = iter((b"", b""))
         link.says = lambda data: next(lost, data)
@@ -251,11 +251,11 @@ def test_a_lost_answer_is_asked_for_again(link: Any, converse: Callable[..., Any
     assert converse(link, talk) is BoardState.QUIET
 
 
-def test_without_a_board_named_the_ways_to_name_one_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_board_the_options_that_select_one_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     from hapticd.__main__ import main
 
     assert main(["firmware", "info"]) == ConfigError.exit_code
-    assert "give --port or --config, or try it with --sim" in capsys.readouterr().err
+    assert "add --port or --config, or --sim" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("baud", ["0", "-5", "99999999999999"])

@@ -1,4 +1,4 @@
-"""A stand-in for the daemon's sockets."""
+"""A fake of the daemon's sockets."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from stream.told import FakeDaemon
+from tools.stream.daemon_states import FakeDaemon
 
 
 @pytest.fixture

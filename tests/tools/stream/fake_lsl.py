@@ -1,4 +1,4 @@
-"""What is used of pylsl, without liblsl: descriptions and samples are kept to be looked at."""
+"""Fake of pylsl without liblsl: it keeps descriptions and samples."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FakeInfo:
 
 
 class FakeLsl:
-    """What is used of pylsl, with the samples pushed to each outlet by its name."""
+    """The part of pylsl that the stream uses, with the samples of each outlet by name."""
 
     cf_string, cf_double64, IRREGULAR_RATE = "string", "double64", 0.0
     StreamInfo = FakeInfo

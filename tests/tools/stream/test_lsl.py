@@ -1,4 +1,4 @@
-"""Lab Streaming Layer: what each channel is called and measured in, and samples at the daemon's own time."""
+"""Lab Streaming Layer: names and units of the channels, and samples at the daemon's own time."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import importlib
 import math
 
 import pytest
-from stream.fake_lsl import FakeLsl
-from stream.told import finger, plate_state
+from tools.stream.daemon_states import finger, plate_state
+from tools.stream.fake_lsl import FakeLsl
 
 from hapticd.tools.stream import lsl
 from hapticd_client import Marker
@@ -57,7 +57,7 @@ def test_liblsl_takes_the_outlets_as_they_are() -> None:
     try:
         pylsl = importlib.import_module("pylsl")
     except (ImportError, RuntimeError, OSError) as error:
-        pytest.skip(f"pylsl with its liblsl is not to be had here: {error}")
+        pytest.skip(f"pylsl with its liblsl cannot be loaded: {error}")
     outlets = lsl.Outlets(pylsl, "test", fingers=1, modes=2, clock_offset_s=0.0)
     outlets.push(plate_state(finger(4, -3.0), markers=(Marker(1, "study", "trial 1"),)))
     info = outlets._fingers.get_info()

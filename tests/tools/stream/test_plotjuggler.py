@@ -1,4 +1,4 @@
-"""What goes out, byte by byte, and that it arrives as PlotJuggler's subscriber takes it."""
+"""The published bytes, and their arrival at a subscriber like PlotJuggler's."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import msgpack
 import pytest
 import zmq
-from stream.told import FakeDaemon, finger, plate_state, state_fields
+from tools.stream.daemon_states import FakeDaemon, finger, plate_state, state_fields
 
 from hapticd.errors import UsageError
 from hapticd.tools.stream import plotjuggler
@@ -53,7 +53,7 @@ def test_a_state_is_these_bytes() -> None:
 
 
 def curves(payload: bytes) -> dict[str, float]:
-    """What PlotJuggler 3's parser makes of a message: numbers and truth values by name; all else is passed over."""
+    """Curves that PlotJuggler 3's parser reads: numbers and booleans by name; other values are skipped."""
     message: dict[str, Any] = msgpack.unpackb(payload)
     return {f"/{key}": float(value) for key, value in message.items() if isinstance(value, (int, float))}
 
@@ -82,20 +82,20 @@ def test_every_state_reaches_a_subscriber_of_everything_in_one_part(fake_daemon:
         plot = context.socket(zmq.SUB)
         plot.connect(address)
         plot.subscribe(b"")
-        told = 0
+        sent = 0
         while not plot.poll(20):  # until the subscription has arrived
-            told += 1
-            fake_daemon.tell(state_fields(told))
+            sent += 1
+            fake_daemon.publish(state_fields(sent))
         first = msgpack.unpackb(plot.recv())["seq"]
-        for seq in range(told + 1, told + 21):
-            fake_daemon.tell(state_fields(seq))
-        heard = []
-        while not heard or heard[-1] < told + 20:
-            assert plot.poll(10_000), f"only {heard}"
+        for seq in range(sent + 1, sent + 21):
+            fake_daemon.publish(state_fields(seq))
+        received = []
+        while not received or received[-1] < sent + 20:
+            assert plot.poll(10_000), f"only {received}"
             parts = plot.recv_multipart()
             assert len(parts) == 1
-            heard.append(msgpack.unpackb(parts[0])["seq"])
-        assert heard == list(range(first + 1, told + 21))
+            received.append(msgpack.unpackb(parts[0])["seq"])
+        assert received == list(range(first + 1, sent + 21))
         plot.close(0)
     finally:
         ended.set()
@@ -103,12 +103,14 @@ def test_every_state_reaches_a_subscriber_of_everything_in_one_part(fake_daemon:
         context.term()
 
 
-def test_an_address_that_cannot_be_had_is_one_sentence() -> None:
+def test_an_address_that_cannot_be_bound_is_one_sentence() -> None:
     context = zmq.Context()
     try:
         with plotjuggler.Publisher(context, "tcp://127.0.0.1:*") as first:
             for address in (first.address, "tcp://127.0.0.1", "127.0.0.1:9872", "tcp://nowhere.invalid:1"):
-                with pytest.raises(UsageError, match=r"^--bind .*: cannot be had \(.*\): give an address such as tcp"):
+                with pytest.raises(
+                    UsageError, match=r"^--bind .*: cannot be bound \(.*\): give an address such as tcp"
+                ):
                     plotjuggler.Publisher(context, address)
     finally:
         context.term()

@@ -1,4 +1,4 @@
-"""Metrics as Prometheus reads them: valid, in base units, true to the daemon's status, and of the scrape's moment."""
+"""Metrics in Prometheus' format: base units, values of the daemon's status, requested at each scrape."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from machine_bench import SLIPPERY, STICKY, Bench
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
-from stream.told import FakeDaemon
+from tools.stream.daemon_states import FakeDaemon
 
 from hapticd.core.board.ledger import Histogram
 from hapticd.daemon import status
@@ -22,7 +22,7 @@ from hapticd.tools.stream.metrics import COUNTERS, GAUGES, LOST_MESSAGES, SPANS,
 
 
 @pytest.fixture(scope="module")
-def told() -> Any:
+def reported() -> Any:
     """The status of a machine that drives two fingers."""
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
@@ -46,25 +46,25 @@ def parsed(text: str) -> dict[str, float]:
     return values
 
 
-def test_what_the_daemon_says_is_there_in_base_units(told: Any) -> None:
-    values = scraped(told)
+def test_the_status_is_exported_in_base_units(reported: Any) -> None:
+    values = scraped(reported)
     assert values["hapticd_up"] == 1
     assert values["hapticd_fingers"] == 2
     assert values['hapticd_state{hapticd_state="ACTIVE"}'] == 1
     assert sum(value for name, value in values.items() if name.startswith("hapticd_state{")) == 1
-    assert values["hapticd_trackpad_silent_seconds"] == pytest.approx(told["trackpad"]["silent_ms"] * 1e-3)
-    assert values['hapticd_touch_events_total{event="solves"}'] == told["touch"]["solves"] > 0
-    assert values['hapticd_trackpad_reports_total{kind="frames"}'] == told["trackpad"]["reports"]["frames"] > 0
-    assert values['hapticd_mode_limit_meters{mode="1"}'] == pytest.approx(told["board"]["w_limit_um"][1] * 1e-6)
-    d_um, q_um = told["board"]["measured_um"][0]
+    assert values["hapticd_trackpad_silent_seconds"] == pytest.approx(reported["trackpad"]["silent_ms"] * 1e-3)
+    assert values['hapticd_touch_events_total{event="solves"}'] == reported["touch"]["solves"] > 0
+    assert values['hapticd_trackpad_reports_total{kind="frames"}'] == reported["trackpad"]["reports"]["frames"] > 0
+    assert values['hapticd_mode_limit_meters{mode="1"}'] == pytest.approx(reported["board"]["w_limit_um"][1] * 1e-6)
+    d_um, q_um = reported["board"]["measured_um"][0]
     assert values['hapticd_mode_displacement_meters{mode="0"}'] == pytest.approx(abs(complex(d_um, q_um)) * 1e-6)
 
 
-def test_every_number_of_the_status_is_a_metric(told: Any) -> None:
-    """One that is added to the status shall not be forgotten here."""
+def test_every_number_of_the_status_is_a_metric(reported: Any) -> None:
+    """Guards against a new number of the status without a metric."""
     known = {figure.path for figure in (*GAUGES, *COUNTERS)} | {f"clients.{why}" for why in LOST_MESSAGES}
     for section in ("telemetry", "clients", "board", "timing", "real_time"):
-        for key, value in told[section].items():
+        for key, value in reported[section].items():
             assert not isinstance(value, (int, float)) or f"{section}.{key}" in known
 
 
@@ -82,15 +82,15 @@ def test_a_histogram_is_counted_exactly_and_summed_to_three_percent() -> None:
     assert by_name["h_seconds_sum"] == pytest.approx(sum(spans_ns) * 1e-9, rel=0.032)
 
 
-def test_histograms_come_with_the_daemon_s_own_counts(told: Any) -> None:
-    values = scraped(told)
-    for key, one in told["timing"]["histograms"].items():
+def test_histograms_come_with_the_daemon_s_own_counts(reported: Any) -> None:
+    values = scraped(reported)
+    for key, one in reported["timing"]["histograms"].items():
         name = SPANS[key][0]
         assert values[f"hapticd_{name}_seconds_count"] == one["count"]
         assert values[f'hapticd_{name}_seconds_bucket{{le="+Inf"}}'] == one["count"]
 
 
-def test_a_daemon_that_is_gone_is_down_and_nothing_else() -> None:
+def test_without_a_daemon_only_up_is_exported_as_0() -> None:
     assert scraped(None) == {"hapticd_up": 0.0}
 
 
@@ -133,5 +133,5 @@ def test_a_port_that_is_taken_is_one_sentence(fake_daemon: FakeDaemon) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        with pytest.raises(UsageError, match=r"cannot be had .*: choose another"):
+        with pytest.raises(UsageError, match=r"cannot be bound .*: choose another"):
             prometheus.run(str(fake_daemon.directory), "127.0.0.1", taken.getsockname()[1], lambda: None)

@@ -1,4 +1,4 @@
-"""Rows of numbers: the same columns whoever touches, each finger in one place from its landing to its lift."""
+"""Rows of numbers: constant columns, each finger in one slot from landing to lift."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stream.told import finger, plate_state
+from tools.stream.daemon_states import finger, plate_state
 
 from hapticd.core.board.supervisor import State
-from hapticd.tools.stream.samples import STATES, Sampler
-from hapticd.tools.stream.slots import Slots
+from hapticd.tools.stream.samples import STATES, Sampler, Slots
 from hapticd_client import Marker
 
 
@@ -19,7 +18,7 @@ def test_the_states_are_numbered_as_the_daemon_has_them() -> None:
     assert {State.IDLE.name, State.ARMED.name, State.ACTIVE.name, State.FAULT.name, State.STOPPED.name} == set(STATES)
 
 
-def test_columns_do_not_depend_on_who_touches() -> None:
+def test_columns_do_not_depend_on_the_fingers() -> None:
     sampler = Sampler(2)
     rows = [
         sampler.row(plate_state(), 0),
@@ -63,11 +62,11 @@ def test_time_is_that_of_the_wall_clock_and_of_the_daemon() -> None:
 def test_markers_are_counted() -> None:
     sampler = Sampler(1)
     marker = Marker(1, "study", "trial 1")
-    told = [sampler.row(plate_state(markers=markers), 0)["markers"] for markers in ((), (marker, marker), ())]
-    assert told == [0, 2, 2]
+    counts = [sampler.row(plate_state(markers=markers), 0)["markers"] for markers in ((), (marker, marker), ())]
+    assert counts == [0, 2, 2]
 
 
-def test_what_is_no_number_is_empty() -> None:
+def test_a_value_that_is_not_finite_is_none() -> None:
     row = Sampler(1).row(plate_state(finger(3, math.nan, target_um=math.inf)), 0)
     assert row["finger_1_x_mm"] is None
     assert row["finger_1_target_um"] is None

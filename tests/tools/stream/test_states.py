@@ -1,4 +1,4 @@
-"""States from the daemon's socket: all of them, in order, over its restarts, and read from what it really sends."""
+"""States from the daemon's socket: all of them, in order, over its restarts, and from real messages."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 from machine_bench import SLIPPERY, STICKY, Bench
-from stream.fake_lsl import FakeLsl
-from stream.told import FakeDaemon, state_fields
+from tools.stream.daemon_states import FakeDaemon, state_fields
+from tools.stream.fake_lsl import FakeLsl
 
 from hapticd.tools.stream import lsl, states
 from hapticd.tools.stream.samples import Sampler
@@ -28,25 +28,25 @@ def test_what_the_daemon_sends_becomes_a_row_with_both_fingers() -> None:
     assert all(isinstance(rows[-1][f"mode_{mode}_d_um"], float) for mode in (0, 1))
 
 
-def test_a_silent_daemon_is_said_once_and_its_return_too(
+def test_a_silent_daemon_and_its_return_are_reported_once(
     fake_daemon: FakeDaemon, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(states, "POLL_S", 0.02)
     monkeypatch.setattr(states, "SILENT_S", 0.0)
-    heard: list[PlateState] = []
+    received: list[PlateState] = []
     polls = iter(range(1000))
 
     def ended() -> bool:
         if next(polls) == 4:  # by then it has been silent for three polls
             fake_daemon.wait_for_subscriber()
-            fake_daemon.tell(state_fields(1))
-        return bool(heard)
+            fake_daemon.publish(state_fields(1))
+        return bool(received)
 
-    states.serve(heard.append, str(fake_daemon.directory), ended)
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 2
-    assert said[0].startswith(f"no state comes from {fake_daemon.directory}: start a daemon")
-    assert said[1] == "the daemon is there again"
+    states.serve(received.append, str(fake_daemon.directory), ended)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith(f"no state from {fake_daemon.directory}: start a daemon")
+    assert lines[1] == "the daemon sends states again"
 
 
 def test_a_plate_with_other_modes_gets_other_outlets(fake_daemon: FakeDaemon) -> None:
@@ -54,13 +54,13 @@ def test_a_plate_with_other_modes_gets_other_outlets(fake_daemon: FakeDaemon) ->
         local_clock = staticmethod(lambda: 0.0)
 
     fake: Any = TimedLsl()
-    told = enumerate(([0.0, 0.0], [0.0, 0.0], [0.0, 0.0, 0.0]))
+    messages = enumerate(([0.0, 0.0], [0.0, 0.0], [0.0, 0.0, 0.0]))
 
     def ended() -> bool:
-        for place, modal_um in told:
+        for place, modal_um in messages:
             if place == 0:
                 fake_daemon.wait_for_subscriber()
-            fake_daemon.tell(state_fields(place, modal_um=modal_um))
+            fake_daemon.publish(state_fields(place, modal_um=modal_um))
         return len(fake.pushed.get("hapticd-modes", ())) == 3
 
     lsl.run(fake, str(fake_daemon.directory), 1, ended)

@@ -1,4 +1,4 @@
-"""The study is a client: its library is put on the path here, as for the clients' own tests."""
+"""Puts the client library on the path, as for the clients' own tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sessions that were held, made up for tests."""
+"""Constructed sessions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def answer(trial: int, friction: Friction) -> Answer:
 
 
 def session(participant: str, correct: int, trials: int = 20, seed: int = 5) -> Session:
-    """A whole session that recognised the first so many."""
+    """A complete session with the first `correct` trials recognised."""
     made = Session(participant, seed, Design(trials=trials))
     given = [friction if trial < correct else opposite(friction) for trial, friction in enumerate(made.presented)]
     answers = tuple(answer(trial, friction) for trial, friction in enumerate(given, 1))
@@ -26,7 +26,7 @@ def session(participant: str, correct: int, trials: int = 20, seed: int = 5) -> 
 
 
 def write(folder: Path, held: Session, answers: int | None = None) -> Path:
-    """Put it into the folder, with the first answers only, if told so."""
+    """Write it to the folder, with the first `answers` only if given."""
     path = folder / f"{held.participant}.jsonl"
     with SessionFile(path, replace(held, answers=(), is_over=False)) as file:
         for one in held.answers[:answers]:

@@ -1,4 +1,4 @@
-"""A plate, a participant and a clock for a session without a daemon: each state is 10 ms of their time."""
+"""Fakes of plate, participant and clock for a session without a daemon; each state takes 10 ms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T_START_NS = 7_000_000_000_001
 
 
 class ManualClock:
-    """Moves with the plate's states only."""
+    """Advances with the plate's states only."""
 
     def __init__(self) -> None:
         self.t_ns = T_START_NS
@@ -27,7 +27,7 @@ class ManualClock:
 
 
 class FakeClient:
-    """The part of `hapticd_client.Client` that a study uses; keeps what is wanted, and when what was asked.
+    """The part of `hapticd_client.Client` that a study uses; keeps targets and a log.
 
     One finger moves to the right at `speed_mm_s`; `land` puts another in its place.
     """
@@ -39,7 +39,7 @@ class FakeClient:
         self.speed_mm_s = 50.0
         self.limited = False
         self.instance = 1
-        self.wanted_um: dict[int | str, float] = {}
+        self.targets_um: dict[int | str, float] = {}
         self.paths: dict[str, Any] = {}
         self.log: list[tuple[str, dict[int | str, float]]] = []
 
@@ -53,11 +53,11 @@ class FakeClient:
         self.paths[name] = (path, speed_mm_s)
 
     def set(self, finger: FingerState | str, *, amplitude_um: float) -> None:
-        self.wanted_um[finger if isinstance(finger, str) else finger.id] = amplitude_um
+        self.targets_um[finger if isinstance(finger, str) else finger.id] = amplitude_um
 
     def release(self) -> None:
-        self.log.append(("release", dict(self.wanted_um)))
-        self.wanted_um.clear()
+        self.log.append(("release", dict(self.targets_um)))
+        self.targets_um.clear()
         self.paths.clear()
 
     def states(self, timeout_s: float) -> Iterator[PlateState]:
@@ -75,7 +75,7 @@ class FakeClient:
 
 
 class MarkedClient(FakeClient):
-    """The same of a library and a daemon that take markers."""
+    """A client and a daemon that take markers."""
 
     def __init__(self, clock: ManualClock) -> None:
         super().__init__(clock, ops=("hello", "marker"))
@@ -86,25 +86,25 @@ class MarkedClient(FakeClient):
 
 
 class Person:
-    """A panel with somebody before it: `answer` says what is pressed on a screen, once it was up for `after` looks."""
+    """A panel with a participant: `answer` returns the key pressed on a screen after `after` polls."""
 
     def __init__(self, answer: Callable[[Screen], Key | None], after: int = 60) -> None:
         self._answer = answer
         self._after = after
-        self._looks = 0
+        self._polls = 0
         self.screens: list[Screen] = []
         self.notes: deque[str] = deque(maxlen=200)
 
     def show(self, screen: Screen) -> None:
         self.screens.append(screen)
-        self._looks = 0
+        self._polls = 0
 
     def note(self, text: str) -> None:
         self.notes.append(text)
 
     def pressed(self) -> Key | None:
-        self._looks += 1
-        if self._looks < self._after:
+        self._polls += 1
+        if self._polls < self._after:
             return None
-        self._looks = 0
+        self._polls = 0
         return self._answer(self.screens[-1])

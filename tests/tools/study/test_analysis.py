@@ -1,4 +1,4 @@
-"""The statistics: the paper's figures, closed forms, and what has no answer."""
+"""The statistics against the paper's figures and closed forms, and undefined cases."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from itertools import combinations_with_replacement, product
 import pytest
 from people import session
 
-from hapticd.tools.study.analysis import Group, Result, judge, judge_group, result
+from hapticd.tools.study.analysis import Group, Result, analyse, analyse_group, result
 from hapticd.tools.study.protocol import Friction
 
 # Constructed, for the paper prints no participant's rate: of all seven counts of 20 whose average is its 73.57 %, those
-# whose standard deviation comes nearest to its 17.72 % and that have one participant at chance, as it tells.
+# whose standard deviation comes nearest to its 17.72 % and that have one participant at chance, as it reports.
 PAPER = (10, 12, 12, 15, 17, 17, 20)
 
 
 def group(counts: tuple[int, ...], trials: int = 20) -> Group:
-    return judge_group([person(f"P{place}", count, trials) for place, count in enumerate(counts, 1)])
+    return analyse_group([person(f"P{place}", count, trials) for place, count in enumerate(counts, 1)])
 
 
 def person(name: str, correct: int, trials: int = 20) -> Result:
@@ -47,9 +47,9 @@ def test_no_seven_counts_of_20_come_nearer_to_the_paper_s_standard_deviation() -
     assert min(abs(5 * math.sqrt(each / 7) - 17.72) for each in about_mean) > 0.02
 
 
-def test_a_session_is_judged_by_what_it_presented() -> None:
+def test_a_session_is_analysed_by_its_stimuli() -> None:
     held = session("P1", 13)
-    judged = judge(held)
+    judged = analyse(held)
     first = held.presented[:13]
     assert (judged.correct, judged.trials) == (13, 20)
     assert judged.low == (first.count(Friction.LOW), 10)
@@ -73,7 +73,7 @@ def test_the_t_test_is_student_s() -> None:
     assert judged.t_p == pytest.approx(0.01255, abs=1e-5)
 
 
-def test_the_sign_test_counts_participants_beside_chance() -> None:
+def test_the_sign_test_counts_participants_off_chance() -> None:
     judged = group((10, 11, 12, 9, 20))
     assert (judged.above, judged.below) == (3, 1)
     assert judged.sign_p == pytest.approx(2 * (1 + 4) / 16)
@@ -97,20 +97,20 @@ def test_all_trials_together_are_one_binomial_test() -> None:
 
 
 @pytest.mark.parametrize("counts", [(15,), (15, 15, 15), (10, 10)])
-def test_what_has_no_spread_has_no_t_test(counts: tuple[int, ...]) -> None:
+def test_without_spread_there_is_no_t_test(counts: tuple[int, ...]) -> None:
     judged = group(counts)
     assert math.isnan(judged.t)
     assert math.isnan(judged.t_p)
     assert math.isnan(judged.sd_frac) == (len(counts) == 1)
 
 
-def test_nobody_beside_chance_leaves_nothing_to_rank() -> None:
+def test_without_participants_off_chance_there_is_nothing_to_rank() -> None:
     judged = group((10, 10))
     assert math.isnan(judged.sign_p)
     assert math.isnan(judged.wilcoxon_p)
     assert judged.pooled_p == 1.0
 
 
-def test_forty_participants_are_judged_too() -> None:
+def test_forty_participants_are_analysed() -> None:
     judged = group(tuple(8 + place % 9 for place in range(40)))
     assert 0 < judged.wilcoxon_p < 0.01

@@ -1,4 +1,4 @@
-"""A session with a person, on a plate and a clock of the test's own."""
+"""A session with a scripted participant, on a fake plate and clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GIVEN = Session("P1", 3, Design(trials=TRIALS))
 
 
 class LeftError(Exception):
-    """The participant goes home."""
+    """The participant leaves."""
 
 
 def sticky(screen: Screen) -> Key:
@@ -36,11 +36,11 @@ def test_each_trial_gives_finger_and_virtual_finger_what_its_combination_says(tm
     clock = ManualClock()
     client = FakeClient(clock)
     hold(tmp_path / "P1.jsonl", Person(sticky), client, clock)
-    felt = [wanted for _, wanted in client.log if wanted]
+    felt = [targets for _, targets in client.log if targets]
     expected = [{1: 1.0, WALKER: 0.0} if friction is Friction.LOW else {1: 0.0, WALKER: 1.0}
                 for friction in GIVEN.presented]  # fmt: skip
     assert felt == [{1: 0.0, WALKER: 1.0}, *expected]  # the training begins with high friction
-    assert client.wanted_um == {}
+    assert client.targets_um == {}
 
 
 def test_the_answers_and_how_the_plate_was_explored_are_kept(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_nothing_on_the_screen_depends_on_what_is_presented(tmp_path: Path) -> N
     assert shown[0][1:] == shown[1][1:]
 
 
-def test_who_leaves_in_any_trial_goes_on_with_it(tmp_path: Path) -> None:
+def test_a_session_left_in_any_trial_continues_with_it(tmp_path: Path) -> None:
     for leaves_at in range(1, TRIALS + 1):
         path = tmp_path / f"{leaves_at}.jsonl"
 
@@ -92,7 +92,7 @@ def test_who_leaves_in_any_trial_goes_on_with_it(tmp_path: Path) -> None:
         assert any(screen.heading.startswith("Training") for screen in person.screens) != again
 
 
-def test_a_pause_quiets_the_plate_and_presents_the_trial_anew(tmp_path: Path) -> None:
+def test_a_pause_stops_the_plate_and_repeats_the_trial(tmp_path: Path) -> None:
     clock = ManualClock()
     client = FakeClient(clock)
     paused: list[Any] = []
@@ -102,12 +102,12 @@ def test_a_pause_quiets_the_plate_and_presents_the_trial_anew(tmp_path: Path) ->
             paused.append(screen)
             return Key.PAUSE
         if screen.heading == f"0 of {TRIALS} answered":
-            paused.append(dict(client.wanted_um))
+            paused.append(dict(client.targets_um))
         return sticky(screen)
 
     hold(tmp_path / "P1.jsonl", Person(pause_once), client, clock)
     assert paused[1] == {}
-    felt = [wanted for _, wanted in client.log if wanted]
+    felt = [targets for _, targets in client.log if targets]
     assert felt[1] == felt[2]
     assert [answer.trial for answer in read(tmp_path / "P1.jsonl").answers] == list(range(1, TRIALS + 1))
 
@@ -132,7 +132,7 @@ def test_an_answer_without_a_touch_does_not_count(tmp_path: Path) -> None:
     assert read(tmp_path / "P1.jsonl").answers[0].touched_s == pytest.approx(0.58)
 
 
-def test_a_finger_that_lands_again_or_meets_another_daemon_is_given_its_due() -> None:
+def test_a_finger_that_lands_again_or_meets_another_daemon_gets_its_target() -> None:
     clock = ManualClock()
     client = FakeClient(clock)
     stage = Stage(client, Design())  # type: ignore[arg-type]
@@ -140,15 +140,15 @@ def test_a_finger_that_lands_again_or_meets_another_daemon_is_given_its_due() ->
     stage.step()
     client.land(2)
     stage.step()
-    assert client.wanted_um == {WALKER: 0.0, 1: 1.0, 2: 1.0}
-    client.wanted_um.clear()
+    assert client.targets_um == {WALKER: 0.0, 1: 1.0, 2: 1.0}
+    client.targets_um.clear()
     client.instance = 2
     stage.step()
-    assert client.wanted_um == {2: 1.0}
-    assert stage.touch.way_mm == pytest.approx(0.5)  # one step of finger 2; from finger to finger nobody moved
+    assert client.targets_um == {2: 1.0}
+    assert stage.touch.path_mm == pytest.approx(0.5)  # one step of finger 2; the change of fingers does not count
 
 
-def test_the_training_lets_both_frictions_be_felt_by_name_and_tells_the_speed(tmp_path: Path) -> None:
+def test_the_training_presents_both_frictions_by_name_and_shows_the_speed(tmp_path: Path) -> None:
     clock = ManualClock()
     client = FakeClient(clock)
     client.speed_mm_s = 130.0
@@ -179,16 +179,16 @@ def test_the_advice_does_not_change_with_every_millimetre(speed_mm_s: float, not
     assert _advice(stage) == note  # type: ignore[arg-type]
 
 
-def test_markers_tell_a_recording_of_each_trial_but_not_what_it_presents(tmp_path: Path) -> None:
-    told = []
+def test_markers_name_each_trial_but_not_its_stimulus(tmp_path: Path) -> None:
+    marked = []
     for seed in (3, 4):
         clock = ManualClock()
         client = MarkedClient(clock)
         given = Session("P1", seed, Design(trials=2))
         hold(tmp_path / f"{seed}.jsonl", Person(sticky), client, clock, given)
-        told.append(client.markers)
-    assert told[0] == told[1]
-    assert told[0] == [
+        marked.append(client.markers)
+    assert marked[0] == marked[1]
+    assert marked[0] == [
         "study P1 begins",
         "study P1 trial 1 start",
         "study P1 trial 1 answer high",
@@ -198,7 +198,7 @@ def test_markers_tell_a_recording_of_each_trial_but_not_what_it_presents(tmp_pat
     ]
 
 
-def test_a_daemon_that_takes_no_markers_is_not_told_any() -> None:
+def test_a_daemon_without_markers_gets_none() -> None:
     clock = ManualClock()
     client = MarkedClient(clock)
     client._ops = ("hello",)

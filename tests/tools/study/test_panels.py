@@ -1,4 +1,4 @@
-"""What participants press, in a terminal and in a browser."""
+"""Keys of the panels, in a terminal and in a browser."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TRIAL = panel.trial(3, 20)
 
 
 def pressed_soon(keyboard: Keyboard) -> Key | None:
-    """A pseudo-terminal hands a byte on in its own time."""
+    """Poll: a pseudo-terminal delivers bytes with a delay."""
     return next((key for _ in range(100_000) if (key := keyboard.pressed()) is not None), None)
 
 
@@ -58,7 +58,7 @@ def test_what_was_typed_ahead_does_not_answer_the_next_trial(terminal: tuple[int
         assert keyboard.pressed() is None
 
 
-def test_a_key_that_the_screen_does_not_name_is_none(terminal: tuple[int, int]) -> None:
+def test_a_key_that_the_screen_does_not_have_is_ignored(terminal: tuple[int, int]) -> None:
     with Keyboard(io.StringIO(), terminal[1]) as keyboard:
         keyboard.show(panel.between(4, 20))
         os.write(terminal[0], b"fjp\nf")
@@ -66,7 +66,7 @@ def test_a_key_that_the_screen_does_not_name_is_none(terminal: tuple[int, int]) 
         assert all(keyboard.pressed() is None for _ in range(1000))
 
 
-def test_the_terminal_is_given_back_as_it_was(terminal: tuple[int, int]) -> None:
+def test_the_terminal_is_restored(terminal: tuple[int, int]) -> None:
     before = termios.tcgetattr(terminal[1])
     with Keyboard(io.StringIO(), terminal[1]):
         assert termios.tcgetattr(terminal[1]) != before
@@ -82,7 +82,7 @@ def test_a_screen_is_written_once_with_its_keys(terminal: tuple[int, int]) -> No
     assert "[F] high friction: sticky   [J] low friction: slippery   [P] pause" in out.getvalue()
 
 
-def test_the_end_of_input_is_a_goodbye() -> None:
+def test_the_end_of_input_ends_the_session() -> None:
     read, write = os.pipe()
     os.write(write, b"j")
     os.close(write)
@@ -137,7 +137,7 @@ def test_the_page_shows_the_screen_and_takes_its_keys(page: Browser) -> None:
     assert page.pressed() is None
 
 
-def test_a_press_on_a_screen_that_is_gone_does_not_count(page: Browser) -> None:
+def test_a_press_on_an_earlier_screen_does_not_count(page: Browser) -> None:
     page.show(TRIAL)
     number = now(page)["number"]
     page.show(panel.trial(4, 20))
@@ -168,7 +168,7 @@ def test_the_page_needs_nothing_from_elsewhere(page: Browser, name: str) -> None
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1:1", "localhost"])
 def test_a_foreign_host_gets_nothing(page: Browser, host: str) -> None:
-    """As it would come of a name that its owner lets resolve to this machine."""
+    """DNS rebinding: a foreign name that resolves to this machine."""
     assert ask(page, "now/screen", Host=host)[0] == 403
     assert press(page, 0, "low", Host=host) == 403
 
@@ -197,7 +197,7 @@ def test_a_press_that_is_none_is_refused(page: Browser, body: bytes) -> None:
     assert page.pressed() is None
 
 
-def test_a_press_in_a_charset_that_there_is_not_is_refused(page: Browser) -> None:
+def test_a_press_in_an_unknown_charset_is_refused(page: Browser) -> None:
     assert ask(page, "press", b"{}", **{"Content-Type": "application/json; charset=none"})[0] == 400
 
 
@@ -208,5 +208,5 @@ def test_a_long_press_is_not_read(page: Browser) -> None:
 def test_a_port_that_is_taken_is_one_sentence() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(StudyError, match=f"port {port}: cannot be served on"), Browser(port):
+        with pytest.raises(StudyError, match=f"port {port}: cannot be bound"), Browser(port):
             pass

@@ -1,4 +1,4 @@
-"""The whole program, as a process: a session in the browser to its end, and one that is left."""
+"""`hapticd study run` as a process: a session in the browser, and an interrupted one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
-    """A daemon on whose plate one finger lies."""
+    """A daemon with one finger on its plate."""
     (tmp_path / "run").mkdir()
     running = FakeDaemon(tmp_path / "run")
     running.fingers = {1: (-20.0, 0.0)}
@@ -54,7 +54,7 @@ def press(url: str, number: int, key: str) -> None:
     urllib.request.urlopen(urllib.request.Request(f"{url}press", body, {"Origin": origin}), timeout=PATIENCE_S).close()
 
 
-def test_a_session_is_held_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_a_session_runs_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> None:
     folder = tmp_path / "answers"
     with study(daemon, folder, "--browser", "--trials", "2") as process:
         assert process.stdout is not None
@@ -64,11 +64,11 @@ def test_a_session_is_held_in_the_browser(daemon: FakeDaemon, tmp_path: Path) ->
             screen = look(url)
             if screen["heading"] not in headings:
                 headings.append(screen["heading"])
-            if screen["keys"]:  # again and again: what is pressed too early does not count
+            if screen["keys"]:  # repeatedly: an early press does not count
                 press(url, screen["number"], "next" if "next" in screen["keys"] else "low")
-        said, complaint = process.communicate(timeout=PATIENCE_S)
+        output, complaint = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, complaint) == (0, "")
-    assert said == f"2 of 2 answers in {folder}/P1.jsonl; then: hapticd study report {folder}\n"
+    assert output == f"2 of 2 answers in {folder}/P1.jsonl; then: hapticd study report {folder}\n"
     shown = [heading for heading in headings if heading != "One moment"]
     assert shown == ["Training: high friction", "Trial 1 of 2", "Trial 2 of 2", "Thank you"]
     held = read(folder / "P1.jsonl")
@@ -78,15 +78,15 @@ def test_a_session_is_held_in_the_browser(daemon: FakeDaemon, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_leaves_the_plate_quiet_and_says_how_to_go_on(
+def test_ctrl_c_leaves_the_plate_quiet_and_shows_how_to_continue(
     number: signal.Signals, daemon: FakeDaemon, tmp_path: Path
 ) -> None:
     with study(daemon, tmp_path / "answers") as process:
         assert process.stdout is not None
         assert any("Training" in line for line in process.stdout)
         process.send_signal(number)
-        said, complaint = process.communicate(timeout=PATIENCE_S)
+        output, complaint = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, complaint) == (130, "")
-    assert said.endswith("P1.jsonl: the same command goes on with it.\n")
+    assert output.endswith("P1.jsonl: the same command continues it.\n")
     assert daemon.scene.owner_of(1) is None
     assert read(tmp_path / "answers" / "P1.jsonl").answers == ()

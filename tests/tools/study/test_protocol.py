@@ -1,4 +1,4 @@
-"""Which trial presents what: balanced, shuffled, and the same for ever."""
+"""The order of the stimuli: balanced, shuffled, and stable."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def test_other_seeds_have_other_orders() -> None:
     assert len({presented(seed, 20) for seed in range(200)}) > 195
 
 
-def test_no_place_in_a_session_tells_what_it_presents() -> None:
+def test_no_trial_number_predicts_its_stimulus() -> None:
     """Of 2000 seeds each trial presents low friction half the time, within 5 standard deviations."""
     orders = [presented(seed, 9) for seed in range(2000)]
     for trial in range(9):
         assert abs(sum(order[trial] is Friction.LOW for order in orders) - 1000) < 5 * math.sqrt(2000 / 4)
 
 
-def test_an_answer_before_tells_little_of_the_next_trial() -> None:
+def test_the_previous_trial_predicts_little_of_the_next() -> None:
     """Half of 20 being low, neighbours repeat 9 of 19 times on average."""
     repeats = [20 - len(list(groupby(presented(seed, 20)))) for seed in range(2000)]
     assert sum(repeats) / len(repeats) == pytest.approx(9.0, abs=0.25)
@@ -62,13 +62,13 @@ def test_combination_1_is_the_paper_s() -> None:
         {"line_mm": ((0.0, 0.0), (math.nan, 0.0))},
     ],
 )
-def test_what_cannot_be_a_design_is_refused_by_name(wrong: dict[str, Any]) -> None:
+def test_an_invalid_design_is_refused_by_name(wrong: dict[str, Any]) -> None:
     with pytest.raises(StudyError, match=next(iter(wrong))):
         Design(**wrong)
 
 
 @pytest.mark.parametrize("name", ["", "-P", "a/b", "..", "P 3", "ä", "x" * 33, "P03\n"])
-def test_a_name_that_is_no_file_s_is_refused(name: str) -> None:
+def test_an_invalid_name_is_refused(name: str) -> None:
     with pytest.raises(StudyError, match="participant"):
         participant_name(name)
     assert participant_name("P03-b_2") == "P03-b_2"

@@ -1,4 +1,4 @@
-"""The report of a folder, and what the command line refuses."""
+"""The report of a folder, and refused command lines."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def papers(tmp_path: Path) -> Path:
 
 def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     code = main(["study", *arguments])
-    said = capsys.readouterr()
-    return code, said.out, said.err
+    output = capsys.readouterr()
+    return code, output.out, output.err
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -35,16 +35,17 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_the_paper_s_numbers_make_the_paper_s_sentence(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said, complaint = outcome(capsys, "report", str(papers))
+    code, output, complaint = outcome(capsys, "report", str(papers))
     assert (code, complaint) == (0, "")
-    assert "average success rate 73.57 %, standard deviation 17.73 % (7 participants)" in said
-    assert "103 of 140 trials together" in said
-    assert "t(6) = 3.52                     p = 0.013" in said
-    assert "6 above 50 %, 0 below" in said
+    assert "average success rate 73.57 %, standard deviation 17.73 % (7 participants)" in output
+    assert "103 of 140 trials together" in output
+    assert "t(6) = 3.52                     p = 0.013" in output
+    assert "6 above 50 %, 0 below" in output
 
 
 def test_the_tables_hold_every_participant_and_every_trial(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     outcome(capsys, "report", str(papers))
+    assert (papers / "figure-12.png").read_bytes().startswith(b"\x89PNG")
     people, trials = rows(papers / "results.csv"), rows(papers / "trials.csv")
     assert [int(row["recognised"]) for row in people[:7]] == list(PAPER)
     assert [row["participant"] for row in people[7:]] == ["average", "standard deviation"]
@@ -57,38 +58,35 @@ def test_the_tables_hold_every_participant_and_every_trial(papers: Path, capsys:
     assert sum(int(row["recognised"]) for row in trials if row["participant"] == "P7") == PAPER[6]
 
 
-def test_the_figure_is_a_picture(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    outcome(capsys, "report", str(papers))
-    assert (papers / "figure-12.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
 def test_the_figures_as_json_are_alone_on_standard_output(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, said, told = outcome(capsys, "report", str(papers), "--json", "-")
-    figures = json.loads(said)
-    assert "average success rate" in told
+    _, output, complaint = outcome(capsys, "report", str(papers), "--json", "-")
+    figures = json.loads(output)
+    assert "average success rate" in complaint
     assert figures["group"]["mean_frac"] == pytest.approx(103 / 140)
     assert [person["correct"] for person in figures["participants"]] == list(PAPER)
 
 
 def test_one_participant_has_no_spread_and_json_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(tmp_path, session("P1", 15))
-    code, said, _ = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
+    code, output, _ = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
     assert code == 0
-    assert "average success rate 75.00 % (1 participant)" in said
+    assert "average success rate 75.00 % (1 participant)" in output
+    assert "exact binomial test" in output
+    assert "sign test" not in output
     assert json.loads((tmp_path / "f.json").read_text())["group"]["sd_frac"] is None
 
 
 def test_a_session_that_is_not_finished_stays_blind(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(papers, session("P8", 20, seed=8), answers=19)
-    _, said, complaint = outcome(capsys, "report", str(papers))
-    assert "P8" not in said
-    assert complaint == "not judged, for it is not finished: P8 (19 of 20)\n"
+    _, output, complaint = outcome(capsys, "report", str(papers))
+    assert "P8" not in output
+    assert complaint == "not finished, so not analysed: P8 (19 of 20)\n"
     assert "P8" not in (papers / "trials.csv").read_text()
 
 
-def test_sessions_that_do_not_belong_together_are_said_to(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sessions_of_different_designs_are_reported(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(papers, session("P8", 8, trials=10))
-    assert "not of one design" in outcome(capsys, "report", str(papers))[2]
+    assert "have different designs" in outcome(capsys, "report", str(papers))[2]
 
 
 def test_a_copy_of_a_session_does_not_count_twice(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -110,8 +108,8 @@ def test_a_folder_without_a_finished_session_is_one_sentence(
 ) -> None:
     if answers is not None:
         write(tmp_path, session("P1", 9), answers=answers)
-    code, said, complaint = outcome(capsys, "report", str(tmp_path))
-    assert (code, said) == (2, "")
+    code, output, complaint = outcome(capsys, "report", str(tmp_path))
+    assert (code, output) == (2, "")
     assert complaint.startswith(f"hapticd: {tmp_path}: holds no finished session")
     assert complaint.count("\n") == 1
 
@@ -123,18 +121,18 @@ def test_a_folder_without_a_finished_session_is_one_sentence(
         (("--participant", "P1", "--trials", "0"), "trials: 0 is out of bounds"),
         (("--participant", "P1", "--seed", "-1"), "--seed: -1 is out of bounds"),
         (("--participant", "P1", "--scheme", "paper"), "give --simulate as well"),
-        (("--participant", "P1", "--simulate", "--browser"), "leave --browser"),
-        (("--participant", "P1", "--sim", "--endpoint", "x"), "leave --endpoint"),
+        (("--participant", "P1", "--simulate", "--browser"), "cannot be combined with --browser"),
+        (("--participant", "P1", "--sim", "--endpoint", "x"), "cannot be combined with --endpoint"),
         (("--participant", "P1", "--browser", "--page-port", "65536"), "--page-port: 65536 is out of bounds"),
         (("--participant", "P1", "--page-port", "8000"), "give --browser as well"),
         (("--participant", "P1", "--simulate", "--speed", "nan"), "--speed: nan is out of bounds"),
     ],
 )
-def test_wishes_that_cannot_be_are_one_sentence_and_leave_no_file(
+def test_conflicting_options_are_one_sentence_and_leave_no_file(
     arguments: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said, complaint = outcome(capsys, "run", "--out", str(tmp_path / "new"), *arguments)
-    assert (code, said) == (2, "")
+    code, output, complaint = outcome(capsys, "run", "--out", str(tmp_path / "new"), *arguments)
+    assert (code, output) == (2, "")
     assert sentence in complaint
     assert complaint.count("\n") == 1
     assert not (tmp_path / "new").exists()
@@ -143,12 +141,12 @@ def test_wishes_that_cannot_be_are_one_sentence_and_leave_no_file(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--trials", "10"), "was begun with 20 trials"),
+        (("--trials", "10"), "was started with 20 trials"),
         (("--seed", "6"), "another seed"),
         (("--simulate",), "simulated = None, not True"),
     ],
 )
-def test_who_goes_on_with_a_session_cannot_change_it(
+def test_a_continued_session_cannot_be_changed(
     arguments: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path, session("P1", 9), answers=3)
@@ -159,7 +157,7 @@ def test_who_goes_on_with_a_session_cannot_change_it(
     assert path.read_bytes() == before
 
 
-def test_a_session_that_is_over_is_not_begun_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_finished_session_does_not_restart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(tmp_path, session("P1", 9))
     code, _, complaint = outcome(capsys, "run", "--participant", "P1", "--out", str(tmp_path))
     assert code == 2
@@ -171,37 +169,22 @@ def test_without_a_daemon_the_answers_so_far_are_kept(tmp_path: Path, capsys: py
     arguments = ("--participant", "P1", "--out", str(tmp_path), "--endpoint", str(tmp_path / "none"))
     code, _, complaint = outcome(capsys, "run", *arguments)
     assert code == 1
-    assert complaint.endswith("What was answered is kept: go on with the same command.\n")
+    assert complaint.endswith("The answers are kept: continue with the same command.\n")
     assert len(read(path).answers) == 3
 
 
-def test_a_simulated_session_is_held_and_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_simulated_session_is_run_and_analysed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ("--participant", "S1", "--out", str(tmp_path), "--seed", "1", "--trials", "2", "--simulate")
-    code, said, complaint = outcome(capsys, "run", *arguments, "--scheme", "paper")
+    code, output, complaint = outcome(capsys, "run", *arguments, "--scheme", "paper")
     assert (code, complaint) == (0, "")
-    assert said.startswith(f"2 of 2 answers in {tmp_path}/S1.jsonl")
-    _, said, complaint = outcome(capsys, "report", str(tmp_path))
-    assert "of 2" in said
+    assert output.startswith(f"2 of 2 answers in {tmp_path}/S1.jsonl")
+    _, output, complaint = outcome(capsys, "report", str(tmp_path))
+    assert "of 2" in output
     assert complaint == "These participants are simulated: this is no evidence about people.\n"
 
 
-@pytest.mark.parametrize("action", ["run", "report"])
-def test_help_of_either_action_has_an_example(action: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(["study", action, "--help"])
-    assert left.value.code == 0
-    assert f"example: hapticd study {action}" in capsys.readouterr().out
-
-
-def test_a_single_participant_is_not_tested_as_a_group(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path, session("P1", 15))
-    said = outcome(capsys, "report", str(tmp_path))[1]
-    assert "exact binomial test" in said
-    assert "sign test" not in said
-
-
 def test_the_page_of_documentation_shows_what_is_printed(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, said, _ = outcome(capsys, "report", str(papers))
+    _, output, _ = outcome(capsys, "report", str(papers))
     page = Path(report.__file__).with_name("README.md").read_text(encoding="utf-8")
-    assert said.partition("\n\n")[2].rstrip() in page
+    assert output.partition("\n\n")[2].rstrip() in page
     assert ", ".join(map(str, PAPER)) in page

@@ -1,4 +1,4 @@
-"""The session's file: nothing is lost, nothing is told early, and whatever else it holds is refused."""
+"""The session file: durable, blind until its end, and hostile bytes are refused."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_session_is_read_as_it_was_held(tmp_path: Path) -> None:
     assert read(write(tmp_path, HELD)) == HELD
 
 
-def test_a_session_goes_on_where_a_crash_cut_its_file(tmp_path: Path) -> None:
+def test_a_session_continues_where_a_crash_cut_its_file(tmp_path: Path) -> None:
     whole = write(tmp_path, session("P1", 2, trials=3)).read_bytes()
     first_answer = whole.index(b"\n", whole.index(b"\n") + 1) + 1
     for cut in range(first_answer, len(whole), 7):
@@ -45,7 +45,7 @@ def test_a_session_goes_on_where_a_crash_cut_its_file(tmp_path: Path) -> None:
         assert path.read_bytes() == whole
 
 
-def test_a_file_cut_in_its_first_line_begins_anew(tmp_path: Path) -> None:
+def test_a_file_cut_in_its_first_line_restarts(tmp_path: Path) -> None:
     path = tmp_path / "P1.jsonl"
     path.write_bytes(b'{"kind": "sess')
     with SessionFile(path, Session("P1", 99, Design())) as file:
@@ -64,14 +64,14 @@ def test_a_file_that_is_no_session_is_left_as_it_is(theirs: bytes, tmp_path: Pat
     assert path.read_bytes() == theirs
 
 
-def test_a_session_without_an_answer_may_begin_otherwise(tmp_path: Path) -> None:
+def test_a_session_without_an_answer_may_restart_with_other_options(tmp_path: Path) -> None:
     path = tmp_path / "P1.jsonl"
     for given_ in (Session("P1", 1, Design(trials=5)), Session("P1", 2, Design(trials=6))):
         SessionFile(path, given_).__exit__(None, None, None)
         assert read(path) == given_
 
 
-def test_until_the_last_answer_the_file_does_not_tell_what_was_presented(tmp_path: Path) -> None:
+def test_until_the_last_answer_the_file_holds_no_stimulus(tmp_path: Path) -> None:
     """Two sessions with other orders and the same answers differ in the seed alone."""
     answers = HELD.answers[:19]
     one, other = (replace(HELD, seed=seed, answers=answers) for seed in (11, 12))
@@ -82,7 +82,7 @@ def test_until_the_last_answer_the_file_does_not_tell_what_was_presented(tmp_pat
     assert first == second
 
 
-def test_the_end_says_what_was_presented(tmp_path: Path) -> None:
+def test_the_end_holds_the_stimuli(tmp_path: Path) -> None:
     assert lines_of(HELD, tmp_path)[-1] == {"kind": "end", "presented": [str(one) for one in HELD.presented]}
 
 

@@ -1,4 +1,4 @@
-"""The simulated participant: the same each time, and worse off under a control that leaks."""
+"""The simulated participant: reproducible, and less successful under a control that leaks."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ def _trained_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulated, "TRAININGS", 1)
 
 
-def test_a_session_gone_on_with_gives_the_answers_of_one_in_one_go() -> None:
+def test_a_continued_session_gives_the_same_answers() -> None:
     whole = tuple(SimulatedParticipant(GIVEN, trial_s=TRIAL_S).answers())
     rest = SimulatedParticipant(replace(GIVEN, answers=whole[:2]), trial_s=TRIAL_S).answers()
     assert tuple(rest) == whole[2:]
     assert [answer.trial for answer in whole] == [1, 2, 3, 4]
 
 
-def test_the_paper_s_scheme_leaves_less_to_tell_the_frictions_apart_by() -> None:
+def test_the_paper_s_scheme_leaves_less_contrast() -> None:
     """The true amplitude under the finger, low friction less high, on the same strokes."""
     contrast_um = {}
     for scheme in ("hapticd", "paper"):
         participant = SimulatedParticipant(GIVEN, scheme, trial_s=TRIAL_S)
-        felt = {friction: participant.feel(friction, 11) for friction in Friction}
-        contrast_um[scheme] = felt[Friction.LOW].amplitude_um - felt[Friction.HIGH].amplitude_um
-        assert 40.0 < felt[Friction.LOW].speed_mm_s < 110.0
+        stimuli = {friction: participant.play(friction, 11) for friction in Friction}
+        contrast_um[scheme] = stimuli[Friction.LOW].amplitude_um - stimuli[Friction.HIGH].amplitude_um
+        assert 40.0 < stimuli[Friction.LOW].speed_mm_s < 110.0
     assert 0.2 < contrast_um["paper"] < 0.95 * contrast_um["hapticd"]
 
 
-def test_who_feels_finely_is_right_and_who_hardly_feels_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_little_noise_gives_right_answers_and_much_noise_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     right = {}
     for noise_um in (1e-3, 1e3):
         monkeypatch.setattr(simulated, "NOISE_UM", noise_um)
@@ -49,8 +49,8 @@ def test_who_feels_finely_is_right_and_who_hardly_feels_is_not(monkeypatch: pyte
     assert 1 <= right[1e3] <= 7
 
 
-def test_a_trial_too_short_to_feel_anything_is_refused() -> None:
-    with pytest.raises(StudyError, match="cannot be felt"):
+def test_too_short_a_trial_is_refused() -> None:
+    with pytest.raises(StudyError, match="is too short"):
         SimulatedParticipant(GIVEN, trial_s=0.5)
 
 

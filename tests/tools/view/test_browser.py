@@ -1,4 +1,4 @@
-"""The page in a real Chromium, on a simulated plate with a real service: what a person sees and does."""
+"""The page in a real Chromium, on a simulated plate with a real service."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hapticd_client import Client
 
 PATIENCE_S = 60.0
 pytestmark = pytest.mark.timeout(300)  # a browser beside other tests on few cores is slow
-SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a machine that stalls must not make old fingers new ones
+SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a stalled host must not lift fingers
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def view(browser: Chrome, service: DaemonProcess) -> Iterator[View]:
 
 
 class Page:
-    """What a person finds on the page."""
+    """Elements and actions of the page."""
 
     def __init__(self, browser: Chrome) -> None:
         self.browser = browser
@@ -93,7 +93,7 @@ class Page:
         return [entry["message"] for entry in self.browser.get_log("browser") if entry["level"] == "SEVERE"]
 
     def press_until(self, key: str, text: str) -> None:
-        """Press a key until some finger's row says so: where the machine stalled, the finger is another by now."""
+        """Press a key until a finger's row shows the text: on a stalled host the finger may have changed."""
 
         def pressed() -> bool:
             self.keys(key)
@@ -136,7 +136,7 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
     page.until(lambda: "29.205 kHz" in page["modes-text"].text)
     page.until(lambda: 0 < page.brightness() < 10)
     page.until(lambda: "truly moves" in page["field-of"].text)
-    assert page["nobody"].is_displayed()
+    assert page["untouched"].is_displayed()
     assert not page["notice"].is_displayed()
     names = page.browser.execute_script("return performance.getEntriesByType('resource').map((entry) => entry.name)")
     origin = page.browser.execute_script("return location.origin")
@@ -158,7 +158,7 @@ def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page:
     ActionChains(page.browser).release().perform()
     page.until(lambda: "1 finger" in page["state"].text)
     page["plate"].send_keys(Keys.ESCAPE)
-    page.until(lambda: page["nobody"].is_displayed())
+    page.until(lambda: page["untouched"].is_displayed())
     page.until(lambda: page.brightness() < 10)
     assert page.complaints() == []
 
@@ -172,12 +172,12 @@ def test_the_keyboard_alone_lands_moves_chooses_and_lifts_a_finger(page: Page) -
     page.until(lambda: page.picture() != before)
     page.press_until("3", "of 0.60")
     page.press_until("0", "of 0.00")
-    page.press_until("r", "held by nobody")
+    page.press_until("r", "no owner")
     page.keys(Keys.ENTER)
-    page.until(lambda: page["nobody"].is_displayed())
+    page.until(lambda: page["untouched"].is_displayed())
 
 
-def test_a_layer_tells_where_another_finger_could_get_its_wish(page: Page) -> None:
+def test_a_layer_shows_where_another_finger_could_reach_its_target(page: Page) -> None:
     page.lay("could be sticky")
     page.until(lambda: "No finger is slippery" in page["layer-text"].text)
     lay_down(page, 150, 80)
@@ -198,7 +198,7 @@ def test_a_layer_tells_where_another_finger_could_get_its_wish(page: Page) -> No
     page.until(lambda: "could be slippery" in page["layer-text"].text)
     page.lay("none")
     page["plate"].send_keys(Keys.ESCAPE)
-    page.until(lambda: page["nobody"].is_displayed())
+    page.until(lambda: page["untouched"].is_displayed())
     assert page.complaints() == []
 
 
@@ -239,7 +239,7 @@ def test_another_clients_target_shows_with_its_name_and_is_not_ours_to_change(
         page.browser.find_element(By.CSS_SELECTOR, ".finger .name").click()
         page.keys("5")
         page.until(lambda: "held by 'study-7'" in page["notice"].text)
-    page.until(lambda: page["nobody"].is_displayed())
+    page.until(lambda: page["untouched"].is_displayed())
 
 
 @pytest.mark.parametrize("width_px", [340, 600, 1280])
@@ -259,7 +259,7 @@ def test_what_can_be_worked_has_a_name_for_a_screen_reader(page: Page) -> None:
     assert nameless == []
 
 
-def test_a_dead_daemon_is_said_and_its_return_too(page: Page, service: DaemonProcess) -> None:
+def test_a_dead_daemon_and_its_return_are_shown(page: Page, service: DaemonProcess) -> None:
     service.process.kill()
     service.process.communicate()
     page.until(lambda: page["state"].text == "No daemon")
@@ -272,7 +272,7 @@ def test_a_dead_daemon_is_said_and_its_return_too(page: Page, service: DaemonPro
     ActionChains(page.browser).release().perform()
 
 
-# --- what is no page of ours --------------------------------------------------------------------------------------
+# --- foreign requests ---------------------------------------------------------------------------------------------
 
 
 def answered(view: View, path: str, **headers: str) -> tuple[int, str]:
@@ -283,7 +283,7 @@ def answered(view: View, path: str, **headers: str) -> tuple[int, str]:
         return answer.status, answer.read().decode(errors="replace")
 
 
-def test_strangers_are_turned_away_in_a_sentence(view: View) -> None:
+def test_foreign_requests_are_refused_in_a_sentence(view: View) -> None:
     place = urlsplit(view.address)
     key = f"?{place.query}"
     upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
@@ -299,12 +299,12 @@ def test_strangers_are_turned_away_in_a_sentence(view: View) -> None:
         assert answered(view, path)[0] == 404
 
 
-def test_a_message_that_is_none_is_refused_and_harms_nobody(page: Page) -> None:
+def test_an_invalid_message_is_refused_without_harm(page: Page) -> None:
     page.browser.execute_script(
         "const key = new URLSearchParams(location.search).get('key');"
-        "window.said = []; window.own = new WebSocket(`ws://${location.host}/socket?key=${key}`);"
-        "own.onmessage = (event) => said.push(JSON.parse(event.data)); own.onopen = () => own.send('{\"op\": 1}')"
+        "window.received = []; window.own = new WebSocket(`ws://${location.host}/socket?key=${key}`);"
+        "own.onmessage = (event) => received.push(JSON.parse(event.data)); own.onopen = () => own.send('{\"op\": 1}')"
     )
-    page.until(lambda: "op: must be" in json.dumps(page.browser.execute_script("return said")))
+    page.until(lambda: "op: must be" in json.dumps(page.browser.execute_script("return received")))
     page.browser.execute_script("own.close()")
     page.until(lambda: "0 fingers" in page["state"].text)

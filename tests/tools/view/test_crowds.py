@@ -1,4 +1,4 @@
-"""Too many pages and too many wishes: bounded, and said in a sentence."""
+"""Too many pages and too many requests: bounded, with an error in a sentence."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from aiohttp import ClientSession, WSCloseCode, web
 
-from hapticd.tools.view.client import MAX_WISHES, PlateClient
-from hapticd.tools.view.messages import ClearFault, Want
-from hapticd.tools.view.server import MAX_PAGES, MAX_WANTED, Page, Viewer
+from hapticd.tools.view.client import MAX_REQUESTS, PlateClient
+from hapticd.tools.view.messages import ClearFault, SetTarget
+from hapticd.tools.view.server import MAX_HELD, MAX_PAGES, Page, Viewer
 
 
-def test_a_page_too_many_is_told_why_and_not_that_the_viewer_has_ended(tmp_path: Path) -> None:
+def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
     async def crowd() -> tuple[int, int | None, str]:
         viewer = Viewer(str(tmp_path), key="key")
         runner = web.AppRunner(viewer.app())
@@ -24,8 +24,8 @@ def test_a_page_too_many_is_told_why_and_not_that_the_viewer_has_ended(tmp_path:
         try:
             async with ClientSession(headers={"Origin": own}) as session:
                 pages = [await session.ws_connect(f"{own}/socket?key=key") for _ in range(MAX_PAGES + 1)]
-                said = await pages[-1].receive()
-                return sum(not page.closed for page in pages), said.data, said.extra if said.extra is not None else ""
+                closing = await pages[-1].receive()
+                return sum(not page.closed for page in pages), closing.data, closing.extra or ""
         finally:
             await runner.cleanup()
 
@@ -36,34 +36,34 @@ def test_a_page_too_many_is_told_why_and_not_that_the_viewer_has_ended(tmp_path:
 
 @pytest.fixture
 def client() -> PlateClient:
-    """Not started: what it is asked waits."""
+    """Not started: requests stay queued."""
     return PlateClient(None, lambda *_: None)
 
 
-def test_of_a_flood_of_wishes_for_one_finger_the_newest_waits(client: PlateClient) -> None:
+def test_of_a_flood_of_requests_for_one_finger_the_newest_is_queued(client: PlateClient) -> None:
     refused: list[str] = []
     for step in range(10_000):
-        client.ask(Want(1, step * 1e-4), refused.append)
-    client.ask(ClearFault(), refused.append)
+        client.request(SetTarget(1, step * 1e-4), refused.append)
+    client.request(ClearFault(), refused.append)
 
-    assert [wish for wish, _ in client._waiting()] == [Want(1, 9999 * 1e-4), ClearFault()]
+    assert [request for request, _ in client._pending()] == [SetTarget(1, 9999 * 1e-4), ClearFault()]
     assert refused == []
 
 
-def test_wishes_for_ever_more_fingers_are_refused(client: PlateClient) -> None:
+def test_requests_for_ever_more_fingers_are_refused(client: PlateClient) -> None:
     refused: list[str] = []
     for finger in range(1, 10_000):
-        client.ask(Want(finger, 1.0), refused.append)
+        client.request(SetTarget(finger, 1.0), refused.append)
 
-    assert len(refused) == 9_999 - MAX_WISHES
-    assert "ask again" in refused[0]
-    assert len(list(client._waiting())) == MAX_WISHES
+    assert len(refused) == 9_999 - MAX_REQUESTS
+    assert "try again" in refused[0]
+    assert len(list(client._pending())) == MAX_REQUESTS
 
 
 def test_a_page_that_stays_open_remembers_no_more_fingers_than_a_client_may_hold() -> None:
     page = Page(web.WebSocketResponse(), 1)
     for finger in range(1, 10_000):
-        page.remember(Want(finger, 1.0))
-    page.remember(Want(9_999, None))
+        page.remember(SetTarget(finger, 1.0))
+    page.remember(SetTarget(9_999, None))
 
-    assert list(page.wanted) == list(range(10_000 - MAX_WANTED, 9_999))
+    assert list(page.targeted) == list(range(10_000 - MAX_HELD, 9_999))

@@ -1,4 +1,4 @@
-"""What is laid over the picture of the field."""
+"""Layers over the picture of the field."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MODES = PlateTruth(PlateSettings()).cartography(1)
 SIZE_MM = (137.5, 137.5)
 
 
-def test_a_layer_is_told_from_the_top_left_with_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_layer_is_encoded_from_the_top_left_with_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
     def right_of_the_finger(
         modes: ModeShapes,
         fingers: list[LayerFinger],
@@ -32,14 +32,14 @@ def test_a_layer_is_told_from_the_top_left_with_its_gaps(monkeypatch: pytest.Mon
         return values
 
     monkeypatch.setitem(LAYERS, "right", right_of_the_finger)
-    told = layers.picture("right", MODES, [LayerFinger(1, 0.0, 0.0, 1.0)], [4.0, 4.0], SIZE_MM)
-    levels = np.frombuffer(told, np.uint8).reshape(POINTS, POINTS)
+    data = layers.picture("right", MODES, [LayerFinger(1, 0.0, 0.0, 1.0)], [4.0, 4.0], SIZE_MM)
+    levels = np.frombuffer(data, np.uint8).reshape(POINTS, POINTS)
     assert (levels[0] == 255).all()
     assert (levels[-1, : POINTS // 2] == 0).all()
     assert (levels[-1, POINTS // 2 + 1 :] == 254).all()
 
 
-def test_a_layer_that_there_is_not_is_refused() -> None:
+def test_an_unknown_layer_is_refused() -> None:
     with pytest.raises(RequestError, match="no layer 'still'"):
         layers.picture("still", MODES, [], [4.0, 4.0], SIZE_MM)
 
@@ -48,20 +48,20 @@ SLIPPERY, STICKY = LayerFinger(1, -30.0, 20.0, 1.0), LayerFinger("post", 12.0, -
 
 
 def levels(name: str, fingers: list[LayerFinger], mover: int | str | None = None) -> np.ndarray:
-    told = layers.picture(name, MODES, fingers, [4.0, 4.0], SIZE_MM, mover)
-    return np.frombuffer(told, np.uint8).reshape(POINTS, POINTS)
+    data = layers.picture(name, MODES, fingers, [4.0, 4.0], SIZE_MM, mover)
+    return np.frombuffer(data, np.uint8).reshape(POINTS, POINTS)
 
 
 def test_one_finger_more_could_be_sticky_where_the_solver_says_so() -> None:
-    told = levels("could be sticky", [SLIPPERY])
+    shown = levels("could be sticky", [SLIPPERY])
     for row, column in ((7, 9), (40, 40), (41, 14), (72, 55)):
         place = (np.linspace(-68.75, 68.75, POINTS)[column], np.linspace(68.75, -68.75, POINTS)[row])
         solved = solve(MODES.evaluate([SLIPPERY[1:3], place]), [1.0, 0.0], 4.0)
-        assert told[row, column] == pytest.approx(254.0 * min(solved.achieved_um[0], 1.0), abs=0.51)
-    assert 0.5 < np.mean(told == 254) < 0.95
+        assert shown[row, column] == pytest.approx(254.0 * min(solved.achieved_um[0], 1.0), abs=0.51)
+    assert 0.5 < np.mean(shown == 254) < 0.95
 
 
-def test_a_finger_that_could_go_elsewhere_does_not_stand_in_its_own_way() -> None:
+def test_a_finger_that_could_move_does_not_limit_itself() -> None:
     both = [SLIPPERY, STICKY]
     assert (levels("could be sticky", both, "post") == levels("could be sticky", [SLIPPERY])).all()
     assert (levels("could be slippery", both, 1) == levels("could be slippery", [STICKY])).all()
@@ -76,7 +76,7 @@ def test_a_slippery_finger_is_asked_about_with_its_own_amplitude() -> None:
     assert (strong <= weak).all()
 
 
-def test_where_nobody_slips_a_sticky_finger_says_nothing() -> None:
+def test_without_a_slipping_finger_there_is_no_value() -> None:
     assert (levels("could be sticky", [STICKY]) == 255).all()
     assert (levels("could be sticky", []) == 255).all()
 

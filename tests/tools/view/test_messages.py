@@ -1,4 +1,4 @@
-"""What page and server say to each other: what is read of a page, and what a page is told."""
+"""Messages between page and server."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from hapticd.errors import HapticdError, RequestError
 from hapticd.sim.plate.truth import PlateSettings, PlateTruth
 from hapticd.tools.view import messages
-from hapticd.tools.view.messages import ClearFault, Hold, Want
+from hapticd.tools.view.client import GRID, modes_of, picture_grid
+from hapticd.tools.view.messages import ClearFault, Hold, SetTarget
 from hapticd.tools.view.rig import Truth, decode_truth
-from hapticd.tools.view.shapes import GRID, modes_of, picture_grid
 from hapticd_client import FingerState, PlateState
 
 STATE = PlateState(
@@ -40,18 +40,18 @@ STATE = PlateState(
 
 
 @pytest.mark.parametrize(
-    ("said", "meant"),
+    ("sent", "decoded"),
     [
         ({"op": "fingers", "fingers": {"mouse": [1, -2.5]}}, Hold({"mouse": (1.0, -2.5)})),
         ({"op": "fingers", "fingers": {}}, Hold({})),
-        ({"op": "set", "finger": 3, "amplitude_um": 0}, Want(3, 0.0)),
-        ({"op": "set", "finger": "post", "amplitude_um": 1.5}, Want("post", 1.5)),
-        ({"op": "release", "finger": 3}, Want(3, None)),
+        ({"op": "set", "finger": 3, "amplitude_um": 0}, SetTarget(3, 0.0)),
+        ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),
+        ({"op": "release", "finger": 3}, SetTarget(3, None)),
         ({"op": "clear_fault"}, ClearFault()),
     ],
 )
-def test_a_page_says_what_it_wants(said: dict[str, Any], meant: object) -> None:
-    assert messages.read(json.dumps(said)) == meant
+def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> None:
+    assert messages.decode(json.dumps(sent)) == decoded
 
 
 @pytest.mark.parametrize(
@@ -73,20 +73,20 @@ def test_a_page_says_what_it_wants(said: dict[str, Any], meant: object) -> None:
         '{"op": "clear_fault", "more": 1}',
     ],
 )
-def test_what_a_page_may_not_say_is_refused_in_a_sentence(text: str) -> None:
+def test_an_invalid_request_is_refused_in_a_sentence(text: str) -> None:
     with pytest.raises(RequestError, match=r"\.$"):
-        messages.read(text)
+        messages.decode(text)
 
 
 @given(st.text(max_size=60) | st.dictionaries(st.sampled_from(["op", "finger", "fingers"]), st.integers()).map(str))
 def test_any_text_is_a_message_or_refused(text: str) -> None:
     try:
-        messages.read(text)
+        messages.decode(text)
     except RequestError:
         return
 
 
-def test_a_frame_holds_all_that_is_drawn_and_nothing_that_json_cannot_say() -> None:
+def test_a_frame_is_complete_and_valid_json() -> None:
     truth = Truth(0, ((1.1, 2.1),), (1.45 + 0.2j, -2.0 + 0j), (0.99j,))
     frame = json.loads(messages.frame(STATE, truth), parse_constant=pytest.fail)
     real, virtual = frame["fingers"]
@@ -103,11 +103,11 @@ def test_a_frame_holds_all_that_is_drawn_and_nothing_that_json_cannot_say() -> N
     assert json.loads(messages.frame(STATE, None))["truth"] is None
 
 
-def test_the_truth_is_read_and_anything_else_is_none() -> None:
-    told = {"t_ns": 5, "fingers": [[1.0, 2.0]], "modal_um": [[1.0, 0.5]], "truth_um": [[0.25, 0.0]]}
-    assert decode_truth(msgpack.packb(told)) == Truth(5, ((1.0, 2.0),), (1 + 0.5j,), (0.25 + 0j,))
+def test_the_ground_truth_is_decoded_and_anything_else_is_none() -> None:
+    fields = {"t_ns": 5, "fingers": [[1.0, 2.0]], "modal_um": [[1.0, 0.5]], "truth_um": [[0.25, 0.0]]}
+    assert decode_truth(msgpack.packb(fields)) == Truth(5, ((1.0, 2.0),), (1 + 0.5j,), (0.25 + 0j,))
     for change in ({"t_ns": "x"}, {"fingers": 3}, {"modal_um": [[1.0]]}, {"truth_um": None}):
-        assert decode_truth(msgpack.packb(told | change)) is None
+        assert decode_truth(msgpack.packb(fields | change)) is None
 
 
 @given(st.binary(max_size=60))
@@ -132,7 +132,7 @@ def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
 
 
 @pytest.mark.parametrize("change", [{"shapes": b""}, {"shapes": None}, {"modes": "2"}, {"x_mm": [0.0]}, {"y_mm": None}])
-def test_a_daemon_that_tells_no_shapes_is_one_sentence(change: dict[str, Any]) -> None:
+def test_a_reply_without_shapes_is_one_sentence(change: dict[str, Any]) -> None:
     axis = [0.0, 1.0, 2.0, 3.0]
     body = {"x_mm": axis, "y_mm": axis, "modes": 1, "shapes": bytes(64)}
     modes_of(body)

@@ -1,4 +1,4 @@
-"""`hapticd view` as a command: what it cannot do is one sentence, and it leaves nothing behind."""
+"""`hapticd view` as a command: errors in one sentence, and no processes or files left."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int,
     ("arguments", "sentence"),
     [
         (("--port", "70000"), "--port: 70000 is out of bounds"),
-        (("--sim", "--endpoint", "/tmp"), "leave --endpoint away"),
+        (("--sim", "--endpoint", "/tmp"), "cannot be combined with --endpoint"),
         (("--scenario", "strokes"), "give --sim as well"),
         (("--sim", "--scenario", "dance"), "there is no 'dance': choose one of strokes,"),
-        (("--endpoint", "/no/such/directory"), "/no/such/directory is no directory"),
+        (("--endpoint", "/no/such/directory"), "/no/such/directory is not a directory"),
     ],
 )
-def test_a_person_s_slip_is_one_sentence(
+def test_invalid_arguments_are_one_sentence(
     arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, said = complaint(capsys, *arguments)
@@ -38,7 +38,7 @@ def test_a_person_s_slip_is_one_sentence(
     assert said.count("\n") == 1
 
 
-def test_a_port_that_is_taken_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         code, said = complaint(capsys, "--port", str(taken.getsockname()[1]))
     assert code == 1
@@ -46,7 +46,7 @@ def test_a_port_that_is_taken_is_said(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize(("missing", "remedy"), [("aiohttp", "hapticd[view]"), ("hapticd_client", "clients/python")])
-def test_what_is_not_installed_is_said_with_its_remedy(
+def test_a_missing_library_is_named_with_its_command(
     missing: str, remedy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)

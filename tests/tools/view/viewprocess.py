@@ -10,7 +10,7 @@ from typing import Any
 
 
 def first(process: subprocess.Popen[Any]) -> None:
-    """Beside other tests on few cores it would be late for reasons that are not its own: it goes first, if it may."""
+    """Raise the priority if permitted: other tests on few cores would delay the process."""
     with contextlib.suppress(PermissionError, ProcessLookupError):
         os.setpriority(os.PRIO_PROCESS, process.pid, -10)
 

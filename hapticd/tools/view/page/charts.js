@@ -1,4 +1,4 @@
-// The charts beside the plate: the modes' phasors, where the time goes, and the last half minute.
+// Charts: the modes' phasors, the delays, and the targets of the last 30 s.
 
 import { prepared } from "./colours.js";
 import { SPAN_S } from "./history.js";
@@ -8,7 +8,7 @@ const SPANS = { age: "sample's age", compute: "compute", link: "link", horizon: 
 const FULL_UM = 2;
 const GAP_S = 0.5;
 
-/** Each mode's phasor against its limit: what was asked, what is. */
+/** Draw each mode's phasor against its limit: reference and best known value. */
 export function drawModes(canvas, modes, limits_um, colours) {
   const { context, width, height } = prepared(canvas);
   const cell = width / limits_um.length;
@@ -53,7 +53,7 @@ export function drawModes(canvas, modes, limits_um, colours) {
   context.textAlign = "left";
 }
 
-/** A histogram of each part of the way, all on one axis of milliseconds. */
+/** Draw a histogram of each delay, all on one axis in milliseconds. */
 export function drawLatency(canvas, histograms, colours) {
   const { context, width, height } = prepared(canvas);
   const names = Object.keys(SPANS).filter((name) => histograms[name]);
@@ -94,7 +94,7 @@ export function drawLatency(canvas, histograms, colours) {
   context.fillText("p50 / p99", width - right + 10, height - 3);
 }
 
-/** What each finger got over the last half minute, and where we look. */
+/** Draw each finger's amplitude over the last 30 s, and the instant shown. */
 export function drawStrip(canvas, history, colours) {
   const { context, width, height } = prepared(canvas);
   const left = 34;

@@ -1,4 +1,4 @@
-// The field's colours: viridis (van der Walt and Smith, CC0), even in lightness and told apart without red and green.
+// The field's colours: viridis (van der Walt and Smith, CC0), perceptually uniform, and distinguishable without red and green.
 
 const ANCHORS = ("440154 470d60 48186a 482374 472d7b 453781 424086 3e4989 3b528b 375b8d 33638d " +
   "2f6b8e 2c728e 297a8e 26828e 23898e 21918c 1f988b 1fa088 22a785 28ae80 32b67a " +

@@ -1,4 +1,4 @@
-// The plate's vibration over its whole face: |W(x, y)| = |sum of W_k phi_k(x, y)|, from shapes that came once.
+// The plate's vibration over its whole face: |W(x, y)| = |sum of W_k phi_k(x, y)|; the shapes are loaded once.
 
 import { LEVELS, PIXELS } from "./colours.js";
 
@@ -20,7 +20,7 @@ export class Field {
     this.canvas = new OffscreenCanvas(this.side, this.side);
   }
 
-  /** Take the modes' phasors [[d, q], ..]; the largest |W| in um. */
+  /** Compute the field of the modes' phasors [[d, q], ..]; returns the largest |W| in um. */
   update(modal_um) {
     const { real, imaginary, cells } = this;
     real.fill(0);
@@ -50,7 +50,7 @@ export class Field {
     context.drawImage(this.canvas, half, half, last, last, 0, 0, width, height);
   }
 
-  /** |W| at a place, for phasors that `update` need not have seen. */
+  /** |W| at a place, for any phasors. */
   at(modal_um, x_mm, y_mm) {
     const last = this.side - 1;
     const column = Math.min(Math.max((x_mm / this.size_mm[0] + 0.5) * last, 0), last);

@@ -1,20 +1,20 @@
-// The list of fingers: what each should get and gets, who holds it, and what this page asks for it.
+// List of fingers: target, achieved amplitude, owner, and the controls of this page.
 
 const MOST_UM = 2;
 const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
 
 export class FingerList {
-  /** `ask` sends a wish, `choose` makes a finger the one that the keys speak to. */
-  constructor(list, nobody, ask, choose) {
+  /** `send` sends a request, `choose` selects the finger that the keys control. */
+  constructor(list, untouched, send, choose) {
     this.list = list;
-    this.nobody = nobody;
-    this.ask = ask;
+    this.untouched = untouched;
+    this.send = send;
     this.choose = choose;
     this.rows = new Map();
   }
 
-  /** Show these fingers; `client` is our own name. */
+  /** Show these fingers; `client` is this page's client name. */
   show(fingers, chosen, client, isLive) {
     const ids = new Set(fingers.map((finger) => finger.id));
     for (const [id, row] of this.rows) {
@@ -23,7 +23,7 @@ export class FingerList {
         this.rows.delete(id);
       }
     }
-    this.nobody.hidden = fingers.length > 0;
+    this.untouched.hidden = fingers.length > 0;
     for (const finger of fingers) {
       if (!this.rows.has(finger.id)) this.rows.set(finger.id, this.row(finger));
       this.fill(this.rows.get(finger.id), finger, finger.id === chosen, client, isLive);
@@ -40,7 +40,7 @@ export class FingerList {
     const slider = made("input");
     Object.assign(slider, { type: "range", min: 0, max: MOST_UM, step: STEP_UM });
     slider.setAttribute("aria-label", `Amplitude for finger ${id}, micrometres`);
-    slider.addEventListener("input", () => this.ask({ op: "set", finger: id, amplitude_um: Number(slider.value) }));
+    slider.addEventListener("input", () => this.send({ op: "set", finger: id, amplitude_um: Number(slider.value) }));
     const choices = made("span", "choices");
     const sticky = this.choice("Sticky", { op: "set", finger: id, amplitude_um: 0 });
     const slippery = this.choice("Slippery", { op: "set", finger: id, amplitude_um: SLIPPERY_UM });
@@ -51,9 +51,9 @@ export class FingerList {
     return { box, name, amounts, owner, slider, sticky, slippery, release };
   }
 
-  choice(text, wish) {
+  choice(text, request) {
     const button = made("button", "", text);
-    button.addEventListener("click", () => this.ask(wish));
+    button.addEventListener("click", () => this.send(request));
     return button;
   }
 
@@ -66,7 +66,7 @@ export class FingerList {
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
     write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
-    write(row.owner, owner === null ? "held by nobody" : isOurs ? "held by this viewer" : `held by '${owner}': only that client can change it`);
+    write(row.owner, owner === null ? "no owner" : isOurs ? "held by this viewer" : `held by '${owner}': only that client can change it`);
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
     row.sticky.setAttribute("aria-pressed", owner !== null && target_um === 0);
@@ -75,7 +75,7 @@ export class FingerList {
   }
 }
 
-/** Write a text where it differs, so that nothing is laid out anew for nothing. */
+/** Write a text only if it differs, which avoids a new layout. */
 export function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -1,7 +1,7 @@
 // Pointers and keys as fingers on the simulated pad: the mouse is one, shift-click leaves one lying, each touch is one.
 
-const REPEAT_MS = 120; // the rig lets go of who is silent
-const REACH_MM = 9; // as near as this one means a finger that lies there
+const REPEAT_MS = 120; // the rig releases fingers after a timeout
+const REACH_MM = 9; // a click nearer than this selects a finger
 const STEP_MM = 1;
 const LONG_STEP_MM = 6;
 const EDGE_MM = 3;
@@ -10,14 +10,14 @@ const KEYS = "keys"; // the name of the finger that the keyboard moves
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class Hands {
-  /** `say` sends to the server, `choose` hears of a place that was pointed at. */
-  constructor(canvas, say, choose) {
+  /** `send` sends to the server, `choose` gets each position that is clicked. */
+  constructor(canvas, send, choose) {
     this.canvas = canvas;
-    this.say = say;
+    this.send = send;
     this.choose = choose;
-    this.size_mm = null; // until the plate may be touched
+    this.size_mm = null; // until touching is enabled
     this.held = new Map();
-    this.dragged = new Map(); // by pointer: the name of the finger, and whether it stays where it is let go
+    this.dragged = new Map(); // by pointer: the finger's name, and whether it stays after release
     this.pinned = 0;
     this.changed = false;
     canvas.addEventListener("pointerdown", (event) => this.down(event));
@@ -25,19 +25,19 @@ export class Hands {
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.up(event));
     canvas.addEventListener("keydown", (event) => this.key(event));
     canvas.addEventListener("contextmenu", (event) => this.size_mm && event.preventDefault());
-    setInterval(() => this.held.size > 0 && this.tell(), REPEAT_MS);
+    setInterval(() => this.held.size > 0 && this.sendFingers(), REPEAT_MS);
   }
 
-  /** The plate may be touched, or with null no more. */
+  /** Enable touching a plate of this size, or disable it with null. */
   allow(size_mm) {
     this.size_mm = size_mm;
     this.canvas.classList.toggle("touchable", size_mm !== null);
     if (size_mm === null) this.held.clear();
   }
 
-  /** Once for each picture: tell where the fingers are, if they moved. */
+  /** Called once per picture: send the fingers if they moved. */
   flush() {
-    if (this.changed) this.tell();
+    if (this.changed) this.sendFingers();
   }
 
   /** Whether one of this page's fingers is near. */
@@ -51,9 +51,9 @@ export class Hands {
     this.changed = true;
   }
 
-  tell() {
+  sendFingers() {
     this.changed = false;
-    this.say({ op: "fingers", fingers: Object.fromEntries(this.held) });
+    this.send({ op: "fingers", fingers: Object.fromEntries(this.held) });
   }
 
   place(event) {

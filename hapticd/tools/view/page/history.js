@@ -1,8 +1,8 @@
-// The frames of the last half minute, and which of them is looked at: the newest, or while paused any.
+// The frames of the last 30 s, and the one shown: the newest, or while paused any.
 
 export const SPAN_S = 30;
-const SAME_MM = 12; // a finger that is told nearer than this is the same one
-const OVER_S = 2; // the leak is of the last so many seconds
+const SAME_MM = 12; // largest distance at which a reported finger is the same as a true one
+const OVER_S = 2; // window of the leak
 
 export class History {
   constructor() {
@@ -11,7 +11,7 @@ export class History {
     this.back_s = 0;
   }
 
-  /** Take a frame; while paused it is not kept, so that what is looked at stays. */
+  /** Add a frame; while paused it is dropped, so that the shown one stays. */
   add(frame) {
     if (this.paused) return;
     const last = this.frames.at(-1);
@@ -30,7 +30,7 @@ export class History {
     return this.frames.at(-1);
   }
 
-  /** The frame that is looked at. */
+  /** The shown frame. */
   get current() {
     if (!this.newest || this.back_s === 0) return this.newest;
     return this.frames[this.index(this.newest.t_s - this.back_s)];
@@ -46,7 +46,7 @@ export class History {
     return low;
   }
 
-  /** RMS of what the sticky fingers got, and of what the others missed of their targets, over the last seconds. */
+  /** RMS amplitude of the sticky fingers, and RMS error of the others, over the window. */
   leak() {
     const current = this.current;
     if (!current) return { leak_um: null, off_um: null };
@@ -64,14 +64,14 @@ export class History {
   }
 }
 
-/** Which phasors are the best known of a frame, and of what kind they are. */
+/** The best known phasors of a frame, and their source. */
 export function motion(frame) {
   if (frame.truth) return { modal_um: frame.truth.modal_um, of: "true" };
   if (frame.measured_um.length > 0) return { modal_um: frame.measured_um, of: "measured" };
   return { modal_um: frame.modal_um, of: "asked" };
 }
 
-/** Say of each finger what it gets: truly on a simulated plate, else as measured where it was seen. */
+/** Amplitude of each finger: true on a simulated plate, else computed from the measured modes. */
 export function judge(frame, field) {
   const { modal_um } = motion(frame);
   const free = frame.truth ? frame.truth.fingers_mm.map((_, i) => i) : [];

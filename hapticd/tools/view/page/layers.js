@@ -1,14 +1,14 @@
-// What can be laid over the field: the server computes it while it is chosen. Light is full, dark is empty.
+// Layer over the field: the server computes it while it is selected. Light is full, dark is empty.
 
 import { write } from "./fingers.js";
 
 const AGAIN_MS = 250;
-const NOTHING = 255; // the level that says nothing
+const NOTHING = 255; // the level for no value
 const FULL = 254;
 const DENSEST = 225; // of 255: the field shines through
 
 export class LayerMenu {
-  /** `fetch` gives the levels of a layer by its name and the finger that `mover` names, null for one more. */
+  /** `fetch` returns the levels of a layer by its name and the id `mover` of a finger, null for one more. */
   constructor(box, menu, text, fetch, mover) {
     this.box = box;
     this.menu = menu;
@@ -41,21 +41,21 @@ export class LayerMenu {
       const levels = await this.fetch(name, mover);
       if (this.menu.value !== name) return;
       this.canvas = picture(levels);
-      write(this.text, told(name, mover, levels));
+      write(this.text, description(name, mover, levels));
     } catch {
-      this.canvas = null; // the daemon is away: the page says so elsewhere
+      this.canvas = null; // the daemon is gone, which the state line shows
     } finally {
       this.isAsking = false;
     }
   }
 }
 
-/** What is light, and how much of the plate it is. */
-function told(name, mover, levels) {
+/** Text: the meaning of the light area, and its share of the plate. */
+function description(name, mover, levels) {
   if (levels.every((level) => level === NOTHING)) return "No finger is slippery: nothing stands in the way.";
   const full = levels.reduce((sum, level) => sum + (level === FULL), 0);
   const who = mover === null ? "one more finger" : `finger ${mover}`;
-  return `Light: where ${who} ${name} and all get what they ask for, ${Math.round((full / levels.length) * 100)} % of the plate.`;
+  return `Light: where ${who} ${name} and all reach their targets, ${Math.round((full / levels.length) * 100)} % of the plate.`;
 }
 
 function picture(levels) {

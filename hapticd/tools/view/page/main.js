@@ -1,4 +1,4 @@
-// The page: what the server says goes into the history, and each picture shows the instant that is looked at.
+// The page: messages of the server go into the history, and each picture shows one of its frames.
 
 import { drawLatency, drawModes, drawStrip } from "./charts.js";
 import { LEVELS, PIXELS, theme } from "./colours.js";
@@ -67,10 +67,10 @@ const link = new Link({
   refused: (message) => notice(message.sentence, 6000),
   lost: (why) => stopped("Not connected", why || ENDED),
 });
-const ask = (wish) => link.say(wish);
-const hands = new Hands($("plate"), ask, pointedAt);
+const send = (request) => link.send(request);
+const hands = new Hands($("plate"), send, pointedAt);
 const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
-const list = new FingerList($("fingers"), $("nobody"), ask, choose);
+const list = new FingerList($("fingers"), $("untouched"), send, choose);
 
 function stopped(state, sentence) {
   isLive = false;
@@ -94,7 +94,7 @@ function choose(id) {
   chosen = id;
 }
 
-/** A place in parts of the plate was pointed at: the finger there is the one that the keys speak to. */
+/** Select the finger at a clicked position (in fractions of the plate) for the keys. */
 function pointedAt([right, up]) {
   const frame = history.current;
   if (!frame || !plate) return;
@@ -103,25 +103,25 @@ function pointedAt([right, up]) {
   if (there) choose(there.id);
 }
 
-/** Whom a layer is about: the finger that the keys speak to, where others want something; else, as null, one more. */
+/** The finger of a layer: the selected one if others have targets; else null, for one more. */
 function mover() {
-  const wanted = history.newest?.fingers.filter((finger) => finger.target_um !== null) ?? [];
-  return wanted.length > 1 && wanted.some(({ id }) => id === chosen) ? chosen : null;
+  const targeted = history.newest?.fingers.filter((finger) => finger.target_um !== null) ?? [];
+  return targeted.length > 1 && targeted.some(({ id }) => id === chosen) ? chosen : null;
 }
 
-/** Ask for the finger that the keys speak to, if it is there and nobody else's. */
-function askForChosen(wish) {
+/** Send a request for the selected finger, if it exists and no other client owns it. */
+function requestForChosen(request) {
   const finger = history.newest?.fingers.find(({ id }) => id === chosen);
   if (!finger) return;
   if (finger.owner !== null && finger.owner !== plate?.client) {
     notice(`Finger ${finger.id} is held by '${finger.owner}': only that client can change it.`, 6000);
     return;
   }
-  ask({ ...wish, finger: chosen });
+  send({ ...request, finger: chosen });
 }
 
 const greeted = new Set();
-/** A finger of ours that has just landed gets what the menu says. */
+/** Set the target of a newly landed finger of this page, by the menu. */
 function giveTargets(frame) {
   if (!plate?.simulated || history.paused) return;
   const way = $("new").value;
@@ -132,7 +132,7 @@ function giveTargets(frame) {
     if (finger.owner !== null || way === "nothing") continue;
     const isSlippery = frame.fingers.some((other) => other !== finger && other.owner === plate.client && other.target_um > 0);
     const sticks = way === "sticky" || (way === "both" && isSlippery);
-    ask({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
+    send({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
   }
 }
 
@@ -160,9 +160,9 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     pause(!history.paused);
   } else if (/^[0-9]$/.test(event.key)) {
-    askForChosen({ op: "set", amplitude_um: Number((event.key * STEP_UM).toFixed(1)) });
+    requestForChosen({ op: "set", amplitude_um: Number((event.key * STEP_UM).toFixed(1)) });
   } else if (event.key.toLowerCase() === "r") {
-    askForChosen({ op: "release" });
+    requestForChosen({ op: "release" });
   }
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (colours = theme()));
@@ -185,11 +185,11 @@ function draw(t_ms) {
   if (t_ms - t_texts_ms < SLOW_MS) return;
   document.body.dataset.rate = Math.round(pictures * 1000 / (t_ms - t_texts_ms));
   [t_texts_ms, pictures] = [t_ms, 0];
-  tell(frame);
+  writeTexts(frame);
 }
 
 /** The texts, for readers and for screen readers. */
-function tell(frame) {
+function writeTexts(frame) {
   list.show(frame?.fingers ?? [], chosen, plate?.client, isLive);
   drawLatency($("latency"), status?.latency ?? {}, colours);
   if (!frame) return;
@@ -202,8 +202,8 @@ function tell(frame) {
   const rate = status?.frames_hz ? `; ${status.frames_hz.toFixed(0)} frames a second` : "";
   write($("latency-text"), `Now predicted ${horizon} ms ahead of the sample${rate}. Milliseconds, since the daemon began.`);
   const { leak_um, off_um } = history.leak();
-  const said = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
-  write($("leak"), [said(leak_um, "leak at the sticky"), said(off_um, "slippery off by")].filter(Boolean).join(" · ")
+  const labelled = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
+  write($("leak"), [labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
   flags(frame);
@@ -212,7 +212,7 @@ function tell(frame) {
 const drive = () => (plate?.drive_hz ? `driven at ${(plate.drive_hz / 1000).toFixed(3)} kHz` : "the board has not answered");
 
 const counts = new Map();
-/** A count since the daemon began; it stands out for a while when it grows. */
+/** A counter since the daemon's start; it is highlighted for a while when it grows. */
 function count(name, value = 0) {
   const known = counts.get(name);
   if (!known || value < known.value) counts.set(name, { value, grew_ms: -Infinity });
@@ -222,7 +222,7 @@ function count(name, value = 0) {
 
 function flags(frame) {
   const board = status?.board ?? {};
-  const wanted = [
+  const flags = [
     ["limit met", frame.limited],
     ["amplifier saturated", board.saturated === true],
     ...(board.ready === false ? [["board is silent", true]] : []),
@@ -232,8 +232,8 @@ function flags(frame) {
     count("missed ticks", status?.missed_ticks),
   ];
   const box = $("flags");
-  while (box.children.length > wanted.length) box.lastChild.remove();
-  wanted.forEach(([text, isOn], index) => {
+  while (box.children.length > flags.length) box.lastChild.remove();
+  flags.forEach(([text, isOn], index) => {
     const flag = box.children[index] ?? box.appendChild(document.createElement("li"));
     write(flag, text);
     flag.classList.toggle("on", Boolean(isOn));

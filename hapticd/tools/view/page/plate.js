@@ -1,4 +1,4 @@
-// The picture of the plate: its field, its node lines, and where the fingers are, were seen, and will be.
+// Picture of the plate: field, node lines, and true, sampled and predicted fingers.
 
 import { prepared } from "./colours.js";
 import { motion } from "./history.js";
@@ -12,8 +12,8 @@ export class PlatePicture {
     this.field = null;
   }
 
-  /** Draw a frame; `chosen` is the id of the finger that the keys speak to, `layer` a picture to lay over the field,
-   * `invitation` what an untouched plate says. */
+  /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
+   * `invitation` the text on an untouched plate. */
   draw(frame, { chosen, isLive, layer, invitation }) {
     const { context, width, height } = prepared(this.canvas);
     if (!frame || !this.field) return;
@@ -39,7 +39,7 @@ export class PlatePicture {
     context.globalAlpha = 1;
   }
 
-  /** True fingers that the daemon does not see yet, or no more. */
+  /** True fingers that the daemon does not see. */
   lonely(frame) {
     if (!frame.truth) return [];
     const seen = new Set(frame.fingers.map((finger) => finger.true_mm));

@@ -1,5 +1,4 @@
-"""`hapticd map`: for fingers that are here, where another one can be still, or slip; and without any, which places are
-good."""
+"""`hapticd map`: arguments, table and arrays of the achievability maps (`design.achievability`)."""
 
 from __future__ import annotations
 
@@ -13,34 +12,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import ModesError, UsageError
-from ..files.outputs import check_writable
+from ...errors import ModesError, UsageError
+from ...files import plotting
+from ...files.outputs import check_writable
 
 if TYPE_CHECKING:
-    from ..core.plate.mode_shapes import ModeShapes
-    from ..design.achievability import AchievabilityMap, Finger
-    from ..design.achievability_pairs import PairMap
-    from ..design.achievability_picture import Panel
-    from ..design.legendre import FloatArray
+    from ...core.plate.mode_shapes import ModeShapes
+    from ...design.achievability import AchievabilityMap, Finger, PairMap
+    from ...design.legendre import FloatArray
+    from .picture import Panel
 
-LIMIT_UM = 4.0  # of each mode, where no configuration says another
-MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # as a client may ask for, and as the configuration allows
+LIMIT_UM = 4.0  # of each mode with --modes, which names no configuration
+MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # the bounds of client targets and of the configuration
 MOST_FINGERS, MOST_MODES = 15, 8
 CELLS, MOST_CELLS = 201, 401
-SEARCHED_CELLS = 61  # with several slipping fingers on three modes and more the solver takes a millisecond for each
-PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work is the fourth power of them
+SEARCHED_CELLS = 61  # several slipping fingers on three modes or more take the solver a millisecond a cell
+PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work grows with their fourth power
 SHARES = (0.5, 0.9, 1.0)
-WIDE = 52  # of the table's first column
-POSITION_ERROR_MM = 0.12  # RMS on each axis: what the prediction is off by on strokes
+NAME_COLUMNS = 52  # width of the table's first column
+POSITION_ERROR_MM = 0.12  # RMS on each axis: the prediction's error on strokes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The plate, the fingers on it, what the other one shall do, and what is written."""
-    # A place may begin with a minus; argparse takes only whole numbers with one for what they are.
+    """Add the plate, the fingers on it, what the other finger is to do, and the outputs."""
+    # A position may begin with a minus sign, which argparse accepts in whole numbers only.
     parser._negative_number_matcher = re.compile(r"-[\d.]")
     parser.description = (
-        f"{parser.description} Without --still or --slip: both. Without --finger: for every place, on what part of the "
-        "plate another finger has its wish too."
+        f"{parser.description} Without --still or --slip: both maps. Without --finger: for every position, the part of "
+        "the plate on which a second finger reaches its target too."
     )
     plate = parser.add_mutually_exclusive_group()
     plate.add_argument("--modes", type=Path, metavar="F.npz", help="mode shapes, NPZ or CSV, of 1 to 8 modes")
@@ -50,13 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="X,Y[,UM]",
-        help="a finger that is there, in mm from the plate's centre, and what it shall get in um; without UM it slips "
-        "by --target where the other is still, and is still where that slips; give it again for more fingers",
+        help="a finger's position in mm from the plate's centre, and its target in um; without UM it slips by --target "
+        "while the other finger is still, and is still while the other slips; repeat for more fingers",
     )
     other = parser.add_mutually_exclusive_group()
-    other.add_argument("--still", action="store_true", help="the other finger shall be still")
-    other.add_argument("--slip", action="store_true", help="the other finger shall slip by --target")
-    parser.add_argument("--target", type=float, default=1.0, metavar="UM", help="of who slips (default 1)")
+    other.add_argument("--still", action="store_true", help="map where the other finger can be still")
+    other.add_argument("--slip", action="store_true", help="map where the other finger can slip by --target")
+    parser.add_argument(
+        "--target", type=float, default=1.0, metavar="UM", help="target of slipping fingers (default 1)"
+    )
     parser.add_argument("--limit", metavar="UM[,UM..]", help="of each mode (default: the configuration's, or 4)")
     parser.add_argument(
         "--cells", type=int, metavar="N", help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})"
@@ -67,15 +68,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _map(options: argparse.Namespace) -> None:
-    from ..design.achievability import achievability_map
-    from ..design.achievability_picture import Panel, draw
+    from ...design.achievability import achievability_map
+    from .picture import Panel, draw
 
     check_writable(options.plot, options.out)
+    plotting.check(options.plot)
     modes, size_mm, limit_um = _plate(options)
     target_um = _number(options.target, "--target", 1e-3, MOST_UM)
     if not options.finger:
         if options.still or options.slip:
-            raise UsageError("--still and --slip are about a finger beside others: give a --finger, such as -30,20.")
+            raise UsageError("--still and --slip need the other fingers: give a --finger, such as -30,20.")
         _map_pairs(options, modes, size_mm, limit_um, target_um)
         return
     if len(options.finger) > MOST_FINGERS:
@@ -89,10 +91,10 @@ def _map(options: argparse.Namespace) -> None:
         slipping = sum(um > 0.0 for um in (other_um, *(finger.target_um for finger in fingers)))
         usual_cells = CELLS if slipping == 1 or modes.M <= 2 else SEARCHED_CELLS
         cells = _cells(options.cells, usual_cells, MOST_CELLS)
-        made = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
-        panels.append(Panel(_wish(other_um), tuple(fingers), made))
+        result = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
+        panels.append(Panel(_title(other_um), tuple(fingers), result))
     if not panels:
-        raise UsageError("--still: nobody would slip: give a --finger an amplitude above 0.")
+        raise UsageError("--still: no finger slips: give a --finger an amplitude above 0.")
     print(_table(panels, modes, size_mm, limit_um))
     if options.plot is not None:
         draw(panels, modes, size_mm, options.plot)
@@ -107,16 +109,17 @@ def _map_pairs(
     limit_um: tuple[float, ...],
     target_um: float,
 ) -> None:
-    from ..design.achievability_pairs import pair_map
-    from ..design.achievability_picture import draw_pairs
+    from ...design.achievability import pair_map
+    from .picture import draw_pairs
 
     cells = _cells(options.cells, PAIR_CELLS, MOST_PAIR_CELLS)
     pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells)
-    print(_plate_told(modes, size_mm, limit_um))
-    had = f"{100 * pairs.still.mean():.1f} % of all pairs of places"
-    print(f"one finger slips by {target_um:g} um and one is still: both have it on {had}")
+    print(_plate_line(modes, size_mm, limit_um))
+    served = f"{100 * pairs.still.mean():.1f} % of all pairs of positions"
+    print(f"one finger slips by {target_um:g} um and one is still: both reach their target on {served}")
     for name, part in (("slips", pairs.slipping), ("is still", pairs.still)):
-        ends = ", ".join(f"{word} {_place_told(pairs, part, at)}" for word, at in _ends(part))
+        extremes = (("least", int(part.argmin())), ("most", int(part.argmax())))
+        ends = ", ".join(f"{word} {_position(pairs, part, index)}" for word, index in extremes)
         print(f"if one {name} here, the other can be on this part of the plate: {ends}")
     if options.plot is not None:
         draw_pairs(pairs, modes, size_mm, options.plot)
@@ -125,22 +128,18 @@ def _map_pairs(
         _save(arrays, limit_um, options.out)
 
 
-def _ends(part: FloatArray) -> tuple[tuple[str, int], tuple[str, int]]:
-    return ("least", int(part.argmin())), ("most", int(part.argmax()))
-
-
-def _place_told(pairs: PairMap, part: FloatArray, at: int) -> str:
-    row, column = divmod(at, part.shape[1])
+def _position(pairs: PairMap, part: FloatArray, index: int) -> str:
+    row, column = divmod(index, part.shape[1])
     return f"{100 * part[row, column]:.0f} % at {pairs.x_mm[column]:.1f}, {pairs.y_mm[row]:.1f} mm"
 
 
-# --- what is asked ----------------------------------------------------------------------------------------------
+# --- arguments --------------------------------------------------------------------------------------------------
 
 
 def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float], tuple[float, ...]]:
-    """The shapes, the plate's size and the modes' limits. Raises HapticdError."""
+    """Return the mode shapes, the plate's size and the modes' limits. Raises HapticdError."""
     if options.modes is not None:
-        from ..core.plate.mode_shapes import ModeShapes
+        from ...core.plate.mode_shapes import ModeShapes
 
         try:
             modes = ModeShapes.load(options.modes)
@@ -150,9 +149,9 @@ def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float]
             raise UsageError(f"--modes: {options.modes} has {modes.M} modes: give a file of at most {MOST_MODES}.")
         size_mm = 2.0 * float(np.abs(modes.x_mm).max()), 2.0 * float(np.abs(modes.y_mm).max())
         return modes, size_mm, _limits(options.limit, (LIMIT_UM,) * modes.M)
-    from ..config import loader as config
-    from ..config.sections import Config
-    from ..daemon.service import load_modes
+    from ...config import loader as config
+    from ...config.sections import Config
+    from ...daemon.service import load_modes
 
     loaded = config.load(options.config) if options.config is not None else Config()
     width_mm, depth_mm = loaded.plate.size_mm
@@ -169,15 +168,17 @@ def _limits(text: str | None, usual_um: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
-    from ..design.achievability import Finger
+    from ...design.achievability import Finger
 
     parts = text.split(",")
     if len(parts) not in (2, 3):
-        raise UsageError(f"--finger: {text!r} is no finger: write X,Y in mm, or X,Y,UM, such as -30,20 or -30,20,0.5.")
+        raise UsageError(
+            f"--finger: {text!r} is no position: write X,Y in mm, or X,Y,UM, such as -30,20 or -30,20,0.5."
+        )
     x_mm, y_mm = (_number(part, f"--finger {text}", -math.inf, math.inf) for part in parts[:2])
     if not (abs(x_mm) <= size_mm[0] / 2 and abs(y_mm) <= size_mm[1] / 2):
         raise UsageError(
-            f"--finger {text}: lies beside the plate, which reaches from -{size_mm[0] / 2:g},-{size_mm[1] / 2:g} "
+            f"--finger {text}: lies off the plate, which reaches from -{size_mm[0] / 2:g},-{size_mm[1] / 2:g} "
             f"to {size_mm[0] / 2:g},{size_mm[1] / 2:g} mm."
         )
     return Finger(x_mm, y_mm, _number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
@@ -206,21 +207,21 @@ def _number(text: str | float, name: str, low: float, high: float) -> float:
     return value
 
 
-# --- what is answered -------------------------------------------------------------------------------------------
+# --- results ----------------------------------------------------------------------------------------------------
 
 
-def _wish(other_um: float) -> str:
+def _title(other_um: float) -> str:
     return "the other finger still" if other_um == 0.0 else f"the other finger slips by {other_um:g} um"
 
 
 def _table(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:
-    lines = [_plate_told(modes, size_mm, limit_um)]
+    lines = [_plate_line(modes, size_mm, limit_um)]
     for column, panel in enumerate(panels, 1):
-        lines.append(f"({column}) {panel.wish}, while {' and '.join(map(_told, panel.fingers))}")
-    lines += ["", " " * WIDE + "".join(f"{f'({column})':>8}" for column in range(1, len(panels) + 1))]
-    columns = [_figures(panel.made) for panel in panels]
+        lines.append(f"({column}) {panel.title}, while {' and '.join(map(_finger_line, panel.fingers))}")
+    lines += ["", " " * NAME_COLUMNS + "".join(f"{f'({column})':>8}" for column in range(1, len(panels) + 1))]
+    columns = [_figures(panel.result) for panel in panels]
     for (name, unit), *values in zip(columns[0], *(column.values() for column in columns), strict=True):
-        lines.append(f"{name:<{WIDE}}" + "".join(map(_cell, values)) + f"  {unit}")
+        lines.append(f"{name:<{NAME_COLUMNS}}" + "".join(map(_cell, values)) + f"  {unit}")
     return "\n".join(lines)
 
 
@@ -228,39 +229,42 @@ def _cell(value: float) -> str:
     return f"{value:8.2f}" if math.isfinite(value) else "       -"
 
 
-def _plate_told(modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:
+def _plate_line(modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:
     limits = ", ".join(f"{limit:g}" for limit in limit_um)
     named = "1 mode" if modes.M == 1 else f"{modes.M} modes"
     return f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm, {named} of at most {limits} um"
 
 
-def _told(finger: Finger) -> str:
+def _finger_line(finger: Finger) -> str:
     does = "is still" if finger.target_um == 0.0 else f"slips by {finger.target_um:g} um"
     return f"one at {finger.x_mm:g}, {finger.y_mm:g} mm {does}"
 
 
-def _figures(made: AchievabilityMap) -> dict[tuple[str, str], float]:
-    """By what they are and their unit; NaN where there is none."""
+def _figures(result: AchievabilityMap) -> dict[tuple[str, str], float]:
+    """Return values by (name, unit); NaN where there is none."""
     figures = {}
     for share in SHARES:
         part = "all" if share == 1.0 else f"{100 * share:.0f} %"
-        figures[f"who slips gets {part} of it on", "% of the plate"] = 100.0 * made.served_frac(share)
-    figures["could get at most, at a place in the middle", "um"] = float(np.median(made.reach_um))
-    figures["could get at most, at a place of the worst tenth", "um"] = float(np.quantile(made.reach_um, 0.1))
-    contrast = made.contrast(POSITION_ERROR_MM)[made.share >= SHARES[0]]
+        figures[f"slipping fingers get {part} of the target on", "% of the plate"] = 100.0 * result.served_frac(share)
+    figures["reach at the median position", "um"] = float(np.median(result.reach_um))
+    figures["reach at the worst tenth of positions", "um"] = float(np.quantile(result.reach_um, 0.1))
+    contrast = result.contrast(POSITION_ERROR_MM)[result.share >= SHARES[0]]
     usual = float(np.median(contrast)) if contrast.size > 0 else math.nan
-    figures[f"gets more than a still one that is {POSITION_ERROR_MM} mm off", "times, where half is had"] = usual
+    figures[f"contrast to a still finger that is {POSITION_ERROR_MM} mm off", "times, where half the target is met"] = (
+        usual
+    )
     return figures
 
 
 def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> None:
-    """The arrays of `AchievabilityMap`, under the names still_... and slip_... by what the other finger does."""
+    """Write the arrays of `AchievabilityMap`, named still_... or slip_... by what the other finger does."""
     arrays: dict[str, FloatArray] = {}
     for panel in panels:
-        made, way = panel.made, "still" if panel.made.target_um[-1] == 0.0 else "slip"
-        arrays[f"{way}_fingers_mm"] = np.array([finger[:2] for finger in panel.fingers])
+        result = panel.result
+        prefix = "still" if result.target_um[-1] == 0.0 else "slip"
+        arrays[f"{prefix}_fingers_mm"] = np.array([finger[:2] for finger in panel.fingers])
         for name in ("x_mm", "y_mm", "target_um", "share", "achieved_um", "reach_um", "slope_um_mm", "determinant"):
-            arrays[f"{way}_{name}"] = getattr(made, name)
+            arrays[f"{prefix}_{name}"] = getattr(result, name)
     _save(arrays, limit_um, path)
 
 

@@ -1,4 +1,4 @@
-"""The arguments of `hapticd stream`. Light: what they set going is imported when it is called."""
+"""`hapticd stream`: arguments, and checks of the libraries that the streams need."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FINGERS, MAX_FINGERS = 5, 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The actions plotjuggler, prometheus and lsl."""
+    """Add the actions plotjuggler, prometheus and lsl."""
     parser.epilog = (
         "example: hapticd stream plotjuggler\n"
         f"         hapticd stream prometheus --port {PROMETHEUS_PORT}\n"
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--bind",
         default=PLOTJUGGLER_ADDRESS,
         metavar="ADDRESS",
-        help=f"where to publish (default {PLOTJUGGLER_ADDRESS})",
+        help=f"address to publish at (default {PLOTJUGGLER_ADDRESS})",
     )
     _add_fingers(plotjuggler)
     plotjuggler.set_defaults(command=_plotjuggler)
@@ -64,7 +64,7 @@ def _add_fingers(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=FINGERS,
         metavar="N",
-        help=f"how many have curves of their own (default {FINGERS})",
+        help=f"number of fingers with curves of their own (default {FINGERS})",
     )
 
 
@@ -82,7 +82,7 @@ def _prometheus(options: argparse.Namespace) -> None:
         import prometheus_client  # noqa: F401
     except ImportError:
         raise HapticdError(
-            'Metrics are served with prometheus-client: install it with `pip install "hapticd[streams]"`.'
+            'Metrics need prometheus-client: install it with `pip install "hapticd[streams]"`.'
         ) from None
     from .prometheus import run
 
@@ -93,9 +93,9 @@ def _lsl(options: argparse.Namespace) -> None:
     fingers = _checked_fingers(options)
     try:
         import pylsl
-    except (ImportError, RuntimeError, OSError) as error:  # the latter two where pylsl finds no liblsl to load
+    except (ImportError, RuntimeError, OSError) as error:  # the latter two if pylsl finds no liblsl
         raise HapticdError(
-            f"The Lab Streaming Layer is not to be had ({_first_line(error)}): "
+            f"The Lab Streaming Layer cannot be loaded ({_first_line(error)}): "
             'install it with `pip install "hapticd[lsl]"`.'
         ) from None
     from .lsl import run
@@ -104,11 +104,11 @@ def _lsl(options: argparse.Namespace) -> None:
 
 
 def _streaming(run: Callable[[], None]) -> None:
-    """Until Ctrl-C or SIGTERM; what the client library says becomes a sentence of ours."""
+    """Run until Ctrl-C or SIGTERM; errors of the client library become UsageError."""
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError("A stream is a client too: install it with `pip install clients/python`.") from None
+        raise HapticdError("A stream needs the client library: install it with `pip install clients/python`.") from None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         run()

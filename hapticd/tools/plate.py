@@ -1,8 +1,7 @@
-"""`hapticd plate`: what a plate of a size, thickness and material could be driven with, and where it may be held.
+"""`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points.
 
-Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, its frequencies differ
-by some per cent, and its modes are measured (`hapticd calibrate modes`); the mode file is for trying before there is
-one.
+Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, and its frequencies
+differ by some per cent: measure its modes with `hapticd calibrate modes`. The mode file is for trials before that.
 """
 
 from __future__ import annotations
@@ -17,26 +16,58 @@ from typing import Any
 
 import numpy as np
 
-from ...core.plate.mode_shapes import ModeShapes
-from ...design import free_plate_modes
-from ...design.materials import Material, find_material
-from ...design.pairs import ModePair, mode_pairs
-from ...design.stamps import Stamp, common_nodes, four_stamps
-from ...errors import CalibrationError, ModesError
-from ...files.outputs import check_writable, write_text
-from . import picture
-from .modes import parse_size
+from ..core.plate.mode_shapes import ModeShapes
+from ..design import free_plate_modes
+from ..design.materials import Material, find_material
+from ..design.pairs import ModePair, mode_pairs
+from ..design.stamps import Stamp, common_nodes, four_stamps
+from ..errors import CalibrationError, ModesError
+from ..files import plotting
+from ..files.outputs import check_writable, write_text
+from .calibrate.modes import parse_size
 
-SPAN_FRAC = 0.05  # of the frequency, to either side, where pairs are looked for
+SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
 ROWS = 10  # of the tables
 MAP_STEP_MM = 1.375
 MOST_UM = 20.0  # of a mode, as in the service's configuration
 DRAWN = 2  # pairs in the picture
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the plate, the pair of modes, and the outputs."""
+    parser.epilog = (
+        f"{parser.epilog}\n\n"
+        "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
+    )
+    parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="width x depth (default 137.5x137.5)")
+    parser.add_argument("--thickness", dest="thickness_mm", type=float, default=2.0, metavar="MM", help="default 2")
+    parser.add_argument(
+        "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
+    )
+    parser.add_argument("--near", dest="near_hz", type=float, default=29200.0, metavar="HZ", help="default 29200")
+    parser.add_argument(
+        "--splitting",
+        dest="splitting_hz",
+        type=float,
+        default=60.0,
+        metavar="HZ",
+        help="largest of a pair (default 60)",
+    )
+    parser.add_argument("--pair", type=int, default=1, metavar="N", help="select a pair of the table (default 1)")
+    parser.add_argument("--stamp", dest="stamp_mm", type=float, default=2.0, metavar="MM", help="radius (default 2)")
+    parser.add_argument(
+        "--amplitude", dest="amplitude_um", type=float, default=4.0, metavar="UM", help="of both modes (default 4)"
+    )
+    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the pair's shapes as a mode file")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the shapes and the stamps")
+    parser.add_argument("--json", metavar="F", help="write pairs and stamps as JSON; - is standard output")
+    parser.set_defaults(command=run)
+
+
 def run(options: argparse.Namespace) -> int:
-    """Tables, and the files that were asked for. Raises HapticdError."""
+    """Print the tables and write the outputs. Raises HapticdError."""
     check_writable(options.json, options.out, options.plot)
+    plotting.check(options.plot)
     size_mm = parse_size(options.size)
     try:
         pairs = _pairs(options, size_mm, find_material(options.material))
@@ -79,7 +110,7 @@ def _no_pair(options: argparse.Namespace, pairs: int) -> str:
             f"within {100 * SPAN_FRAC:g} % of {options.near_hz:g} Hz no two modes lie {options.splitting_hz:g} Hz apart"
         )
         return f"No pair: {near}: give another --near, or more --splitting."
-    return f"--pair is {options.pair}: there are {pairs}, the first is 1."
+    return f"--pair is {options.pair}: give 1 .. {pairs}."
 
 
 def _pair_table(pairs: Sequence[ModePair], taken: int) -> str:
@@ -90,7 +121,7 @@ def _pair_table(pairs: Sequence[ModePair], taken: int) -> str:
             f"{mark}{place:>2} {pair.name:<28} {pair.centre_hz:9.1f} {pair.splitting_hz:9.1f} {pair.next_hz:13.1f}"
         )
     if len(pairs) > ROWS:
-        lines.append(f"   and {len(pairs) - ROWS} more, farther away")
+        lines.append(f"   and {len(pairs) - ROWS} more, farther from --near")
     return "\n".join(lines)
 
 
@@ -101,7 +132,9 @@ def _stamp_table(pair: ModePair, nodes: Sequence[Stamp], chosen: Sequence[Stamp]
     lines = [
         f"\n{pair.name}: {len(nodes)} common nodes. With both modes at {um:g} um a stamp of {options.stamp_mm:g} mm "
         f"radius is moved by {um * nodes[0].moved_frac:.2f} to {um * nodes[-1].moved_frac:.2f} um.",
-        "Four to glue, the calmest of each quadrant:" if len(chosen) == 4 else "Not every quadrant has one:",
+        "Four to glue, the one of least motion in each quadrant:"
+        if len(chosen) == 4
+        else "Not every quadrant has one:",
         "     x mm    y mm  moved um",
     ]
     lines += [f"  {stamp.x_mm:7.2f} {stamp.y_mm:7.2f} {um * stamp.moved_frac:9.3f}" for stamp in chosen]
@@ -126,7 +159,7 @@ def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp
 
 
 def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None:
-    """A mode file as `plate.modes_file` wants it: peaks of 1, edge to edge."""
+    """Write a mode file for `plate.modes_file`: peaks of 1, edge to edge."""
     x_mm, y_mm = (
         np.linspace(-edge_mm / 2, edge_mm / 2, math.ceil(edge_mm / max(MAP_STEP_MM, edge_mm / 300)) + 1)
         for edge_mm in size_mm
@@ -140,9 +173,9 @@ def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None
 def draw(
     pairs: Sequence[ModePair], taken: ModePair, nodes: Sequence[Stamp], chosen: Sequence[Stamp], path: Path
 ) -> None:
-    """Both shapes of each pair, and of the taken one the common nodes over where it moves. Raises CalibrationError."""
+    """Draw both shapes of each pair, and the common nodes of the selected one. Raises HapticdError."""
     rows = len(pairs)
-    figure, axes = picture.canvas(3, rows, width_in=7.5, height_in=2.5 * rows)
+    figure, axes = plotting.subplots(7.5, 2.5 * rows, rows, 3)
     width_mm, depth_mm = taken.shapes[0].size_mm
     x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, 161) for edge_mm in (width_mm, depth_mm))
     extent = (-width_mm / 2, width_mm / 2, -depth_mm / 2, depth_mm / 2)
@@ -163,4 +196,4 @@ def draw(
             )
         row[2].set_title("both at once; stamps" if pair is taken else "both at once", fontsize=9)
         row[0].set_ylabel("y, mm")
-    picture.save(figure, path)
+    plotting.save(figure, path, dpi=80, colours=64)

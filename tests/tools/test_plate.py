@@ -1,4 +1,4 @@
-"""`hapticd plate`: the table, the files, and plates that cannot be."""
+"""`hapticd plate`: table, files, and refused arguments."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(
     files = {name: tmp_path / f"plate.{name}" for name in ("npz", "png", "json")}
     arguments = ["--out", str(files["npz"]), "--plot", str(files["png"]), "--json", str(files["json"])]
     assert main(["plate", *arguments]) == 0
-    said = capsys.readouterr().out
-    assert "* 1 11x0 + 0x11" in said
-    assert "121 common nodes" in said
+    output = capsys.readouterr().out
+    assert "* 1 11x0 + 0x11" in output
+    assert "121 common nodes" in output
     shapes = ModeShapes.load(files["npz"])
     truth = {shape.name: shape for _, shape in free_plate_modes()}
     points = np.random.default_rng(1).uniform(-68.0, 68.0, (200, 2))
     expected = np.stack([truth[name].evaluate(points) for name in ("11x0", "0x11")], axis=-1)
     np.testing.assert_allclose(shapes.evaluate(points), expected, atol=2e-3)
     assert files["png"].read_bytes().startswith(b"\x89PNG")
-    told = json.loads(files["json"].read_text())
-    assert told["pairs"][told["taken"] - 1]["modes"] == ["11x0", "0x11"]
-    assert len(told["stamps"]) == 121
+    table = json.loads(files["json"].read_text())
+    assert table["pairs"][table["taken"] - 1]["modes"] == ["11x0", "0x11"]
+    assert len(table["stamps"]) == 121
 
 
 def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["plate", "--pair", "2", "--json", "-"]) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out)["taken"] == 2
-    assert "* 2 9x6 + 6x9" in said.err
+    output = capsys.readouterr()
+    assert json.loads(output.out)["taken"] == 2
+    assert "* 2 9x6 + 6x9" in output.err
 
 
 @pytest.mark.parametrize(

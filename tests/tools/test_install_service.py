@@ -1,4 +1,4 @@
-"""`hapticd install-service`: what it shows, what it writes, and what it leaves alone."""
+"""`hapticd install-service`: its listing, the files it writes, and the configuration that it keeps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.errors import HapticdError
-from hapticd.tools.installation import DESTINATIONS, HIDDEN_BY_UNIT, ServiceFile, install, listing, service_files
+from hapticd.tools.install_service import DESTINATIONS, HIDDEN_BY_UNIT, ServiceFile, install, listing, service_files
 
 SYSTEMD = Path(__file__).parents[2] / "systemd"
 PROGRAM = Path("/opt/plate/bin/hapticd")
@@ -20,14 +20,14 @@ def files() -> tuple[ServiceFile, ...]:
 
 
 def test_all_files_go_where_the_system_looks_for_them(tmp_path: Path) -> None:
-    said = install(files(), tmp_path)
+    output = install(files(), tmp_path)
     for name, destination in DESTINATIONS.items():
         path = tmp_path / destination
         assert stat.S_IMODE(path.stat().st_mode) == 0o644
-        assert f"installed  {path}" in said
+        assert f"installed  {path}" in output
         if name != "hapticd.service":
             assert path.read_text() == (SYSTEMD / name).read_text()
-    assert "systemctl enable --now hapticd" in said
+    assert "systemctl enable --now hapticd" in output
 
 
 def test_the_unit_starts_this_program_and_is_else_the_same(tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_a_configuration_that_is_there_is_left_alone_and_the_rest_renewed(tmp_pa
 def test_a_program_that_the_service_could_not_see_is_refused_before_anything_is_written(
     place: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(HapticdError, match="lies where the service cannot see it"):
+    with pytest.raises(HapticdError, match="is hidden from the service"):
         install(service_files(SYSTEMD, Path(place)), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -69,7 +69,7 @@ def test_a_package_without_its_files_is_one_sentence(tmp_path: Path) -> None:
 
 def test_everything_is_shown_and_nothing_changed_with_print(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["install-service", "--print"]) == 0
-    said = capsys.readouterr().out
-    assert said == listing(service_files())
+    output = capsys.readouterr().out
+    assert output == listing(service_files())
     for destination in DESTINATIONS.values():
-        assert f"# --- /{destination}\n" in said
+        assert f"# --- /{destination}\n" in output

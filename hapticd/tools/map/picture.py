@@ -1,4 +1,4 @@
-"""The achievability map as a picture: what the slipping finger gets, for each place of the other one."""
+"""The achievability map as a picture: the share that the slipping finger gets, over the other finger's position."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.errors import HapticdError
-
-from .achievability import AchievabilityMap, Finger
-from .achievability_pairs import PairMap
-from .legendre import FloatArray
+from ...core.plate.mode_shapes import ModeShapes
+from ...design.achievability import AchievabilityMap, Finger, PairMap
+from ...design.legendre import FloatArray
+from ...files import plotting
 
 DPI = 100
 NODES_PER_SIDE = 201
@@ -21,31 +19,31 @@ _SLIPPERY, _STICKY, _SINGULAR = "#4cc3ff", "#ff9e4a", "#ff4d6d"
 
 
 class Panel(NamedTuple):
-    """What is asked of the other finger, in words; the fingers that are there; and the map."""
+    """One map: what the other finger is to do, in words, and the fingers present."""
 
-    wish: str
+    title: str
     fingers: tuple[Finger, ...]
-    made: AchievabilityMap
+    result: AchievabilityMap
 
 
 def draw(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
-    """Write a PNG, a panel beside the other. Raises HapticdError without matplotlib, or where it cannot be written."""
+    """Write the panels side by side. Raises HapticdError as `plotting.save`."""
     figure, axes = _canvas(len(panels))
     for axis, panel in zip(axes, panels, strict=True):
         image = _draw_panel(axis, panel, modes, size_mm)
     scale = figure.colorbar(image, ax=axes, pad=0.02)
-    scale.set_label("what the worst served slipping finger gets of its target")
+    scale.set_label("share of its target that the worst served slipping finger gets")
     _save(figure, axes, path)
 
 
 def draw_pairs(pairs: PairMap, modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
-    """Write a PNG of both maps on one scale. Raises HapticdError as `draw`."""
+    """Write both maps on one scale. Raises HapticdError as `plotting.save`."""
     figure, axes = _canvas(2)
     lowest = float(min(pairs.slipping.min(), pairs.still.min()))
-    wishes = ("slips here, the other still", "is still here, the other slips")
-    for axis, part, wish in zip(axes, (pairs.slipping, pairs.still), wishes, strict=True):
+    titles = ("slips here, the other still", "is still here, the other slips")
+    for axis, part, title in zip(axes, (pairs.slipping, pairs.still), titles, strict=True):
         image = _draw_field(axis, part, modes, size_mm, lowest)
-        axis.set_title(f"a finger {wish}", fontsize=10)
+        axis.set_title(f"a finger {title}", fontsize=10)
         axis.set_xlabel("x, mm")
     scale = figure.colorbar(image, ax=axes, pad=0.02)
     scale.set_label("part of the plate where the other finger can be")
@@ -53,44 +51,35 @@ def draw_pairs(pairs: PairMap, modes: ModeShapes, size_mm: tuple[float, float], 
 
 
 def _canvas(columns: int) -> tuple[Any, Any]:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
-    figure = Figure(figsize=(4.9 * columns + 1.2, 5.6), layout="compressed")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
-    axes[0].set_ylabel("y, mm")
-    return figure, axes
+    figure, grid = plotting.subplots(4.9 * columns + 1.2, 5.6, 1, columns, layout="compressed", sharey=True)
+    grid[0, 0].set_ylabel("y, mm")
+    return figure, grid[0]
 
 
 def _save(figure: Any, axes: Any, path: Path) -> None:
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False, fontsize=9)
-    try:
-        figure.savefig(path, dpi=DPI, format="png")
-    except OSError as error:
-        raise HapticdError(f"The picture cannot be written to {path}: {error.strerror or error}.") from None
+    plotting.save(figure, path, dpi=DPI)
 
 
 def _draw_panel(axis: Any, panel: Panel, modes: ModeShapes, size_mm: tuple[float, float]) -> Any:
-    made = panel.made
-    image = _draw_field(axis, made.share, modes, size_mm, 0.0)
-    if not np.isnan(made.determinant).any() and _changes_sign(made.determinant):
-        axis.contour(made.x_mm, made.y_mm, made.determinant, levels=[0.0], colors=_SINGULAR, linewidths=1.1)
-        axis.plot([], [], color=_SINGULAR, lw=1.1, label="singular: nothing is left")
+    result = panel.result
+    image = _draw_field(axis, result.share, modes, size_mm, 0.0)
+    if not np.isnan(result.determinant).any() and _changes_sign(result.determinant):
+        axis.contour(result.x_mm, result.y_mm, result.determinant, levels=[0.0], colors=_SINGULAR, linewidths=1.1)
+        axis.plot([], [], color=_SINGULAR, lw=1.1, label="singular: no amplitude left")
     for finger in panel.fingers:
         colour, letter = (_STICKY, "o") if finger.target_um == 0.0 else (_SLIPPERY, "D")
         axis.plot(finger.x_mm, finger.y_mm, letter, ms=10, mfc=colour, mec="black", mew=1.2, clip_on=False)
     axis.plot([], [], "D", ms=8, mfc=_SLIPPERY, mec="black", label="slips")
     axis.plot([], [], "o", ms=8, mfc=_STICKY, mec="black", label="still")
-    axis.set_title(f"{panel.wish.replace(' um', ' µm')}: {_served(made)}", fontsize=10)
-    axis.set_xlabel("x, mm: where the other finger is")
+    served = f"{100 * result.served_frac(1.0):.0f} % of the plate at full target"
+    axis.set_title(f"{panel.title.replace(' um', ' µm')}: {served}", fontsize=10)
+    axis.set_xlabel("x, mm: the other finger's position")
     return image
 
 
 def _draw_field(axis: Any, values: FloatArray, modes: ModeShapes, size_mm: tuple[float, float], lowest: float) -> Any:
-    """Values of `lowest` to 1 in colours, edge to edge, and the node lines over them."""
+    """Draw values from `lowest` to 1 as colours over the whole plate, with the node lines on top."""
     half_x_mm, half_y_mm = size_mm[0] / 2, size_mm[1] / 2
     image = axis.imshow(
         values,
@@ -118,7 +107,3 @@ def _draw_nodes(axis: Any, modes: ModeShapes, size_mm: tuple[float, float]) -> N
 
 def _changes_sign(values: Any) -> bool:
     return bool(values.min() < 0.0 < values.max())
-
-
-def _served(made: AchievabilityMap) -> str:
-    return f"{100 * made.served_frac(1.0):.0f} % of the plate as asked"

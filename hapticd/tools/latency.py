@@ -1,12 +1,12 @@
-"""`hapticd latency`: serve the devices at hand for a while as `hapticd run` does, and tell how long each part of a
-touch's way takes: as percentiles, as a picture of each distribution, and frame by frame.
+"""`hapticd latency`: serve the devices as `hapticd run` does, and measure each delay from report to plate.
 
-Every finger that comes down is asked for a vibration, the first for AMPLITUDE_UM and the others for none, so that each
-report makes a frame. Clients are not served meanwhile.
+It prints percentiles, draws the distributions, and writes frame by frame. The first finger gets a target of
+AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. Clients are not served meanwhile.
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import csv
 import json
@@ -19,19 +19,21 @@ from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import TextIO
 
-from ...config.sections import Config
-from ...core.board.ledger import Histogram, LedgerLine
-from ...daemon.daemon import Daemon, now_ns
-from ...daemon.lifecycle import serve
-from ...daemon.machine import Machine
-from ...daemon.service import ConfigLoader, Prepared
-from ...daemon.status import histogram_fields
-from ...errors import HapticdError, UsageError, reason
-from ...files.outputs import check_writable, write_text
-from ...values import AmplitudeTarget, ClientTargets, Target
+from ..config.sections import Config
+from ..core.board.ledger import Histogram, LedgerLine
+from ..daemon.daemon import Daemon, now_ns
+from ..daemon.lifecycle import serve
+from ..daemon.machine import Machine
+from ..daemon.service import ConfigLoader, Prepared
+from ..daemon.status import histogram_fields
+from ..errors import HapticdError, UsageError, reason
+from ..files import plotting
+from ..files.outputs import check_writable, write_text
+from ..values import AmplitudeTarget, ClientTargets, Target
+from .run import add_config_arguments, configuration, log_to_stderr
 
 AMPLITUDE_UM = 0.5
-ASK_EVERY_S = 0.1  # also how often the ledger is copied, long before its 512 lines are full
+POLL_EVERY_S = 0.1  # of targets and ledger, whose 512 lines take far longer to fill
 TTL_NS = 500_000_000
 
 _FROM_MS, _DECADES, _COLUMNS_PER_DECADE = 0.001, 5, 10  # the picture's axis, logarithmic: 1 us .. 100 ms
@@ -52,8 +54,8 @@ STAGES = {
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a run found: the frames that the board applied, histograms of the stages, what was late or missed, and how
-    much of one processor it took, since the first of them; NaN where that was not measured."""
+    """Result of a run: the frames that the board applied, histograms of the stages, counts of late and missed ones, and
+    the load of one processor since the first frame, NaN if not measured."""
 
     lines: tuple[LedgerLine, ...]
     stages: Mapping[str, Histogram]
@@ -61,12 +63,29 @@ class Measured:
     processor_percent: float = math.nan
 
 
-def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path | None, plot: Path | None) -> None:
-    """Measure for `seconds` and print; `json_file` takes the figures, `ledger` the frames as CSV, `plot` a picture.
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the devices, the duration, and the outputs."""
+    add_config_arguments(parser)
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10); move two fingers meanwhile")
+    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    parser.add_argument("--ledger", type=Path, metavar="F.csv", help="write a line per frame: its report, ages, delays")
+    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the distributions")
+    parser.set_defaults(command=_latency)
 
-    Raises HapticdError where no frame was answered.
+
+def _latency(options: argparse.Namespace) -> None:
+    loaded = configuration(options)
+    log_to_stderr(loaded.log.level)
+    run(loaded, options.seconds, json_file=options.json, ledger=options.ledger, plot=options.plot)
+
+
+def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path | None, plot: Path | None) -> None:
+    """Measure for `seconds` and print; write figures as JSON, frames as CSV and a picture.
+
+    Raises HapticdError if the board applied no frame.
     """
     check_writable(json_file, ledger, plot)
+    plotting.check(plot)
     measured = measure(config, seconds)
     print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
     if json_file is not None:
@@ -78,16 +97,14 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
 
 def measure(config: Config, seconds: float) -> Measured:
-    """Serve the configured devices for `seconds`. Raises HapticdError where no frame was answered."""
+    """Serve the configured devices for `seconds`. Raises HapticdError if the board applied no frame."""
     if not 0.0 < seconds < math.inf:
-        raise UsageError(f"latency: {seconds:g} s is no time to measure in: give --seconds above 0.")
+        raise UsageError(f"latency: {seconds:g} s is too short: give --seconds above 0.")
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
         config = replace(config, client=replace(config.client, runtime_dir=folder))
         measured = asyncio.run(_measure(config_loader.prepare(config), seconds))
     if not measured.lines:
-        raise HapticdError(
-            "latency: no frame reached the board: lay two fingers on the pad, move them, and read above."
-        )
+        raise HapticdError("latency: no frame reached the board: move two fingers on the pad, and see the log above.")
     return measured
 
 
@@ -105,7 +122,7 @@ async def _measure(prepared: Prepared, seconds: float) -> Measured:
 
 
 async def _watch(daemon: Daemon, seconds: float) -> Measured:
-    """Ask for what the fingers shall get, and copy the ledger, until the time is over."""
+    """Set targets for all fingers and copy the ledger, for `seconds`."""
     await asyncio.sleep(0)  # let it start
     machine, lines = daemon.machine, list[LedgerLine]()
     t_end_ns = now_ns() + round(seconds * 1e9)
@@ -113,24 +130,24 @@ async def _watch(daemon: Daemon, seconds: float) -> Measured:
     while now_ns() < t_end_ns:
         if not lines:
             t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-        machine.want(_wishes(machine), now_ns())
+        machine.want(_targets(machine), now_ns())
         t_last_ns = lines[-1].t_sent_ns if lines else -1
         lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
-        await asyncio.sleep(ASK_EVERY_S)
+        await asyncio.sleep(POLL_EVERY_S)
     share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
     return replace(gather(machine, lines), processor_percent=100.0 * share)
 
 
-def _wishes(machine: Machine) -> ClientTargets:
+def _targets(machine: Machine) -> ClientTargets:
     fingers = [finger.finger_id for finger in machine.pipeline.fingers]
-    wishes: dict[int | str, Target] = {
+    targets: dict[int | str, Target] = {
         finger: AmplitudeTarget(AMPLITUDE_UM if finger == fingers[0] else 0.0) for finger in fingers
     }
-    return ClientTargets("latency", TTL_NS, wishes, {})
+    return ClientTargets("latency", TTL_NS, targets, {})
 
 
 def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
-    """The machine's histograms, with that of the whole way from the frames of `lines`."""
+    """Collect the machine's histograms, and that of sample to plate from `lines`."""
     loop, ledger = machine.status.loop, machine.session.ledger
     total = Histogram()
     for line in lines:
@@ -157,14 +174,14 @@ def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
 
 
 def figures(measured: Measured) -> dict[str, object]:
-    """All of it as plain data, in ms."""
+    """Return the result as plain data, in ms."""
     stages = {name: histogram_fields(histogram) for name, histogram in measured.stages.items()}
     percent = measured.processor_percent if math.isfinite(measured.processor_percent) else None
     return {"stages": stages, "counts": dict(measured.counts), "processor_percent": percent}
 
 
 def print_table(measured: Measured, out: TextIO) -> None:
-    """Percentiles of each stage in ms, its distribution beside them on one logarithmic axis, and the counts."""
+    """Print each stage's percentiles in ms and distribution on a logarithmic axis, then the counts."""
     edges = [f"{_FROM_MS * 10**decade:g}" for decade in range(_DECADES)]
     axis = "".join(f"{edge:<{_COLUMNS_PER_DECADE}}" for edge in edges)
     print(f"{'ms':<20}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}  {axis}100", file=out)
@@ -179,7 +196,7 @@ def print_table(measured: Measured, out: TextIO) -> None:
 
 
 def sparkline(histogram: Histogram) -> str:
-    """A distribution as a line of bars over the table's axis; what lies beyond it is shown at its ends."""
+    """Return a distribution as bars over the table's axis; values beyond it count at its ends."""
     columns = [0] * (_DECADES * _COLUMNS_PER_DECADE)
     for from_ns, below_ns, count in histogram.buckets():
         place = math.log10(max((from_ns + below_ns) * 0.5e-6 / _FROM_MS, 1.0)) * _COLUMNS_PER_DECADE
@@ -189,24 +206,20 @@ def sparkline(histogram: Histogram) -> str:
 
 
 def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
-    """The frames as CSV, a line each; the columns are `LedgerLine`'s. Raises HapticdError."""
+    """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
     try:
         with path.open("w", newline="", encoding="ascii") as file:
             writer = csv.writer(file)
             writer.writerow([field.name for field in fields(LedgerLine)])
             writer.writerows(map(astuple, lines))
     except OSError as error:
-        raise HapticdError(f"{path}: cannot be written ({error.strerror}): choose another place.") from None
+        raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
 
 
-def draw(measured: Measured, path: Path) -> None:
-    """The share of each stage's spans below t, over t. Needs matplotlib."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise HapticdError("Pictures need matplotlib: run `pip install 'hapticd[plot]'`.") from None
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.add_subplot(xscale="log", xlabel="ms", ylabel="share of frames below", ylim=(0, 1.02))
+def draw(measured: Measured, path: Path, **style: int) -> None:
+    """Draw each stage's cumulative distribution; `style` is that of `plotting.save`. Raises HapticdError."""
+    figure, ((axes,),) = plotting.subplots(8.0, 4.5)
+    axes.set(xscale="log", xlabel="ms", ylabel="share of frames below", ylim=(0, 1.02))
     for name, what in STAGES.items():
         histogram = measured.stages[name]
         below_ms, share, seen = [_FROM_MS], [0.0], 0
@@ -217,7 +230,4 @@ def draw(measured: Measured, path: Path) -> None:
         axes.step(below_ms, share, where="post", label=what)
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=8)
-    try:
-        figure.savefig(path, dpi=120)
-    except (OSError, ValueError) as error:
-        raise HapticdError(f"{path}: cannot be drawn ({reason(error)}): name a .png in a folder of yours.") from None
+    plotting.save(figure, path, **style)

@@ -1,4 +1,4 @@
-"""States as a daemon tells them, and a stand-in for the daemon's sockets."""
+"""States as a daemon publishes them, and a fake of the daemon's sockets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapticd_client import FingerState, Marker, PlateState
 
 
 def finger(key: int | str, x_mm: float = 0.0, **more: float | None) -> FingerState:
-    """One finger; what is not given was not computed."""
+    """One finger; values not given are None."""
     fields = {"predicted_x_mm": None, "predicted_y_mm": None, "target_um": None, "achieved_um": None, **more}
     return FingerState(id=key, x_mm=x_mm, y_mm=2.0, virtual=isinstance(key, str), **fields)
 
@@ -48,15 +48,15 @@ class FakeDaemon:
             socket.bind(f"ipc://{directory / name}")
 
     def wait_for_subscriber(self) -> None:
-        assert self.telemetry.poll(10_000), "nobody subscribed"
+        assert self.telemetry.poll(10_000), "no subscriber"
         self.telemetry.recv()
 
-    def tell(self, fields: dict[str, object]) -> None:
+    def publish(self, fields: dict[str, object]) -> None:
         self.telemetry.send(msgpack.packb({"v": 1, **fields}))
 
     def answer(self, body: dict[str, object]) -> str:
-        """Answer one request; what it asked for."""
-        assert self.control.poll(10_000), "nobody asked"
+        """Answer one request; return its operation."""
+        assert self.control.poll(10_000), "no request"
         who, payload = self.control.recv_multipart()
         request = msgpack.unpackb(payload)
         self.control.send_multipart([who, msgpack.packb({"v": 1, "id": request["id"], "ok": True, "body": body})])
@@ -69,7 +69,7 @@ class FakeDaemon:
 
 
 def state_fields(seq: int = 1, **more: object) -> dict[str, object]:
-    """What stands in a telemetry message, but its version."""
+    """Fields of a telemetry message, except its version."""
     return {
         "instance": 7,
         "seq": seq,

@@ -1,0 +1,99 @@
+"""`hapticd doctor`: all checks in order, printed as lines or as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ...config import loader as configuration
+from ...config.sections import Config
+from ...errors import HapticdError
+from . import bundle as bundles
+from . import devices, files, host, service
+from .finding import FAIL, PASS, WARN, Finding, System, as_document, has_failed
+
+CHECKS: tuple[Callable[[System], Finding], ...] = (
+    files.modes,
+    files.calibrated,
+    files.recordings,
+    files.key_ring,
+    host.built,
+    host.client_library,
+    service.daemon,
+    service.health,
+    service.alone,
+    host.rules,
+    host.groups,
+    devices.trackpad,
+    devices.rate,
+    devices.board,
+    devices.firmware,
+    host.real_time,
+    host.clock,
+    host.governor,
+)
+SERVICE_CONFIG = Path("etc/hapticd/hapticd.toml")
+SHOW_KEYS = "hapticd run --print-config shows every key; correct the file"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add configuration, output form and bundle."""
+    parser.epilog = f"{parser.epilog}\n         hapticd doctor --bundle report.tar.gz"
+    parser.add_argument("--config", type=Path, help="the service's configuration (default: the built-in one)")
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
+    parser.add_argument(
+        "--bundle",
+        type=Path,
+        metavar="F.tar.gz",
+        help="collect findings, configuration, status, log, versions and 10 s of recording; nothing is sent",
+    )
+    parser.set_defaults(command=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    return examine(options.config, as_json=options.json, bundle=options.bundle)
+
+
+def examine(config_path: Path | None, *, as_json: bool = False, bundle: Path | None = None) -> int:
+    """Print the report, and write `bundle` if given. Return 1 if a check fails, else 0."""
+    if bundle is not None:
+        bundles.check_name(bundle)
+    found: list[Finding] = []
+    system = None
+    for finding, system in _findings(config_path):  # noqa: B007 - the last one is used below
+        found.append(finding)
+        if not as_json:
+            print(finding, flush=True)
+    if as_json:
+        print(as_document(found))
+    if bundle is not None:
+        print("collecting, with 10 s of recording if a daemon runs ...", file=sys.stderr, flush=True)
+        contents = bundles.collect(bundle, system, config_path, found)
+        print(contents, file=sys.stderr if as_json else sys.stdout)
+    return int(has_failed(found))
+
+
+def configured(config_path: Path | None, root: Path) -> Finding:
+    """Report which valid configuration is checked, and whether the service has another."""
+    if config_path is not None:
+        return Finding(PASS, "configuration", f"{config_path} is valid")
+    of_service = root / SERVICE_CONFIG
+    if of_service.exists():
+        text = f"the built-in one, while the service uses {of_service}"
+        return Finding(WARN, "configuration", text, f"hapticd doctor --config {of_service}")
+    return Finding(PASS, "configuration", "the built-in one is valid")
+
+
+def _findings(config_path: Path | None) -> Iterator[tuple[Finding, System | None]]:
+    try:
+        config = configuration.load(config_path) if config_path is not None else Config()
+    except HapticdError as error:
+        yield Finding(FAIL, "configuration", str(error), SHOW_KEYS), None
+        return
+    system = service.find(config, os.environ)
+    yield configured(config_path, system.root), system
+    for check in CHECKS:
+        yield check(system), system

@@ -1,1 +1,0 @@
-"""`hapticd latency`: what each part of the path from report to board takes."""

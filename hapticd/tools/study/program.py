@@ -1,0 +1,205 @@
+"""`hapticd study`: arguments of its actions, and the sessions of `study run`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import secrets
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ... import __version__
+from ...errors import HapticdError
+from ..daemon_process import PATIENT, DaemonProcess
+from . import report
+from .browser import Browser
+from .conduct import conduct
+from .keyboard import Keyboard
+from .protocol import Design, StudyError, participant_name
+from .session import MAX_SEED, SUFFIX, Session, SessionFile
+from .stage import Stage
+
+if TYPE_CHECKING:
+    from hapticd_client import Client
+
+SCENARIO = "virtual-finger"  # of a rehearsal: its finger explores in strokes; the virtual one is the client's own
+DAEMON_WITHIN_S = 2.0
+REHEARSAL_WITHIN_S = 20.0
+MAX_PORT = 65535
+DEFAULT_SPEED_MM_S, MAX_SPEED_MM_S = 100.0, 1000.0  # of a simulated finger
+LAST_SCREEN_S = 0.5  # for the page to show its last screen
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the actions run and report."""
+    parser.epilog = (
+        "example: hapticd study run --participant P03 --out answers/\n         hapticd study report answers/"
+    )
+    actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
+    _add_run(actions)
+    _add_report(actions)
+
+
+def _add_run(actions: Any) -> None:
+    parser = actions.add_parser(
+        "run",
+        help="run one participant's session, or continue it",
+        description="Run one participant's session: training, then trials. Interrupted (Ctrl-C), the same "
+        "command continues it. Until the last answer, neither screen nor file shows the stimuli.",
+        epilog="example: hapticd study run --participant P03 --out answers/ --browser",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--participant", required=True, metavar="NAME", help="letters, digits, - and _, such as P03")
+    parser.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="the study's folder, with a file for each participant"
+    )
+    parser.add_argument("--trials", type=int, metavar="N", help="default 20, half of either friction")
+    parser.add_argument("--seed", type=int, help="of the trials' order (default: a random one, kept in the file)")
+    parser.add_argument(
+        "--browser", action="store_true", help="ask on a page in this machine's browser, not in the terminal"
+    )
+    parser.add_argument("--page-port", type=int, default=0, metavar="PORT", help="of that page (default: any free one)")
+    parser.add_argument("--endpoint", help="the daemon's runtime directory")
+    parser.add_argument("--sim", action="store_true", help="rehearse on a simulated plate with a scripted finger")
+    simulated = parser.add_argument_group("a simulated participant")
+    simulated.add_argument("--simulate", action="store_true", help="answer by a simulated participant, in virtual time")
+    simulated.add_argument("--scheme", choices=("hapticd", "paper"), help="the control scheme (default hapticd)")
+    simulated.add_argument("--speed", type=float, metavar="MM_S", help="of its finger (default 100)")
+    parser.set_defaults(command=run_session)
+
+
+def _add_report(actions: Any) -> None:
+    parser = actions.add_parser(
+        "report",
+        help="analyse all finished sessions of a folder",
+        description="Success rates, their average and standard deviation, tests against guessing. Writes results.csv, "
+        "trials.csv and figure-12.png to the folder. Unfinished sessions stay blind.",
+        epilog="example: hapticd study report answers/ --json -",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path, metavar="DIR", help="the --out of the sessions")
+    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    parser.set_defaults(command=_report)
+
+
+def _report(options: argparse.Namespace) -> None:
+    report.write(options.folder, options.json)
+
+
+def rehearsal(scenario: str = SCENARIO) -> DaemonProcess:
+    """Return a service on a simulated plate, which logs only errors to the study's terminal."""
+    return DaemonProcess(f'scenario = "{scenario}"', PATIENT, log_level="error")
+
+
+def run_session(options: argparse.Namespace) -> None:
+    """Run the session, or continue it. Raises StudyError for conflicting options, HapticdError without a daemon;
+    earlier answers are kept."""
+    _check(options)
+    given = _given(options)
+    path = options.out / f"{given.participant}{SUFFIX}"
+    with SessionFile(path, given) as file:
+        _check_same(options, file.session, given, path)
+        if file.session.is_over:
+            raise StudyError(f"{path}: this session is over: see `hapticd study report {options.out}`.")
+        try:
+            _simulate(file, given) if options.simulate else _ask(options, file)
+        except KeyboardInterrupt:
+            print(f"\n{_progress(file.session)} answers in {path}: the same command continues it.")
+            raise
+    print(f"{_progress(file.session)} answers in {path}; then: hapticd study report {options.out}")
+
+
+def _progress(session: Session) -> str:
+    return f"{len(session.answers)} of {session.design.trials}"
+
+
+def _check(options: argparse.Namespace) -> None:
+    if not options.simulate and (options.scheme is not None or options.speed is not None):
+        raise StudyError("--scheme and --speed need a simulated participant: give --simulate as well.")
+    if options.simulate and (options.browser or options.endpoint is not None):
+        raise StudyError(
+            "--simulate uses neither service nor page: it cannot be combined with --browser or --endpoint."
+        )
+    if options.speed is not None and not 0 < options.speed <= MAX_SPEED_MM_S:
+        raise StudyError(f"--speed: {options.speed:g} is out of bounds, give 0 .. {MAX_SPEED_MM_S:g} mm/s.")
+    if options.page_port != 0 and not options.browser:
+        raise StudyError("--page-port needs the page: give --browser as well.")
+    if options.sim and options.endpoint is not None:
+        raise StudyError("--sim starts a service of its own: it cannot be combined with --endpoint.")
+    if options.seed is not None and not 0 <= options.seed <= MAX_SEED:
+        raise StudyError(f"--seed: {options.seed} is out of bounds, give 0 .. {MAX_SEED}.")
+    if not 0 <= options.page_port <= MAX_PORT:
+        raise StudyError(f"--page-port: {options.page_port} is out of bounds, give 0 .. {MAX_PORT}.")
+
+
+def _given(options: argparse.Namespace) -> Session:
+    """Return the session of a new file."""
+    design = Design() if options.trials is None else Design(trials=options.trials)
+    about: dict[str, object] = {"hapticd": __version__, "begun": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+    if options.simulate:
+        speed_mm_s = DEFAULT_SPEED_MM_S if options.speed is None else options.speed
+        about |= {"simulated": True, "scheme": options.scheme or "hapticd", "speed_mm_s": speed_mm_s}
+    seed = secrets.randbelow(2**32) if options.seed is None else options.seed
+    return Session(participant_name(options.participant), seed, design, about=about)
+
+
+def _check_same(options: argparse.Namespace, session: Session, given: Session, path: Path) -> None:
+    """Check that the options do not change a continued session."""
+    started = {name: session.about.get(name) for name in ("simulated", "scheme", "speed_mm_s")}
+    for name, value in started.items():
+        if value != given.about.get(name):
+            raise StudyError(
+                f"{path}: was started with {name} = {value}, not {given.about.get(name)}: continue with the same."
+            )
+    if session.participant != given.participant:
+        raise StudyError(f"{path}: is {session.participant}'s session: check the file's name.")
+    if options.trials is not None and options.trials != session.design.trials:
+        raise StudyError(f"{path}: was started with {session.design.trials} trials: omit --trials to continue it.")
+    if options.seed is not None and options.seed != session.seed:
+        raise StudyError(f"{path}: was started with another seed: omit --seed to continue it.")
+
+
+def _simulate(file: SessionFile, given: Session) -> None:
+    from .simulated import SimulatedParticipant
+
+    participant = SimulatedParticipant(file.session, given.about["scheme"], speed_mm_s=given.about["speed_mm_s"])
+    for answer in participant.answers():
+        file.append(answer)
+    file.end()
+
+
+def _ask(options: argparse.Namespace, file: SessionFile) -> None:
+    """Run the session with a person, on the plate."""
+    try:
+        import hapticd_client
+    except ImportError:
+        raise HapticdError(
+            "The study needs the client library: install it with `pip install clients/python`."
+        ) from None
+    with contextlib.ExitStack() as held:
+        held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
+        simulated = held.enter_context(rehearsal()) if options.sim else None
+        try:
+            stage = Stage(held.enter_context(_client(options, simulated)), file.session.design)
+            if not options.browser:
+                conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
+                return
+            page = held.enter_context(Browser(options.page_port))
+            print(f"open {page.url}", flush=True)
+            conduct(file, stage, page, time)
+            time.sleep(LAST_SCREEN_S)
+        except hapticd_client.HapticdError as error:
+            raise HapticdError(f"{error} The answers are kept: continue with the same command.") from None
+
+
+def _client(options: argparse.Namespace, simulated: DaemonProcess | None) -> Client:
+    from hapticd_client import Client
+
+    name = f"study-{os.getpid()}"  # unique, so that a second study on the plate is refused
+    if simulated is None:
+        return Client(options.endpoint, name=name, timeout_s=DAEMON_WITHIN_S)
+    return Client(simulated.runtime_dir, name=name, timeout_s=REHEARSAL_WITHIN_S)
