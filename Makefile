@@ -39,7 +39,7 @@ firmware:
 	$(MAKE) -C firmware
 
 # What is compiled at installation: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/wire/*.py hapticd/compiled/build_ext.py)
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/build_ext.py)
 
 $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	@echo "Everything goes into $(VENV); compiling the touch path takes some minutes."
@@ -49,5 +49,5 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/core/*/*.so hapticd/wire/*.so hapticd/sim/board/*.so
+	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/core/*/*.so hapticd/wire/*.so hapticd/wire/*/*.so hapticd/sim/board/*.so
 	$(MAKE) -C firmware clean

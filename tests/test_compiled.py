@@ -20,7 +20,7 @@ from hapticd.bench.recording import play, record
 from hapticd.compiled import SourceFinder, why_interpreted
 from hapticd.config.sections import Config
 from hapticd.daemon.machine import Machine
-from hapticd.sim.scenarios import SCENARIOS
+from hapticd.sim.fingers.scenarios import SCENARIOS
 
 ROOT = Path(__file__).parents[1]
 MODULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hapticd"]["compiled"]["modules"]

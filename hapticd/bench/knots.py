@@ -18,7 +18,7 @@ from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.prediction.predictor import make_predictor
 from ..core.targets.scene import Scene
-from ..sim.plate.truth import PlateTruth
+from ..sim.plate.ground_truth import GroundTruth
 from ..values import AmplitudeTarget, ClientTargets, GratingTarget, MapTarget, SafeDrive, Target, VirtualPath
 from ..wire import device
 from .tables import Table, finite_rows
@@ -89,7 +89,7 @@ def _table(name: str, target: Target, seconds: float, repeats: int) -> Table:
 
 @cache
 def _modes() -> ModeShapes:
-    return PlateTruth().cartography(1)
+    return GroundTruth().measured_mode_map(1)
 
 
 def _pipeline(target: Target, settings: PipelineSettings) -> Pipeline:

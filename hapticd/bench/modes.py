@@ -19,7 +19,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.public import solve_fast
 from ..design import ModeShape, fit_cartography, free_plate_modes, sample_cartography
 from ..design.free_fit import FreePlateModes
-from ..sim.plate.truth import DRIVEN_MODES, PlateSettings
+from ..sim.plate.ground_truth import DRIVEN_MODES, PlateSettings
 from .modes_ways import Points, Shapes, Way, analytic, ways
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
@@ -103,8 +103,7 @@ def _alternatives(seeds: Sequence[int]) -> tuple[dict[str, list[Way]], dict[str,
     interpolate = optional("scipy.interpolate")
     settings = PlateSettings()
     scans = [
-        sample_cartography(driven_shapes(), settings.cartography_step_mm, settings.cartography_noise_frac, seed=seed)
-        for seed in seeds
+        sample_cartography(driven_shapes(), settings.map_step_mm, settings.map_noise_frac, seed=seed) for seed in seeds
     ]
     raw = [ModeShapes.from_grid(*scan) for scan in scans]
     fits = [fit_cartography(*scan, normalise=False) for scan in scans]

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from ..core.solver.public import solve_fast
 from ..design import ModeShape
+from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ..sim.plate import shapes as plate_shapes
-from ..sim.plate.truth import DRIVEN_MODES
-from ..sim.scenarios import SCENARIOS, SPEED_MM_S
+from ..sim.plate.ground_truth import DRIVEN_MODES
 from .modes import random_pairs_mm
 from .modes_contact import LEAST_APART_MM, LIMIT_UM
 from .tables import Table, finite_rows

@@ -22,10 +22,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import HapticdError
-from ..sim.board.faulty import FaultySimulation
+from ..sim.faulty import FaultySimulation
 from ..sim.fingers.paths import Circle, Touch
+from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import Settings
-from ..sim.scenarios import Actor
 from .soak_faults import KINDS, Kind, Watch
 from .tables import Row, Table
 

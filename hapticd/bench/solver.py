@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ..compiled import why_interpreted
 from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
-from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
@@ -80,7 +80,7 @@ def _way() -> str:
 def _shapes(problems: int) -> tuple[FloatArray, FloatArray]:
     """Mode matrices at random pairs of positions, `problems` for each kind."""
     points_mm = np.random.default_rng(11).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (2 * problems, 2, 2))
-    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    phi = GroundTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     return phi[:problems], phi[problems:]
 
 

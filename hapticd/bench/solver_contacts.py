@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..core.solver.contacts import principal_axis
 from ..core.solver.public import solve, solve_batch, solve_fast
-from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .solver_tracks import ONE_STILL_UM, rms, rows_of
 from .tables import Table, finite_rows
@@ -27,7 +27,7 @@ def run(*, pairs: int = 400, repeats: int = REPEATS) -> Table:
     """Compare points and discs on `pairs` of random positions."""
     half_mm = HALF_SIZE_MM - CONTACT_RADIUS_MM
     points_mm = np.random.default_rng(19).uniform(-half_mm, half_mm, (pairs, 2, 2))
-    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    phi = GroundTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     gram = _gram(points_mm[:, 1], CONTACT_RADIUS_MM)
     both = np.stack([np.zeros_like(gram), gram], axis=1)
     solved: dict[str, Callable[[], Any]] = {
@@ -74,7 +74,7 @@ def _gram(centres_mm: FloatArray, radius_mm: float) -> FloatArray:
     radii_mm = radius_mm * np.sqrt((np.arange(7) + 0.5) / 7)
     angle = 2 * np.pi * (np.arange(14)[None] / 14 + np.arange(7)[:, None] / 3)
     offsets_mm = np.stack([radii_mm[:, None] * np.cos(angle), radii_mm[:, None] * np.sin(angle)], axis=-1)
-    phi = PlateTruth().shapes(centres_mm[:, None] + offsets_mm.reshape(1, -1, 2))[..., : len(DRIVEN_MODES)]
+    phi = GroundTruth().shapes(centres_mm[:, None] + offsets_mm.reshape(1, -1, 2))[..., : len(DRIVEN_MODES)]
     return np.asarray(np.einsum("kpm,kpl->kml", phi, phi) / phi.shape[1])
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..core.solver.policies import Rows
 from ..core.solver.public import solve_fast, solve_phased_fast
-from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
@@ -53,7 +53,7 @@ def strokes_mm(strokes: int) -> FloatArray:
 
 def both_slip(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
     """Signs against phases: what two slipping fingers miss, and how often a change of pattern makes one sag."""
-    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    phi = GroundTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     tracks = [rows_of(stroke) for stroke in phi]
     ways: dict[str, Way] = {
         "solve_fast": _signs,
@@ -143,7 +143,7 @@ def _general_minimiser(optimize: Any, phi: FloatArray) -> dict[str, float]:
 
 def one_still(points_mm: FloatArray, repeats: int = REPEATS) -> Table:
     """The reference's steps from knot to knot, largest at singular positions, and the slipping finger's share."""
-    shapes = PlateTruth().shapes(points_mm)
+    shapes = GroundTruth().shapes(points_mm)
     side = np.sign(np.linalg.det(shapes[..., : len(DRIVEN_MODES)]))
     crosses = side[:, 1:] != side[:, :-1]
     ways: dict[str, tuple[int, Way]] = {

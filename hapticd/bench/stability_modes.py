@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..core.plate.contact_gram import ContactGram, disc_gram
 from ..core.plate.mode_shapes import ModeShapes
 from ..design import ModeShape, free_plate_modes
-from ..sim.plate.truth import DRIVEN_MODES
+from ..sim.plate.ground_truth import DRIVEN_MODES
 from .timing import optional
 
 FloatArray = npt.NDArray[np.float64]

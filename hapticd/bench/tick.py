@@ -18,8 +18,8 @@ from typing import NamedTuple
 from ..compiled import why_interpreted
 from ..config.sections import Config
 from ..daemon.machine import Machine
+from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
 from ..sim.lockstep import Settings
-from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
 from ..values import AmplitudeTarget, GratingTarget
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .stopwatch import STAGES, Stopwatch

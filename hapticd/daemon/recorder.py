@@ -22,7 +22,7 @@ from ..files.recording.files import RecordingFile
 from ..files.recording.header import Header
 from ..files.recording.stream import Stream
 from ..files.recording.writer import Writer
-from ..io.record_socket import WAITS, WHOLE, RecordSocket
+from ..io.clients.record_socket import WAITS, WHOLE, RecordSocket
 from .machine import Machine
 
 log = logging.getLogger("hapticd")

@@ -27,10 +27,10 @@ from ..daemon.observer import Observer
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
+from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel, SensorSettings
-from .plate.truth import PlateSettings, PlateTruth
-from .scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
+from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score
 from .world import World
 
@@ -128,7 +128,7 @@ def perfect(played: Run, every: int = 4) -> Score:
     """The same fingers under perfect knowledge: true positions and shapes, a loop without delay. Judged each `every`
     ticks."""
     part = slice(None, None, every)
-    truth = PlateTruth(played.settings.plate)
+    truth = GroundTruth(played.settings.plate)
     target_um = played.target_um[part]
     phi = truth.shapes(played.finger_true_mm[part])[..., : played.modal_um.shape[1]]
     modal_um = np.zeros((len(target_um), phi.shape[2]))
@@ -153,7 +153,7 @@ class Simulation:
         self.seed = seed
         self.actors = actors
         self._config = _scheme_config(settings)
-        plate = PlateTruth(settings.plate)
+        plate = GroundTruth(settings.plate)
         self.world = World(
             paths_of(actors),
             plate,
@@ -162,7 +162,7 @@ class Simulation:
             boot_id=seed + 1,
             board_start_us=BOARD_START_US,
         )
-        self.modes = plate.cartography(seed)
+        self.modes = plate.measured_mode_map(seed)
         self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from ..errors import HapticdError
 from . import lockstep
+from .fingers.scenarios import STEP_S
 from .lockstep import Run
-from .scenarios import STEP_S
 from .score import Score
 
 ARRAYS = (

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from .board.board import Board, BoardConfig, BoardTrace, PlateModel
 from .fingers.paths import Path
-from .plate.truth import PlateTruth
+from .plate.ground_truth import GroundTruth
 
 CHUNK_TICKS = 500
 CONTROL_HZ = 2000.0
@@ -50,7 +50,7 @@ class World:
     def __init__(
         self,
         paths: Sequence[Path],
-        plate: PlateTruth,
+        plate: GroundTruth,
         *,
         w_limit_um: tuple[float, ...],
         seed: int,

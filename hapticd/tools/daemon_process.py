@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from ..io import owned_process as ownedprocess
+from . import owned_process
 
 END_WITHIN_S = 10.0
 
@@ -28,7 +28,7 @@ class DaemonProcess:
         )
 
     def __enter__(self) -> DaemonProcess:
-        self.process = ownedprocess.start(["run", "--config", str(self._config)], forget=Path(self._folder.name))
+        self.process = owned_process.start(["run", "--config", str(self._config)], scratch=Path(self._folder.name))
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -7,12 +7,17 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Final
 
-from ..board_values import BoardHello, BoardMessage, BoardState, BoardStatus, BoardTime, ModeModel
-from ..tool_values import (
+from ..board_values import (
     BoardController,
+    BoardHello,
     BoardLog,
+    BoardMessage,
+    BoardState,
+    BoardStatus,
+    BoardTime,
     BoardVerdict,
     LogEntry,
+    ModeModel,
     ModeSample,
     SweepPoint,
     TelemetrySample,

@@ -5,14 +5,21 @@ from __future__ import annotations
 from ..board_values import (
     BoardCommand,
     ClearFault,
+    ControllerRequest,
     HelloRequest,
     KeepAlive,
+    LogRequest,
+    RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetGains,
     SetModel,
+    SetTelemetry,
+    Stop,
+    Sweep,
     TimeRequest,
+    ToolCommand,
 )
-from ..tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep, ToolCommand
 from . import device
 
 

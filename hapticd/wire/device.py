@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-from ..board_values import BoardHello, ModeCalibration, ModeModel
+from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, Sweep
 from ..errors import DeviceError
-from ..tool_values import RawVoltage, Sweep
 from . import protocol
 from .board_messages import Decoder
 from .framing import encode_frame

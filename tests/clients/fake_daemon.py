@@ -11,8 +11,8 @@ from pathlib import Path
 from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.io.server import ClientServer
-from hapticd.io.sockets import Remote
+from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.sockets import Remote
 from hapticd.values import ClientTargets
 from hapticd.wire import client as wire
 

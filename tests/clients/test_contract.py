@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
-from hapticd.io import senders, server, sockets
+from hapticd.io.clients import senders, server, sockets
 from hapticd.wire import client as wire
 from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, wanted
 from hapticd_client.endpoint import default_directory, directory

@@ -12,9 +12,9 @@ import zmq
 from fake_daemon import FakeDaemon
 
 from hapticd.errors import HapticdError as DaemonError
-from hapticd.io import keys
-from hapticd.io.server import ClientServer
-from hapticd.io.sockets import Remote
+from hapticd.io.clients import keys
+from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.sockets import Remote
 from hapticd_client import Client, DaemonGoneError, HapticdError, RefusedError
 
 REFUSED_S = 0.3  # long enough for the handshake that would let somebody in, which takes milliseconds

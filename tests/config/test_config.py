@@ -20,7 +20,7 @@ from hapticd.config.sections import (
     TrackpadConfig,
 )
 from hapticd.errors import ConfigError
-from hapticd.sim.scenarios import SCENARIOS
+from hapticd.sim.fingers.scenarios import SCENARIOS
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -64,7 +64,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
         ("[device]\ncalibration_file = 'gone.toml'", "device.calibration_file: there is no file"),
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
-        ("[plate]\nneighbours_file = 'n.npz'", "plate.parasitic_modes_file: needs parasitic_detuning_hz and"),
+        ("[plate]\nparasitic_modes_file = 'n.npz'", "plate.parasitic_modes_file: needs parasitic_detuning_hz and"),
         ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
         ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
@@ -75,8 +75,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[client]\ntcp = '*:65534'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[client]\ntcp = '*:0'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
-        ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
-        ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
+        ("[device]\ncontroller = 'hope'", "device.controller: 'hope' is none of pi, pi_ff, deadbeat"),
         ("[solver]\nphase_rotation = 1", "solver.phase_rotation: must be true or false, not 1"),
         ("[solver]\nmax_knots = true", "solver.max_knots: must be a whole number"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
@@ -146,7 +145,7 @@ def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> 
         ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
         ("#" * 65537, "more than 65536 bytes"),
         ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
-        ('[solver]\neffort = "much"\n', "must be a number"),
+        ('[solver]\ntolerance_um = "much"\n', "must be a number"),
     ],
 )
 def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:

@@ -23,9 +23,9 @@ from hapticd.daemon.lifecycle import serve
 from hapticd.daemon.machine import TIMER_NS
 from hapticd.daemon.service import load_modes
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
-from hapticd.io import awake
-from hapticd.io.socketpad import SocketTrackpad
-from hapticd.io.systemd import Notifier
+from hapticd.io.devices.socket_trackpad import SocketTrackpad
+from hapticd.io.host import cpu_latency as awake
+from hapticd.io.host.systemd import Notifier
 from hapticd.values import Finger, RawReport, Tick
 from hapticd.wire import device
 from hapticd_client import Client

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from machine_bench import LIVE, NAMES, QUIET, STICKY, Bench, FakeBoard
 
-from hapticd.io.device import SerialLink
+from hapticd.io.devices.serial_link import SerialLink
 from hapticd.sim.fingers.paths import Line
 from hapticd.wire.framing import FrameSplitter
 

@@ -11,10 +11,10 @@ import pytest
 from hapticd.errors import SimulationError
 from hapticd.sim import lockstep
 from hapticd.sim.board.board import FLAG_LIMITED
+from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
 from hapticd.sim.lockstep import Run, Settings
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.report import ARRAYS
-from hapticd.sim.scenarios import LAND_S, SCENARIOS
 
 SEEDS = (1, 2, 3, 4, 5)
 W_LIM_UM = 4.0
@@ -133,7 +133,7 @@ def test_the_arrays_have_the_stated_shapes_and_nan_where_a_finger_is_absent(scen
 
 def test_what_a_finger_gets_is_the_plate_s_motion_at_its_true_place(strokes: dict[int, Run]) -> None:
     run = strokes[2]
-    own = np.einsum("tnm,tm->tn", PlateTruth().shapes(run.finger_true_mm)[..., :2], run.modal_um)
+    own = np.einsum("tnm,tm->tn", GroundTruth().shapes(run.finger_true_mm)[..., :2], run.modal_um)
     present = np.isfinite(run.truth_um)
 
     away_um = np.abs(own - run.truth_um)[present]

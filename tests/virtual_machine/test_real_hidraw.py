@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from machine import Boot
 
-from hapticd.io.trackpad import PADS
+from hapticd.io.devices.trackpad_source import PADS
 from hapticd.values import Contact
 from hapticd.wire.trackpad import GEOMETRY, Decoder
 

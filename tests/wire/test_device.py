@@ -9,18 +9,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.board_values import BoardHello, BoardState, BoardStatus, BoardTime, ModeCalibration, ModeModel
-from hapticd.errors import DeviceError
-from hapticd.tool_values import (
+from hapticd.board_values import (
     BoardController,
+    BoardHello,
     BoardLog,
+    BoardState,
+    BoardStatus,
+    BoardTime,
     BoardVerdict,
     LogEntry,
+    ModeCalibration,
+    ModeModel,
     ModeSample,
     SweepPoint,
     TelemetrySample,
     Verdict,
 )
+from hapticd.errors import DeviceError
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame

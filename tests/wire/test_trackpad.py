@@ -12,10 +12,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd import values
-from hapticd.values import AffineMap
-from hapticd.wire import trackpad
-from hapticd.wire.trackpad import GEOMETRY, MODELS, Contact, Decoder, TouchFrame
+from hapticd.values import AffineMap, Contact, TouchFrame
+from hapticd.wire.trackpad import GEOMETRY, MODELS, Decoder
 
 WRAP_MS = 1 << 21
 MS = 1_000_000
@@ -337,11 +335,6 @@ def test_a_stalled_device_clock_is_left_behind_after_two_seconds() -> None:
 
 def test_mt1_frames_are_at_host_time() -> None:
     assert Decoder("mt1").decode(bytes((0x28, 0xFC, 0xFF, 0xFF)), 42)[0].t_ns == 42
-
-
-def test_the_wire_gives_the_shared_values() -> None:
-    assert trackpad.Contact is values.Contact
-    assert trackpad.TouchFrame is values.TouchFrame
 
 
 def test_after_a_reset_the_magic_trackpad_1_remembers_no_contact() -> None:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .carrier import Converters
 from .firmware import Setup, doubles, load
-from .rows import BoardTrace, Rows
+from .trace import BoardTrace, Rows
 
 __all__ = [
     "CHUNK_S",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...values import AmplitudeTarget, ClientTargets, Target
-from ..scenarios import Actor
+from .scenarios import Actor
 
 TTL_NS = 500_000_000
 REFRESH_S = 0.15

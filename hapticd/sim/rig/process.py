@@ -13,7 +13,7 @@ END_WITHIN_S = 10.0
 # In the rig's directory: the cartography that was made of its plate, that of the modes beside the driven ones, and the
 # section [plate] of a configuration which tells of those what else was measured.
 MODES_FILE = "modes.npz"
-NEIGHBOURS_FILE = "neighbours.npz"
+PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"
 
 

@@ -37,14 +37,14 @@ import numpy as np
 
 from ...errors import DeviceError
 from ..board.emulator import BOARDS
-from ..board.outboard import Outboard
 from ..fingers.hands import Hands, Yielding
 from ..fingers.paths import Path as FingerPath
+from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from ..fingers.sensor import Report, SensorModel, SensorSettings
-from ..plate.truth import PlateSettings, PlateTruth
-from ..scenarios import SCENARIOS, SPEED_MM_S, paths_of
+from ..plate.ground_truth import GroundTruth, PlateSettings
 from ..world import World
 from .files import write_measured
+from .outboard import Outboard
 from .plugs import READ_SIZE, BoardPlug, TrackpadPlug
 from .sockets import RigSockets
 
@@ -68,8 +68,8 @@ class Rig:
     ) -> None:
         self.actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
         self.hands = Hands()
-        self.plate = PlateTruth(PlateSettings())
-        self._files = write_measured(self.plate, seed, directory, with_neighbours=program is None)
+        self.plate = GroundTruth(PlateSettings())
+        self._files = write_measured(self.plate, seed, directory, with_parasitic_modes=program is None)
         boot_id = os.getpid() & 0x7FFFFFFF
         paths: list[FingerPath] = [*(Yielding(path, self.hands) for path in paths_of(self.actors)), *self.hands.fingers]
         self.world: World | Outboard

@@ -1,6 +1,6 @@
 """What the simulated plate gives the steps to measure, where no process with a board is needed for it.
 
-Its truth is that of `sim.plate.truth`: the scan is of the driven modes with noise of 2 % of the peak, 3 % of the points
+The truth is `sim.plate.ground_truth`: the scan is of the driven modes with noise of 2 % of the peak, 3 % of the points
 lost, 1 % wrong, and the phase of a drive; the pad lies as the rig's pad does; and friction falls as the scene's
 built-in curve says. Left out: a scan that lies turned, fingers that miss their mark, friction that drifts as a finger
 dries.
@@ -17,7 +17,7 @@ from ...core.targets.textures import DEFAULT_FRICTION_CURVE
 from ...design import free_plate_modes, sample_scan
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
-from ...sim.plate.truth import DRIVEN_MODES
+from ...sim.plate.ground_truth import DRIVEN_MODES
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
 DRIVE_PHASES_RAD = (0.4, -1.1)  # of the vibrometer's readings: the drive's, not the plate's

@@ -25,16 +25,16 @@ import numpy as np
 from ...config.sections import LimitsConfig, SolverConfig
 from ...errors import HapticdError, UsageError
 from ...files.outputs import check_writable
-from ...io import owned_process as ownedprocess
 from ...sim import lockstep
 from ...sim.board.emulator import find_program
+from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
 from ...sim.picture import Film, draw
-from ...sim.plate.truth import PlateSettings
+from ...sim.plate.ground_truth import PlateSettings
 from ...sim.rig.process import RigProcess
-from ...sim.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.score import Score, score
 from ...values import AmplitudeTarget
+from .. import owned_process
 from ..daemon_process import DaemonProcess
 from .live_view import LiveView
 
@@ -54,7 +54,7 @@ MAX_KNOTS = {"library": SolverConfig().max_knots, "host": SolverConfig().max_kno
 
 # What the plate inside another process leaves out, left out for the paper's scheme as well.
 BARE_PLATE = PlateSettings(
-    finger_decay_1_s=0.0, neighbour_coupling=0.0, neighbour_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
+    finger_decay_1_s=0.0, parasitic_coupling=0.0, parasitic_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
 )
 
 
@@ -198,7 +198,7 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
         yield
         return
     command = ["view", "--endpoint", str(runtime_dir), "--port", "0", *([] if opens else ["--no-browser"])]
-    with ownedprocess.start(command, stdout=subprocess.PIPE) as process:
+    with owned_process.start(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         print(process.stdout.readline(), end="", flush=True)
         try:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...board_values import SweepPoint
 from ...design.resonance import Resonance
 from ...errors import ConfigError, DeviceError, reason
-from ...tool_values import SweepPoint
 from .sweep import responses_um_per_v
 
 CURVE_POINTS = 400

@@ -22,8 +22,8 @@ from ...files.recording.files import RecordingFile
 from ...files.recording.framing import HEADER_KIND, MAGIC, RawRecord, Scanner
 from ...files.recording.header import decode_header
 from ...files.recording.records import KINDS
-from ...io.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
-from ...io.runtime_dir import endpoint_path, runtime_directory
+from ...io.clients.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
+from ...io.clients.runtime_dir import endpoint_path, runtime_directory
 from .truth import TruthEar
 
 HEADER_WITHIN_S = 3.0

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardState, BoardStatus
+from hapticd.board_values import BoardState, BoardStatus, RawVoltage, SetGains, SweepPoint
 from hapticd.errors import ConfigError, DeviceError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.board.board import BoardConfig
-from hapticd.tool_values import RawVoltage, SetGains, SweepPoint
 from hapticd.tools.firmware.conversation import Conversation
 from hapticd.wire.device import Decoder
 

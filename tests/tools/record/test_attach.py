@@ -19,7 +19,7 @@ from hapticd.errors import RecordingError
 from hapticd.files.recording.framing import SYNC, Scanner
 from hapticd.files.recording.header import Header, decode_header, header_of
 from hapticd.files.recording.reader import open_recording
-from hapticd.io.record_socket import NOW, WAITS, WHOLE, RecordSocket
+from hapticd.io.clients.record_socket import NOW, WAITS, WHOLE, RecordSocket
 from hapticd.tools.record.attach import record
 from hapticd.tools.record.replay import replay
 

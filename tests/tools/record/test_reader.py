@@ -18,7 +18,7 @@ from hapticd.files.recording.header import decode_header, encode_header
 from hapticd.files.recording.reader import open_recording
 from hapticd.files.recording.records import KINDS, body_of, described, record_of
 from hapticd.files.recording.wanted import payload_of
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
 from hapticd.wire.client import decode_targets
 
@@ -125,7 +125,7 @@ def test_the_header_names_every_kind_and_every_field(strokes: Path) -> None:
 
 
 def test_the_neighbouring_modes_are_in_the_header_to_the_last_bit_and_older_ones_have_none(strokes: Path) -> None:
-    known = PlateTruth().neighbours(3)  # the seed that it was recorded with
+    known = GroundTruth().neighbours(3)  # the seed that it was recorded with
     header = open_recording(strokes).header
     read = header.neighbours
     assert read is not None

@@ -1,0 +1,126 @@
+"""The keys of clients that connect over TCP: a directory of certificates, as pyzmq writes and reads them.
+
+    hapticd.key, hapticd.key_secret   the daemon's own pair (CURVE, Z85)
+    clients/NAME.key                  the public keys that may connect, each under the client's name
+
+Secrets are made readable for their owner only, and one that others may read is not used.
+"""
+
+from __future__ import annotations
+
+import re
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import zmq.auth
+from zmq.utils import z85
+
+from ...errors import HapticdError
+from .runtime_dir import masked
+
+DAEMON_NAME = "hapticd"
+CLIENTS = "clients"  # the allow-list's directory
+SECRET_UMASK = 0o077
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")  # a file name and nothing more
+
+
+@dataclass(frozen=True, slots=True)
+class ServerKeys:
+    """The daemon's pair and whom it lets in: public keys (Z85) and the names they are known by."""
+
+    public: bytes
+    secret: bytes = field(repr=False)
+    clients: Mapping[str, str]
+
+
+def make_pair(directory: Path, name: str) -> tuple[Path, Path]:
+    """Write a new pair and return its files, the public one first. Raises HapticdError where one is there already."""
+    _check_name(name)
+    files = directory / f"{name}.key", directory / f"{name}.key_secret"
+    for path in files:
+        if path.exists():
+            raise HapticdError(f"{path}: is there already, and a new key would lock out whoever uses it: remove it.")
+    try:
+        with masked(SECRET_UMASK):
+            directory.mkdir(parents=True, exist_ok=True)
+            zmq.auth.create_certificates(directory, name)
+        files[0].chmod(0o644)  # the public half is made to be given away
+    except OSError as error:
+        raise HapticdError(f"{directory}: keys cannot be written there ({error.strerror}).") from None
+    return files
+
+
+def allow(directory: Path, certificate: Path) -> Path:
+    """Let the client with this public certificate in, under the file's name. Returns the allow-list's file."""
+    _check_name(certificate.stem)
+    public, secret = _certificate(certificate)
+    if secret is not None:
+        raise HapticdError(f"{certificate}: holds a secret, which stays with the client: give its .key file.")
+    known = allowed(directory).get(public.decode())
+    if known is not None:
+        raise HapticdError(f"{certificate}: this key is allowed already, as {known}.")
+    listed = directory / CLIENTS / f"{certificate.stem}.key"
+    if listed.exists():
+        raise HapticdError(f"{listed}: another key has this name: rename the file, or revoke the name first.")
+    try:
+        listed.parent.mkdir(exist_ok=True)
+        listed.write_bytes(certificate.read_bytes())
+    except OSError as error:
+        raise HapticdError(f"{listed}: cannot be written ({error.strerror}).") from None
+    return listed
+
+
+def revoke(directory: Path, name: str) -> None:
+    """Take a client off the allow-list. Raises HapticdError where it is not on it."""
+    _check_name(name)
+    listed = directory / CLIENTS / f"{name}.key"
+    try:
+        listed.unlink()
+    except OSError as error:
+        raise HapticdError(f"{listed}: cannot be removed ({error.strerror}): see `hapticd keys list`.") from None
+
+
+def allowed(directory: Path) -> dict[str, str]:
+    """The allow-list: public keys (Z85) and the names they are known by. Raises HapticdError for a broken file."""
+    listed = sorted((directory / CLIENTS).glob("*.key"))
+    return {_certificate(path)[0].decode(): path.stem for path in listed}
+
+
+def load(directory: Path) -> ServerKeys:
+    """All that a daemon needs to serve TCP. Raises HapticdError, with what to do, where something is missing."""
+    path = directory / f"{DAEMON_NAME}.key_secret"
+    if not path.is_file():
+        raise HapticdError(
+            f"{path}: is missing, and without keys nobody is served over TCP: run `hapticd keys make {directory}`."
+        )
+    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise HapticdError(f"{path}: others may open it, so it is no secret: run `chmod 600` on it, or make a new one.")
+    public, secret = _certificate(path)
+    if secret is None:
+        raise HapticdError(f"{path}: holds no secret key: run `hapticd keys make` again.")
+    clients = allowed(directory)
+    if not clients:
+        raise HapticdError(
+            f"{directory / CLIENTS}: allows nobody, so TCP is of no use: `hapticd keys allow` a client, "
+            "or clear client.tcp."
+        )
+    return ServerKeys(public, secret, clients)
+
+
+def _certificate(path: Path) -> tuple[bytes, bytes | None]:
+    """Public and secret key (Z85) in a certificate. Raises HapticdError where they are none."""
+    try:
+        public, secret = zmq.auth.load_certificate(path)
+        for key in (public, secret):
+            if key is not None and len(z85.decode(key)) != 32:
+                raise ValueError("a key has 40 characters")
+    except (OSError, ValueError, KeyError) as error:
+        raise HapticdError(f"{path}: is not a ZeroMQ certificate ({error}).") from None
+    return public, secret
+
+
+def _check_name(name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise HapticdError(f"{name[:40]!r}: a key's name has 1 .. 32 letters, digits, dots, dashes or underlines.")

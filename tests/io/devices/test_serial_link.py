@@ -1,0 +1,280 @@
+"""The serial link over a pseudo-terminal: open, lose, find again, and never queue what is stale."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import pty
+import struct
+import termios
+import tty
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapticd.io.devices import serial_link
+from hapticd.io.devices.serial_link import SerialLink
+
+PATIENCE_S = 5.0
+
+
+class Port:
+    """A board's port: a link in the file system to a pseudo-terminal that can be pulled and put back."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.ends: tuple[int, int] | None = None
+
+    def plug(self) -> None:
+        master, slave = self.ends = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(slave))
+
+    def pull(self) -> None:
+        if self.ends is not None:
+            for end in self.ends:
+                os.close(end)
+            self.ends = None
+        self.path.unlink(missing_ok=True)
+
+    @property
+    def master(self) -> int:
+        assert self.ends is not None
+        return self.ends[0]
+
+    @property
+    def lying(self) -> int:
+        """How many bytes the link could read: a pseudo-terminal hands them over in its own time."""
+        assert self.ends is not None
+        (count,) = struct.unpack("i", fcntl.ioctl(self.ends[1], termios.FIONREAD, bytes(4)))
+        return int(count)
+
+    def taken(self) -> bytes:
+        """What another program reads in the link's place."""
+        assert self.ends is not None
+        return os.read(self.ends[1], 1 << 16)
+
+    def heard(self) -> bytes:
+        try:
+            return os.read(self.master, 1 << 16)
+        except BlockingIOError:
+            return b""
+
+
+class Bench:
+    """A link on a port, and what it told."""
+
+    def __init__(self, path: Path) -> None:
+        self.port = Port(path)
+        self.link = SerialLink(str(path), 921600)
+        self.told: list[tuple[bool, str]] = []
+        self.data = b""
+
+    def start(self) -> None:
+        self.link.start(asyncio.get_running_loop(), self._on_bytes, lambda up, reason: self.told.append((up, reason)))
+
+    def _on_bytes(self, data: bytes) -> None:
+        self.data += data
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while not condition():
+                await asyncio.sleep(0.002)
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(serial_link, "FIRST_RETRY_S", 0.01)
+    monkeypatch.setattr(serial_link, "LAST_RETRY_S", 0.02)
+    bench = Bench(tmp_path / "board")
+    bench.link._retry_s = 0.01
+    yield bench
+    bench.port.pull()
+
+
+def play(bench: Bench, story: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    async def played() -> None:
+        try:
+            await story()
+        finally:
+            bench.link.close()
+
+    asyncio.run(played())
+
+
+def test_bytes_go_both_ways(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        assert bench.told == [(True, f"{bench.port.path} open at 921600 baud")]
+        assert bench.link.write(bytes(range(256)))
+        assert bench.port.heard() == bytes(range(256))
+        os.write(bench.port.master, b"\x00\xff\r\n\x03")
+        await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
+
+    play(bench, story)
+
+
+def test_a_port_that_is_not_there_is_told_once_and_opened_when_it_comes(bench: Bench) -> None:
+    async def story() -> None:
+        bench.start()
+        assert bench.told == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
+        assert not bench.link.write(b"nobody")
+        await bench.until(lambda: bench.link._retry_s == 0.02)  # it was tried again
+        bench.port.plug()
+        await bench.until(lambda: len(bench.told) == 2)
+        assert bench.told[1][0]
+
+    play(bench, story)
+
+
+def test_a_pulled_plug_is_told_once_and_the_board_found_again(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.port.pull()
+        await bench.until(lambda: len(bench.told) == 2)
+        assert not bench.told[1][0]
+        assert bench.told[1][1].startswith(f"{bench.port.path} lost: ")
+        await bench.until(lambda: bench.link._retry_s == 0.02)
+        assert len(bench.told) == 2
+        bench.port.plug()
+        await bench.until(lambda: len(bench.told) == 3)
+        assert bench.link.write(b"again")
+        assert bench.port.heard() == b"again"
+
+    play(bench, story)
+
+
+def test_a_loss_seen_by_a_write_is_told_once(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.port.pull()
+        assert not bench.link.write(b"too late")  # before the loop could see it
+        assert [up for up, _ in bench.told] == [True, False]
+        await bench.until(lambda: bench.link._retry_s == 0.02)
+        assert len(bench.told) == 2
+
+    play(bench, story)
+
+
+def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        frame = bytes(4000)
+        written = [bench.link.write(frame) for _ in range(64)]
+        assert written[0]
+        assert False in written
+        assert bench.link.dropped_writes == written.count(False)
+        while bench.port.heard():
+            pass
+        bench.link.write(bytes(70_000))  # more than a pty takes: torn
+        while bench.port.heard():
+            pass
+        assert bench.link.write(b"fresh")
+        assert bench.port.heard() == b"\0fresh"
+        assert bench.link.write(b"whole")
+        assert bench.port.heard() == b"whole"
+
+    play(bench, story)
+
+
+def test_a_port_in_use_says_so(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        other = SerialLink(str(bench.port.path), 921600)
+        other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
+        try:
+            bench.start()
+            assert bench.told == [(False, f"{bench.port.path} cannot be opened: another program holds it")]
+        finally:
+            other.close()
+
+    play(bench, story)
+
+
+def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port(bench: Bench) -> None:
+    async def story() -> None:
+        await bench.link.drained(PATIENCE_S)  # never started
+        bench.start()
+        await bench.link.drained(PATIENCE_S)  # no port
+        bench.port.plug()
+        await bench.until(lambda: len(bench.told) == 2)
+        assert bench.link.write(b"the last word")
+        async with asyncio.timeout(PATIENCE_S / 2):
+            await bench.link.drained(PATIENCE_S)
+        assert bench.port.heard() == b"the last word"
+
+    play(bench, story)
+
+
+def test_a_closed_link_says_nothing_more(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.link.close()
+        bench.link.close()
+        assert not bench.link.write(b"gone")
+        bench.port.pull()
+        await asyncio.sleep(0)
+        assert [up for up, _ in bench.told] == [True]
+
+    play(bench, story)
+
+
+def test_what_a_board_at_rest_says_waits_until_it_is_read_or_something_was_written(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.link.rest(True)
+        for said in (b"one", b"two"):
+            os.write(bench.port.master, said)
+        await bench.until(lambda: bench.port.lying == len(b"onetwo"))
+        for _ in range(3):
+            await asyncio.sleep(0)  # the loop looks at its descriptors each time
+        assert bench.data == b""
+        bench.link.read()
+        assert bench.data == b"onetwo"
+        bench.link.read()  # there is nothing
+        bench.link.write(b"what time is it?")
+        os.write(bench.port.master, b"late")
+        await bench.until(lambda: bench.data == b"onetwolate")
+        os.write(bench.port.master, b"!")
+        bench.link.rest(False)
+        await bench.until(lambda: bench.data == b"onetwolate!")
+
+    play(bench, story)
+
+
+def test_a_port_whose_bytes_somebody_else_took_is_not_lost(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        os.write(bench.port.master, b"taken")
+        assert bench.port.taken() == b"taken"
+        bench.link._readable()  # as if the loop had seen them first
+        assert [up for up, _ in bench.told] == [True]
+        os.write(bench.port.master, b"ours")
+        await bench.until(lambda: bench.data == b"ours")
+
+    play(bench, story)
+
+
+def test_a_plug_pulled_at_rest_is_told_at_the_next_look(bench: Bench) -> None:
+    async def story() -> None:
+        bench.port.plug()
+        bench.start()
+        bench.link.rest(True)
+        bench.port.pull()
+        bench.link.read()
+        assert [up for up, _ in bench.told] == [True, False]
+        bench.link.read()  # nobody is there
+
+    play(bench, story)
