@@ -120,7 +120,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     strokes = record(actors, seconds=span_s)
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
-    unwanted = record(tuple(replace(actor, wants_um=()) for actor in actors), seconds=span_s)
+    unwanted = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     return {
         DEFAULT: _Situation(strokes, config),
         "with telemetry": _Situation(strokes, config, lambda _: None),

@@ -177,7 +177,7 @@ class Daemon:
         self._pauses = Pauses(lambda span_ns: self.machine.loop.paused(span_ns), clock_ns=now_ns)
         self._timer.set_period(TIMER_NS)
         self._t_said_ns = now_ns()
-        self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
+        self._notifier.notify(ready=1, status=f"serving clients in {self.runtime_dir}")
 
     async def stop(self) -> None:
         """Quiet the plate, then close: clients, trackpad, and the board last."""

@@ -145,7 +145,7 @@ async def _serve(
         if wanted is None:
             break
         prepared = await _prepared(config_loader, wanted, prepared.config, notifier)
-    notifier.tell(stopping=1)
+    notifier.notify(stopping=1)
 
 
 async def _judged(command: Sequence[str]) -> None:
@@ -169,7 +169,7 @@ async def _prepared(config_loader: ConfigLoader, wanted: Config, before: Config,
     """What shall run now that the plate is quiet; the configuration before, if since its judgement a file has gone."""
     preparing = asyncio.create_task(asyncio.to_thread(config_loader.prepare, wanted))
     while not (await asyncio.wait({preparing}, timeout=SIGN_OF_LIFE_S))[0]:
-        notifier.tell(watchdog=1)
+        notifier.notify(watchdog=1)
     try:
         return preparing.result()
     except HapticdError as error:

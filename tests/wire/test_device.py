@@ -262,18 +262,18 @@ def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None
 
 
 def test_another_layout_is_refused_by_its_hash() -> None:
-    with pytest.raises(DeviceError, match="protocol hash is 00000000"):
+    with pytest.raises(DeviceError, match="protocol hash 00000000"):
         device.check_hello(hello(HELLO[:2] + bytes(4) + HELLO[6:]), modes=2, w_limit_um=(4.0, 4.0))
 
 
 def test_other_modes_and_lower_limits_are_refused() -> None:
-    with pytest.raises(DeviceError, match="drives 2 modes, the mode shapes have 3"):
+    with pytest.raises(DeviceError, match="drives 2 modes, the mode map has 3"):
         device.check_hello(hello(), modes=3, w_limit_um=(4.0, 4.0, 4.0))
     with pytest.raises(DeviceError, match="mode 1 is set to 5 um but the board allows 4 um"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 5.0))
     with pytest.raises(DeviceError, match="mode 0 is set to nan um"):
         device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
-    with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are set to take 100 V"):
+    with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are rated for 100 V"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 4.0), v_limit_v=100.0)
 
 

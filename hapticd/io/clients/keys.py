@@ -1,9 +1,9 @@
-"""The keys of clients that connect over TCP: a directory of certificates, as pyzmq writes and reads them.
+"""Keys for clients over TCP: a directory of ZeroMQ certificates.
 
     hapticd.key, hapticd.key_secret   the daemon's own pair (CURVE, Z85)
     clients/NAME.key                  the public keys that may connect, each under the client's name
 
-Secrets are made readable for their owner only, and one that others may read is not used.
+Secret files are readable by their owner only; one that others may read is refused.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")  # a file name and nothi
 
 @dataclass(frozen=True, slots=True)
 class ServerKeys:
-    """The daemon's pair and whom it lets in: public keys (Z85) and the names they are known by."""
+    """The daemon's key pair and its allow-list, which maps public keys (Z85) to client names."""
 
     public: bytes
     secret: bytes = field(repr=False)
@@ -36,31 +36,31 @@ class ServerKeys:
 
 
 def make_pair(directory: Path, name: str) -> tuple[Path, Path]:
-    """Write a new pair and return its files, the public one first. Raises HapticdError where one is there already."""
+    """Write a new key pair and return its files, the public one first. Raises HapticdError if one exists."""
     _check_name(name)
     files = directory / f"{name}.key", directory / f"{name}.key_secret"
     for path in files:
         if path.exists():
-            raise HapticdError(f"{path}: is there already, and a new key would lock out whoever uses it: remove it.")
+            raise HapticdError(f"{path}: exists already, and its users need it: remove it first to make a new one.")
     try:
         with masked(SECRET_UMASK):
             directory.mkdir(parents=True, exist_ok=True)
             zmq.auth.create_certificates(directory, name)
-        files[0].chmod(0o644)  # the public half is made to be given away
+        files[0].chmod(0o644)  # the public key is for distribution
     except OSError as error:
-        raise HapticdError(f"{directory}: keys cannot be written there ({error.strerror}).") from None
+        raise HapticdError(f"{directory}: keys cannot be written to it ({error.strerror}).") from None
     return files
 
 
 def allow(directory: Path, certificate: Path) -> Path:
-    """Let the client with this public certificate in, under the file's name. Returns the allow-list's file."""
+    """Allow the client with this public certificate, under the file's name. Returns the allow-list's file."""
     _check_name(certificate.stem)
     public, secret = _certificate(certificate)
     if secret is not None:
-        raise HapticdError(f"{certificate}: holds a secret, which stays with the client: give its .key file.")
+        raise HapticdError(f"{certificate}: contains a secret key, which must stay with the client: use its .key file.")
     known = allowed(directory).get(public.decode())
     if known is not None:
-        raise HapticdError(f"{certificate}: this key is allowed already, as {known}.")
+        raise HapticdError(f"{certificate}: this key is already allowed as {known}.")
     listed = directory / CLIENTS / f"{certificate.stem}.key"
     if listed.exists():
         raise HapticdError(f"{listed}: another key has this name: rename the file, or revoke the name first.")
@@ -73,7 +73,7 @@ def allow(directory: Path, certificate: Path) -> Path:
 
 
 def revoke(directory: Path, name: str) -> None:
-    """Take a client off the allow-list. Raises HapticdError where it is not on it."""
+    """Remove a client from the allow-list. Raises HapticdError if it is not on it."""
     _check_name(name)
     listed = directory / CLIENTS / f"{name}.key"
     try:
@@ -83,34 +83,31 @@ def revoke(directory: Path, name: str) -> None:
 
 
 def allowed(directory: Path) -> dict[str, str]:
-    """The allow-list: public keys (Z85) and the names they are known by. Raises HapticdError for a broken file."""
+    """Return the allow-list, public key (Z85) to name. Raises HapticdError for an invalid file."""
     listed = sorted((directory / CLIENTS).glob("*.key"))
     return {_certificate(path)[0].decode(): path.stem for path in listed}
 
 
 def load(directory: Path) -> ServerKeys:
-    """All that a daemon needs to serve TCP. Raises HapticdError, with what to do, where something is missing."""
+    """Load the keys to serve TCP. Raises HapticdError, with the remedy, if something is missing."""
     path = directory / f"{DAEMON_NAME}.key_secret"
     if not path.is_file():
-        raise HapticdError(
-            f"{path}: is missing, and without keys nobody is served over TCP: run `hapticd keys make {directory}`."
-        )
+        raise HapticdError(f"{path}: does not exist, and TCP needs keys: run `hapticd keys make {directory}`.")
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise HapticdError(f"{path}: others may open it, so it is no secret: run `chmod 600` on it, or make a new one.")
+        raise HapticdError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
     public, secret = _certificate(path)
     if secret is None:
-        raise HapticdError(f"{path}: holds no secret key: run `hapticd keys make` again.")
+        raise HapticdError(f"{path}: contains no secret key: run `hapticd keys make` again.")
     clients = allowed(directory)
     if not clients:
         raise HapticdError(
-            f"{directory / CLIENTS}: allows nobody, so TCP is of no use: `hapticd keys allow` a client, "
-            "or clear client.tcp."
+            f"{directory / CLIENTS}: the allow-list is empty: `hapticd keys allow` a client, or clear client.tcp."
         )
     return ServerKeys(public, secret, clients)
 
 
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
-    """Public and secret key (Z85) in a certificate. Raises HapticdError where they are none."""
+    """Return public and secret key (Z85) of a certificate. Raises HapticdError if it is invalid."""
     try:
         public, secret = zmq.auth.load_certificate(path)
         for key in (public, secret):

@@ -1,5 +1,4 @@
-"""Where the daemon meets its clients: the directory of its ipc sockets, which nobody else may have put there, and its
-lock, which one daemon at a time holds."""
+"""The runtime directory: location, ownership and lock of the daemon's ipc sockets."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7), less its final zero
 
 
 def runtime_directory(environ: Mapping[str, str]) -> Path:
-    """$HAPTICD_RUNTIME_DIR, else systemd's $RUNTIME_DIRECTORY, else $XDG_RUNTIME_DIR/hapticd, else one in /tmp."""
+    """Return $HAPTICD_RUNTIME_DIR, systemd's $RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR/hapticd or /tmp/hapticd-UID."""
     if environ.get("HAPTICD_RUNTIME_DIR"):
         return Path(environ["HAPTICD_RUNTIME_DIR"]).absolute()
     if environ.get("RUNTIME_DIRECTORY"):
@@ -27,47 +26,47 @@ def runtime_directory(environ: Mapping[str, str]) -> Path:
 
 
 def own_directory(path: Path) -> None:
-    """Make the directory where it is missing; refuse one that another user owns or anybody may write to.
+    """Create the directory if it is missing. Raises HapticdError if another user owns it or others may write to it.
 
-    A link is followed only where its maker is trusted: systemd links a dynamic user's directory.
+    A link is followed only if root or this user created it: systemd links a dynamic user's directory.
     """
     try:
         path.mkdir(mode=0o750, exist_ok=True)
-        made_by, status = path.lstat().st_uid, path.stat()
+        creator, status = path.lstat().st_uid, path.stat()
     except FileNotFoundError:
         raise HapticdError(
-            f"{path.parent}: is missing, so {path.name} cannot be made in it: create it first."
+            f"{path.parent}: does not exist, so {path.name} cannot be created in it: create it first."
         ) from None
     except OSError as error:
         raise HapticdError(
-            f"{path}: cannot be the runtime directory ({error.strerror}): set HAPTICD_RUNTIME_DIR."
+            f"{path}: cannot be used as runtime directory ({error.strerror}): set HAPTICD_RUNTIME_DIR."
         ) from None
-    if status.st_uid != os.geteuid() or made_by not in (0, os.geteuid()):
+    if status.st_uid != os.geteuid() or creator not in (0, os.geteuid()):
         raise HapticdError(
-            f"{path}: belongs to another user: remove it, or set HAPTICD_RUNTIME_DIR to a directory of yours."
+            f"{path}: belongs to another user: remove it, or set HAPTICD_RUNTIME_DIR to your own directory."
         )
     if status.st_mode & stat.S_IWOTH:
-        raise HapticdError(f"{path}: anybody may write to it: take that right away with `chmod o-w`.")
+        raise HapticdError(f"{path}: all users may write to it: run `chmod o-w` on it.")
 
 
 def endpoint_path(directory: Path, name: str) -> Path:
-    """The socket file of one endpoint. Raises HapticdError where the system has no room for so long a path."""
+    """Return the socket file of one endpoint. Raises HapticdError if its path is too long for a socket."""
     path = directory / name
     length = len(os.fsencode(path))
     if length > MAX_SOCKET_PATH_BYTES:
         raise HapticdError(
-            f"{path}: has {length} bytes, a socket's path has at most {MAX_SOCKET_PATH_BYTES}: "
+            f"{path}: the path has {length} bytes, a socket allows {MAX_SOCKET_PATH_BYTES}: "
             "set HAPTICD_RUNTIME_DIR to a shorter directory."
         )
     return path
 
 
 def locked(path: Path) -> int:
-    """The lock file, held until closed. It comes first: binding would steal a running daemon's sockets in silence."""
+    """Lock the file until it is closed; done before binding, which would take over a running daemon's sockets."""
     try:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise HapticdError(f"{path}: cannot be opened ({error.strerror}): check who owns it.") from None
+        raise HapticdError(f"{path}: cannot be opened ({error.strerror}): check its owner.") from None
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -80,7 +79,7 @@ def locked(path: Path) -> int:
 
 @contextmanager
 def masked(umask: int) -> Iterator[None]:
-    """Files made inside lack these rights from their first moment on."""
+    """Set the umask while the context is active."""
     before = os.umask(umask)
     try:
         yield

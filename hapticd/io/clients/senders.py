@@ -1,7 +1,6 @@
-"""Who sent a message, and how many messages of one sender are read.
+"""Sender identity of client messages, and the rate limit per sender.
 
-The sender's name comes from the kernel (ipc) or from the key that it has proved to hold (TCP), never from what the
-message says of itself.
+The identity comes from the kernel (ipc) or from the authenticated key (TCP), never from the message.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from typing import Generic, TypeVar
 
 import zmq
 
-RATE_HZ = 500.0  # messages of one sender, on one socket; the plate itself is told 90 times a second
-BURST = 100  # of these at once, after a pause
-MAX_SENDERS = 64  # that are remembered; whoever was silent longest is forgotten first
+RATE_HZ = 500.0  # messages of one sender on one socket; the plate is updated 90 times a second
+BURST = 100  # messages at once after a pause
+MAX_SENDERS = 64  # tracked; the one idle longest is dropped first
 
 _IPC_PEER = re.compile(r"[^:]*:(\d+):\d+:(-?\d+)")  # libzmq's "host:uid:gid:pid", from SO_PEERCRED
 _UNKNOWN_USER = "an unknown user"
@@ -26,17 +25,17 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True, slots=True)
 class Sender:
-    """`user` answers for the message and owns what it asks for; messages of one `source` share one rate."""
+    """`user` owns the targets of the message; messages of one `source` share one rate limit."""
 
     user: str
     source: str
 
 
 def sender_of(frame: zmq.Frame, key_names: Mapping[str, str]) -> Sender:
-    """The sender of a received frame; `key_names` maps the allowed clients' public keys (Z85) to names.
+    """Return the sender of a received frame; `key_names` maps the allowed public keys (Z85) to names.
 
-    The kernel's word comes first: on ipc nobody is authenticated, and a client may put a User-Id of its own into the
-    handshake. On TCP libzmq keeps the one that the authenticator gave.
+    The kernel's credentials take precedence: on ipc no authenticator runs, and a client may set a User-Id in the
+    handshake. On TCP libzmq keeps the User-Id that the authenticator assigned.
     """
     address = _property(frame, "Peer-Address")
     local = _IPC_PEER.fullmatch(address)
@@ -56,62 +55,62 @@ def _property(frame: zmq.Frame, name: str) -> str:
 
 
 @dataclass(slots=True)
-class _Turn(Generic[Message]):
-    """One source's account: what it may still have handled, and what waits until it may."""
+class _Bucket(Generic[Message]):
+    """Token bucket of one source, and its waiting messages."""
 
-    allowance: float
+    tokens: float
     t_s: float
     waiting: deque[Message]
 
 
 class RateLimiter(Generic[Message]):
-    """Lets RATE_HZ messages of each source through, BURST at once. `lost` counts those that never came through.
+    """Admit RATE_HZ messages of each source, BURST at once. `lost` counts dropped messages.
 
-    What comes too fast waits, `patience` messages of it; of more, the oldest give way. With a patience of 1 the newest
-    message of a flood is always the one that is handled in the end.
+    Messages beyond the rate wait in a queue of `queue_length`, which drops its oldest. With a length of 1 the newest
+    message of a flood is always handled.
     """
 
-    def __init__(self, patience: int) -> None:
+    def __init__(self, queue_length: int) -> None:
         self.lost = 0
-        self._patience = patience
-        self._turns: dict[str, _Turn[Message]] = {}
+        self._queue_length = queue_length
+        self._buckets: dict[str, _Bucket[Message]] = {}
 
     @property
     def is_waiting(self) -> bool:
-        """Something waits for its turn."""
-        return any(turn.waiting for turn in self._turns.values())
+        """Whether any message waits for a token."""
+        return any(bucket.waiting for bucket in self._buckets.values())
 
     def admit(self, source: str, message: Message, t_s: float) -> bool:
-        """Whether this message may be handled now; if not, `due` brings it later, unless newer ones replace it."""
-        turn = self._turn_of(source, t_s)
-        if not turn.waiting and _has_earned_one(turn, t_s):
+        """Return whether to handle this message now; if not, `due` yields it later unless newer ones replace it."""
+        bucket = self._bucket_of(source, t_s)
+        if not bucket.waiting and _take_token(bucket, t_s):
             return True
-        if len(turn.waiting) == self._patience:
-            turn.waiting.popleft()
+        if len(bucket.waiting) == self._queue_length:
+            bucket.waiting.popleft()
             self.lost += 1
-        turn.waiting.append(message)
+        bucket.waiting.append(message)
         return False
 
     def due(self, t_s: float) -> Iterator[Message]:
-        """Those whose turn has come, by and by."""
-        for turn in list(self._turns.values()):
-            while turn.waiting and _has_earned_one(turn, t_s):
-                yield turn.waiting.popleft()
+        """Yield the waiting messages whose source has a token."""
+        for bucket in list(self._buckets.values()):
+            while bucket.waiting and _take_token(bucket, t_s):
+                yield bucket.waiting.popleft()
 
-    def _turn_of(self, source: str, t_s: float) -> _Turn[Message]:
-        turn = self._turns.pop(source, None)  # put back at the end: the first is the one silent longest
-        if turn is None:
-            turn = _Turn(float(BURST), t_s, deque())
-            if len(self._turns) >= MAX_SENDERS:
-                self.lost += len(self._turns.pop(next(iter(self._turns))).waiting)
-        self._turns[source] = turn
-        return turn
+    def _bucket_of(self, source: str, t_s: float) -> _Bucket[Message]:
+        bucket = self._buckets.pop(source, None)  # re-inserted at the end: the first is the one idle longest
+        if bucket is None:
+            bucket = _Bucket(float(BURST), t_s, deque())
+            if len(self._buckets) >= MAX_SENDERS:
+                self.lost += len(self._buckets.pop(next(iter(self._buckets))).waiting)
+        self._buckets[source] = bucket
+        return bucket
 
 
-def _has_earned_one(turn: _Turn[Message], t_s: float) -> bool:
-    turn.allowance = min(turn.allowance + max(t_s - turn.t_s, 0.0) * RATE_HZ, float(BURST))
-    turn.t_s = t_s
-    if turn.allowance < 1.0:
+def _take_token(bucket: _Bucket[Message], t_s: float) -> bool:
+    bucket.tokens = min(bucket.tokens + max(t_s - bucket.t_s, 0.0) * RATE_HZ, float(BURST))
+    bucket.t_s = t_s
+    if bucket.tokens < 1.0:
         return False
-    turn.allowance -= 1.0
+    bucket.tokens -= 1.0
     return True

@@ -1,7 +1,7 @@
-"""The daemon's three ZeroMQ sockets: bound to ipc for this machine's users, and to TCP for whoever holds a key.
+"""The daemon's three ZeroMQ sockets, bound to ipc for local users and to TCP for clients with a key.
 
-Both are ends of the same sockets. The order is what keeps them apart: options of a socket hold for what is bound after
-them, so ipc comes first, without keys, and TCP last, with keys and nothing else.
+Each socket has both endpoints. Socket options apply to later binds only, so ipc is bound first without keys, and TCP
+last with CURVE required.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .runtime_dir import masked
 
 ENDPOINTS = ("targets", "control", "telemetry")  # socket files in the runtime directory, and ports in this order
 
-MAX_MESSAGE_BYTES = 65536  # a larger one costs its sender the connection
-MAX_SUBSCRIPTION_BYTES = 1024  # all that a subscriber has to say is one byte, and in the handshake its key
-RECEIVE_HIGH_WATER = 32  # messages per client; what a flood has beyond waits in the client's own buffers
-SEND_HIGH_WATER = 16  # states for a slow subscriber; it misses the next
-# Replies on their way to one client. ZeroMQ hears late how many were read, and throws away in silence what goes beyond:
-# with 16, one in a few dozen quick requests of a client that waits for each reply never got one.
+MAX_MESSAGE_BYTES = 65536  # ZeroMQ disconnects the sender of a larger one
+MAX_SUBSCRIPTION_BYTES = 1024  # a subscription is one byte; the handshake has a key
+RECEIVE_HIGH_WATER = 32  # messages per client; the rest waits in the client's buffers
+SEND_HIGH_WATER = 16  # states for a slow subscriber, which misses the next
+# Pending replies to one client. ZeroMQ learns late how many were read and silently drops replies beyond the mark:
+# with 16, a client that waits for each reply missed one in a few dozen.
 REPLY_HIGH_WATER = 256
 SOCKET_UMASK = 0o117  # owner and group may connect, others may not
 ZAP_DOMAIN = "hapticd"
@@ -34,7 +34,7 @@ Socket = zmq.Socket[bytes]
 
 @dataclass(frozen=True, slots=True)
 class Remote:
-    """Where clients with a key connect: `host` (an address or interface) and the first of three ports."""
+    """TCP endpoint for clients with a key: `host` (an address or interface) and the first of three ports."""
 
     host: str
     port: int
@@ -42,14 +42,14 @@ class Remote:
 
 
 class AllowList:
-    """Answers the authenticator: only the keys in `names` get in. `denied` counts the others."""
+    """Allow-list for the authenticator: admits the keys of `remote`. `denied` counts the others."""
 
     def __init__(self, remote: Remote) -> None:
         self.denied = 0
         self._names = remote.keys.clients
 
     def callback(self, domain: str, key: bytes) -> bool:
-        """pyzmq's question about a client's public key (Z85)."""
+        """Return whether a client with this public key (Z85) may connect; called by pyzmq."""
         is_allowed = domain == ZAP_DOMAIN and key.decode() in self._names
         self.denied += not is_allowed
         return is_allowed
@@ -57,7 +57,7 @@ class AllowList:
 
 @dataclass(frozen=True, slots=True)
 class Sockets:
-    """The three sockets in the order of ENDPOINTS, and who guards them."""
+    """The three sockets in the order of ENDPOINTS, and their authenticator."""
 
     context: Context
     targets: Socket
@@ -71,7 +71,7 @@ class Sockets:
         return self.targets, self.control, self.telemetry
 
     def close(self) -> None:
-        """Close all, and the authenticator after those that ask it."""
+        """Close the sockets, then the authenticator that they use."""
         for socket in self.all:
             socket.close()
         if self.authenticator.zap_socket is not None:
@@ -80,9 +80,9 @@ class Sockets:
 
 
 def bound(paths: Sequence[Path], remote: Remote | None, allow_list: AllowList | None) -> Sockets:
-    """Sockets bound to the paths of ENDPOINTS, and to `remote`'s ports. Raises zmq.ZMQError, with nothing left open.
+    """Bind sockets to the paths of ENDPOINTS and to `remote`'s ports. Raises zmq.ZMQError and leaves nothing open.
 
-    With `remote`, call it on the running loop: the authenticator serves there.
+    With `remote`, call it on the running loop, which the authenticator uses.
     """
     context = zmq.Context()
     sockets = Sockets(
@@ -117,7 +117,7 @@ def _bind_remote(sockets: Sockets, remote: Remote, allow_list: AllowList | None)
     sockets.authenticator.configure_curve_callback(ZAP_DOMAIN, credentials_provider=allow_list)
     for port, socket in enumerate(sockets.all, remote.port):
         socket.zap_domain = ZAP_DOMAIN.encode()
-        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)  # no authenticator: nobody gets in, rather than everybody
+        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)  # without an authenticator no client is admitted
         socket.curve_server = True
         socket.curve_secretkey = remote.keys.secret
         socket.curve_publickey = remote.keys.public

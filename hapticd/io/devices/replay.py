@@ -1,7 +1,7 @@
-"""Recorded touch reports: JSON lines, the first {"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab.."} each.
+"""Recorded touch reports as a trackpad source.
 
-`t_ns` is the host time at which the report was read (any origin, never running backwards), `report` its bytes in
-hex, report id first.
+JSON lines: first {"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab.."} each. `t_ns` is the host time at which
+the report was read (any origin, not decreasing), `report` its bytes in hex, report id first.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["ReplayTrackpad", "read_recording", "write_recording"]
 
 
 def write_recording(path: str | os.PathLike[str], model: str, reports: Iterable[RawReport]) -> None:
-    """Write reports of one trackpad; what `read_recording` gives back. OSError if the file cannot be written."""
+    """Write reports of one trackpad for `read_recording`. Raises OSError if the file cannot be written."""
     with open(path, "w", encoding="ascii") as file:
         file.write(json.dumps({"model": model}) + "\n")
         for report in reports:
@@ -30,7 +30,7 @@ def write_recording(path: str | os.PathLike[str], model: str, reports: Iterable[
 
 
 def read_recording(path: str | os.PathLike[str]) -> tuple[str, list[RawReport]]:
-    """Model and reports of a recording. TrackpadError names the file, the line and what is wrong with it."""
+    """Return model and reports of a recording. Raises TrackpadError with the file, the line and the defect."""
     try:
         lines = Path(path).read_bytes().splitlines()
     except OSError as error:
@@ -56,11 +56,11 @@ def _model(line: bytes) -> str:
 
 
 def _report(line: bytes, not_before_ns: int | None) -> RawReport:
-    wanted = 'a report must be {"t_ns": integer, "report": "hex"}'
-    fields = _fields(line, wanted)
+    form = 'a report must be {"t_ns": integer, "report": "hex"}'
+    fields = _fields(line, form)
     t_ns, text = fields.get("t_ns"), fields.get("report")
     if type(t_ns) is not int or type(text) is not str:
-        raise ValueError(wanted)
+        raise ValueError(form)
     if not -(1 << 63) <= t_ns < 1 << 63:
         raise ValueError("its t_ns does not fit in 64 bits")
     if not_before_ns is not None and t_ns < not_before_ns:
@@ -74,22 +74,22 @@ def _report(line: bytes, not_before_ns: int | None) -> RawReport:
     return RawReport(t_ns, data)
 
 
-def _fields(line: bytes, wanted: str) -> dict[str, object]:
+def _fields(line: bytes, form: str) -> dict[str, object]:
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:  # bad UTF-8 and bad JSON are ValueErrors
-        raise ValueError(f"not JSON, and {wanted}") from error
+        raise ValueError(f"not JSON, and {form}") from error
     if not isinstance(fields, dict):
-        raise ValueError(wanted)
+        raise ValueError(form)
     return fields
 
 
 class ReplayTrackpad:
-    """Plays a recording once, with its own timing, as if the pad were there.
+    """Trackpad source that plays a recording once, with its original timing.
 
-    Reports get the host times at which they are due now, so their spacing is the recording's to the nanosecond. At
-    another `speed` than 1 the stamps inside the reports no longer agree with the host's clock: good for looking,
-    not for measuring. The constructor reads the file: TrackpadError if it is bad, ValueError for a senseless speed.
+    Reports get the host times at which they are due, so their spacing is exact to the nanosecond. At a `speed` other
+    than 1 the stamps inside the reports disagree with the host's clock: usable for display, not for measurement. The
+    constructor reads the file and raises TrackpadError if it is invalid, ValueError for an invalid speed.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class ReplayTrackpad:
         self._timer = loop.call_soon(self._begin)
 
     def request_enable(self) -> None:
-        """A recording cannot be asked for anything."""
+        """Does nothing: a recording has no mode to enable."""
 
     async def close(self) -> None:
         if self._timer is not None:
@@ -133,7 +133,7 @@ class ReplayTrackpad:
             self._on_link(False, "replay ended")
 
     def _play(self) -> None:
-        """Hand over the report the timer was set for, and those that fell due while the loop was busy."""
+        """Deliver the report that the timer was set for, and those that fell due while the loop was busy."""
         elapsed_ns = (self._loop.time() - self._t_begin_s) * 1e9
         first = self._next
         self._next += 1
@@ -145,6 +145,6 @@ class ReplayTrackpad:
         self._arm()
 
     def _due_ns(self, index: int) -> int:
-        """When a report is due, counted from the first."""
+        """Time of a report since the first one."""
         recorded_ns = self._reports[index].t_host_ns - self._reports[0].t_host_ns
         return recorded_ns if self._speed == 1 else round(recorded_ns / self._speed)

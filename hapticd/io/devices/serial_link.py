@@ -1,11 +1,10 @@
-"""The serial link to the board: opens it, moves bytes, notices that it is gone, opens it again.
+"""Serial link to the board: opens the port, transfers bytes, detects loss and reopens.
 
-pyserial sets the port up and holds it exclusively; then the descriptor is non-blocking and the loop watches it, which
-halves the cost of a write against pyserial's own. A write that the port does not take at once is dropped and the
-output flushed: a stalled board must never find a queue of stale frames.
+pyserial configures the port and opens it exclusively. The descriptor is then non-blocking and watched by the loop,
+which halves the cost of a write. A write that the port does not accept at once is dropped and the output flushed, so
+that a stalled board never receives a queue of stale frames.
 
-A board at rest speaks ten times a second all the same. Each time would wake the loop, so meanwhile what it says waits
-for `read`, or for the answer to what was written last.
+An idle board sends a status ten times a second. To let the loop sleep, bytes then wait for the next `read` or `write`.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ import serial
 FIRST_RETRY_S = 0.25
 LAST_RETRY_S = 2.0
 READ_SIZE = 4096
-FRAME_END = b"\0"  # see firmware/PROTOCOL.md; an empty frame is none
+FRAME_END = b"\0"  # see firmware/PROTOCOL.md; empty frames are ignored
 
 
 class SerialLink:
-    """One serial port, reopened for ever until closed. Callbacks run on the loop."""
+    """One serial port, reopened until closed. Callbacks run on the loop."""
 
     def __init__(self, port: str, baud: int) -> None:
         self.port = port
@@ -35,8 +34,8 @@ class SerialLink:
         self._serial: serial.Serial | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._retry_s = FIRST_RETRY_S
-        self._said_missing = False
-        self._torn = False
+        self._is_reported_missing = False
+        self._is_torn = False
         self._is_watched = False
         self._is_resting = False
 
@@ -46,17 +45,17 @@ class SerialLink:
         on_bytes: Callable[[bytes], None],
         on_link: Callable[[bool, str], None],
     ) -> None:
-        """Open now, or as soon as the port is there. `on_link(up, reason)` tells each change once."""
+        """Open the port now or once it exists. `on_link(up, reason)` reports each change once."""
         self._loop, self._on_bytes, self._on_link = loop, on_bytes, on_link
         self._open()
 
     def write(self, data: bytes) -> bool:
-        """Hand `data` to the port whole, or drop it."""
+        """Write `data` whole or drop it; returns whether it was written."""
         if self._serial is None:
             return False
         self._watch(True)
-        if self._torn:
-            data = FRAME_END + data  # what a dropped write left on the line must not cost this one too
+        if self._is_torn:
+            data = FRAME_END + data  # ends the partial frame that a dropped write left
         try:
             written = os.write(self._serial.fd, data)
         except BlockingIOError:
@@ -64,8 +63,8 @@ class SerialLink:
         except OSError as error:
             self._lost(f"write failed: {error.strerror}")
             return False
-        self._torn = written != len(data)
-        if not self._torn:
+        self._is_torn = written != len(data)
+        if not self._is_torn:
             return True
         self.dropped_writes += 1
         with contextlib.suppress(termios.error):
@@ -73,17 +72,17 @@ class SerialLink:
         return False
 
     def rest(self, is_resting: bool) -> None:
-        """Whether what comes may wait."""
+        """Set whether received bytes may wait for the next `read`."""
         self._is_resting = is_resting
         self._watch(not is_resting)
 
     def read(self) -> None:
-        """Take what has come, if anything has."""
+        """Read what has arrived, if anything."""
         if self._serial is not None:
             self._readable()
 
     async def drained(self, within_s: float) -> None:
-        """Wait until the port has sent what was written, at most `within_s`."""
+        """Wait until the port has sent all written bytes, at most `within_s`."""
         if self._serial is None:
             return
         deadline_s = self._loop.time() + within_s
@@ -105,15 +104,15 @@ class SerialLink:
     def _open(self) -> None:
         self._retry = None
         try:
-            # No time between bytes means VMIN = 1: else of an idle terminal a read looks like its end.
+            # Without an inter-byte timeout VMIN is 1: otherwise a read of an idle terminal looks like end of file.
             self._serial = serial.Serial(self.port, self._baud, timeout=0, inter_byte_timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
-            if not self._said_missing:
+            if not self._is_reported_missing:
                 self._on_link(False, f"{self.port} cannot be opened: {_cause(error)}")
-                self._said_missing = True
-            self._try_again()
+                self._is_reported_missing = True
+            self._retry_later()
             return
-        self._said_missing = self._torn = False
+        self._is_reported_missing = self._is_torn = False
         self._retry_s = FIRST_RETRY_S
         os.set_blocking(self._serial.fd, False)
         self._watch(True)
@@ -136,7 +135,7 @@ class SerialLink:
         self._on_bytes(data)
 
     def _watch(self, is_watched: bool) -> None:
-        """Have the loop call `_readable`, or no more."""
+        """Register or remove `_readable` with the loop."""
         if self._serial is None or is_watched is self._is_watched:
             return
         self._is_watched = is_watched
@@ -147,9 +146,9 @@ class SerialLink:
 
     def _lost(self, reason: str) -> None:
         self._release()
-        self._said_missing = True
+        self._is_reported_missing = True
         self._on_link(False, f"{self.port} lost: {reason}")
-        self._try_again()
+        self._retry_later()
 
     def _release(self) -> None:
         if self._serial is None:
@@ -159,14 +158,14 @@ class SerialLink:
             self._serial.close()
         self._serial = None
 
-    def _try_again(self) -> None:
+    def _retry_later(self) -> None:
         self._retry = self._loop.call_later(self._retry_s, self._open)
         self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
 
 
 def _cause(error: Exception) -> str:
-    """The operating system's own words where pyserial wraps them."""
+    """Return the operating system's message where pyserial wraps it."""
     number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
     if number == errno.EWOULDBLOCK:
-        return "another program holds it"
+        return "another program has it open"
     return os.strerror(number) if isinstance(number, int) else str(error)

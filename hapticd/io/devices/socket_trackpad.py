@@ -1,4 +1,4 @@
-"""Touch reports from the simulated rig: a unix SOCK_SEQPACKET endpoint that sends one report per packet."""
+"""Trackpad source of the simulated rig: a unix SOCK_SEQPACKET endpoint, one report per packet."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _RETRY_S = (0.25, 0.5, 1.0)
 
 
 class SocketTrackpad:
-    """The rig's trackpad, of the given model (those of `io.devices.trackpad_source.MODELS`; ValueError for another).
+    """The rig's trackpad. Raises ValueError for a model that is not in `trackpad_source.MODELS`.
 
-    The multitouch enable goes back over the same socket, as the feature report's bytes: at once, and when asked
-    for. End of file or an error is an unplug; the endpoint is tried again after 0.25 s, 0.5 s, then every second.
+    The multitouch enable is sent over the same socket, as the feature report's bytes: after connecting and on request.
+    End of file or an error counts as unplugged; it reconnects after 0.25 s, 0.5 s, then every second.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class SocketTrackpad:
         try:
             self._socket.send(self._enable)
         except OSError:
-            return  # a rig that takes no enable is no worse than a pad that refuses it; a lost one shows when read
+            return  # as with a pad that refuses it; a lost connection shows at the next read
 
     async def close(self) -> None:
         if self._timer is not None:
@@ -75,10 +75,10 @@ class SocketTrackpad:
             self._on_reports(batch)
         if lost:
             self._disconnect()
-            self._retry(f"the simulated trackpad at {self._path} was lost ({lost}): trying again")
+            self._retry(f"the simulated trackpad at {self._path} was lost ({lost}): reconnecting")
 
     def _drain(self, endpoint: socket.socket) -> tuple[list[RawReport], str]:
-        """All packets that are there, and why there will be no more, if so."""
+        """Read all waiting packets; also returns the reason why the stream ended, or an empty text."""
         batch: list[RawReport] = []
         while len(batch) < BATCH:
             try:

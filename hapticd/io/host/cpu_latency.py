@@ -1,9 +1,8 @@
-"""Processors that do not sleep while somebody touches.
+"""CPU wake-up latency: keep processors out of sleep states while fingers are down.
 
-A processor that slept since the last report wakes late and with cold caches (a virtual one may have been somebody
-else's meanwhile): what a pass computes then takes half as long again or more. Linux keeps processors awake for whoever
-holds `/dev/cpu_dma_latency` open and writes there how late they may wake (`Documentation/power/pm_qos_interface.rst`).
-It costs heat, so it is asked for only while fingers are down, and for a moment after.
+A processor that slept since the last report wakes late and with cold caches: a pass then takes half as long again or
+more. Linux bounds the wake-up latency while a process holds `/dev/cpu_dma_latency` open with a value written
+(`Documentation/power/pm_qos_interface.rst`). It costs heat, so the bound ends 2 s after the last touch.
 """
 
 from __future__ import annotations
@@ -14,15 +13,15 @@ import struct
 from pathlib import Path
 
 LATENCY_FILE = Path("/dev/cpu_dma_latency")
-LINGER_NS = 2_000_000_000  # the next stroke mostly follows
+LINGER_NS = 2_000_000_000  # the next stroke usually follows within this time
 
-_NEVER_SLEEP_US, _SLEEP_AS_YOU_LIKE_US = 0, 2_000_000_000  # the second is what the kernel takes for no wish
+_NO_SLEEP_US, _UNBOUNDED_US = 0, 2_000_000_000  # the second is the kernel's default
 
 
 class CpuLatencyHold:
-    """A wish to the kernel, from the constructor to `close`; none before the first touch.
+    """Holds `cpu_dma_latency` while fingers are down; inactive before the first touch.
 
-    The constructor raises OSError where this user may not have one.
+    The constructor raises OSError where this user may not open the file.
     """
 
     def __init__(self, file: Path) -> None:
@@ -31,23 +30,23 @@ class CpuLatencyHold:
         self._t_touched_ns = 0
 
     def look(self, is_touched: bool, t_now_ns: int) -> None:
-        """Keep all processors awake, or let them sleep, as it is wanted now."""
+        """Request or release the latency bound for the touch state at `t_now_ns`."""
         if is_touched:
             self._t_touched_ns = t_now_ns
             if not self._is_held:
-                self._wish(True)
+                self._write(True)
         elif self._is_held and t_now_ns - self._t_touched_ns >= LINGER_NS:
-            self._wish(False)
+            self._write(False)
 
     def close(self) -> None:
-        """Let them sleep; the kernel does it too when the process dies. Safe to call twice."""
+        """Release the bound; the kernel does so too when the process ends. Safe to call twice."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
 
-    def _wish(self, is_held: bool) -> None:
+    def _write(self, is_held: bool) -> None:
         self._is_held = is_held
         if self._fd is None:
             return
-        with contextlib.suppress(OSError):  # then they sleep, as they would without us
-            os.write(self._fd, struct.pack("=i", _NEVER_SLEEP_US if is_held else _SLEEP_AS_YOU_LIKE_US))
+        with contextlib.suppress(OSError):  # without the bound only latency suffers
+            os.write(self._fd, struct.pack("=i", _NO_SLEEP_US if is_held else _UNBOUNDED_US))

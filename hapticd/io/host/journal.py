@@ -1,7 +1,7 @@
-"""Log lines that never make the touch path wait for who reads them.
+"""Non-blocking log output: a slow reader never delays the touch path.
 
-A terminal stopped with Ctrl-S, a pager, a full pipe: a write to any of them blocks for as long as nobody reads, and the
-plate with it. Here such a line is dropped, and the next one that passes says how many were.
+A write to a terminal stopped with Ctrl-S, a pager or a full pipe blocks until it is read. Such a line is dropped here,
+and the next written line reports how many were.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ Write = Callable[[bytes], int]
 
 
 class JournalHandler(logging.Handler):
-    """Writes each record to the file descriptor `fd`, standard error if left out, or drops it."""
+    """Write each record to the file descriptor `fd` (default: standard error), or drop it."""
 
     def __init__(self, fd: int = 2) -> None:
         super().__init__()
         self.dropped = 0
-        self._write, self._release = _never_waiting(fd)
+        self._write, self._release = _non_blocking(fd)
 
     def emit(self, record: logging.LogRecord) -> None:
-        lost = f" ({self.dropped} lines before this one were lost: nobody read them)" if self.dropped else ""
+        lost = f" ({self.dropped} earlier lines were dropped: the output was not read)" if self.dropped else ""
         try:
             self._write(f"{self.format(record)}{lost}\n".encode(errors="backslashreplace"))
             self.dropped = 0
-        except OSError:  # it would block, or the reader is gone: nobody is left to be told
+        except OSError:  # it would block, or the reader is gone
             self.dropped += 1
 
     def close(self) -> None:
@@ -36,8 +36,8 @@ class JournalHandler(logging.Handler):
         super().close()
 
 
-def _never_waiting(fd: int) -> tuple[Write, Callable[[], None]]:
-    """How to write to `fd` without waiting, and what ends that. The flags of `fd` belong to others too: they stay."""
+def _non_blocking(fd: int) -> tuple[Write, Callable[[], None]]:
+    """Return functions that write to `fd` without blocking and that close it. Shared flags of `fd` stay unchanged."""
     mode = os.fstat(fd).st_mode
     if stat.S_ISSOCK(mode):  # what systemd gives a service
         stream = socket.socket(fileno=os.dup(fd))
@@ -46,7 +46,7 @@ def _never_waiting(fd: int) -> tuple[Write, Callable[[], None]]:
         try:
             own = os.open(f"/proc/self/fd/{fd}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         except OSError:
-            pass  # another's terminal, or no /proc: as it is
+            pass  # another user's terminal, or no /proc: write blocking
         else:
             return lambda data: os.write(own, data), lambda: os.close(own)
     return lambda data: os.write(fd, data), lambda: None

@@ -1,11 +1,11 @@
-"""Real time: what is asked of the kernel and of Python's collector, and a timer that is on time.
+"""Real-time settings of kernel and garbage collector, and a precise periodic timer.
 
-    go_real_time     SCHED_FIFO and a processor for the calling thread, memory that is not paged out
+    go_real_time     SCHED_FIFO and CPU affinity for the calling thread, memory locking
     quiet_collector  no garbage collection while a finger is down
-    Pauses           how long each one took that came all the same
-    PeriodicTimer    a timerfd on the loop: asyncio's own timers are rounded up to milliseconds, twice
+    Pauses           duration of each collection that happened all the same
+    PeriodicTimer    a timerfd on the loop: asyncio rounds its own timers up to milliseconds, twice
 
-`os.timerfd_create` came with Python 3.13, and mlockall with none: both are called in the C library.
+Called in the C library: mlockall, which Python lacks, and `timerfd_create`, which it has only since 3.13.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 __all__ = ["Granted", "Pauses", "PeriodicTimer", "collect_when_idle", "go_real_time", "quiet_collector"]
 
-SWITCH_INTERVAL_S = 5e-4  # how long another Python thread (a trackpad's reader) may keep the loop from its work
-EMERGENCY_ALLOCATIONS = 50_000  # of the youngest generation: only a hand that never lifts comes here
+SWITCH_INTERVAL_S = 5e-4  # longest wait of the loop for another Python thread (a trackpad reader)
+EMERGENCY_ALLOCATIONS = 50_000  # of the youngest generation: reached only if a finger stays down for long
 
 _LOCK_NOW_AND_LATER_ONCE_TOUCHED = 1 | 2 | 4  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT: unused stacks take no memory
 _TIMER_ABSTIME = 1
@@ -32,7 +32,7 @@ _TIMER_ABSTIME = 1
 
 @dataclass(frozen=True, slots=True)
 class Granted:
-    """What the kernel gave: `priority` 0 is ordinary scheduling. `refused` says in words what it did not."""
+    """Settings that the kernel granted: `priority` 0 is ordinary scheduling. `refused` has one sentence per refusal."""
 
     priority: int
     processors: tuple[int, ...]
@@ -41,11 +41,11 @@ class Granted:
 
 
 def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bool = False) -> Granted:
-    """Ask for what is not at its default, for the calling thread; a refusal is told, not raised.
+    """Request the settings that differ from the default, for the calling thread; a refusal is returned, not raised.
 
-    Threads and processes made later start with ordinary scheduling (SCHED_RESET_ON_FORK): a runaway among them cannot
-    take the machine, and this thread is stopped by RLIMIT_RTTIME where the service's unit sets it. Called again, it
-    takes priority and lock back where they are no longer asked for; a processor once kept to stays.
+    Later threads and processes start with ordinary scheduling (SCHED_RESET_ON_FORK), so that none of them can block
+    the machine; RLIMIT_RTTIME of the service's unit bounds this thread. A second call revokes priority and memory lock
+    where they are no longer requested; the CPU affinity stays.
     """
     if sys.platform != "linux":
         return Granted(0, (), False, ("real time: only on Linux",))
@@ -74,30 +74,32 @@ def _lock_memory(refused: list[str]) -> bool:
 
 
 def quiet_collector() -> None:
-    """What is alive now lives as long as the daemon: it is never looked at again, and the rest not while a finger is
-    down (`collect_when_idle` does it then), unless so much piles up that memory would suffer."""
+    """Freeze the objects that exist now and disable automatic collection up to EMERGENCY_ALLOCATIONS.
+
+    `collect_when_idle` collects the rest while no finger is down.
+    """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    gc.unfreeze()  # what an earlier daemon of this process left
+    gc.unfreeze()  # objects of an earlier daemon in this process
     gc.collect()
     gc.freeze()
-    _give_back_memory()
+    _trim_heap()
     gc.set_threshold(EMERGENCY_ALLOCATIONS, 10, 10)
 
 
-def _give_back_memory() -> None:
-    """What reading and preparing needed for a moment: some megabytes, which glibc would keep for later."""
+def _trim_heap() -> None:
+    """Return the memory used during start (some megabytes) to the system; glibc would keep it."""
     trim = getattr(_libc(), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
         trim(0)
 
 
 def collect_when_idle() -> int:
-    """Collect, nobody being touched; objects found. What was frozen costs nothing."""
+    """Run a collection while no finger is down; returns the number of objects found. Frozen objects cost nothing."""
     return gc.collect() if sum(gc.get_count()) > 0 else 0
 
 
 class Pauses:
-    """Calls `on_pause(span_ns)` after each garbage collection of this process, from the constructor to `close`."""
+    """Call `on_pause(span_ns)` after each garbage collection, from construction to `close`."""
 
     def __init__(self, on_pause: Callable[[int], None], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._on_pause = on_pause
@@ -106,7 +108,7 @@ class Pauses:
         gc.callbacks.append(self._collected)
 
     def close(self) -> None:
-        """Tell no more. Safe to call twice."""
+        """Remove the callback. Safe to call twice."""
         if self._collected in gc.callbacks:
             gc.callbacks.remove(self._collected)
 
@@ -118,10 +120,10 @@ class Pauses:
 
 
 class PeriodicTimer:
-    """Calls `on_due(late_ns, missed)` on the loop every `period_ns` of the monotonic clock, without drift.
+    """Call `on_due(late_ns, missed)` on the loop every `period_ns` of the monotonic clock, without drift.
 
-    Ticks that fell due while the loop was busy are counted in `missed` and skipped, never made up for. Where there is
-    no timerfd the loop's own timer stands in, up to 2 ms late.
+    Ticks that fell due while the loop was busy are counted in `missed` and skipped. Without timerfd (not Linux) the
+    loop's own timer is used, up to 2 ms late.
     """
 
     def __init__(
@@ -143,11 +145,11 @@ class PeriodicTimer:
 
     @property
     def period_ns(self) -> int:
-        """The period in force."""
+        """The current period."""
         return self._period_ns
 
     def set_period(self, period_ns: int, first_ns: int | None = None) -> None:
-        """Count anew from now: the next tick is `first_ns` away, or a period where that is None."""
+        """Restart the timer: the next tick is `first_ns` from now (None: one period)."""
         self._period_ns = period_ns
         self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
         if self._fd is not None:
@@ -156,7 +158,7 @@ class PeriodicTimer:
             self._call_later()
 
     def close(self) -> None:
-        """Tick no more."""
+        """Stop the timer."""
         if self._fd is not None:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
@@ -169,7 +171,7 @@ class PeriodicTimer:
         try:
             (ticks,) = struct.unpack("=Q", os.read(self._fd, 8))
         except BlockingIOError:
-            return  # it was set anew after it fired
+            return  # it was restarted after it fired
         self._tick(ticks)
 
     def _call_later(self) -> None:
@@ -181,7 +183,7 @@ class PeriodicTimer:
         ticks = 1 + max(self._clock_ns() - self._t_due_ns, 0) // self._period_ns
         t_next_ns = self._t_due_ns + ticks * self._period_ns
         self._tick(ticks)
-        if self._t_due_ns == t_next_ns:  # else it was set anew, and armed
+        if self._t_due_ns == t_next_ns:  # else `on_due` restarted and armed it
             self._call_later()
 
     def _tick(self, ticks: int) -> None:
@@ -203,7 +205,7 @@ def _timerfd() -> int | None:
 
 
 def _set_timerfd(fd: int, t_first_ns: int, period_ns: int) -> None:
-    """struct itimerspec is the period, then the first instant, each in seconds and nanoseconds of a C long."""
+    """Arm the timer. struct itimerspec: period, then first instant, each as seconds and nanoseconds (C long)."""
     times = struct.pack("@4l", *divmod(period_ns, 1_000_000_000), *divmod(t_first_ns, 1_000_000_000))
     if _libc().timerfd_settime(fd, _TIMER_ABSTIME, times, None) != 0:
         raise OSError(ctypes.get_errno(), "timerfd_settime")

@@ -1,12 +1,11 @@
-"""The firmware's whole program as a process, with a plate of its own inside: in QEMU or on this computer.
+"""The complete firmware as a process that contains its plate: in QEMU or on this computer.
 
     qemu   firmware/build/qemu.elf, the program for the Cortex-M4, in QEMU's netduinoplus2
     host   firmware/build/hapticd-board, the same program compiled for this computer
 
-Either runs main.c, the signal chain at 1 MHz and a plate sample by sample; `firmware/boards/emulated` says what that
-plate leaves out: above all fingers, the neighbouring modes and noise. Two byte streams lead out: the line, as behind a
-serial port, and the bench, which sees the plate's truth. A board started `stepped` stands still but for `step`: then
-same bytes in, same bytes out.
+Either runs main.c, the signal chain at 1 MHz and a plate sample by sample. That plate has no fingers, parasitic modes
+or noise (`firmware/boards/emulated`). There are two byte streams: the serial line, and the bench, which reports the
+plate's ground truth. A board started `stepped` advances only by `step` and is deterministic.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ QEMU: Final = "qemu-system-arm"
 CHUNK_US: Final = 50
 MODES: Final = 2
 
-_FIRMWARE = Path(__file__).parents[3] / "firmware"  # in a source checkout; a wheel has no firmware to run
+_FIRMWARE = Path(__file__).parents[3] / "firmware"  # in a source checkout; a wheel contains no firmware
 _PROGRAMS = {"qemu": _FIRMWARE / "build" / "qemu.elf", "host": _FIRMWARE / "build" / "hapticd-board"}
 _OPTIONS_ADDRESS = 0x20000000  # hd_emulation_options_t in firmware/boards/qemu/link.ld
 _OPTIONS = struct.Struct("<III")
@@ -35,13 +34,16 @@ _STEP = struct.Struct("<IH")
 _REPORT = struct.Struct(f"<IIH{2 * MODES}f")
 _ANSWER_WITHIN_S = 30.0
 _READ_SIZE = 1 << 16
-_SEND_BUFFER = 1 << 20  # QEMU writes bytes one by one, and each takes its place in the kernel as a packet
+_SEND_BUFFER = 1 << 20  # QEMU writes single bytes, and the kernel buffers each as a packet
 
 
 @dataclass(frozen=True, slots=True)
 class BenchReport:
-    """What the bench saw at `t_us` of the board's clock: how many bytes the board had written to the line by then, how
-    many steps it had ended, and the plate's amplitudes (M,) in the frame of the nominal drive."""
+    """Report of the bench at `t_us` of the board's clock.
+
+    `line_bytes` and `steps` count bytes written to the line and completed steps; `plate_um` (M,) are the plate's
+    amplitudes in the frame of the nominal drive.
+    """
 
     t_us: int
     line_bytes: int
@@ -50,16 +52,16 @@ class BenchReport:
 
 
 def find_program(board: str, given: Path | None = None) -> Path:
-    """The program of `board`: `given`, or the source checkout's. Raises DeviceError, with what to do, if it lacks."""
+    """Return the program of `board`: `given`, or the source checkout's. Raises DeviceError if it is missing."""
     if board == "qemu" and shutil.which(QEMU) is None:
         raise DeviceError(
-            f"{QEMU} is not installed, so no board can be emulated: install it (Debian: apt install {QEMU})."
+            f"{QEMU} is not installed but needed to emulate a board: install it (Debian: apt install {QEMU})."
         )
     program = given if given is not None else _PROGRAMS[board]
     if program.is_file():
         return program
     if given is not None:
-        raise DeviceError(f"{given}: there is no such image of the firmware: build one with `make -C firmware`.")
+        raise DeviceError(f"{given}: there is no such firmware image: build one with `make -C firmware`.")
     needs = "gcc-arm-none-eabi and libnewlib-arm-none-eabi" if board == "qemu" else "gcc"
     raise DeviceError(
         f"{program}: the firmware is not built: in a source checkout, with {needs} installed, run `make -C firmware`."
@@ -67,9 +69,9 @@ def find_program(board: str, given: Path | None = None) -> Path:
 
 
 class Emulator:
-    """A running board. `line` and `bench` are non-blocking sockets; whoever steps it uses `step` instead.
+    """A running board. `line` and `bench` are non-blocking sockets; a stepped board is used through `step`.
 
-    Somebody has to read both: an emulated serial port waits for its reader, and the board with it.
+    Both must be read: an emulated serial port, and with it the board, blocks until its output is read.
     """
 
     def __init__(
@@ -93,9 +95,9 @@ class Emulator:
         finally:
             line_end.close()
             bench_end.close()
-        self._half_a_report = b""
-        self._steps = self._sent = self._heard = 0
-        self._wait_until_it_runs()
+        self._partial_report = b""
+        self._steps = self._sent = self._received = 0
+        self._wait_until_running()
 
     def __enter__(self) -> Emulator:
         return self
@@ -104,14 +106,14 @@ class Emulator:
         self.close()
 
     def close(self) -> None:
-        """End the board. It has nothing to save, and QEMU would say that it was asked to end."""
+        """Kill the board; it has no state to save, and QEMU would log a termination."""
         self.process.kill()
         self.process.wait()
         self.line.close()
         self.bench.close()
 
     def write(self, data: bytes) -> None:
-        """Bytes for the line; what it does not take is lost, as on a wire."""
+        """Write to the line; bytes that it does not accept are lost."""
         try:
             self._sent += self.line.send(data)
         except BlockingIOError:
@@ -120,53 +122,52 @@ class Emulator:
             raise self._ended() from error
 
     def read(self) -> bytes:
-        """What the board wrote to the line since, without waiting. Raises DeviceError if the board has ended."""
+        """Read the board's new output without blocking. Raises DeviceError if the board has ended."""
         data = self._receive(self.line)
-        self._heard += len(data)
+        self._received += len(data)
         return data
 
     def reports(self) -> list[BenchReport]:
-        """What the bench saw since, without waiting."""
-        data = self._half_a_report + self._receive(self.bench)
+        """Read the bench's new reports without blocking."""
+        data = self._partial_report + self._receive(self.bench)
         whole = len(data) - len(data) % _REPORT.size
-        self._half_a_report = data[whole:]
+        self._partial_report = data[whole:]
         return [_report(values) for values in _REPORT.iter_unpack(data[:whole])]
 
     def step(self, data: bytes, chunks: int) -> tuple[list[BenchReport], bytes]:
-        """Give a stepped board `data` over the line, then let it run `chunks` of 50 us; what the bench saw and what the
-        board answered meanwhile."""
+        """Send `data` to a stepped board and run it for `chunks` of 50 us; returns bench reports and output."""
         self.write(data)
         self._steps += 1
         self.bench.sendall(_STEP.pack(self._sent & 0xFFFFFFFF, chunks))
-        seen: list[BenchReport] = []
-        said = b""
+        reports: list[BenchReport] = []
+        output = b""
         with selectors.DefaultSelector() as selector:
             selector.register(self.line, selectors.EVENT_READ)
             selector.register(self.bench, selectors.EVENT_READ)
-            while not self._stepped(seen):
+            while not self._has_stepped(reports):
                 if not selector.select(_ANSWER_WITHIN_S):
                     raise DeviceError("The emulated board does not answer: its program may have crashed.")
-                said += self.read()
-                seen += self.reports()
-        return seen, said
+                output += self.read()
+                reports += self.reports()
+        return reports, output
 
-    def _wait_until_it_runs(self) -> None:
-        """The first report says that the ports are open: what comes before is lost."""
+    def _wait_until_running(self) -> None:
+        """Wait for the first report, which marks the ports as open; earlier bytes are lost."""
         try:
             self.bench.settimeout(_ANSWER_WITHIN_S)
-            self._half_a_report = self.bench.recv(_READ_SIZE)
+            self._partial_report = self.bench.recv(_READ_SIZE)
             self.bench.setblocking(False)
         except OSError:
-            self._half_a_report = b""
-        if not self._half_a_report:
+            self._partial_report = b""
+        if not self._partial_report:
             self.close()
-            raise DeviceError("The emulated board did not start: its own message above says why.")
+            raise DeviceError("The emulated board did not start: see its message above.")
 
-    def _stepped(self, seen: list[BenchReport]) -> bool:
-        """The step has ended and everything that was said in it has been heard."""
-        if not seen or seen[-1].steps != self._steps & 0xFFFF:
+    def _has_stepped(self, reports: list[BenchReport]) -> bool:
+        """Return whether the step has ended and all of its output was read."""
+        if not reports or reports[-1].steps != self._steps & 0xFFFF:
             return False
-        return seen[-1].line_bytes == self._heard & 0xFFFFFFFF
+        return reports[-1].line_bytes == self._received & 0xFFFFFFFF
 
     def _receive(self, port: socket.socket) -> bytes:
         try:
@@ -180,7 +181,7 @@ class Emulator:
         return data
 
     def _ended(self) -> DeviceError:
-        return DeviceError("The emulated board ended by itself: its own message above says why.")
+        return DeviceError("The emulated board ended: see its message above.")
 
 
 def _pair() -> tuple[socket.socket, socket.socket]:
@@ -191,9 +192,20 @@ def _pair() -> tuple[socket.socket, socket.socket]:
 
 
 def _qemu_command(program: Path, line: int, bench: int, options: tuple[int, int, int]) -> list[str]:
-    # QEMU does not mind its ports being closed: this ends it with whoever started it, however that ends.
-    leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
-    command = [*leash, QEMU, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(program)]
+    # QEMU survives the closing of its ports: this kills it with its parent, however that ends.
+    kill_with_parent = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
+    command = [
+        *kill_with_parent,
+        QEMU,
+        "-M",
+        "netduinoplus2",
+        "-display",
+        "none",
+        "-monitor",
+        "none",
+        "-kernel",
+        str(program),
+    ]
     for name, descriptor in (("line", line), ("bench", bench)):
         command += ["-chardev", f"socket,id={name},fd={descriptor}", "-serial", f"chardev:{name}"]
     for index, value in enumerate(options):
@@ -210,6 +222,6 @@ def _host_command(program: Path, line: int, bench: int, options: tuple[int, int,
 
 
 def _report(values: tuple[float, ...]) -> BenchReport:
-    t_us, line_bytes, steps, *parts = values
-    plate_um = tuple(complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True))
+    t_us, line_bytes, steps, *re_im = values
+    plate_um = tuple(complex(d, q) for d, q in zip(re_im[::2], re_im[1::2], strict=True))
     return BenchReport(int(t_us), int(line_bytes), int(steps), plate_um)

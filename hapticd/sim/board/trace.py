@@ -1,4 +1,4 @@
-"""A run of the board, tick by tick: what goes in and what comes out, as arrays that C reads and writes in place."""
+"""Input and output arrays of a board run, which C reads and writes in place."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .firmware import Trace
 
 
 class BoardTrace:
-    """One row per tick, preallocated: what was asked for, measured, true and put out at it, and its flags.
+    """Preallocated history, one row per tick: reference, measurement, true plate, voltage and flags.
 
     `reference_um` `measured_um` `voltage_v` (T, M) and `plate_um` (T, P) complex128, `flags` (T,) uint8. The
-    measurement is the mean over the tick just ended; the voltage acts from 50 us later, one chunk of the carrier.
+    measurement is the mean over the tick just ended; the voltage acts 50 us later, one chunk of the carrier.
     """
 
     __slots__ = ("flags", "measured_um", "plate_um", "reference_um", "voltage_v")
@@ -39,8 +39,8 @@ class BoardTrace:
         return self.plate_um.shape[1]
 
 
-class Rows(NamedTuple):
-    """The arrays of a run that comes in many short parts: looked at once, and where C finds them."""
+class TickBuffers(NamedTuple):
+    """The arrays of a run in many short parts, validated once, with their addresses for C."""
 
     phi: npt.NDArray[np.float64]
     contact_decay_1_s: npt.NDArray[np.float64]
@@ -59,8 +59,8 @@ class Rows(NamedTuple):
         out: BoardTrace,
         modes: int,
         plate_modes: int,
-    ) -> Rows:
-        """C reads and writes where it is told, so every size is looked at. Raises ValueError."""
+    ) -> TickBuffers:
+        """Validate every size, as C does not check. Raises ValueError."""
         if (out.modes, out.plate_modes) != (modes, plate_modes):
             raise ValueError(
                 f"A trace of {out.modes} modes and {out.plate_modes} plate modes does not fit a board of {modes} and "

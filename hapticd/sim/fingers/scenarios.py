@@ -1,4 +1,4 @@
-"""What simulated fingers do and should feel: each scenario is a row of actors, built from a seed.
+"""Scenarios: motion and targets of the simulated fingers, built from a seed.
 
 `hapticd simulate` and the simulated rig of `hapticd run` and `hapticd demo` play the same scenarios.
 """
@@ -16,9 +16,9 @@ from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0
-LAND_S = 0.4  # fingers land, and virtual ones are wanted, after the handshake
-LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is away in between
-SWAP_S = 4.0  # when the fingers of "swap" change their roles
+LAND_S = 0.4  # fingers land, and virtual ones get targets, after the handshake
+LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is lifted in between
+SWAP_S = 4.0  # when the fingers of "swap" exchange their targets
 SPEED_MM_S = 100.0  # the paper's 10 cm/s
 STEP_S = 1.0
 STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
@@ -27,33 +27,33 @@ STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps 
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """One finger: where it is (or, virtual, where the client says it is), and what it wants from which instant on.
+    """One finger: its path (or that of a virtual finger) and its targets.
 
-    `wants_um` holds (start_s, amplitude_um) in the order of time.
+    `steps_um` holds (start_s, amplitude_um) in order of time.
     """
 
-    wants_um: tuple[tuple[float, float], ...]
+    steps_um: tuple[tuple[float, float], ...]
     path: Path | None = None
     virtual: VirtualPath | None = None
 
     def target_um(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """The amplitude wanted at each instant (T,); NaN before the first want."""
-        starts = np.array([start_s for start_s, _ in self.wants_um])
-        levels = np.array([np.nan, *(level_um for _, level_um in self.wants_um)])
+        """Return the target at each instant (T,); NaN before the first."""
+        starts = np.array([start_s for start_s, _ in self.steps_um])
+        levels = np.array([np.nan, *(level_um for _, level_um in self.steps_um)])
         return levels[np.searchsorted(starts, t_s, side="right")]
 
-    def wants_at_um(self, t_s: float) -> float | None:
-        """The same at one instant; None before the first want."""
-        wanted = None
-        for start_s, level_um in self.wants_um:
+    def target_at_um(self, t_s: float) -> float | None:
+        """Return the target at one instant; None before the first."""
+        target_um = None
+        for start_s, level_um in self.steps_um:
             if start_s <= t_s:
-                wanted = level_um
-        return wanted
+                target_um = level_um
+        return target_um
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A named row of actors. `build(seed, speed_mm_s)` makes them."""
+    """A named set of actors, made by `build(seed, speed_mm_s)`."""
 
     name: str
     summary: str
@@ -62,7 +62,7 @@ class Scenario:
 
 
 def paths_of(actors: Sequence[Actor]) -> list[Path]:
-    """The ways of those that touch the plate."""
+    """Return the paths of the actors that touch the plate."""
     return [actor.path for actor in actors if actor.path is not None]
 
 
@@ -75,7 +75,7 @@ def _landed(path: Path) -> Touch:
 
 
 def _strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """The finger that lands further left is the slippery one, as in the examples of `clients/`."""
+    """The finger that lands further left is the slippery one, as in the examples in `clients/`."""
     landing_s = np.array([LAND_S])
     pair = strokes_pair(seed, speed_mm_s=speed_mm_s)
     slippery, sticky = sorted(pair, key=lambda path: float(path.position_mm(landing_s)[0, 0]))
@@ -103,8 +103,7 @@ def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
 
 
 def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """The fingers pass each other as near as two fingertips can; one lifts and lands again; half-way their roles
-    change."""
+    """The fingers pass each other as closely as fingertips can; one lifts and lands again; targets are exchanged."""
     del seed
     over = Line((-45.0, -12.0), (45.0, -9.0), speed_mm_s)
     under = Line((45.0, -30.0), (-45.0, -27.0), speed_mm_s)
@@ -118,7 +117,7 @@ def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
 
 
 def _virtual_finger(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """The paper's study: a finger explores, a virtual one walks a straight line back and forth."""
+    """The paper's study: one finger explores, a virtual one moves along a line."""
     slippery, _ = strokes_pair(seed, speed_mm_s=speed_mm_s)
     line = VirtualPath(((-40.0, 25.0), (40.0, -15.0)), 40.0, loop=True)
     return (
@@ -137,26 +136,26 @@ def _two_virtual(
 
 
 def _paper_figure_10(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Two imposed positions that keep clear of singular ones: no reference comes near its limit."""
+    """Two imposed paths that avoid singular positions: no reference approaches its limit."""
     del seed
     return _two_virtual(((6.0, -47.0), (-47.0, -1.0)), ((36.0, 17.0), (-14.0, -32.0)), 0.3 * speed_mm_s)
 
 
 def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Two imposed positions that pass seven singular ones each way, for a quarter of the time at the limits."""
+    """Two imposed paths through seven singular positions each way, a quarter of the time at the limits."""
     del seed
     return _two_virtual(((-46.0, 9.0), (21.0, -24.0)), ((-41.0, 30.0), (-40.0, -45.0)), 0.3 * speed_mm_s)
 
 
 def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Figure 7: no load, and a virtual finger where only mode X moves asks at 1 s for what makes W_X 1 um."""
+    """Figure 7: no load; at 1 s a virtual finger where only mode X moves gets the target that makes W_X 1 um."""
     del seed, speed_mm_s
-    wants = ((0.0, 0.0), (STEP_S, STEP_TARGET_UM))
-    return (Actor(wants, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
+    steps = ((0.0, 0.0), (STEP_S, STEP_TARGET_UM))
+    return (Actor(steps, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
 
 
 def _both_slip(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """Two fingers on strokes of their own that should both be slippery: positions pass singular ones all the time."""
+    """Two slippery fingers on independent strokes, which pass singular positions often."""
     first, second = strokes_pair(seed, speed_mm_s=speed_mm_s)
     return (
         Actor(_always(SLIPPERY_UM), path=_landed(first)),
@@ -175,7 +174,7 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("strokes", "two fingers on random strokes, one slippery, one sticky", 10.0, _strokes),
         Scenario("circles", "the same on circles", 10.0, _circles),
         Scenario("rest", "the same at rest", 5.0, _rest),
-        Scenario("swap", "fingers cross, lift, land again and change roles", 8.0, _swap),
+        Scenario("swap", "fingers cross, lift, land again and exchange targets", 8.0, _swap),
         Scenario(
             "virtual-finger", "the paper's study: a finger explores, a virtual one is sticky", 10.0, _virtual_finger
         ),
@@ -183,6 +182,6 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
         Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
-        Scenario("hands", "nobody touches until a person does, in `hapticd view --sim`", 1.0, _hands),
+        Scenario("hands", "no fingers until a user moves some in `hapticd view --sim`", 1.0, _hands),
     )
 }

@@ -1,17 +1,16 @@
-"""The truth of the simulated plate: what the plate does, as against what the daemon knows of it.
+"""Ground truth of the simulated plate: its true dynamics, in contrast to the daemon's measurements.
 
-Its P = 4 modes, in this order: X and Y, which are driven, and the pair that theory puts 84 Hz above them (9 x 6
-nodal lines), which nobody asked for unless the first of it is driven as a third mode. In the rotating frame of the
-drive each follows
+Its P = 4 modes, in this order: the driven modes X and Y, and a parasitic pair, in theory 84 Hz above them (9 x 6 nodal
+lines), of which the first may be driven as a third mode. In the rotating frame of the drive each follows
 
-    dW/dt = (-decay + j detuning) W - j gain V - (what the fingers take)
+    dW/dt = (-decay + j detuning) W - j gain V - (damping by fingers)
 
-with V (M,) the complex actuator voltages. The daemon never sees any of this: it gets `cartography`, a noisy scan of
-the driven modes with the usual fit, and what the sensors show, which is not quite W either.
+with V (M,) the complex actuator voltages. The daemon gets only `measured_mode_map`, a noisy measurement of the driven
+modes with the usual fit, and the sensor signals, which differ from W by crosstalk and noise.
 
-Left out: every other mode (the nearest lies 154 Hz above: 11 x 1 lines), other modes showing in the vibrometer's
-scan of X and Y, what glued actuators and supports do to the shapes, hysteresis and heating of the actuators, and a
-finger's inertia and stiffness (it damps and couples modes, it does not detune them).
+Not modelled: all other modes (the nearest is 154 Hz above: 11 x 1 lines) and their share in the measurement of X and
+Y, the influence of glued actuators and supports on the shapes, hysteresis and heating of the actuators, inertia and
+stiffness of fingers (they damp and couple modes but do not detune them).
 
 Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.free_plate` for the shapes.
 """
@@ -36,8 +35,8 @@ FloatArray = npt.NDArray[np.float64]
 DRIVEN_MODES = ("11x0", "0x11")  # X and Y: the shapes vary along x and along y
 PARASITIC_MODES = ("9x6", "6x9")
 MODES: tuple[str, ...] = (*DRIVEN_MODES, *PARASITIC_MODES)
-_NEIGHBOUR_NOISE = 3.0  # of their scan, against that of the driven modes
-_FINGER_DECAY_FOUND = 0.87  # a finger's damping as the laboratory measured it, as a share of what fingers do
+_PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
+_MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
 _POSITIVE |= {"map_step_mm", "sized_for_damping"}
@@ -46,17 +45,17 @@ _NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "map_noise_frac"}
 
 @dataclass(frozen=True, slots=True)
 class PlateSettings:
-    """The simulated plate, as built (first two groups) and as it is on the day (third).
+    """Parameters of the simulated plate: as built (first two groups) and its drift (third).
 
-    `finger_decay_1_s` is what one finger adds to a mode's decay rate times the square of the shape under it. At
-    115 1/s two fingers, both on antinodes inside the plate (phi^2 about 0.4), raise the reference decay of 183 1/s to
-    1.5 times, the most that the firmware's control is specified for; two fingers anywhere (phi^2 = 0.124 on average)
-    to 1.16 times. No measurement of this plate exists.
-    `sized_for_damping` follows the paper, which found W_LIM = 4 um to be what its amplifiers give *in use*, with a
-    finger on the plate; 1 sizes them for the bare plate.
+    `finger_decay_1_s` times the square of the shape under a finger is the decay rate that it adds to a mode. At 115 1/s
+    two fingers, both on antinodes inside the plate (phi^2 about 0.4), raise the reference decay of 183 1/s to 1.5
+    times, the limit of the firmware's control; two fingers anywhere (phi^2 = 0.124 on average) to 1.16 times. No
+    measurement of this plate exists.
+    `sized_for_damping` follows the paper, whose amplifiers reach W_LIM = 4 um *in use*, with a finger on the plate; 1
+    sizes them for the bare plate.
     `parasitic_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
-    `shapes` is one of `plate_shapes.KINDS`: of what shape, and so where on the plate `w_limit_um` is moved.
-    `driven_modes` is 2, or 3 where the first of the neighbouring pair has an amplifier and a sensor too.
+    `shapes` is one of `plate_shapes.KINDS`: shape and normalisation of the modes.
+    `driven_modes` is 2, or 3 if the first of the parasitic pair has an amplifier and a sensor too.
     """
 
     f_x_hz: float = 29195.0
@@ -71,11 +70,11 @@ class PlateSettings:
     w_limit_um: float = 4.0
     v_limit_v: float = 150.0
     sized_for_damping: float = 1.5  # `v_limit_v` holds `w_limit_um` at this many times the undamped plate's decay
-    parasitic_coupling: float = 0.02  # of each actuator into each neighbour mode, as a share of its own mode's gain
-    sensor_crosstalk: float = 0.01  # of Y in the sensor of X, and the other way round
-    parasitic_pickup: float = 0.01  # of each neighbour mode in each sensor
+    parasitic_coupling: float = 0.02  # of each actuator into each parasitic mode, as a share of its own mode's gain
+    sensor_crosstalk: float = 0.01  # of Y in the sensor of X, and vice versa
+    parasitic_pickup: float = 0.01  # of each parasitic mode in each sensor
     sensor_noise_um: float = 0.0006
-    loop_phase_rad: float = 0.0  # what amplifiers, electrodes and sensors add, the same in both loops
+    loop_phase_rad: float = 0.0  # phase of amplifiers, electrodes and sensors, the same in both loops
 
     detune_hz: float = 0.0  # all modes drift together, as with temperature
     damping_factor: float = 1.0
@@ -101,21 +100,21 @@ class PlateSettings:
 
 
 class GroundTruth:
-    """The plate's own modes for the board model: arrays for P = 4 modes and M actuators and sensors, read-only.
+    """True parameters of the plate for the board model: read-only arrays for P = 4 modes, M actuators and sensors.
 
     `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
-    `gain_um_per_v_s` (P, M): such that, damped as it is sized for and not drifted, `v_limit_v` just holds `w_limit_um`.
-    `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): what a sweep of the bare plate finds
-    of the driven modes, and the board's firmware is told.
-    `sensor` (M, P): what each sensor shows of each mode. `loop_phase_rad` (M,): the constant phase of each loop.
-    `finger_decay_1_s`: what a finger adds to a mode's decay times the square of the shape under it, in these units.
+    `gain_um_per_v_s` (P, M): such that at the design damping and without drift `v_limit_v` just holds `w_limit_um`.
+    `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): result of a sweep of
+    the bare plate's driven modes, set in the board's firmware.
+    `sensor` (M, P): gain of each mode in each sensor. `loop_phase_rad` (M,): the constant phase of each loop.
+    `finger_decay_1_s`: decay rate added by a finger, per square of the shape under it.
     """
 
     def __init__(self, settings: PlateSettings | None = None) -> None:
         self.settings = settings = PlateSettings() if settings is None else settings
         offset_hz = settings.parasitic_offset_hz
         offset_hz = _theory_offset_hz() if offset_hz is None else offset_hz
-        # What splits the first pair (the plate is not quite square) splits the second as well.
+        # The plate is not quite square, which splits both pairs alike.
         pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
         built_hz = np.concatenate((pair_hz, pair_hz + offset_hz))
         driven_hz = built_hz[: settings.driven_modes]
@@ -133,47 +132,49 @@ class GroundTruth:
         self._surfaces = _true_surfaces(settings.shapes)
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """All modes (..., P) at points (..., 2): the plate's edge beyond it, zeros where a coordinate is NaN."""
+        """Return all modes (..., P) at points (..., 2); clamped to the plate's edge, zero where a coordinate is NaN."""
         points = np.asarray(points_mm, np.float64)
         return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
 
     def parasitic_modes(self, seed: int) -> ParasiticModes:
-        """What a laboratory learns of the neighbouring pair: a scan at its own resonance, with three times the noise,
-        for the actuators hardly reach it; a sweep; and how one finger damps, to within an eighth."""
+        """Return the measured parasitic pair: mode map, sweep, and the damping of a finger to within an eighth.
+
+        Its mode map has three times the noise, as the actuators hardly drive it.
+        """
         settings = self.settings
-        beside = slice(settings.driven_modes, None)
+        parasitic = slice(settings.driven_modes, None)
         return ParasiticModes(
-            self._scanned(MODES[beside], _NEIGHBOUR_NOISE * settings.map_noise_frac, seed),
-            self.decay_1_s[beside].tolist(),
-            self.detuning_rad_s[beside].tolist(),
-            _FINGER_DECAY_FOUND * self.finger_decay_1_s,
+            self._measured(MODES[parasitic], _PARASITIC_NOISE * settings.map_noise_frac, seed),
+            self.decay_1_s[parasitic].tolist(),
+            self.detuning_rad_s[parasitic].tolist(),
+            _MEASURED_FINGER_DECAY * self.finger_decay_1_s,
         )
 
     def measured_mode_map(self, seed: int) -> ModeShapes:
-        """The map of the driven modes for the daemon: a scan with the noise of `seed`, then `design.fit_cartography`.
+        """Return the mode map of the driven modes: measured with the noise of `seed`, then fitted by `design`.
 
-        The scan's own scale is kept: the sensors tell W while the vibrometer reads, so their ratio is the shape.
+        Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape.
         """
-        return self._scanned(MODES[: self.settings.driven_modes], self.settings.map_noise_frac, seed)
+        return self._measured(MODES[: self.settings.driven_modes], self.settings.map_noise_frac, seed)
 
-    def _scanned(self, names: tuple[str, ...], noise_frac: float, seed: int) -> ModeShapes:
-        return _cartography(self.settings.shapes, names, self.settings.map_step_mm, noise_frac, seed)
+    def _measured(self, names: tuple[str, ...], noise_frac: float, seed: int) -> ModeShapes:
+        return _mode_map(self.settings.shapes, names, self.settings.map_step_mm, noise_frac, seed)
 
 
 def _gain_um_per_v_s(settings: PlateSettings, driven_hz: FloatArray, modes: int) -> FloatArray:
-    """g = w_limit |decay - j detuning| / v_limit on the driven modes; a share of it leaks into the parasitic_modes."""
+    """g = w_limit |decay - j detuning| / v_limit on the driven modes; a share of it drives the parasitic modes."""
     decay_1_s = settings.sized_for_damping * math.pi * driven_hz / settings.q_factor
     detuning_rad_s = 2.0 * math.pi * (driven_hz - settings.drive_hz)
     own = settings.w_limit_um * np.hypot(decay_1_s, detuning_rad_s) / settings.v_limit_v
-    leaked = settings.parasitic_coupling * own
-    return np.vstack((np.diag(own), *[leaked] * (modes - len(own))))
+    coupled = settings.parasitic_coupling * own
+    return np.vstack((np.diag(own), *[coupled] * (modes - len(own))))
 
 
 def _sensor(settings: PlateSettings, modes: int) -> FloatArray:
-    shown = np.full((settings.driven_modes, modes), settings.parasitic_pickup)
-    shown[:, : settings.driven_modes] = settings.sensor_crosstalk
-    np.fill_diagonal(shown, 1.0)
-    return shown
+    sensor = np.full((settings.driven_modes, modes), settings.parasitic_pickup)
+    sensor[:, : settings.driven_modes] = settings.sensor_crosstalk
+    np.fill_diagonal(sensor, 1.0)
+    return sensor
 
 
 def _theory_offset_hz() -> float:
@@ -182,17 +183,17 @@ def _theory_offset_hz() -> float:
 
 @lru_cache(maxsize=len(plate_shapes.KINDS))
 def _true_surfaces(kind: str) -> BicubicSurfaces:
-    """The four shapes, tabulated: summing their Legendre series at every point takes several times as long."""
+    """Tabulate the four shapes: summing their Legendre series at every point takes several times as long."""
     shapes = plate_shapes.shapes(kind, MODES)
     x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
     return BicubicSurfaces(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]))
 
 
 @lru_cache(maxsize=16)
-def _cartography(kind: str, names: tuple[str, ...], step_mm: float, noise_frac: float, seed: int) -> ModeShapes:
-    scanned = plate_shapes.shapes(kind, names)
-    x_mm, y_mm, shapes = sample_cartography(scanned, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
-    return fit_cartography(x_mm, y_mm, shapes, size_mm=scanned[0].size_mm, normalise=False).modes
+def _mode_map(kind: str, names: tuple[str, ...], step_mm: float, noise_frac: float, seed: int) -> ModeShapes:
+    true_shapes = plate_shapes.shapes(kind, names)
+    x_mm, y_mm, shapes = sample_cartography(true_shapes, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
+    return fit_cartography(x_mm, y_mm, shapes, size_mm=true_shapes[0].size_mm, normalise=False).modes
 
 
 def _read_only(array: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a laboratory knows of the simulated plate, as the files that it would have written."""
+"""Measurements of the simulated plate, as files."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from .process import MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE
 
 
 def write_measured(plate: GroundTruth, seed: int, directory: Path, *, with_parasitic_modes: bool) -> tuple[Path, ...]:
-    """The cartography and, `with_parasitic_modes`, the map of the modes beside the driven ones with the section of a
-    configuration that names it. Returns the files, in `directory`."""
+    """Write the mode map and, `with_parasitic_modes`, that of the parasitic modes with a section of a configuration
+    that names it. Returns the files, in `directory`."""
     modes = directory / MODES_FILE
     plate.measured_mode_map(seed).save(modes)
     if not with_parasitic_modes:

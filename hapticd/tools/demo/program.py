@@ -168,7 +168,7 @@ class _Person:
         if all(finger_id in self._asked for finger_id, _, _ in fingers):
             return
         t_s = self.t_s()
-        wanted = self._scripted.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
+        wanted = self._scripted.message(t_s, t_s - state.age_ms * 1e-3, fingers)
         for finger, target in (wanted.targets if wanted is not None else {}).items():
             if isinstance(finger, int) and finger not in self._asked and isinstance(target, AmplitudeTarget):
                 self._client.set(finger, amplitude_um=target.amplitude_um, wait=False)

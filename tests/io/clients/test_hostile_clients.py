@@ -322,5 +322,5 @@ def test_garbage_instead_of_a_handshake_costs_only_its_sender(tmp_path: Path) ->
 
 def test_the_share_of_one_wake_up_is_less_than_half_of_the_time() -> None:
     sockets_read_by_time = 2
-    assert sockets_read_by_time * BUDGET_S < 0.5 * server_module.BREATH_S
+    assert sockets_read_by_time * BUDGET_S < 0.5 * server_module.BREAK_S
     assert MAX_READS <= BURST

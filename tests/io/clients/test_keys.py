@@ -44,7 +44,7 @@ def test_the_public_half_holds_no_secret_and_a_printed_key_ring_neither(tmp_path
 def test_a_key_in_use_is_never_overwritten(tmp_path: Path) -> None:
     _, secret = keys.make_pair(tmp_path, "hapticd")
     before = secret.read_bytes()
-    with pytest.raises(HapticdError, match="would lock out whoever uses it"):
+    with pytest.raises(HapticdError, match="its users need it"):
         keys.make_pair(tmp_path, "hapticd")
     assert secret.read_bytes() == before
 
@@ -60,7 +60,7 @@ def test_a_name_is_a_file_name_and_nothing_more(tmp_path: Path, name: str) -> No
 def test_a_secret_is_not_taken_for_a_public_key(tmp_path: Path) -> None:
     directory = filled(tmp_path)
     keys.make_pair(tmp_path / "other", "eve")
-    with pytest.raises(HapticdError, match="holds a secret, which stays with the client"):
+    with pytest.raises(HapticdError, match="contains a secret key, which must stay with the client"):
         keys.allow(directory, tmp_path / "other" / "eve.key_secret")
     assert list(keys.allowed(directory).values()) == ["study-7"]
 
@@ -69,7 +69,7 @@ def test_one_key_has_one_name_and_one_name_one_key(tmp_path: Path) -> None:
     directory = filled(tmp_path)
     again = tmp_path / "again.key"
     again.write_bytes((tmp_path / "client" / "study-7.key").read_bytes())
-    with pytest.raises(HapticdError, match="allowed already, as study-7"):
+    with pytest.raises(HapticdError, match="already allowed as study-7"):
         keys.allow(directory, again)
     public, _ = keys.make_pair(tmp_path / "other", "study-7")
     with pytest.raises(HapticdError, match="another key has this name"):
@@ -87,12 +87,12 @@ def test_a_revoked_key_is_off_the_list(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda d: (d / "hapticd.key_secret").unlink(), "without keys nobody is served over TCP: run `hapticd keys"),
-        (lambda d: (d / "hapticd.key_secret").chmod(0o640), "others may open it, so it is no secret"),
+        (lambda d: (d / "hapticd.key_secret").unlink(), "TCP needs keys: run `hapticd keys"),
+        (lambda d: (d / "hapticd.key_secret").chmod(0o640), "other users may read this secret"),
         (lambda d: (d / "hapticd.key_secret").write_text("hello"), "is not a ZeroMQ certificate"),
         (lambda d: (d / "hapticd.key_secret").write_text('public-key = "short"'), "is not a ZeroMQ certificate"),
-        (lambda d: (d / "hapticd.key_secret").write_bytes((d / "hapticd.key").read_bytes()), "holds no secret key"),
-        (lambda d: (d / "clients" / "study-7.key").unlink(), "allows nobody"),
+        (lambda d: (d / "hapticd.key_secret").write_bytes((d / "hapticd.key").read_bytes()), "contains no secret key"),
+        (lambda d: (d / "clients" / "study-7.key").unlink(), "the allow-list is empty"),
         (lambda d: (d / "clients" / "x.key").write_bytes(b'public-key = "' + b"\xff" * 40), "not a ZeroMQ certificate"),
     ],
 )

@@ -41,14 +41,14 @@ def test_the_kernel_names_local_senders_and_the_key_names_remote_ones(frame: zmq
 
 
 def test_a_pause_earns_a_burst_and_no_more() -> None:
-    rate_limiter: RateLimiter[int] = RateLimiter(patience=1)
+    rate_limiter: RateLimiter[int] = RateLimiter(queue_length=1)
     for t_s in (5.0, 1e6):
         assert [rate_limiter.admit("a", n, t_s) for n in range(BURST + 2)] == [True] * BURST + [False] * 2
         assert list(rate_limiter.due(t_s + 1.5 / RATE_HZ)) == [BURST + 1]
 
 
 def test_the_newest_of_a_flood_is_handled_in_the_end_and_the_others_are_counted() -> None:
-    rate_limiter: RateLimiter[int] = RateLimiter(patience=1)
+    rate_limiter: RateLimiter[int] = RateLimiter(queue_length=1)
     admitted = [n for n in range(1000) if rate_limiter.admit("a", n, 0.0)]
     assert rate_limiter.is_waiting
     assert admitted + list(rate_limiter.due(60.0)) == [*range(BURST), 999]
@@ -57,7 +57,7 @@ def test_the_newest_of_a_flood_is_handled_in_the_end_and_the_others_are_counted(
 
 
 def test_what_waits_is_handled_before_what_comes_later() -> None:
-    rate_limiter: RateLimiter[int] = RateLimiter(patience=4)
+    rate_limiter: RateLimiter[int] = RateLimiter(queue_length=4)
     for n in range(BURST + 2):
         rate_limiter.admit("a", n, 0.0)
     assert not rate_limiter.admit("a", BURST + 2, 60.0)
@@ -65,14 +65,14 @@ def test_what_waits_is_handled_before_what_comes_later() -> None:
 
 
 def test_a_flood_costs_nobody_else_a_turn() -> None:
-    rate_limiter: RateLimiter[str] = RateLimiter(patience=1)
+    rate_limiter: RateLimiter[str] = RateLimiter(queue_length=1)
     for _ in range(10 * BURST):
         rate_limiter.admit("rude", "spam", 0.0)
     assert rate_limiter.admit("polite", "please", 0.0)
 
 
 def test_invented_senders_are_bounded_and_what_waited_for_the_forgotten_is_counted() -> None:
-    rate_limiter: RateLimiter[int] = RateLimiter(patience=8)
+    rate_limiter: RateLimiter[int] = RateLimiter(queue_length=8)
     for n in range(BURST + 3):
         rate_limiter.admit("first", n, 0.0)
     for n in range(MAX_SENDERS):

@@ -193,7 +193,7 @@ def test_a_port_in_use_says_so(bench: Bench) -> None:
         other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
         try:
             bench.start()
-            assert bench.told == [(False, f"{bench.port.path} cannot be opened: another program holds it")]
+            assert bench.told == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
         finally:
             other.close()
 

@@ -239,7 +239,7 @@ def test_an_unplugged_pad_is_told_once_and_comes_back_with_a_fresh_enable() -> N
         await listener.until(lambda: len(listener.links) == 1)
         hid.unplug()
         await listener.until(lambda: len(listener.links) == 2)
-        assert listener.links[1] == (False, "Magic Trackpad 2 on USB was lost (read error): looking for it")
+        assert listener.links[1] == (False, "Magic Trackpad 2 on USB was lost (read error): searching for it")
         hid.plug(node("mt2-bt", b"/dev/hidraw9"))
         await listener.until(lambda: len(listener.links) == 3)
         assert listener.links[2] == (True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw9")
@@ -432,7 +432,7 @@ def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_path: Pat
         assert listener.told[-2:-1] == [[b"\x31last"]]
         assert listener.links[1] == (
             False,
-            f"the simulated trackpad at {rig_path} was lost (closed by the rig): trying again",
+            f"the simulated trackpad at {rig_path} was lost (closed by the rig): reconnecting",
         )
         await source.close()
 

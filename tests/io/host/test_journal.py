@@ -72,7 +72,7 @@ def test_a_reader_that_stalls_loses_lines_and_is_told_how_many(ends: tuple[int, 
     journal.emit(record("again"))
     journal.emit(record("and again"))
     journal.close()
-    assert drain(reader) == b"again (5 lines before this one were lost: nobody read them)\nand again\n"
+    assert drain(reader) == b"again (5 earlier lines were dropped: the output was not read)\nand again\n"
 
 
 def test_a_reader_that_is_gone_is_no_error() -> None:

@@ -39,17 +39,17 @@ def environ(manager: socket.socket, **more: str) -> dict[str, str]:
 
 def test_without_a_manager_nothing_is_said() -> None:
     notifier = Notifier({"WATCHDOG_USEC": "1000"})
-    assert not notifier.tell(ready=1)
+    assert not notifier.notify(ready=1)
     notifier.feed_watchdog(0)
     notifier.close()
 
 
 def test_assignments_go_out_as_lines_of_one_message(manager: socket.socket) -> None:
     notifier = Notifier(environ(manager))
-    assert notifier.tell(ready=1, status="serving")
+    assert notifier.notify(ready=1, status="serving")
     assert heard(manager) == [b"READY=1\nSTATUS=serving"]
     notifier.close()
-    assert not notifier.tell(stopping=1)
+    assert not notifier.notify(stopping=1)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's")
@@ -57,7 +57,7 @@ def test_an_abstract_socket_is_found() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(f"\0hapticd-test-{os.getpid()}")
         notifier = Notifier({"NOTIFY_SOCKET": f"@hapticd-test-{os.getpid()}"})
-        assert notifier.tell(ready=1)
+        assert notifier.notify(ready=1)
         assert listening.recv(100) == b"READY=1"
         notifier.close()
 
@@ -80,10 +80,10 @@ def test_a_watchdog_that_is_not_ours_is_not_fed(manager: socket.socket, more: di
 
 def test_a_manager_that_is_gone_or_does_not_read_is_no_trouble_of_ours(manager: socket.socket) -> None:
     notifier = Notifier(environ(manager))
-    while notifier.tell(watchdog=1):  # until its queue is full
+    while notifier.notify(watchdog=1):  # until its queue is full
         pass
     manager.close()
-    assert not notifier.tell(stopping=1)
+    assert not notifier.notify(stopping=1)
     notifier.close()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from hapticd.sim.fingers.paths import (
     Strokes,
     Touch,
     Touches,
-    crossing_pair,
     strokes_pair,
 )
 
@@ -205,11 +203,3 @@ def test_one_finger_may_land_several_times() -> None:
     finger = Touches((Touch(Rest((1.0, 1.0)), 0.0, 1.0), Touch(Rest((2.0, 2.0)), 2.0), Touch(Rest((3.0, 3.0)), 2.5)))
     x_mm = finger.position_mm(np.array([0.5, 1.5, 2.2, 3.0]))[:, 0]
     np.testing.assert_array_equal(x_mm, [1.0, np.nan, 2.0, 2.0])
-
-
-def test_crossing_fingers_pass_at_the_stated_gap() -> None:
-    first, second = (path.position_mm(T_S) for path in crossing_pair(gap_mm=8.0))
-    distance_mm = np.hypot(*(first - second).T)
-    assert distance_mm.min() == pytest.approx(8.0, abs=0.01)
-    sides = np.sign(first[:, 0] - second[:, 0])
-    assert sum(a != b for a, b in pairwise(sides)) >= 10

@@ -70,8 +70,8 @@ def test_every_scenario_can_be_played_slower_and_faster(name: str, speed_mm_s: f
 def test_a_finger_is_either_real_or_virtual_and_lands_after_the_handshake(name: str) -> None:
     for actor in SCENARIOS[name].build(1, 100.0):
         assert (actor.path is None) != (actor.virtual is None)
-        assert len(actor.wants_um) >= 1
-        assert [start for start, _ in actor.wants_um] == sorted(start for start, _ in actor.wants_um)
+        assert len(actor.steps_um) >= 1
+        assert [start for start, _ in actor.steps_um] == sorted(start for start, _ in actor.steps_um)
         if actor.path is not None:
             before_s = np.array([0.0, LAND_S - 1e-6])
             assert np.isnan(actor.path.position_mm(before_s)).all()
@@ -82,11 +82,11 @@ def test_a_finger_is_either_real_or_virtual_and_lands_after_the_handshake(name: 
 def test_the_first_finger_slips_and_the_second_sticks(name: str) -> None:
     slippery, sticky = SCENARIOS[name].build(1, 100.0)
 
-    assert slippery.wants_at_um(LAND_S) == 1.0
-    assert sticky.wants_at_um(LAND_S) == 0.0
+    assert slippery.target_at_um(LAND_S) == 1.0
+    assert sticky.target_at_um(LAND_S) == 0.0
     last_s = SCENARIOS[name].seconds
-    assert slippery.wants_at_um(last_s) == (0.0 if name == "swap" else 1.0)
-    assert sticky.wants_at_um(last_s) == (1.0 if name == "swap" else 0.0)
+    assert slippery.target_at_um(last_s) == (0.0 if name == "swap" else 1.0)
+    assert sticky.target_at_um(last_s) == (1.0 if name == "swap" else 0.0)
 
 
 @pytest.mark.parametrize("seed", range(1, 11))
@@ -102,7 +102,7 @@ def test_a_want_holds_from_its_instant_and_there_is_none_before() -> None:
     t_s = np.array([0.0, 0.999, 1.0, 1.5, 2.0, 9.0])
 
     np.testing.assert_array_equal(actor.target_um(t_s), [np.nan, np.nan, 0.5, 0.5, 0.0, 0.0])
-    assert [actor.wants_at_um(t) for t in t_s.tolist()] == [None, None, 0.5, 0.5, 0.0, 0.0]
+    assert [actor.target_at_um(t) for t in t_s.tolist()] == [None, None, 0.5, 0.5, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(("name", "differs"), [("strokes", True), ("circles", True), ("rest", True), ("swap", False)])
@@ -135,7 +135,7 @@ def test_swap_crosses_lifts_lands_again_and_changes_the_roles() -> None:
         run_times_s("swap")[(run_times_s("swap") >= LIFT_S) & (run_times_s("swap") < LAND_AGAIN_S)],
     )
     for actor in (over, under):
-        before, after = actor.wants_at_um(SWAP_S - 1e-6), actor.wants_at_um(SWAP_S)
+        before, after = actor.target_at_um(SWAP_S - 1e-6), actor.target_at_um(SWAP_S)
         assert {before, after} == {0.0, 1.0}
 
 
@@ -184,5 +184,5 @@ def test_the_step_goes_from_nothing_to_its_target() -> None:
 
     assert actor.virtual is not None
     assert actor.virtual.points_mm == (STEP_POINT_MM,)
-    assert actor.wants_at_um(STEP_S - 1e-6) == 0.0
-    assert actor.wants_at_um(STEP_S) == STEP_TARGET_UM
+    assert actor.target_at_um(STEP_S - 1e-6) == 0.0
+    assert actor.target_at_um(STEP_S) == STEP_TARGET_UM

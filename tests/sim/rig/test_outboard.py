@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.sim.rig.outboard import Overheard
+from hapticd.sim.rig.outboard import ReferenceMonitor
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
@@ -26,13 +26,13 @@ TWO_FRAMES = (
 
 
 def test_before_the_first_reference_nothing_was_asked_for() -> None:
-    asked = Overheard()
+    asked = ReferenceMonitor()
     asked.feed(TWO_FRAMES, 0)
     np.testing.assert_array_equal(asked.at(np.array([0, 999])), np.zeros((2, 2)))
 
 
 def test_a_polyline_holds_until_a_later_one_begins() -> None:
-    asked = Overheard()
+    asked = ReferenceMonitor()
     asked.feed(TWO_FRAMES, 0)
     np.testing.assert_allclose(
         asked.at(np.array([1000, 2000, 2999, 3000, 90_000])),
@@ -42,7 +42,7 @@ def test_a_polyline_holds_until_a_later_one_begins() -> None:
 
 
 def test_the_boards_clock_may_wrap_between_two_frames() -> None:
-    asked = Overheard()
+    asked = ReferenceMonitor()
     now_us = (1 << 32) - 10
     asked.feed(reference(1, now_us, (0, 1j, 1j)), now_us)
     asked.feed(reference(2, (now_us + 20) & 0xFFFFFFFF, (0, 2j, 2j)), now_us)
@@ -51,7 +51,7 @@ def test_the_boards_clock_may_wrap_between_two_frames() -> None:
 
 @given(st.lists(st.integers(0, len(TWO_FRAMES)), max_size=8))
 def test_it_does_not_matter_in_which_pieces_the_bytes_pass(cuts: list[int]) -> None:
-    whole, pieces = Overheard(), Overheard()
+    whole, pieces = ReferenceMonitor(), ReferenceMonitor()
     whole.feed(TWO_FRAMES, 0)
     ends = [0, *sorted(cuts), len(TWO_FRAMES)]
     for start, end in pairwise(ends):

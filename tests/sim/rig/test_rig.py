@@ -185,7 +185,7 @@ def test_a_persons_fingers_take_the_scenarios_place_until_they_let_go() -> None:
 def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None:
     made = Rig(tmp_path, "hands", 1, keep=True)
     sensed: list[bytes] = []
-    made._pad.tell = sensed.append  # type: ignore[method-assign]
+    made._pad.send = sensed.append  # type: ignore[method-assign]
     made.hands.hold({"1": (7.0, -3.0)}, 0.05)
     made._advance(0.4)
     made._sockets.close()

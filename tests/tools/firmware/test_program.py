@@ -204,8 +204,8 @@ def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: Type
     [
         ({"mute": True}, "Nobody answers on the bench"),
         (
-            {"refuses": "ttyX cannot be opened: another program holds it"},
-            "ttyX cannot be opened: another program holds it: stop the service first",
+            {"refuses": "ttyX cannot be opened: another program has it open"},
+            "ttyX cannot be opened: another program has it open: stop the service first",
         ),
         ({"refuses": "ttyX cannot be opened: No such file or directory"}, "No such file or directory: look at --port"),
     ],
