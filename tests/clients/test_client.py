@@ -29,7 +29,7 @@ from hapticd_client import (
     RefusedError,
     refresher,
 )
-from hapticd_client.wanted import Wanted, stamp_now
+from hapticd_client.target_set import TargetSet, stamp_now
 
 LIBRARY = Path(__file__).parents[2] / "clients" / "python"
 PATIENCE_S = 5.0
@@ -118,7 +118,7 @@ def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDa
         before = stamp_now()
         client.set(1, amplitude_um=1.0)
         late.connect(f"ipc://{daemon.directory / 'targets'}")
-        late.send(Wanted().with_target(1, {"amplitude_um": 3.0}, 0.5).payload(client.name, before))
+        late.send(TargetSet().with_target(1, {"amplitude_um": 3.0}, 0.5).payload(client.name, before))
         state_when(client, lambda _: daemon.overtaken == 1)
         assert daemon.scene.amplitude_um(1, 0.0, 0.0) == 1.0
         late.linger = 0
@@ -374,7 +374,7 @@ def test_without_a_daemon_the_error_says_where_it_was_sought_and_what_to_do(tmp_
     with pytest.raises(DaemonGoneError, match=f"No hapticd answers at {tmp_path}: start one") as caught:
         Client(tmp_path, timeout_s=0.05)
     assert isinstance(caught.value, ConnectionError)
-    with pytest.raises(HapticdError, match="cannot be the daemon's directory"):
+    with pytest.raises(HapticdError, match="is not a valid runtime directory"):
         Client(tmp_path / ("d" * 100), timeout_s=0.05)
 
 
@@ -383,7 +383,7 @@ def test_states_end_with_an_error_when_the_daemon_is_gone(daemon: FakeDaemon) ->
         states = client.states(timeout_s=0.2)
         next(states)
         daemon.stop()
-        with pytest.raises(DaemonGoneError, match="No state came from"):
+        with pytest.raises(DaemonGoneError, match="No state from"):
             for _ in states:
                 pass
         with pytest.raises(DaemonGoneError):
@@ -407,7 +407,7 @@ def test_a_restarted_daemon_gets_every_target_again(daemon: FakeDaemon) -> None:
 
 def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
     daemon.protocol = 2
-    with pytest.raises(HapticdError, match="speaks protocol version 2, this library 1"):
+    with pytest.raises(HapticdError, match="has protocol version 2, this library 1"):
         Client(daemon.directory)
 
 

@@ -142,7 +142,7 @@ def test_address_and_keys_belong_together(tmp_path: Path, key_files: Path) -> No
     pair = {"server_key": key_files / "hapticd.key", "own_key": key_files / "ann.key_secret"}
     with pytest.raises(HapticdError, match="needs two keys"):
         Client("tcp://127.0.0.1:7410")
-    with pytest.raises(HapticdError, match="give a tcp:// endpoint"):
+    with pytest.raises(HapticdError, match="need a tcp:// endpoint"):
         Client(tmp_path, **pair)
     for wrong in ("tcp://", "tcp://host", "tcp://:7410", "tcp://host:0", "tcp://host:65534", "tcp://host:x"):
         with pytest.raises(HapticdError, match="must be an address and a port"):
@@ -151,12 +151,12 @@ def test_address_and_keys_belong_together(tmp_path: Path, key_files: Path) -> No
 
 def test_a_key_that_is_none_or_no_secret_is_refused(tmp_path: Path, key_files: Path) -> None:
     server_key = key_files / "hapticd.key"
-    with pytest.raises(HapticdError, match="holds no secret"):
+    with pytest.raises(HapticdError, match="contains no secret"):
         Client("tcp://127.0.0.1:7410", server_key=server_key, own_key=key_files / "ann.key")
     with pytest.raises(HapticdError, match="is not a ZeroMQ certificate"):
         Client("tcp://127.0.0.1:7410", server_key=server_key, own_key=tmp_path / "gone")
     open_secret = tmp_path / "open.key_secret"
     open_secret.write_bytes((key_files / "ann.key_secret").read_bytes())
     open_secret.chmod(0o644)
-    with pytest.raises(HapticdError, match="others may open it"):
+    with pytest.raises(HapticdError, match="other users may read"):
         Client("tcp://127.0.0.1:7410", server_key=server_key, own_key=open_secret)
