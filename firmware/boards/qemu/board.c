@@ -9,7 +9,7 @@
 #include "emulation.h"
 #include "registers.h"
 
-#define TIMER_HZ 1000000000u /* of QEMU's timers, whatever the clocks say */
+#define TIMER_HZ 1000000000u /* of QEMU's timers, independent of the clock setup */
 #define POKE_HZ 4000u
 #define CATCH_UP 400 /* chunks in one interrupt, 20 ms: they take QEMU about a quarter of that */
 #define LATER 0x80u  /* a priority below the ports' */
@@ -24,7 +24,7 @@ typedef struct {
 static hd_emulation_t emulation;
 static ring_t line, bench;
 
-/* Written by whoever starts the emulator, before the reset: `-device loader,addr=0x20000000,...`. Else it is zero. */
+/* Written by the emulator's command line before the reset: `-device loader,addr=0x20000000,...`. Else it is zero. */
 static volatile const hd_emulation_options_t options __attribute__((section(".options")));
 
 static void take(ring_t *ring, usart_t *usart)
@@ -67,8 +67,8 @@ static void put(usart_t *usart, const uint8_t *bytes, size_t n)
 
 static void report(void)
 {
-    hd_bench_report_t said = hd_emulation_report(&emulation);
-    put(USART2, (const uint8_t *)&said, sizeof said);
+    hd_bench_report_t report = hd_emulation_report(&emulation);
+    put(USART2, (const uint8_t *)&report, sizeof report);
 }
 
 static uint32_t clock_us(void)
@@ -106,7 +106,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     enable_interrupt(USART2_IRQ);
 }
 
-/* The first report tells the bench that the ports are open. */
+/* The first report signals to the bench that the ports are open. */
 void board_run(void)
 {
     report();
@@ -148,7 +148,7 @@ size_t board_read(uint8_t *bytes, size_t capacity)
 
 size_t board_write_room(void)
 {
-    return RING; /* QEMU takes every byte, and holds the board up where nobody reads */
+    return RING; /* QEMU accepts every byte, and blocks the board until it is read */
 }
 
 void board_write(const uint8_t *bytes, size_t n)

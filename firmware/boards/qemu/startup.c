@@ -11,7 +11,7 @@ void tim3_handler(void);
 void usart1_handler(void);
 void usart2_handler(void);
 
-/* A fault stops the emulated board where a debugger finds it; its silence tells the host. */
+/* A fault stops the emulated board for a debugger; the host detects the timeout. */
 static void stop(void)
 {
     for (;;) {
