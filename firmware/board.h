@@ -50,7 +50,7 @@ void board_keep_log(const hd_log_t *log);
 /* main.c: a chunk was sampled into `in`; fill the one that will be played after the next. */
 void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES]);
 
-/* main.c: samples were lost or a chunk was filled too late. The output goes to zero, and the host has to arm the board again. */
+/* main.c: samples were lost or a chunk was filled too late. The output goes to zero until the host arms the board again. */
 void hd_on_missed_chunk(void);
 
 #endif

@@ -1,7 +1,7 @@
 /* Between samples and phasors: what the converters carry at 1 MHz, and what the controller thinks of it at its tick.
  *
  * One oscillator serves both directions. Output: v(t) = V_d cos(wt) - V_q sin(wt) around mid-rail, per mode. Input: the
- * least squares of the same three functions (cos, -sin, 1) over a control tick. Two neighbouring samples are added before they
+ * least squares of the same three functions (cos, -sin, 1) over a control tick. Pairs of samples are added before they
  * are multiplied: half the products, for 1 - cos(w / 2 MHz) of the signal in the noise, 0.4 % at 29 kHz. Samples are
  * integers; sums over a chunk are exact, and what follows is float32 in a fixed order: every machine gives the same bits.
  *
@@ -37,7 +37,7 @@
 #define HD_MID_RAIL 0x8000u   /* what stands for 0 in the converters */
 #define HD_PAIRED_MODES ((HD_MODES + 1) / 2 * 2)
 
-/* A turn within a chunk at least: with fewer samples per turn, amplitude and offset are indistinguishable. Eight samples to
+/* A turn within a chunk at least: with fewer, amplitude and offset are indistinguishable. Eight samples to
  * a turn at least: neighbouring samples that are added must not have opposite signs. */
 #define HD_DRIVE_MIN_HZ 20000.0f
 #define HD_DRIVE_MAX_HZ 125000.0f

@@ -6,7 +6,7 @@
  *   HD_LAW_PI_FF     the same on e = x - W, plus (x' + (sigma - j delta) x) / g and (j delta / g) e
  *   HD_LAW_DEADBEAT  u such that W will be x' + p (W^ - x), for W^ and the disturbance estimated by an observer
  *
- * x is the reference made feasible: it moves straight towards the requested amplitudes, all modes by the same fraction, as
+ * x is the reference made feasible: it moves straight towards the reference amplitudes, all modes by the same fraction, as
  * fast as the amplifiers can drive the plate. So a step keeps the node under a still finger where it is. PI_FF knows
  * the nominal plate only and leaves the rest to its integrals; DEADBEAT plans with the disturbance as observed, holds
  * no integral of an error, and so has nothing to wind up when the voltage saturates.

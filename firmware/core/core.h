@@ -134,7 +134,8 @@ void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
              hd_phasor_t voltage_v[HD_MODES]);
 
-/* The two halves of hd_receive. The first validates, limits and designs: it may take long, and a tick may interrupt it. True if hd_obey is to be called before the next byte. */
+/* The two halves of hd_receive. The first validates, limits and designs: it may take long, and a tick may interrupt it.
+ * True if hd_obey is to be called before the next byte. */
 bool hd_hear(hd_core_t *core, uint8_t byte);
 void hd_obey(hd_core_t *core, uint32_t now_us);
 

@@ -123,7 +123,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     }
     if (source == CLOCK_INTERNAL) {
         log_slow_clock();
-        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate, reports it to the host and does not drive */
+        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate and reports it */
     }
     config->log = kept.log;
     link_start();

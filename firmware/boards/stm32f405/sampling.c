@@ -114,7 +114,7 @@ void sampling_run(void)
     start_timer();
 }
 
-/* From the beginning, by way of the peripherals' own reset: a DAC that has missed its DMA sends no more requests, and an ADC
+/* From the beginning, by way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC
  * that was overrun neither. */
 static void restart(void)
 {
