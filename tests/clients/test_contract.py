@@ -122,8 +122,8 @@ def offered(make: Any) -> dict[str, Any] | None:
 @settings(deadline=None, max_examples=200)
 def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> None:
     for name in ("friction", "amplitude_um"):
-        wish = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
-        fields = offered(lambda wish=wish: target_fields(**wish))
+        arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
+        fields = offered(lambda arguments=arguments: target_fields(**arguments))
         assert (fields is not None) == understood([{"finger": 1, name: value}])
 
 
@@ -175,7 +175,7 @@ def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent()
         full = full.with_virtual(f"v{n}", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
     message = wire.decode_targets(full.payload("c", target_set.stamp_now()))
     assert (len(message.targets), len(message.virtuals)) == (16, 16)
-    assert message.ttl_ns == 100_000_000  # the shortest asked for
+    assert message.ttl_ns == 100_000_000  # the shortest of all
     with pytest.raises(RefusedError, match="release one first"):
         full.with_target(99, {"friction": 0.5}, ttl_s=0.5)
     with pytest.raises(RefusedError, match="release one first"):
@@ -184,16 +184,16 @@ def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent()
 
 
 def test_what_the_library_just_takes_still_fits_a_request() -> None:
-    want = target_set.TargetSet()
+    targets = target_set.TargetSet()
     for n in range(3):
-        want = want.with_target(n + 1, target_fields(
+        targets = targets.with_target(n + 1, target_fields(
             friction=None, amplitude_um=None, grating=None, image=Map([[0] * 128] * 128, high_um=1.0)
         ), ttl_s=0.5)  # fmt: skip
-    room = target_set.MAX_MESSAGE_BYTES - 100 - len(want.payload("c" * 32, target_set.stamp_now()))
+    room = target_set.MAX_MESSAGE_BYTES - 100 - len(targets.payload("c" * 32, target_set.stamp_now()))
     side = math.isqrt(room - 120)
-    want = want.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
-    assert len(want.payload("c" * 32, target_set.stamp_now())) > target_set.MAX_MESSAGE_BYTES - 600
-    request = messages.encode_request("set", 2**32 - 1, want.fields("c" * 32, target_set.stamp_now()))
+    targets = targets.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
+    assert len(targets.payload("c" * 32, target_set.stamp_now())) > target_set.MAX_MESSAGE_BYTES - 600
+    request = messages.encode_request("set", 2**32 - 1, targets.fields("c" * 32, target_set.stamp_now()))
     assert wire.decode_request(request).op == "set"
 
 

@@ -1,4 +1,4 @@
-"""Over TCP: who holds an allowed key is served as on the daemon's own machine, and nobody else gets a byte."""
+"""Clients over TCP: served with an allowed key, refused without."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
 from hapticd_client import Client, DaemonGoneError, HapticdError, RefusedError
 
-REFUSED_S = 0.3  # long enough for the handshake that would let somebody in, which takes milliseconds
+REFUSED_S = 0.3  # longer than a successful handshake, which takes milliseconds
 ALLOWED = ("ann", "bob")
 
 
 def free_ports() -> int:
-    """The first of three neighbouring ports that nobody listens on."""
+    """The first of three consecutive free ports."""
     for port in range(20000, 60000, 3):
         sockets = [socket.socket() for _ in range(3)]
         try:
@@ -97,8 +97,8 @@ def test_a_client_without_keys_gets_no_answer_on_any_port(remote: FakeDaemon) ->
                 if kind == zmq.SUB:
                     naked.subscribe(b"")
                 naked.connect(f"tcp://127.0.0.1:{remote.remote.port + offset}")
-                wanted = zmq.POLLIN if kind == zmq.SUB else zmq.POLLOUT
-                assert naked.poll(int(REFUSED_S * 1000), wanted) == 0
+                event = zmq.POLLIN if kind == zmq.SUB else zmq.POLLOUT
+                assert naked.poll(int(REFUSED_S * 1000), event) == 0
     assert remote.messages == 0
 
 

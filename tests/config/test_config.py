@@ -1,4 +1,4 @@
-"""A configuration is checked as a whole, and each error is one sentence that says where and what to do."""
+"""Validation of configurations: each error is one sentence with the key and the remedy."""
 
 from __future__ import annotations
 
@@ -123,11 +123,11 @@ def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
     assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")
 
 
-def test_a_recording_goes_where_the_file_is_that_asks_for_it(tmp_path: Path) -> None:
+def test_a_recording_is_resolved_against_the_configuration_s_folder(tmp_path: Path) -> None:
     assert load('[record]\nfile = "all.hrec"\n', tmp_path).record.file == str(tmp_path.resolve() / "all.hrec")
 
 
-def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:
+def test_the_plate_delay_depends_on_the_control_law() -> None:
     delays_ms = {
         law: DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms for law in ("pi", "pi_ff", "deadbeat")
     }
@@ -164,8 +164,8 @@ def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
 
 
 def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:
-    told = load("[trackpad]\nmatrix = [0.0, -1.0, 1.0, 0.0]\n", tmp_path)
-    assert told.trackpad.matrix == (0.0, -1.0, 1.0, 0.0)
+    loaded = load("[trackpad]\nmatrix = [0.0, -1.0, 1.0, 0.0]\n", tmp_path)
+    assert loaded.trackpad.matrix == (0.0, -1.0, 1.0, 0.0)
     for text, sentence in (("[1.0, 0.0]", "needs 4 numbers"), ("[1.0, 1.0, 1.0, 1.0]", "is nearly singular")):
         with pytest.raises(ConfigError, match=sentence):
             load(f"[trackpad]\nmatrix = {text}\n", tmp_path)

@@ -1,4 +1,4 @@
-"""Real processes over the simulated rig; what the tests share is in `service.py` beside this file."""
+"""Real processes over the simulated rig; shared code is in `service.py`."""
 
 from __future__ import annotations
 

@@ -37,10 +37,10 @@ class TerminalBench(Bench):
         if not self.is_stalled:
             FakeBoard.write(self.board, self.unread())
         if self.board.seq != named:
-            self.board.status()  # as the firmware tells of each that takes effect
+            self.board.status()  # as the firmware reports each that takes effect
 
     def stall(self, is_stalled: bool) -> None:
-        """The firmware hangs, and hears and says nothing; or it goes on, its dead-man tripped long since."""
+        """Stop or resume the firmware; on resuming, its dead-man has tripped."""
         self.is_stalled = self.board.mute = is_stalled
         self.board.trusted, self.board.state = 0, QUIET
 

@@ -72,7 +72,7 @@ def test_a_full_message_is_read_to_the_last_field() -> None:
     )
 
 
-def test_the_smallest_message_wants_nothing_for_half_a_second() -> None:
+def test_the_smallest_message_has_no_targets_and_the_default_time_to_live() -> None:
     payload = bytes(msgpack.packb({"v": 1, "client": "c"}))
     assert client.decode_targets(payload) == ClientTargets("c", 500_000_000, {}, {})
 
@@ -154,7 +154,7 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
     ],
 )
-def test_a_refusal_says_where_and_what(payload: bytes, sentence: str) -> None:
+def test_a_refusal_names_field_and_defect(payload: bytes, sentence: str) -> None:
     assert sentence in refusal(payload)
 
 

@@ -173,7 +173,7 @@ def test_a_law_of_a_later_firmware_is_read_as_unknown() -> None:
     assert controller.law is None
 
 
-def test_a_board_that_must_not_drive_is_heard_with_limits_of_zero() -> None:
+def test_a_board_that_must_not_drive_sends_limits_of_zero() -> None:
     silent = HELLO[:-12] + struct.pack("<f", 0.0) + HELLO[-8:]
     assert hello(silent).v_limit_v == 0.0
 
@@ -251,7 +251,7 @@ def hello(payload: bytes = HELLO) -> BoardHello:
     return message
 
 
-def test_a_board_that_allows_what_is_asked_is_accepted() -> None:
+def test_a_board_that_allows_the_settings_is_accepted() -> None:
     device.check_hello(hello(), modes=2, w_limit_um=(4.0, 3.5), v_limit_v=150.0)
 
 

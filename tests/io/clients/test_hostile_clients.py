@@ -98,7 +98,7 @@ def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subpr
 
 @contextmanager
 def greeted(path: Path, properties: dict[bytes, bytes]) -> Iterator[socket.socket]:
-    """A client that speaks ZMTP 3.0 by hand, with the handshake behind it."""
+    """A raw ZMTP 3.0 client after its handshake."""
     with socket.socket(socket.AF_UNIX) as client:
         client.settimeout(PATIENCE_S)
         client.connect(str(path))
@@ -129,7 +129,7 @@ async def in_thread(function: Callable[[], Any]) -> Any:
 # --- floods ------------------------------------------------------------------------------------------------------
 
 
-def test_four_flooding_processes_keep_nobody_from_being_served_and_what_is_lost_is_counted_and_said(
+def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def scenario() -> None:
@@ -141,20 +141,20 @@ def test_four_flooding_processes_keep_nobody_from_being_served_and_what_is_lost_
                 await until(server, lambda: server.counters["too_fast"] > 4 * BURST)
                 with (
                     connected(tmp_path, zmq.PUSH, "targets") as polite,
-                    connected(tmp_path, zmq.DEALER, "control") as asks,
+                    connected(tmp_path, zmq.DEALER, "control") as requester,
                 ):
                     for n in range(10):
                         message = b"please %d" % n
                         polite.send(message)
                         await until(server, lambda message=message: message in [payload for payload, _ in seen])
-                        asks.send(b"%d" % n)
-                        assert await in_thread(asks.recv) == b"answer to %d" % n
+                        requester.send(b"%d" % n)
+                        assert await in_thread(requester.recv) == b"answer to %d" % n
             assert len({user for _, user in seen}) == 1  # this test is one user, whatever its processes
 
     with caplog.at_level(logging.WARNING, "hapticd"):
         asyncio.run(scenario())
     assert "too fast" in caplog.text
-    assert len(caplog.records) <= 2  # said, but not at each loss
+    assert len(caplog.records) <= 2  # logged, but not at each loss
 
 
 def test_the_newest_message_of_a_flood_is_the_one_that_stays(tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_order(tmp_
 # --- deaf ears ---------------------------------------------------------------------------------------------------
 
 
-def test_a_stopped_subscriber_holds_up_nobody_and_costs_a_bounded_number_of_states(tmp_path: Path) -> None:
+def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_of_states(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with served(tmp_path) as (server, _):
             with (
@@ -237,12 +237,12 @@ def test_a_stopped_subscriber_holds_up_nobody_and_costs_a_bounded_number_of_stat
                 connected(tmp_path, zmq.SUB, "telemetry") as listening,
             ):
                 assert deaf.stdout is not None
-                hears = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
-                while not hears.done():
+                ready = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
+                while not ready.done():
                     server.publish(STATE)
                     await until(server, lambda: True)
                     await asyncio.sleep(0)
-                assert await hears == "ready\n"
+                assert await ready == "ready\n"
                 deaf.send_signal(signal.SIGSTOP)
                 listening.subscribe(b"")
                 listening.conflate = False
@@ -292,7 +292,7 @@ def all_received(rude: socket.socket) -> bytes:
 
 
 def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_by_its_own(tmp_path: Path) -> None:
-    """On ipc nobody checks the handshake's properties, so none of them may be believed."""
+    """On ipc the handshake's properties are not authenticated, so they must not be trusted."""
 
     async def scenario() -> None:
         async with served(tmp_path) as (server, seen):

@@ -14,7 +14,7 @@ from hapticd.io.clients import keys
 
 
 def filled(directory: Path) -> Path:
-    """A daemon's directory that allows one client, whose pair lies beside it."""
+    """A daemon's directory that allows one client, with its key pair."""
     keys.make_pair(directory / "daemon", "hapticd")
     keys.make_pair(directory / "client", "study-7")
     keys.allow(directory / "daemon", directory / "client" / "study-7.key")
@@ -96,7 +96,7 @@ def test_a_revoked_key_is_off_the_list(tmp_path: Path) -> None:
         (lambda d: (d / "clients" / "x.key").write_bytes(b'public-key = "' + b"\xff" * 40), "not a ZeroMQ certificate"),
     ],
 )
-def test_what_is_missing_or_broken_is_said_in_one_sentence(tmp_path: Path, spoil: object, sentence: str) -> None:
+def test_missing_or_invalid_keys_are_reported_in_one_sentence(tmp_path: Path, spoil: object, sentence: str) -> None:
     directory = filled(tmp_path)
     assert callable(spoil)
     spoil(directory)

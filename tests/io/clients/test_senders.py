@@ -1,4 +1,4 @@
-"""Each sender has its rate, and nobody can be somebody else."""
+"""Rate limit and identity of senders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KEYS = {"Z" * 40: "study-7"}
 
 
 class Frame:
-    """What libzmq says of a message."""
+    """A frame with the properties set by libzmq."""
 
     def __init__(self, **properties: str) -> None:
         self._properties = {name.replace("_", "-"): value for name, value in properties.items()}
@@ -64,7 +64,7 @@ def test_what_waits_is_handled_before_what_comes_later() -> None:
     assert list(rate_limiter.due(60.0)) == [BURST, BURST + 1, BURST + 2]
 
 
-def test_a_flood_costs_nobody_else_a_turn() -> None:
+def test_a_flood_does_not_delay_other_senders() -> None:
     rate_limiter: RateLimiter[str] = RateLimiter(queue_length=1)
     for _ in range(10 * BURST):
         rate_limiter.admit("rude", "spam", 0.0)

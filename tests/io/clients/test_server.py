@@ -72,7 +72,7 @@ def run(scenario: Callable[[Path], Coroutine[Any, Any, None]], directory: Path) 
 
 
 async def in_thread(function: Callable[[], Any]) -> Any:
-    """A blocking client call beside the loop that serves it."""
+    """Run a blocking client call in a thread."""
     return await asyncio.wait_for(asyncio.to_thread(function), PATIENCE_S)
 
 
@@ -157,7 +157,7 @@ def test_an_oversize_message_costs_its_sender_only_that_message(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
-def test_a_request_is_answered_to_whoever_asked(tmp_path: Path, kind: int) -> None:
+def test_a_reply_goes_to_the_requester(tmp_path: Path, kind: int) -> None:
     async def scenario(directory: Path) -> None:
         async with served(directory):
             with connected(directory, kind, "control") as one, connected(directory, kind, "control") as other:
@@ -187,12 +187,12 @@ def test_a_request_in_strange_parts_is_dropped_and_the_next_is_answered(tmp_path
 # --- telemetry --------------------------------------------------------------------------------------------------
 
 
-def test_the_server_knows_whether_anybody_listens(tmp_path: Path) -> None:
+def test_the_server_tracks_subscribers(tmp_path: Path) -> None:
     async def scenario(directory: Path) -> None:
         async with served(directory) as running:
             server = running.server
             assert not server.has_subscribers
-            server.publish(b"nobody hears this")
+            server.publish(b"not subscribed")
             with connected(directory, zmq.SUB, "telemetry") as listener:
                 listener.subscribe(b"")
                 await running.until(lambda: server.has_subscribers)

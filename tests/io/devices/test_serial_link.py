@@ -59,7 +59,7 @@ class Port:
         assert self.ends is not None
         return os.read(self.ends[1], 1 << 16)
 
-    def heard(self) -> bytes:
+    def received(self) -> bytes:
         try:
             return os.read(self.master, 1 << 16)
         except BlockingIOError:
@@ -67,16 +67,16 @@ class Port:
 
 
 class Bench:
-    """A link on a port, and what it told."""
+    """A link on a port, with its events."""
 
     def __init__(self, path: Path) -> None:
         self.port = Port(path)
         self.link = SerialLink(str(path), 921600)
-        self.told: list[tuple[bool, str]] = []
+        self.links: list[tuple[bool, str]] = []
         self.data = b""
 
     def start(self) -> None:
-        self.link.start(asyncio.get_running_loop(), self._on_bytes, lambda up, reason: self.told.append((up, reason)))
+        self.link.start(asyncio.get_running_loop(), self._on_bytes, lambda up, reason: self.links.append((up, reason)))
 
     def _on_bytes(self, data: bytes) -> None:
         self.data += data
@@ -111,55 +111,55 @@ def test_bytes_go_both_ways(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
-        assert bench.told == [(True, f"{bench.port.path} open at 921600 baud")]
+        assert bench.links == [(True, f"{bench.port.path} open at 921600 baud")]
         assert bench.link.write(bytes(range(256)))
-        assert bench.port.heard() == bytes(range(256))
+        assert bench.port.received() == bytes(range(256))
         os.write(bench.port.master, b"\x00\xff\r\n\x03")
         await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
 
     play(bench, story)
 
 
-def test_a_port_that_is_not_there_is_told_once_and_opened_when_it_comes(bench: Bench) -> None:
+def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench: Bench) -> None:
     async def story() -> None:
         bench.start()
-        assert bench.told == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
-        assert not bench.link.write(b"nobody")
+        assert bench.links == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
+        assert not bench.link.write(b"not open")
         await bench.until(lambda: bench.link._retry_s == 0.02)  # it was tried again
         bench.port.plug()
-        await bench.until(lambda: len(bench.told) == 2)
-        assert bench.told[1][0]
+        await bench.until(lambda: len(bench.links) == 2)
+        assert bench.links[1][0]
 
     play(bench, story)
 
 
-def test_a_pulled_plug_is_told_once_and_the_board_found_again(bench: Bench) -> None:
+def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
         bench.port.pull()
-        await bench.until(lambda: len(bench.told) == 2)
-        assert not bench.told[1][0]
-        assert bench.told[1][1].startswith(f"{bench.port.path} lost: ")
+        await bench.until(lambda: len(bench.links) == 2)
+        assert not bench.links[1][0]
+        assert bench.links[1][1].startswith(f"{bench.port.path} lost: ")
         await bench.until(lambda: bench.link._retry_s == 0.02)
-        assert len(bench.told) == 2
+        assert len(bench.links) == 2
         bench.port.plug()
-        await bench.until(lambda: len(bench.told) == 3)
+        await bench.until(lambda: len(bench.links) == 3)
         assert bench.link.write(b"again")
-        assert bench.port.heard() == b"again"
+        assert bench.port.received() == b"again"
 
     play(bench, story)
 
 
-def test_a_loss_seen_by_a_write_is_told_once(bench: Bench) -> None:
+def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
         bench.port.pull()
         assert not bench.link.write(b"too late")  # before the loop could see it
-        assert [up for up, _ in bench.told] == [True, False]
+        assert [up for up, _ in bench.links] == [True, False]
         await bench.until(lambda: bench.link._retry_s == 0.02)
-        assert len(bench.told) == 2
+        assert len(bench.links) == 2
 
     play(bench, story)
 
@@ -173,27 +173,27 @@ def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench
         assert written[0]
         assert False in written
         assert bench.link.dropped_writes == written.count(False)
-        while bench.port.heard():
+        while bench.port.received():
             pass
         bench.link.write(bytes(70_000))  # more than a pty takes: torn
-        while bench.port.heard():
+        while bench.port.received():
             pass
         assert bench.link.write(b"fresh")
-        assert bench.port.heard() == b"\0fresh"
+        assert bench.port.received() == b"\0fresh"
         assert bench.link.write(b"whole")
-        assert bench.port.heard() == b"whole"
+        assert bench.port.received() == b"whole"
 
     play(bench, story)
 
 
-def test_a_port_in_use_says_so(bench: Bench) -> None:
+def test_a_port_in_use_is_reported(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         other = SerialLink(str(bench.port.path), 921600)
         other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
         try:
             bench.start()
-            assert bench.told == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
+            assert bench.links == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
         finally:
             other.close()
 
@@ -206,16 +206,16 @@ def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port(bench
         bench.start()
         await bench.link.drained(PATIENCE_S)  # no port
         bench.port.plug()
-        await bench.until(lambda: len(bench.told) == 2)
+        await bench.until(lambda: len(bench.links) == 2)
         assert bench.link.write(b"the last word")
         async with asyncio.timeout(PATIENCE_S / 2):
             await bench.link.drained(PATIENCE_S)
-        assert bench.port.heard() == b"the last word"
+        assert bench.port.received() == b"the last word"
 
     play(bench, story)
 
 
-def test_a_closed_link_says_nothing_more(bench: Bench) -> None:
+def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
@@ -224,18 +224,18 @@ def test_a_closed_link_says_nothing_more(bench: Bench) -> None:
         assert not bench.link.write(b"gone")
         bench.port.pull()
         await asyncio.sleep(0)
-        assert [up for up, _ in bench.told] == [True]
+        assert [up for up, _ in bench.links] == [True]
 
     play(bench, story)
 
 
-def test_what_a_board_at_rest_says_waits_until_it_is_read_or_something_was_written(bench: Bench) -> None:
+def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
         bench.link.rest(True)
-        for said in (b"one", b"two"):
-            os.write(bench.port.master, said)
+        for data in (b"one", b"two"):
+            os.write(bench.port.master, data)
         await bench.until(lambda: bench.port.lying == len(b"onetwo"))
         for _ in range(3):
             await asyncio.sleep(0)  # the loop looks at its descriptors each time
@@ -253,28 +253,28 @@ def test_what_a_board_at_rest_says_waits_until_it_is_read_or_something_was_writt
     play(bench, story)
 
 
-def test_a_port_whose_bytes_somebody_else_took_is_not_lost(bench: Bench) -> None:
+def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
         os.write(bench.port.master, b"taken")
         assert bench.port.taken() == b"taken"
         bench.link._readable()  # as if the loop had seen them first
-        assert [up for up, _ in bench.told] == [True]
+        assert [up for up, _ in bench.links] == [True]
         os.write(bench.port.master, b"ours")
         await bench.until(lambda: bench.data == b"ours")
 
     play(bench, story)
 
 
-def test_a_plug_pulled_at_rest_is_told_at_the_next_look(bench: Bench) -> None:
+def test_unplugging_while_idle_is_reported_at_the_next_read(bench: Bench) -> None:
     async def story() -> None:
         bench.port.plug()
         bench.start()
         bench.link.rest(True)
         bench.port.pull()
         bench.link.read()
-        assert [up for up, _ in bench.told] == [True, False]
-        bench.link.read()  # nobody is there
+        assert [up for up, _ in bench.links] == [True, False]
+        bench.link.read()  # not open
 
     play(bench, story)

@@ -27,25 +27,25 @@ MS = 1_000_000
 
 
 class Listener:
-    """What a source told, in order, and a way to wait for the next thing."""
+    """What a source events, in order, and a way to wait for the next thing."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[bool, str] | list[bytes]] = []
+        self.events: list[tuple[bool, str] | list[bytes]] = []
         self.reports: list[RawReport] = []
         self._news: asyncio.Queue[None] = asyncio.Queue()
 
     def on_reports(self, reports: Sequence[RawReport]) -> None:
         self.reports.extend(reports)
-        self.told.append([report.data for report in reports])
+        self.events.append([report.data for report in reports])
         self._news.put_nowait(None)
 
     def on_link(self, is_up: bool, reason: str) -> None:
-        self.told.append((is_up, reason))
+        self.events.append((is_up, reason))
         self._news.put_nowait(None)
 
     @property
     def links(self) -> list[tuple[bool, str]]:
-        return [item for item in self.told if isinstance(item, tuple)]
+        return [item for item in self.events if isinstance(item, tuple)]
 
     async def until(self, condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(5):
@@ -203,11 +203,11 @@ def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they_were_
             hid.waiting.put(report)
         source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
         await listener.until(lambda: len(listener.reports) == 40)
-        assert listener.told[0] == (True, "Magic Trackpad 2 on USB at /dev/hidraw3")
+        assert listener.events[0] == (True, "Magic Trackpad 2 on USB at /dev/hidraw3")
         assert [report.data for report in listener.reports] == waiting
         times = [report.t_host_ns for report in listener.reports]
         assert times == sorted(set(times))
-        assert len(listener.told) == 2
+        assert len(listener.events) == 2
         await source.close()
 
     asyncio.run(main())
@@ -225,13 +225,13 @@ def test_reports_that_come_while_the_loop_is_busy_wait_as_one_batch() -> None:
         assert hid.idle.wait(5)  # the loop is busy here until the thread has read everything
         await listener.until(lambda: bool(listener.reports))
         assert [report.data[1] for report in listener.reports] == list(range(36, 100))
-        assert len(listener.told) == 2
+        assert len(listener.events) == 2
         await source.close()
 
     asyncio.run(main())
 
 
-def test_an_unplugged_pad_is_told_once_and_comes_back_with_a_fresh_enable() -> None:
+def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconnecting() -> None:
     async def main() -> None:
         hid, listener = FakeHid(node("mt2-usb")), Listener()
         source = hid_source(hid)
@@ -251,7 +251,7 @@ def test_an_unplugged_pad_is_told_once_and_comes_back_with_a_fresh_enable() -> N
     asyncio.run(main())
 
 
-def test_no_pad_is_told_once_and_one_that_cannot_be_opened_says_what_to_do() -> None:
+def test_a_missing_pad_is_reported_once_and_an_inaccessible_one_with_a_remedy() -> None:
     async def main() -> None:
         hid, listener = FakeHid(), Listener()
         source = hid_source(hid)
@@ -288,7 +288,7 @@ def test_a_new_pad_to_which_udev_gives_access_a_moment_later_is_no_complaint() -
     asyncio.run(main())
 
 
-def test_a_refused_enable_is_told_and_reports_are_read_all_the_same() -> None:
+def test_a_refused_enable_is_reported_and_reports_are_still_read() -> None:
     async def main() -> None:
         hid, listener = FakeHid(node("mt2-usb")), Listener()
         hid.refuse_feature = True
@@ -333,12 +333,12 @@ def test_the_thread_that_reads_is_the_one_that_closes_and_nothing_is_left() -> N
         source = hid_source(hid)
         source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
         await listener.until(lambda: bool(listener.links))
-        told = list(listener.told)
+        events = list(listener.events)
         await source.close()
         await source.close()
         hid.waiting.put(b"\x02\x00")
         await asyncio.sleep(0)
-        assert listener.told == told
+        assert listener.events == events
         assert hid.open_now == 0
         assert len(hid.threads) == 1
         assert len(asyncio.all_tasks()) == 1
@@ -425,11 +425,11 @@ def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_path: Pat
             for i in range(70):
                 rig.send(bytes((0x31, i)))
             await listener.until(lambda: len(listener.reports) == 70)
-            assert [len(item) for item in listener.told if isinstance(item, list)] == [64, 6]
+            assert [len(item) for item in listener.events if isinstance(item, list)] == [64, 6]
             assert listener.reports == [RawReport(77, bytes((0x31, i))) for i in range(70)]
             rig.send(b"\x31last")
         await listener.until(lambda: len(listener.links) == 2)
-        assert listener.told[-2:-1] == [[b"\x31last"]]
+        assert listener.events[-2:-1] == [[b"\x31last"]]
         assert listener.links[1] == (
             False,
             f"the simulated trackpad at {rig_path} was lost (closed by the rig): reconnecting",
@@ -439,7 +439,7 @@ def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_path: Pat
     run_in_virtual_time(main)
 
 
-def test_a_missing_rig_is_told_once_and_tried_again_ever_slower_until_it_is_there(rig_path: Path) -> None:
+def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_path: Path) -> None:
     async def main() -> None:
         loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
         source.start(loop, listener.on_reports, listener.on_link)
@@ -455,9 +455,9 @@ def test_a_missing_rig_is_told_once_and_tried_again_ever_slower_until_it_is_ther
         await listener.until(lambda: len(listener.links) == 3)
         assert [is_up for is_up, _ in listener.links] == [False, True, False]
         await source.close()
-        told = list(listener.told)
+        events = list(listener.events)
         await asyncio.sleep(10)
-        assert listener.told == told
+        assert listener.events == events
 
     run_in_virtual_time(main)
 
@@ -515,8 +515,8 @@ def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path) -> N
         await listener.until(lambda: len(listener.links) == 2)
         assert [report.t_host_ns - 900 for report in listener.reports] == [t - 5_000_000_000 for t in t_recorded_ns]
         assert arrived_s == pytest.approx([0, 0.01125, 0.01125, 0.5], abs=1e-6)
-        assert listener.told[0] == (True, f"replay of 4 reports from {path}")
-        assert listener.told[-1] == (False, "replay ended")
+        assert listener.events[0] == (True, f"replay of 4 reports from {path}")
+        assert listener.events[-1] == (False, "replay ended")
         await source.close()
 
     run_in_virtual_time(main)
@@ -534,14 +534,14 @@ def test_what_fell_due_while_the_loop_was_busy_is_replayed_as_one_batch_and_spee
         await listener.until(lambda: len(listener.reports) == 1)
         loop.selector.t_s = 0.0351
         await listener.until(lambda: len(listener.links) == 2)
-        batches = [len(item) for item in listener.told if isinstance(item, list)]
+        batches = [len(item) for item in listener.events if isinstance(item, list)]
         assert batches == [1, 7, 1, 1]
         assert [report.t_host_ns for report in listener.reports] == [n * 5 * MS for n in range(10)]
 
     run_in_virtual_time(main)
 
 
-def test_a_replay_that_is_closed_says_nothing_more(tmp_path: Path) -> None:
+def test_a_closed_replay_sends_nothing_more(tmp_path: Path) -> None:
     path = tmp_path / "touch.jsonl"
     write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, b"\x02") for n in range(10)])
 
@@ -561,7 +561,7 @@ HEADER = '{"model": "mt2-usb"}\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "says"),
+    ("text", "line", "reason"),
     [
         ("", 1, "first line"),
         ("[]", 1, "first line"),
@@ -579,10 +579,10 @@ HEADER = '{"model": "mt2-usb"}\n'
         (HEADER + '{"t_ns": 2, "report": "02"}\n{"t_ns": 1, "report": "02"}', 3, "sort"),
     ],
 )
-def test_a_bad_line_is_named_with_what_is_wrong(tmp_path: Path, text: str, line: int, says: str) -> None:
+def test_a_bad_line_is_named_with_what_is_wrong(tmp_path: Path, text: str, line: int, reason: str) -> None:
     path = tmp_path / "bad.jsonl"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    with pytest.raises(TrackpadError, match=rf"bad\.jsonl, line {line}: .*{says}"):
+    with pytest.raises(TrackpadError, match=rf"bad\.jsonl, line {line}: .*{reason}"):
         ReplayTrackpad(path)
 
 

@@ -25,7 +25,7 @@ def wishes_us(file: Path) -> list[int]:
     return [number for (number,) in struct.iter_unpack("=i", file.read_bytes())]
 
 
-def test_nobody_touching_keeps_no_processor_awake(file: Path) -> None:
+def test_without_touch_the_latency_is_unbounded(file: Path) -> None:
     awake = CpuLatencyHold(file)
     for step in range(5):
         awake.look(False, T0_NS + step * LINGER_NS)
@@ -56,12 +56,12 @@ def test_closed_it_writes_no_more_and_may_be_closed_again(file: Path) -> None:
     assert wishes_us(file) == []
 
 
-def test_who_may_not_wish_hears_it_at_once(tmp_path: Path) -> None:
+def test_a_missing_permission_raises_at_once(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         CpuLatencyHold(tmp_path / "none")
 
 
-def test_a_kernel_that_takes_no_wish_is_no_reason_to_fail() -> None:
+def test_a_refused_write_is_not_fatal() -> None:
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full here")

@@ -1,4 +1,4 @@
-"""Log lines wait for nobody, whatever standard error is."""
+"""Log lines never block, for any kind of standard error."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_line_passes(ends: tuple[int, int]) -> None:
     assert drain(ends[0]) == b"a plate\n"
 
 
-def test_a_reader_that_stalls_loses_lines_and_is_told_how_many(ends: tuple[int, int]) -> None:
+def test_a_stalled_reader_loses_lines_and_gets_their_number(ends: tuple[int, int]) -> None:
     reader, writer = ends
     journal = JournalHandler(writer)
     emitted = 0
@@ -79,7 +79,7 @@ def test_a_reader_that_is_gone_is_no_error() -> None:
     reader, writer = os.pipe()
     journal = JournalHandler(writer)
     os.close(reader)
-    journal.emit(record("to nobody"))
+    journal.emit(record("no reader"))
     assert journal.dropped == 1
     journal.close()
     os.close(writer)

@@ -1,4 +1,4 @@
-"""Real time: a timer that counts what it skips, a collector that keeps still, refusals that are told, not raised."""
+"""Periodic timer, garbage collector and real-time settings."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def _collector_left_as_it_was() -> Iterator[None]:
 
 async def ticks(count: int, *, period_ns: int, stall_ns: int = 0) -> list[tuple[int, int]]:
     """(late_ns, missed) of the first `count` ticks, the loop being held for `stall_ns` before the first."""
-    told: list[tuple[int, int]] = []
+    calls: list[tuple[int, int]] = []
     enough = asyncio.Event()
 
     def on_due(late_ns: int, missed: int) -> None:
-        told.append((late_ns, missed))
-        if len(told) >= count:
+        calls.append((late_ns, missed))
+        if len(calls) >= count:
             enough.set()
 
     timer = PeriodicTimer(asyncio.get_running_loop(), period_ns, on_due)
@@ -51,7 +51,7 @@ async def ticks(count: int, *, period_ns: int, stall_ns: int = 0) -> list[tuple[
         pass
     await asyncio.wait_for(enough.wait(), PATIENCE_S)
     timer.close()
-    return told
+    return calls
 
 
 @pytest.mark.usefixtures("_each_timer")
@@ -117,7 +117,7 @@ def test_idle_time_takes_the_rings_that_touches_left() -> None:
 
 
 @needs_linux
-def test_nothing_asked_for_changes_nothing() -> None:
+def test_default_settings_change_nothing() -> None:
     before = os.sched_getscheduler(0), os.sched_getaffinity(0)
     granted = go_real_time()
     assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
@@ -125,7 +125,7 @@ def test_nothing_asked_for_changes_nothing() -> None:
 
 
 @needs_linux
-def test_what_the_kernel_refuses_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refusals_of_the_kernel_are_returned_as_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 
@@ -142,33 +142,35 @@ def test_what_the_kernel_refuses_is_told_in_words(monkeypatch: pytest.MonkeyPatc
 
 
 @needs_linux
-def test_what_is_asked_for_is_for_this_thread_and_not_for_those_it_makes(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[int, int]] = []
-    monkeypatch.setattr(os, "sched_setscheduler", lambda _, policy, param: asked.append((policy, param.sched_priority)))
+def test_settings_apply_to_this_thread_and_not_to_later_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    requests: list[tuple[int, int]] = []
+    monkeypatch.setattr(
+        os, "sched_setscheduler", lambda _, policy, param: requests.append((policy, param.sched_priority))
+    )
     go_real_time(fifo_priority=20)
-    assert asked == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 20)]
+    assert requests == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 20)]
 
 
 def test_each_collection_is_timed_until_it_is_closed() -> None:
-    told: list[int] = []
+    calls: list[int] = []
     clock_ns = iter((0, 1000, 1700, 5000, 5900))
-    pauses = Pauses(told.append, clock_ns=lambda: next(clock_ns))
+    pauses = Pauses(calls.append, clock_ns=lambda: next(clock_ns))
     gc.collect()
     gc.collect()
     pauses.close()
     pauses.close()
     gc.collect()
-    assert told == [700, 900]
+    assert calls == [700, 900]
 
 
 @pytest.mark.usefixtures("_each_timer")
 def test_the_first_tick_may_be_put_off() -> None:
     async def story() -> None:
-        told = asyncio.Event()
-        timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: told.set())
+        calls = asyncio.Event()
+        timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: calls.set())
         t_begin_ns = time.monotonic_ns()
         timer.set_period(MS, 30 * MS)
-        await asyncio.wait_for(told.wait(), PATIENCE_S)
+        await asyncio.wait_for(calls.wait(), PATIENCE_S)
         assert time.monotonic_ns() - t_begin_ns >= 30 * MS
         assert timer.period_ns == MS
         timer.close()

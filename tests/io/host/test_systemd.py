@@ -1,4 +1,4 @@
-"""The service's side of systemd, against a socket that listens as the manager does."""
+"""systemd notification and journal format, against a socket in place of the manager."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield listening
 
 
-def heard(manager: socket.socket) -> list[bytes]:
-    said = []
+def received(manager: socket.socket) -> list[bytes]:
+    messages = []
     while True:
         try:
-            said.append(manager.recv(4096))
+            messages.append(manager.recv(4096))
         except BlockingIOError:
-            return said
+            return messages
 
 
 def environ(manager: socket.socket, **more: str) -> dict[str, str]:
     return {"NOTIFY_SOCKET": manager.getsockname(), **more}
 
 
-def test_without_a_manager_nothing_is_said() -> None:
+def test_without_a_manager_nothing_is_sent() -> None:
     notifier = Notifier({"WATCHDOG_USEC": "1000"})
     assert not notifier.notify(ready=1)
     notifier.feed_watchdog(0)
@@ -47,7 +47,7 @@ def test_without_a_manager_nothing_is_said() -> None:
 def test_assignments_go_out_as_lines_of_one_message(manager: socket.socket) -> None:
     notifier = Notifier(environ(manager))
     assert notifier.notify(ready=1, status="serving")
-    assert heard(manager) == [b"READY=1\nSTATUS=serving"]
+    assert received(manager) == [b"READY=1\nSTATUS=serving"]
     notifier.close()
     assert not notifier.notify(stopping=1)
 
@@ -66,7 +66,7 @@ def test_the_watchdog_is_fed_three_times_within_its_time_and_no_oftener(manager:
     notifier = Notifier(environ(manager, WATCHDOG_USEC="900000", WATCHDOG_PID=str(os.getpid())))
     for t_ms in range(0, 1801, 20):  # from the origin of time on
         notifier.feed_watchdog(t_ms * MS)
-    assert heard(manager) == [b"WATCHDOG=1"] * 7
+    assert received(manager) == [b"WATCHDOG=1"] * 7
     notifier.close()
 
 
@@ -74,7 +74,7 @@ def test_the_watchdog_is_fed_three_times_within_its_time_and_no_oftener(manager:
 def test_a_watchdog_that_is_not_ours_is_not_fed(manager: socket.socket, more: dict[str, str]) -> None:
     notifier = Notifier(environ(manager, **more))
     notifier.feed_watchdog(5_000 * MS)
-    assert heard(manager) == []
+    assert received(manager) == []
     notifier.close()
 
 

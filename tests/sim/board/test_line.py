@@ -1,4 +1,4 @@
-"""The bad line is itself trustworthy: it does what it says, and the same again."""
+"""The faulty line applies the configured faults, reproducibly."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def down(hands: Hands, t_s: float) -> list[list[float]]:
     return [place for place in places if math.isfinite(place[0])]
 
 
-def test_a_finger_lands_where_it_is_told_and_glides_from_there() -> None:
+def test_a_finger_lands_at_the_first_position_and_glides_to_the_next() -> None:
     hands = Hands()
     hands.hold({"1": (5.0, -5.0)}, 1.0)
     assert down(hands, 0.999) == []
@@ -65,7 +65,7 @@ def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> No
     assert [math.isfinite(at(finger, 2.0)[0][0]) for finger in hands.fingers] == [False, True, True, False, False]
 
 
-def test_a_sender_that_falls_silent_has_let_go() -> None:
+def test_fingers_lift_after_a_timeout_of_their_sender() -> None:
     hands = Hands()
     hands.hold({"1": (0.0, 0.0)}, 0.0)
     hands.expire(TIMEOUT_S)

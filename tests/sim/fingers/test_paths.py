@@ -39,7 +39,7 @@ def speed_mm_s(positions: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("path", MOVING.values(), ids=MOVING)
-def test_a_path_is_the_same_whatever_was_asked_before(path: Path) -> None:
+def test_a_path_is_independent_of_the_order_of_calls(path: Path) -> None:
     whole = path.position_mm(T_S)
     assert whole.shape == (len(T_S), 2)
     assert whole.dtype == np.float64
@@ -129,7 +129,7 @@ def test_strokes_cruise_at_their_speed_and_rest_between(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("speed", "ramp_s"), [(100.0, 0.3), (150.0, 0.3), (100.0, 0.15)])
-def test_a_stroke_accelerates_as_its_raised_cosine_says(speed: float, ramp_s: float) -> None:
+def test_a_stroke_accelerates_along_a_raised_cosine(speed: float, ramp_s: float) -> None:
     bare = Strokes(9, speed, ramp_s=ramp_s, wobble_mm=0.0, tremor_mm=0.0)
     acceleration = np.hypot(*np.diff(bare.position_mm(T_S), 2, axis=0).T) / STEP_S**2
     assert acceleration.max() == pytest.approx(math.pi * speed / (2 * ramp_s), rel=1e-3)

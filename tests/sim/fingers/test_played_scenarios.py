@@ -38,12 +38,12 @@ def test_figure_7_a_step_settles_within_10_ms_and_leaves_the_quadrature_alone(co
         "step", settings={"config": replace(config, device=replace(config.device, controller=controller))}
     )
 
-    told = step_response(run.t_s, run.modal_um[:, 0], t_step_s=STEP_S)
+    response = step_response(run.t_s, run.modal_um[:, 0], t_step_s=STEP_S)
 
-    assert told["final_um"] == pytest.approx(1.0, abs=0.02)
-    assert told["settling_ms"] <= 10.0
-    assert told["overshoot_frac"] < 0.05
-    assert told["largest_q_um"] < (0.1 if controller == "pi" else 0.01)
+    assert response["final_um"] == pytest.approx(1.0, abs=0.02)
+    assert response["settling_ms"] <= 10.0
+    assert response["overshoot_frac"] < 0.05
+    assert response["largest_q_um"] < (0.1 if controller == "pi" else 0.01)
     assert np.abs(run.modal_um[:, 1]).max() < 0.05  # the other mode stays out of it
     assert np.abs(run.modal_um[run.t_s < STEP_S]).max() < 0.01
     assert Config().device.controller == "deadbeat"

@@ -164,7 +164,7 @@ def test_figure_11_passes_singular_positions_and_is_limited_for_a_quarter_of_the
     assert 0.2 < np.mean(np.abs(modal_um).max(axis=1) > W_LIM_UM) < 0.35
 
 
-def test_the_step_is_asked_for_on_an_antinode_of_x_where_y_stands_still() -> None:
+def test_the_step_is_on_an_antinode_of_x_and_a_node_of_y() -> None:
     truth = GroundTruth()
     x, y = truth.shapes(np.array(STEP_POINT_MM))[:2]
     h_mm = 0.1

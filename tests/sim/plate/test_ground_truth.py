@@ -51,7 +51,7 @@ def test_a_plate_sized_bare_just_holds_the_limit_bare() -> None:
     assert abs(steady_um(GroundTruth(), (150.0, 0.0))[0]) > 5.8  # the everyday plate has that much in hand
 
 
-def test_the_firmware_is_told_the_bare_plate_s_own_numbers_and_not_the_day_s(truth: GroundTruth) -> None:
+def test_the_firmware_gets_the_bare_plate_without_drift(truth: GroundTruth) -> None:
     drifted = GroundTruth(PlateSettings(detune_hz=7.0, damping_factor=1.3))
 
     np.testing.assert_array_equal(truth.nominal_decay_1_s, truth.decay_1_s[:2])
@@ -132,7 +132,7 @@ def test_the_same_seed_gives_the_same_map(truth: GroundTruth) -> None:
     assert not np.array_equal(truth.measured_mode_map(2).shapes, again.shapes)
 
 
-def test_nobody_changes_the_truth_by_accident(truth: GroundTruth) -> None:
+def test_the_ground_truth_is_read_only(truth: GroundTruth) -> None:
     for name in ("frequency_hz", "decay_1_s", "detuning_rad_s", "gain_um_per_v_s", "sensor", *NOMINAL):
         array = getattr(truth, name)
         with pytest.raises(ValueError, match="read-only"):

@@ -1,4 +1,4 @@
-"""What the rig tells of a board in another process: the references that passed by, as the board plays them."""
+"""References decoded on their way to a board in another process."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ TWO_FRAMES = (
 )
 
 
-def test_before_the_first_reference_nothing_was_asked_for() -> None:
-    asked = ReferenceMonitor()
-    asked.feed(TWO_FRAMES, 0)
-    np.testing.assert_array_equal(asked.at(np.array([0, 999])), np.zeros((2, 2)))
+def test_before_the_first_reference_the_reference_is_zero() -> None:
+    references = ReferenceMonitor()
+    references.feed(TWO_FRAMES, 0)
+    np.testing.assert_array_equal(references.at(np.array([0, 999])), np.zeros((2, 2)))
 
 
 def test_a_polyline_holds_until_a_later_one_begins() -> None:
-    asked = ReferenceMonitor()
-    asked.feed(TWO_FRAMES, 0)
+    references = ReferenceMonitor()
+    references.feed(TWO_FRAMES, 0)
     np.testing.assert_allclose(
-        asked.at(np.array([1000, 2000, 2999, 3000, 90_000])),
+        references.at(np.array([1000, 2000, 2999, 3000, 90_000])),
         [[1 + 0.5j, 0j], [1.5 + 0.5j, 0.5j], [1.9995 + 0.5j, 0.9995j], [0j, -1 + 0j], [0j, -1 + 0j]],
         atol=1e-6,
     )
 
 
 def test_the_boards_clock_may_wrap_between_two_frames() -> None:
-    asked = ReferenceMonitor()
+    references = ReferenceMonitor()
     now_us = (1 << 32) - 10
-    asked.feed(reference(1, now_us, (0, 1j, 1j)), now_us)
-    asked.feed(reference(2, (now_us + 20) & 0xFFFFFFFF, (0, 2j, 2j)), now_us)
-    np.testing.assert_allclose(asked.at(now_us + np.array([0, 19, 20])), np.array([[1j] * 2, [1j] * 2, [2j] * 2]))
+    references.feed(reference(1, now_us, (0, 1j, 1j)), now_us)
+    references.feed(reference(2, (now_us + 20) & 0xFFFFFFFF, (0, 2j, 2j)), now_us)
+    np.testing.assert_allclose(references.at(now_us + np.array([0, 19, 20])), np.array([[1j] * 2, [1j] * 2, [2j] * 2]))
 
 
 @given(st.lists(st.integers(0, len(TWO_FRAMES)), max_size=8))
