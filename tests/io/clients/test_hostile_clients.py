@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 import zmq
+from asynchronous import asynchronous
 
 from hapticd.io.clients import server as server_module
 from hapticd.io.clients.senders import BURST
@@ -157,18 +158,16 @@ def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_
     assert len(caplog.records) <= 2  # logged, but not at each loss
 
 
-def test_the_newest_message_of_a_flood_is_the_one_that_stays(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with served(tmp_path) as (server, seen):
-            with connected(tmp_path, zmq.PUSH, "targets") as streaming:
-                for n in range(10 * BURST):
-                    await in_thread(lambda n=n: streaming.send(b"%d" % n))
-                await until(server, lambda: (b"%d" % (10 * BURST - 1)) in [payload for payload, _ in seen])
-                numbers = [int(payload) for payload, _ in seen]
-                assert numbers == sorted(numbers)
-                assert len(numbers) + server.counters["too_fast"] == 10 * BURST
-
-    asyncio.run(scenario())
+@asynchronous
+async def test_the_newest_message_of_a_flood_is_the_one_that_stays(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, seen):
+        with connected(tmp_path, zmq.PUSH, "targets") as streaming:
+            for n in range(10 * BURST):
+                await in_thread(lambda n=n: streaming.send(b"%d" % n))
+            await until(server, lambda: (b"%d" % (10 * BURST - 1)) in [payload for payload, _ in seen])
+            numbers = [int(payload) for payload, _ in seen]
+            assert numbers == sorted(numbers)
+            assert len(numbers) + server.counters["too_fast"] == 10 * BURST
 
 
 def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
@@ -209,74 +208,68 @@ def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
     asyncio.run(scenario())
 
 
-def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_order(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with served(tmp_path):
-            with connected(tmp_path, zmq.DEALER, "control") as client:
+@asynchronous
+async def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_order(tmp_path: Path) -> None:
+    async with served(tmp_path):
+        with connected(tmp_path, zmq.DEALER, "control") as client:
 
-                def ask_and_hear() -> list[bytes]:
-                    replies = []
-                    for n in range(2 * BURST):
-                        client.send(b"%d" % n)
-                        replies.append(client.recv())
-                    return replies
+            def ask_and_hear() -> list[bytes]:
+                replies = []
+                for n in range(2 * BURST):
+                    client.send(b"%d" % n)
+                    replies.append(client.recv())
+                return replies
 
-                assert await in_thread(ask_and_hear) == [b"answer to %d" % n for n in range(2 * BURST)]
-
-    asyncio.run(scenario())
+            assert await in_thread(ask_and_hear) == [b"answer to %d" % n for n in range(2 * BURST)]
 
 
 # --- deaf ears ---------------------------------------------------------------------------------------------------
 
 
-def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_of_states(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with served(tmp_path) as (server, _):
-            with (
-                programs(SUBSCRIBER, tmp_path / "telemetry") as (deaf,),
-                connected(tmp_path, zmq.SUB, "telemetry") as listening,
-            ):
-                assert deaf.stdout is not None
-                ready = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
-                while not ready.done():
-                    server.publish(STATE)
-                    await until(server, lambda: True)
-                    await asyncio.sleep(0)
-                assert await ready == "ready\n"
-                deaf.send_signal(signal.SIGSTOP)
-                listening.subscribe(b"")
-                listening.conflate = False
-                await until(server, lambda: server.has_subscribers)
-                for n in range(5000):  # far more than the stopped process's buffers hold: none of it waits
-                    server.publish(b"%d" % n + STATE)
-                last = 5000
-                while True:  # a new subscription may take a moment: the next states come through
-                    last += 1
-                    server.publish(b"%d" % last)
-                    server.sweep()
-                    if await in_thread(lambda: listening.poll(20)):
-                        break
-                assert await in_thread(listening.recv)
-                deaf.send_signal(signal.SIGCONT)
-
-    asyncio.run(scenario())
-
-
-def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connection(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with served(tmp_path) as (server, _):
-            with (
-                greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy,
-                connected(tmp_path, zmq.SUB, "telemetry") as modest,
-            ):
-                modest.subscribe(b"")
-                await until(server, lambda: server.has_subscribers)
-                greedy.sendall(b"\x02" + struct.pack(">Q", MAX_SUBSCRIPTION_BYTES + 1) + b"\x01")
-                assert await in_thread(lambda: all_received(greedy)) is not None
+@asynchronous
+async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_of_states(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, _):
+        with (
+            programs(SUBSCRIBER, tmp_path / "telemetry") as (deaf,),
+            connected(tmp_path, zmq.SUB, "telemetry") as listening,
+        ):
+            assert deaf.stdout is not None
+            ready = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
+            while not ready.done():
                 server.publish(STATE)
-                assert await in_thread(modest.recv) == STATE
+                await until(server, lambda: True)
+                await asyncio.sleep(0)
+            assert await ready == "ready\n"
+            deaf.send_signal(signal.SIGSTOP)
+            listening.subscribe(b"")
+            listening.conflate = False
+            await until(server, lambda: server.has_subscribers)
+            for n in range(5000):  # far more than the stopped process's buffers hold: none of it waits
+                server.publish(b"%d" % n + STATE)
+            last = 5000
+            while True:  # a new subscription may take a moment: the next states come through
+                last += 1
+                server.publish(b"%d" % last)
+                server.sweep()
+                if await in_thread(lambda: listening.poll(20)):
+                    break
+            assert await in_thread(listening.recv)
+            deaf.send_signal(signal.SIGCONT)
 
-    asyncio.run(scenario())
+
+@asynchronous
+async def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connection(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, _):
+        with (
+            greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy,
+            connected(tmp_path, zmq.SUB, "telemetry") as modest,
+        ):
+            modest.subscribe(b"")
+            await until(server, lambda: server.has_subscribers)
+            greedy.sendall(b"\x02" + struct.pack(">Q", MAX_SUBSCRIPTION_BYTES + 1) + b"\x01")
+            assert await in_thread(lambda: all_received(greedy)) is not None
+            server.publish(STATE)
+            assert await in_thread(modest.recv) == STATE
 
 
 def all_received(rude: socket.socket) -> bytes:
@@ -291,33 +284,29 @@ def all_received(rude: socket.socket) -> bytes:
 # --- lies --------------------------------------------------------------------------------------------------------
 
 
-def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_by_its_own(tmp_path: Path) -> None:
+@asynchronous
+async def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_by_its_own(tmp_path: Path) -> None:
     """On ipc the handshake's properties are not authenticated, so they must not be trusted."""
 
-    async def scenario() -> None:
-        async with served(tmp_path) as (server, seen):
-            server._key_names = {"Z" * 40: "the boss"}
-            lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"Peer-Address": b"localhost:12345:1:1"}
-            with greeted(tmp_path / "targets", lies) as liar:
-                liar.sendall(b"\x00\x04lies")
-                await until(server, lambda: len(seen) == 1)
-            assert seen == [(b"lies", f"uid {os.getuid()}")]
-
-    asyncio.run(scenario())
+    async with served(tmp_path) as (server, seen):
+        server._key_names = {"Z" * 40: "the boss"}
+        lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"Peer-Address": b"localhost:12345:1:1"}
+        with greeted(tmp_path / "targets", lies) as liar:
+            liar.sendall(b"\x00\x04lies")
+            await until(server, lambda: len(seen) == 1)
+        assert seen == [(b"lies", f"uid {os.getuid()}")]
 
 
-def test_garbage_instead_of_a_handshake_costs_only_its_sender(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with served(tmp_path) as (server, seen):
-            for name in ("targets", "control", "telemetry"):
-                with socket.socket(socket.AF_UNIX) as rude:
-                    rude.connect(str(tmp_path / name))
-                    rude.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
-            with connected(tmp_path, zmq.PUSH, "targets") as polite:
-                polite.send(b"polite")
-                await until(server, lambda: [payload for payload, _ in seen] == [b"polite"])
-
-    asyncio.run(scenario())
+@asynchronous
+async def test_garbage_instead_of_a_handshake_costs_only_its_sender(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, seen):
+        for name in ("targets", "control", "telemetry"):
+            with socket.socket(socket.AF_UNIX) as rude:
+                rude.connect(str(tmp_path / name))
+                rude.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
+        with connected(tmp_path, zmq.PUSH, "targets") as polite:
+            polite.send(b"polite")
+            await until(server, lambda: [payload for payload, _ in seen] == [b"polite"])
 
 
 def test_the_share_of_one_wake_up_is_less_than_half_of_the_time() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import zmq
+from asynchronous import asynchronous
 
 from hapticd.errors import AlreadyRunningError, HapticdError
 from hapticd.io.clients.runtime_dir import own_directory
@@ -79,128 +80,114 @@ async def in_thread(function: Callable[[], Any]) -> Any:
 # --- targets ----------------------------------------------------------------------------------------------------
 
 
-def test_every_message_arrives_in_order_without_a_sweep(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            with connected(directory, zmq.PUSH, "targets") as client:
-                sent = [b"message %d" % n for n in range(BURST)]
-                await in_thread(lambda: [client.send(message) for message in sent])
-                async with asyncio.timeout(PATIENCE_S):
-                    while len(running.messages) < len(sent):
-                        running.arrived.clear()
-                        await running.arrived.wait()
-                assert running.messages == sent
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_every_message_arrives_in_order_without_a_sweep(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            sent = [b"message %d" % n for n in range(BURST)]
+            await in_thread(lambda: [client.send(message) for message in sent])
+            async with asyncio.timeout(PATIENCE_S):
+                while len(running.messages) < len(sent):
+                    running.arrived.clear()
+                    await running.arrived.wait()
+            assert running.messages == sent
 
 
-def test_one_wake_up_reads_no_more_than_its_share_and_the_rest_follows_by_itself(
+@asynchronous
+async def test_one_wake_up_reads_no_more_than_its_share_and_the_rest_follows_by_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            with connected(directory, zmq.PUSH, "targets") as client:
-                per_wake_up: list[int] = []
-                read = running.server._read_targets
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            per_wake_up: list[int] = []
+            read = running.server._read_targets
 
-                def counted(service: Any) -> bool:
-                    before = len(running.messages)
-                    more = read(service)
-                    per_wake_up.append(len(running.messages) - before)
-                    return more
+            def counted(service: Any) -> bool:
+                before = len(running.messages)
+                more = read(service)
+                per_wake_up.append(len(running.messages) - before)
+                return more
 
-                monkeypatch.setattr(running.server, "_read_targets", counted)
-                for n in range(BURST):  # while the loop does not run: a flood that is all there at once
-                    client.send(b"%d" % n)
-                async with asyncio.timeout(PATIENCE_S):
-                    while len(running.messages) < BURST:
-                        running.arrived.clear()
-                        await running.arrived.wait()
-                assert max(per_wake_up) <= MAX_READS
-                assert len([count for count in per_wake_up if count > 0]) > 1
-
-    run(scenario, tmp_path)
+            monkeypatch.setattr(running.server, "_read_targets", counted)
+            for n in range(BURST):  # while the loop does not run: a flood that is all there at once
+                client.send(b"%d" % n)
+            async with asyncio.timeout(PATIENCE_S):
+                while len(running.messages) < BURST:
+                    running.arrived.clear()
+                    await running.arrived.wait()
+            assert max(per_wake_up) <= MAX_READS
+            assert len([count for count in per_wake_up if count > 0]) > 1
 
 
-def test_a_message_in_parts_is_dropped_and_counted(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            with connected(directory, zmq.PUSH, "targets") as client:
-                client.send_multipart([b"a", b"b"])
-                client.send_multipart([b"x"] * 1000)
-                client.send(b"whole")
-                await running.until(lambda: running.messages == [b"whole"])
-                assert running.server.misshapen == 2
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_a_message_in_parts_is_dropped_and_counted(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            client.send_multipart([b"a", b"b"])
+            client.send_multipart([b"x"] * 1000)
+            client.send(b"whole")
+            await running.until(lambda: running.messages == [b"whole"])
+            assert running.server.misshapen == 2
 
 
-def test_an_oversize_message_costs_its_sender_only_that_message(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            with (
-                connected(directory, zmq.PUSH, "targets", reconnect_ivl=10) as rude,
-                connected(directory, zmq.PUSH, "targets") as polite,
-            ):
-                rude.send(bytes(MAX_MESSAGE_BYTES + 1))
-                polite.send(b"polite")
-                await running.until(lambda: b"polite" in running.messages)
-                assert await in_thread(lambda: rude.poll(4000, zmq.POLLOUT))
-                rude.send(bytes(MAX_MESSAGE_BYTES))
-                await running.until(lambda: bytes(MAX_MESSAGE_BYTES) in running.messages)
-                assert len(running.messages) == 2
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_an_oversize_message_costs_its_sender_only_that_message(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with (
+            connected(tmp_path, zmq.PUSH, "targets", reconnect_ivl=10) as rude,
+            connected(tmp_path, zmq.PUSH, "targets") as polite,
+        ):
+            rude.send(bytes(MAX_MESSAGE_BYTES + 1))
+            polite.send(b"polite")
+            await running.until(lambda: b"polite" in running.messages)
+            assert await in_thread(lambda: rude.poll(4000, zmq.POLLOUT))
+            rude.send(bytes(MAX_MESSAGE_BYTES))
+            await running.until(lambda: bytes(MAX_MESSAGE_BYTES) in running.messages)
+            assert len(running.messages) == 2
 
 
 # --- control ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
-def test_a_reply_goes_to_the_requester(tmp_path: Path, kind: int) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory):
-            with connected(directory, kind, "control") as one, connected(directory, kind, "control") as other:
-                one.send(b"one")
-                other.send(b"other")
-                assert await in_thread(one.recv) == b"answer to one"
-                assert await in_thread(other.recv) == b"answer to other"
-                one.send(b"again")
-                assert await in_thread(one.recv) == b"answer to again"
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_a_reply_goes_to_the_requester(tmp_path: Path, kind: int) -> None:
+    async with served(tmp_path):
+        with connected(tmp_path, kind, "control") as one, connected(tmp_path, kind, "control") as other:
+            one.send(b"one")
+            other.send(b"other")
+            assert await in_thread(one.recv) == b"answer to one"
+            assert await in_thread(other.recv) == b"answer to other"
+            one.send(b"again")
+            assert await in_thread(one.recv) == b"answer to again"
 
 
-def test_a_request_in_strange_parts_is_dropped_and_the_next_is_answered(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            with connected(directory, zmq.DEALER, "control") as client:
-                client.send_multipart([b"a", b"b"])
-                client.send_multipart([b""] * 100)
-                client.send(b"fine")
-                assert await in_thread(client.recv) == b"answer to fine"
-                assert running.server.misshapen == 2
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_a_request_in_strange_parts_is_dropped_and_the_next_is_answered(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.DEALER, "control") as client:
+            client.send_multipart([b"a", b"b"])
+            client.send_multipart([b""] * 100)
+            client.send(b"fine")
+            assert await in_thread(client.recv) == b"answer to fine"
+            assert running.server.misshapen == 2
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------
 
 
-def test_the_server_tracks_subscribers(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            server = running.server
-            assert not server.has_subscribers
-            server.publish(b"not subscribed")
-            with connected(directory, zmq.SUB, "telemetry") as listener:
-                listener.subscribe(b"")
-                await running.until(lambda: server.has_subscribers)
-                server.publish(b"state")
-                assert await in_thread(listener.recv) == b"state"
-            await running.until(lambda: not server.has_subscribers)
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_the_server_tracks_subscribers(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        server = running.server
+        assert not server.has_subscribers
+        server.publish(b"not subscribed")
+        with connected(tmp_path, zmq.SUB, "telemetry") as listener:
+            listener.subscribe(b"")
+            await running.until(lambda: server.has_subscribers)
+            server.publish(b"state")
+            assert await in_thread(listener.recv) == b"state"
+        await running.until(lambda: not server.has_subscribers)
 
 
 def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) -> None:
@@ -229,80 +216,70 @@ def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) -> Non
         loop.close()
 
 
-def test_subscribing_to_something_else_costs_nothing(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            with (
-                connected(directory, zmq.SUB, "telemetry") as odd,
-                connected(directory, zmq.DEALER, "control") as client,
-            ):
-                odd.subscribe(b"no state begins so")
-                client.send(b"sync")
-                await in_thread(client.recv)
-                for _ in range(5):
-                    running.server.sweep()
-                assert not running.server.has_subscribers
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_subscribing_to_something_else_costs_nothing(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with (
+            connected(tmp_path, zmq.SUB, "telemetry") as odd,
+            connected(tmp_path, zmq.DEALER, "control") as client,
+        ):
+            odd.subscribe(b"no state begins so")
+            client.send(b"sync")
+            await in_thread(client.recv)
+            for _ in range(5):
+                running.server.sweep()
+            assert not running.server.has_subscribers
 
 
 # --- the directory ----------------------------------------------------------------------------------------------
 
 
-def test_only_owner_and_group_may_connect_and_the_umask_is_as_before(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        umask = os.umask(0o022)
-        try:
-            async with served(directory):
-                for name in ("targets", "control", "telemetry"):
-                    mode = (directory / name).stat().st_mode
-                    assert stat.S_ISSOCK(mode)
-                    assert stat.S_IMODE(mode) == 0o660
-                assert stat.S_IMODE((directory / "lock").stat().st_mode) == 0o600
-            assert os.umask(0o022) == 0o022
-        finally:
-            os.umask(umask)
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_only_owner_and_group_may_connect_and_the_umask_is_as_before(tmp_path: Path) -> None:
+    umask = os.umask(0o022)
+    try:
+        async with served(tmp_path):
+            for name in ("targets", "control", "telemetry"):
+                mode = (tmp_path / name).stat().st_mode
+                assert stat.S_ISSOCK(mode)
+                assert stat.S_IMODE(mode) == 0o660
+            assert stat.S_IMODE((tmp_path / "lock").stat().st_mode) == 0o600
+        assert os.umask(0o022) == 0o022
+    finally:
+        os.umask(umask)
 
 
-def test_a_second_daemon_is_refused_and_the_first_keeps_its_sockets(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory):
-            second = ClientServer(directory)
-            with pytest.raises(AlreadyRunningError, match=f"Another hapticd serves {directory}"):
-                second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, _: payload)
-            second.close()
-            with connected(directory, zmq.DEALER, "control") as client:
-                client.send(b"still there?")
-                assert await in_thread(client.recv) == b"answer to still there?"
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_a_second_daemon_is_refused_and_the_first_keeps_its_sockets(tmp_path: Path) -> None:
+    async with served(tmp_path):
+        second = ClientServer(tmp_path)
+        with pytest.raises(AlreadyRunningError, match=f"Another hapticd serves {tmp_path}"):
+            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, _: payload)
+        second.close()
+        with connected(tmp_path, zmq.DEALER, "control") as client:
+            client.send(b"still there?")
+            assert await in_thread(client.recv) == b"answer to still there?"
 
 
-def test_closing_removes_the_sockets_and_frees_the_directory_for_the_next(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        for _ in range(3):
-            async with served(directory) as running:
-                assert (directory / "control").is_socket()
-            assert [path.name for path in directory.iterdir()] == ["lock"]
-            running.server.close()
-            running.server.publish(b"into the void")
-            running.server.sweep()
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_closing_removes_the_sockets_and_frees_the_directory_for_the_next(tmp_path: Path) -> None:
+    for _ in range(3):
+        async with served(tmp_path) as running:
+            assert (tmp_path / "control").is_socket()
+        assert [path.name for path in tmp_path.iterdir()] == ["lock"]
+        running.server.close()
+        running.server.publish(b"into the void")
+        running.server.sweep()
 
 
-def test_sockets_left_by_a_killed_daemon_are_taken_over(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        with zmq.Context() as context, context.socket(zmq.PULL) as corpse:
-            corpse.bind(f"ipc://{directory / 'targets'}")
-            async with served(directory) as running:
-                with connected(directory, zmq.PUSH, "targets") as client:
-                    client.send(b"for the living")
-                    await running.until(lambda: running.messages == [b"for the living"])
-
-    run(scenario, tmp_path)
+@asynchronous
+async def test_sockets_left_by_a_killed_daemon_are_taken_over(tmp_path: Path) -> None:
+    with zmq.Context() as context, context.socket(zmq.PULL) as corpse:
+        corpse.bind(f"ipc://{tmp_path / 'targets'}")
+        async with served(tmp_path) as running:
+            with connected(tmp_path, zmq.PUSH, "targets") as client:
+                client.send(b"for the living")
+                await running.until(lambda: running.messages == [b"for the living"])
 
 
 def test_a_directory_too_deep_for_a_socket_is_refused_before_anything_is_touched(tmp_path: Path) -> None:

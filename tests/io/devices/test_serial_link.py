@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import functools
 import os
 import pty
 import struct
@@ -97,184 +98,168 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     bench.port.pull()
 
 
-def play(bench: Bench, story: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    async def played() -> None:
-        try:
-            await story()
-        finally:
-            bench.link.close()
+def played(story: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run a test coroutine on an event loop, and close the link on that loop."""
 
-    asyncio.run(played())
+    @functools.wraps(story)
+    def test(bench: Bench, **fixtures: Any) -> None:
+        async def run() -> None:
+            try:
+                await story(bench, **fixtures)
+            finally:
+                bench.link.close()
+
+        asyncio.run(run())
+
+    return test
 
 
-def test_bytes_go_both_ways(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
+@played
+async def test_bytes_go_both_ways(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    assert bench.links == [(True, f"{bench.port.path} open at 921600 baud")]
+    assert bench.link.write(bytes(range(256)))
+    assert bench.port.received() == bytes(range(256))
+    os.write(bench.port.master, b"\x00\xff\r\n\x03")
+    await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
+
+
+@played
+async def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench: Bench) -> None:
+    bench.start()
+    assert bench.links == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
+    assert not bench.link.write(b"not open")
+    await bench.until(lambda: bench.link._retry_s == 0.02)  # it was tried again
+    bench.port.plug()
+    await bench.until(lambda: len(bench.links) == 2)
+    assert bench.links[1][0]
+
+
+@played
+async def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.port.pull()
+    await bench.until(lambda: len(bench.links) == 2)
+    assert not bench.links[1][0]
+    assert bench.links[1][1].startswith(f"{bench.port.path} lost: ")
+    await bench.until(lambda: bench.link._retry_s == 0.02)
+    assert len(bench.links) == 2
+    bench.port.plug()
+    await bench.until(lambda: len(bench.links) == 3)
+    assert bench.link.write(b"again")
+    assert bench.port.received() == b"again"
+
+
+@played
+async def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.port.pull()
+    assert not bench.link.write(b"too late")  # before the loop could see it
+    assert [up for up, _ in bench.links] == [True, False]
+    await bench.until(lambda: bench.link._retry_s == 0.02)
+    assert len(bench.links) == 2
+
+
+@played
+async def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    frame = bytes(4000)
+    written = [bench.link.write(frame) for _ in range(64)]
+    assert written[0]
+    assert False in written
+    assert bench.link.dropped_writes == written.count(False)
+    while bench.port.received():
+        pass
+    bench.link.write(bytes(70_000))  # more than a pty takes: torn
+    while bench.port.received():
+        pass
+    assert bench.link.write(b"fresh")
+    assert bench.port.received() == b"\0fresh"
+    assert bench.link.write(b"whole")
+    assert bench.port.received() == b"whole"
+
+
+@played
+async def test_a_port_in_use_is_reported(bench: Bench) -> None:
+    bench.port.plug()
+    other = SerialLink(str(bench.port.path), 921600)
+    other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
+    try:
         bench.start()
-        assert bench.links == [(True, f"{bench.port.path} open at 921600 baud")]
-        assert bench.link.write(bytes(range(256)))
-        assert bench.port.received() == bytes(range(256))
-        os.write(bench.port.master, b"\x00\xff\r\n\x03")
-        await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
-
-    play(bench, story)
+        assert bench.links == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
+    finally:
+        other.close()
 
 
-def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench: Bench) -> None:
-    async def story() -> None:
-        bench.start()
-        assert bench.links == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
-        assert not bench.link.write(b"not open")
-        await bench.until(lambda: bench.link._retry_s == 0.02)  # it was tried again
-        bench.port.plug()
-        await bench.until(lambda: len(bench.links) == 2)
-        assert bench.links[1][0]
-
-    play(bench, story)
-
-
-def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        bench.port.pull()
-        await bench.until(lambda: len(bench.links) == 2)
-        assert not bench.links[1][0]
-        assert bench.links[1][1].startswith(f"{bench.port.path} lost: ")
-        await bench.until(lambda: bench.link._retry_s == 0.02)
-        assert len(bench.links) == 2
-        bench.port.plug()
-        await bench.until(lambda: len(bench.links) == 3)
-        assert bench.link.write(b"again")
-        assert bench.port.received() == b"again"
-
-    play(bench, story)
+@played
+async def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port(bench: Bench) -> None:
+    await bench.link.drained(PATIENCE_S)  # never started
+    bench.start()
+    await bench.link.drained(PATIENCE_S)  # no port
+    bench.port.plug()
+    await bench.until(lambda: len(bench.links) == 2)
+    assert bench.link.write(b"the last word")
+    async with asyncio.timeout(PATIENCE_S / 2):
+        await bench.link.drained(PATIENCE_S)
+    assert bench.port.received() == b"the last word"
 
 
-def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        bench.port.pull()
-        assert not bench.link.write(b"too late")  # before the loop could see it
-        assert [up for up, _ in bench.links] == [True, False]
-        await bench.until(lambda: bench.link._retry_s == 0.02)
-        assert len(bench.links) == 2
-
-    play(bench, story)
-
-
-def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        frame = bytes(4000)
-        written = [bench.link.write(frame) for _ in range(64)]
-        assert written[0]
-        assert False in written
-        assert bench.link.dropped_writes == written.count(False)
-        while bench.port.received():
-            pass
-        bench.link.write(bytes(70_000))  # more than a pty takes: torn
-        while bench.port.received():
-            pass
-        assert bench.link.write(b"fresh")
-        assert bench.port.received() == b"\0fresh"
-        assert bench.link.write(b"whole")
-        assert bench.port.received() == b"whole"
-
-    play(bench, story)
+@played
+async def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.link.close()
+    bench.link.close()
+    assert not bench.link.write(b"gone")
+    bench.port.pull()
+    await asyncio.sleep(0)
+    assert [up for up, _ in bench.links] == [True]
 
 
-def test_a_port_in_use_is_reported(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        other = SerialLink(str(bench.port.path), 921600)
-        other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
-        try:
-            bench.start()
-            assert bench.links == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
-        finally:
-            other.close()
-
-    play(bench, story)
-
-
-def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port(bench: Bench) -> None:
-    async def story() -> None:
-        await bench.link.drained(PATIENCE_S)  # never started
-        bench.start()
-        await bench.link.drained(PATIENCE_S)  # no port
-        bench.port.plug()
-        await bench.until(lambda: len(bench.links) == 2)
-        assert bench.link.write(b"the last word")
-        async with asyncio.timeout(PATIENCE_S / 2):
-            await bench.link.drained(PATIENCE_S)
-        assert bench.port.received() == b"the last word"
-
-    play(bench, story)
+@played
+async def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.link.rest(True)
+    for data in (b"one", b"two"):
+        os.write(bench.port.master, data)
+    await bench.until(lambda: bench.port.lying == len(b"onetwo"))
+    for _ in range(3):
+        await asyncio.sleep(0)  # the loop looks at its descriptors each time
+    assert bench.data == b""
+    bench.link.read()
+    assert bench.data == b"onetwo"
+    bench.link.read()  # there is nothing
+    bench.link.write(b"what time is it?")
+    os.write(bench.port.master, b"late")
+    await bench.until(lambda: bench.data == b"onetwolate")
+    os.write(bench.port.master, b"!")
+    bench.link.rest(False)
+    await bench.until(lambda: bench.data == b"onetwolate!")
 
 
-def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        bench.link.close()
-        bench.link.close()
-        assert not bench.link.write(b"gone")
-        bench.port.pull()
-        await asyncio.sleep(0)
-        assert [up for up, _ in bench.links] == [True]
-
-    play(bench, story)
+@played
+async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    os.write(bench.port.master, b"taken")
+    assert bench.port.taken() == b"taken"
+    bench.link._readable()  # as if the loop had seen them first
+    assert [up for up, _ in bench.links] == [True]
+    os.write(bench.port.master, b"ours")
+    await bench.until(lambda: bench.data == b"ours")
 
 
-def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        bench.link.rest(True)
-        for data in (b"one", b"two"):
-            os.write(bench.port.master, data)
-        await bench.until(lambda: bench.port.lying == len(b"onetwo"))
-        for _ in range(3):
-            await asyncio.sleep(0)  # the loop looks at its descriptors each time
-        assert bench.data == b""
-        bench.link.read()
-        assert bench.data == b"onetwo"
-        bench.link.read()  # there is nothing
-        bench.link.write(b"what time is it?")
-        os.write(bench.port.master, b"late")
-        await bench.until(lambda: bench.data == b"onetwolate")
-        os.write(bench.port.master, b"!")
-        bench.link.rest(False)
-        await bench.until(lambda: bench.data == b"onetwolate!")
-
-    play(bench, story)
-
-
-def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        os.write(bench.port.master, b"taken")
-        assert bench.port.taken() == b"taken"
-        bench.link._readable()  # as if the loop had seen them first
-        assert [up for up, _ in bench.links] == [True]
-        os.write(bench.port.master, b"ours")
-        await bench.until(lambda: bench.data == b"ours")
-
-    play(bench, story)
-
-
-def test_unplugging_while_idle_is_reported_at_the_next_read(bench: Bench) -> None:
-    async def story() -> None:
-        bench.port.plug()
-        bench.start()
-        bench.link.rest(True)
-        bench.port.pull()
-        bench.link.read()
-        assert [up for up, _ in bench.links] == [True, False]
-        bench.link.read()  # not open
-
-    play(bench, story)
+@played
+async def test_unplugging_while_idle_is_reported_at_the_next_read(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.link.rest(True)
+    bench.port.pull()
+    bench.link.read()
+    assert [up for up, _ in bench.links] == [True, False]
+    bench.link.read()  # not open

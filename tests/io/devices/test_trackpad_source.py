@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import json
 import os
 import queue
 import selectors
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+from asynchronous import asynchronous
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -46,6 +49,9 @@ class Listener:
     @property
     def links(self) -> list[tuple[bool, str]]:
         return [item for item in self.events if isinstance(item, tuple)]
+
+    def listen(self, source: TrackpadSource) -> None:
+        source.start(asyncio.get_running_loop(), self.on_reports, self.on_link)
 
     async def until(self, condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(5):
@@ -160,19 +166,19 @@ def hid_source(hid: FakeHid, model: str = "auto", **changes: object) -> HidTrack
         ("usbc-bt", {"vendor_id": 0x004C, "product_id": 0x0324, "interface_number": -1, "bus_type": 2}, "f10201"),
     ],
 )
-def test_each_trackpad_is_known_by_its_ids_and_gets_its_enable(model: str, ids: dict[str, object], enable: str) -> None:
-    async def main() -> None:
-        hid, listener = FakeHid({"path": b"/dev/hidraw7", "usage_page": 1, "usage": 2} | ids), Listener()
-        source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: bool(listener.links))
-        assert source.model == model
-        assert listener.links[0][0]
-        assert "/dev/hidraw7" in listener.links[0][1]
-        assert hid.features.get_nowait() == bytes.fromhex(enable)
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_each_trackpad_is_known_by_its_ids_and_gets_its_enable(
+    model: str, ids: dict[str, object], enable: str
+) -> None:
+    hid, listener = FakeHid({"path": b"/dev/hidraw7", "usage_page": 1, "usage": 2} | ids), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    assert source.model == model
+    assert listener.links[0][0]
+    assert "/dev/hidraw7" in listener.links[0][1]
+    assert hid.features.get_nowait() == bytes.fromhex(enable)
+    await source.close()
 
 
 def test_of_a_pads_nodes_only_the_touch_interface_counts_and_each_path_once() -> None:
@@ -193,136 +199,121 @@ def test_of_a_pads_nodes_only_the_touch_interface_counts_and_each_path_once() ->
     assert [path for _, path in find_pads(hid, "mt2-bt")] == [b"bluetooth"]
 
 
-def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they_were_read() -> None:
-    async def main() -> None:
-        hid, listener = FakeHid(node("mt2-usb")), Listener()
-        ticks = iter(range(0, 10**12, 1000))
-        source = hid_source(hid, clock_ns=lambda: next(ticks))
-        waiting = [bytes((2, i)) for i in range(40)]
-        for report in waiting:
-            hid.waiting.put(report)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.reports) == 40)
-        assert listener.events[0] == (True, "Magic Trackpad 2 on USB at /dev/hidraw3")
-        assert [report.data for report in listener.reports] == waiting
-        times = [report.t_host_ns for report in listener.reports]
-        assert times == sorted(set(times))
-        assert len(listener.events) == 2
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they_were_read() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    ticks = iter(range(0, 10**12, 1000))
+    source = hid_source(hid, clock_ns=lambda: next(ticks))
+    waiting = [bytes((2, i)) for i in range(40)]
+    for report in waiting:
+        hid.waiting.put(report)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.reports) == 40)
+    assert listener.events[0] == (True, "Magic Trackpad 2 on USB at /dev/hidraw3")
+    assert [report.data for report in listener.reports] == waiting
+    times = [report.t_host_ns for report in listener.reports]
+    assert times == sorted(set(times))
+    assert len(listener.events) == 2
+    await source.close()
 
 
-def test_reports_that_come_while_the_loop_is_busy_wait_as_one_batch() -> None:
-    async def main() -> None:
-        hid, listener = FakeHid(node("mt2-usb")), Listener()
-        source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: bool(listener.links))
-        for i in range(100):
-            hid.waiting.put(bytes((2, i)))
-        hid.idle.clear()
-        assert hid.idle.wait(5)  # the loop is busy here until the thread has read everything
-        await listener.until(lambda: bool(listener.reports))
-        assert [report.data[1] for report in listener.reports] == list(range(36, 100))
-        assert len(listener.events) == 2
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_reports_that_come_while_the_loop_is_busy_wait_as_one_batch() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    for i in range(100):
+        hid.waiting.put(bytes((2, i)))
+    hid.idle.clear()
+    assert hid.idle.wait(5)  # the loop is busy here until the thread has read everything
+    await listener.until(lambda: bool(listener.reports))
+    assert [report.data[1] for report in listener.reports] == list(range(36, 100))
+    assert len(listener.events) == 2
+    await source.close()
 
 
-def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconnecting() -> None:
-    async def main() -> None:
-        hid, listener = FakeHid(node("mt2-usb")), Listener()
-        source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.links) == 1)
-        hid.unplug()
-        await listener.until(lambda: len(listener.links) == 2)
-        assert listener.links[1] == (False, "Magic Trackpad 2 on USB was lost (read error): searching for it")
-        hid.plug(node("mt2-bt", b"/dev/hidraw9"))
-        await listener.until(lambda: len(listener.links) == 3)
-        assert listener.links[2] == (True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw9")
-        assert source.model == "mt2-bt"
-        assert [hid.features.get_nowait() for _ in range(2)] == [b"\x02\x01", b"\xf1\x02\x01"]
-        await source.close()
-        assert hid.open_now == 0
-
-    asyncio.run(main())
+@asynchronous
+async def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconnecting() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.links) == 1)
+    hid.unplug()
+    await listener.until(lambda: len(listener.links) == 2)
+    assert listener.links[1] == (False, "Magic Trackpad 2 on USB was lost (read error): searching for it")
+    hid.plug(node("mt2-bt", b"/dev/hidraw9"))
+    await listener.until(lambda: len(listener.links) == 3)
+    assert listener.links[2] == (True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw9")
+    assert source.model == "mt2-bt"
+    assert [hid.features.get_nowait() for _ in range(2)] == [b"\x02\x01", b"\xf1\x02\x01"]
+    await source.close()
+    assert hid.open_now == 0
 
 
-def test_a_missing_pad_is_reported_once_and_an_inaccessible_one_with_a_remedy() -> None:
-    async def main() -> None:
-        hid, listener = FakeHid(), Listener()
-        source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.links) == 1)
-        assert listener.links == [(False, "no trackpad is connected: plug one in or pair it")]
-        hid.refuse_open = True
-        hid.plug(node("mt2-usb"))
-        await listener.until(lambda: len(listener.links) == 2)
-        assert listener.links[1] == (
-            False,
-            "Magic Trackpad 2 on USB at /dev/hidraw3 cannot be opened (open failed): "
-            "give this user read and write access",
-        )
-        hid.refuse_open = False
-        await listener.until(lambda: len(listener.links) == 3)
-        assert listener.links[2][0]
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_a_missing_pad_is_reported_once_and_an_inaccessible_one_with_a_remedy() -> None:
+    hid, listener = FakeHid(), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.links) == 1)
+    assert listener.links == [(False, "no trackpad is connected: plug one in or pair it")]
+    hid.refuse_open = True
+    hid.plug(node("mt2-usb"))
+    await listener.until(lambda: len(listener.links) == 2)
+    assert listener.links[1] == (
+        False,
+        "Magic Trackpad 2 on USB at /dev/hidraw3 cannot be opened (open failed): give this user read and write access",
+    )
+    hid.refuse_open = False
+    await listener.until(lambda: len(listener.links) == 3)
+    assert listener.links[2][0]
+    await source.close()
 
 
-def test_a_new_pad_to_which_udev_gives_access_a_moment_later_is_no_complaint() -> None:
-    async def main() -> None:
-        hid, listener = FakeHid(node("mt2-bt")), Listener()
-        hid.refuse_open, hid.granted_after = True, 1
-        source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.links) == 1)
-        assert listener.links == [(True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw3")]
-        assert hid.opens_refused == 1
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_a_new_pad_to_which_udev_gives_access_a_moment_later_is_no_complaint() -> None:
+    hid, listener = FakeHid(node("mt2-bt")), Listener()
+    hid.refuse_open, hid.granted_after = True, 1
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.links) == 1)
+    assert listener.links == [(True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw3")]
+    assert hid.opens_refused == 1
+    await source.close()
 
 
-def test_a_refused_enable_is_reported_and_reports_are_still_read() -> None:
-    async def main() -> None:
-        hid, listener = FakeHid(node("mt2-usb")), Listener()
-        hid.refuse_feature = True
-        hid.waiting.put(b"\x02\x00")
-        source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: bool(listener.reports))
-        assert listener.links[0] == (
-            True,
-            "Magic Trackpad 2 on USB at /dev/hidraw3, which refused the multitouch enable",
-        )
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_a_refused_enable_is_reported_and_reports_are_still_read() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    hid.refuse_feature = True
+    hid.waiting.put(b"\x02\x00")
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.reports))
+    assert listener.links[0] == (
+        True,
+        "Magic Trackpad 2 on USB at /dev/hidraw3, which refused the multitouch enable",
+    )
+    await source.close()
 
 
-def test_a_pad_that_fell_back_to_mouse_mode_is_enabled_again_but_not_faster_than_twice_a_second() -> None:
-    async def main() -> None:
-        hid, listener, now_ns = FakeHid(node("mt2-usb")), Listener(), 0
-        source = hid_source(hid, clock_ns=lambda: now_ns)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: bool(listener.links))
-        hid.features.get_nowait()
-        source.request_enable()
-        hid.waiting.put(b"\x02\x00\x01")
-        await listener.until(lambda: len(listener.reports) == 1)
-        hid.waiting.put(b"\x02\x00\x02")
-        await listener.until(lambda: len(listener.reports) == 2)
-        assert hid.features.empty()
-        now_ns = 500 * MS
-        assert hid.features.get(timeout=5) == b"\x02\x01"
-        await source.close()
-
-    asyncio.run(main())
+@asynchronous
+async def test_a_pad_that_fell_back_to_mouse_mode_is_enabled_again_but_not_faster_than_twice_a_second() -> None:
+    hid, listener, now_ns = FakeHid(node("mt2-usb")), Listener(), 0
+    source = hid_source(hid, clock_ns=lambda: now_ns)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    hid.features.get_nowait()
+    source.request_enable()
+    hid.waiting.put(b"\x02\x00\x01")
+    await listener.until(lambda: len(listener.reports) == 1)
+    hid.waiting.put(b"\x02\x00\x02")
+    await listener.until(lambda: len(listener.reports) == 2)
+    assert hid.features.empty()
+    now_ns = 500 * MS
+    assert hid.features.get(timeout=5) == b"\x02\x01"
+    await source.close()
 
 
 def test_the_thread_that_reads_is_the_one_that_closes_and_nothing_is_left() -> None:
@@ -331,7 +322,7 @@ def test_the_thread_that_reads_is_the_one_that_closes_and_nothing_is_left() -> N
     async def main() -> None:
         hid, listener = FakeHid(node("mt2-usb")), Listener()
         source = hid_source(hid)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
+        listener.listen(source)
         await listener.until(lambda: bool(listener.links))
         events = list(listener.events)
         await source.close()
@@ -391,9 +382,15 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return self.selector.t_s
 
 
-def run_in_virtual_time(main: Callable[[], object]) -> None:
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        runner.run(main())
+def in_virtual_time(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run a test coroutine on a VirtualTimeLoop."""
+
+    @functools.wraps(test)
+    def run(**fixtures: Any) -> None:
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            runner.run(test(**fixtures))
+
+    return run
 
 
 @pytest.fixture
@@ -411,71 +408,64 @@ def listening(path: Path) -> socket.socket:
     return server
 
 
-def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_path: Path) -> None:
-    async def main() -> None:
-        listener, source = Listener(), SocketTrackpad(rig_path, "mt2-bt", clock_ns=lambda: 77)
-        with listening(rig_path) as server:
-            source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-            await listener.until(lambda: bool(listener.links))
-            rig, _ = server.accept()
-        with rig:
-            assert rig.recv(64) == b"\xf1\x02\x01"
-            source.request_enable()
-            assert rig.recv(64) == b"\xf1\x02\x01"
-            for i in range(70):
-                rig.send(bytes((0x31, i)))
-            await listener.until(lambda: len(listener.reports) == 70)
-            assert [len(item) for item in listener.events if isinstance(item, list)] == [64, 6]
-            assert listener.reports == [RawReport(77, bytes((0x31, i))) for i in range(70)]
-            rig.send(b"\x31last")
+@in_virtual_time
+async def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_path: Path) -> None:
+    listener, source = Listener(), SocketTrackpad(rig_path, "mt2-bt", clock_ns=lambda: 77)
+    with listening(rig_path) as server:
+        listener.listen(source)
+        await listener.until(lambda: bool(listener.links))
+        rig, _ = server.accept()
+    with rig:
+        assert rig.recv(64) == b"\xf1\x02\x01"
+        source.request_enable()
+        assert rig.recv(64) == b"\xf1\x02\x01"
+        for i in range(70):
+            rig.send(bytes((0x31, i)))
+        await listener.until(lambda: len(listener.reports) == 70)
+        assert [len(item) for item in listener.events if isinstance(item, list)] == [64, 6]
+        assert listener.reports == [RawReport(77, bytes((0x31, i))) for i in range(70)]
+        rig.send(b"\x31last")
+    await listener.until(lambda: len(listener.links) == 2)
+    assert listener.events[-2:-1] == [[b"\x31last"]]
+    assert listener.links[1] == (
+        False,
+        f"the simulated trackpad at {rig_path} was lost (closed by the rig): reconnecting",
+    )
+    await source.close()
+
+
+@in_virtual_time
+async def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_path: Path) -> None:
+    loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
+    source.start(loop, listener.on_reports, listener.on_link)
+    await asyncio.sleep(10)
+    assert len(listener.links) == 1
+    assert not listener.links[0][0]
+    assert str(rig_path) in listener.links[0][1]
+    with listening(rig_path) as server:
+        t_listening_s = loop.time()
         await listener.until(lambda: len(listener.links) == 2)
-        assert listener.events[-2:-1] == [[b"\x31last"]]
-        assert listener.links[1] == (
-            False,
-            f"the simulated trackpad at {rig_path} was lost (closed by the rig): reconnecting",
-        )
-        await source.close()
-
-    run_in_virtual_time(main)
-
-
-def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_path: Path) -> None:
-    async def main() -> None:
-        loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
-        source.start(loop, listener.on_reports, listener.on_link)
-        await asyncio.sleep(10)
-        assert len(listener.links) == 1
-        assert not listener.links[0][0]
-        assert str(rig_path) in listener.links[0][1]
-        with listening(rig_path) as server:
-            t_listening_s = loop.time()
-            await listener.until(lambda: len(listener.links) == 2)
-            assert loop.time() - t_listening_s <= 1.0
-            server.accept()[0].close()
-        await listener.until(lambda: len(listener.links) == 3)
-        assert [is_up for is_up, _ in listener.links] == [False, True, False]
-        await source.close()
-        events = list(listener.events)
-        await asyncio.sleep(10)
-        assert listener.events == events
-
-    run_in_virtual_time(main)
+        assert loop.time() - t_listening_s <= 1.0
+        server.accept()[0].close()
+    await listener.until(lambda: len(listener.links) == 3)
+    assert [is_up for is_up, _ in listener.links] == [False, True, False]
+    await source.close()
+    events = list(listener.events)
+    await asyncio.sleep(10)
+    assert listener.events == events
 
 
-def test_the_rig_is_tried_again_after_a_quarter_a_half_and_then_every_second(
+@in_virtual_time
+async def test_the_rig_is_tried_again_after_a_quarter_a_half_and_then_every_second(
     rig_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried_s: list[float] = []
-
-    async def main() -> None:
-        loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
-        connect = source._connect
-        monkeypatch.setattr(source, "_connect", lambda: (tried_s.append(loop.time()), connect()))
-        source.start(loop, listener.on_reports, listener.on_link)
-        await asyncio.sleep(4)
-        await source.close()
-
-    run_in_virtual_time(main)
+    loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
+    connect = source._connect
+    monkeypatch.setattr(source, "_connect", lambda: (tried_s.append(loop.time()), connect()))
+    source.start(loop, listener.on_reports, listener.on_link)
+    await asyncio.sleep(4)
+    await source.close()
     assert tried_s == pytest.approx([0, 0.25, 0.75, 1.75, 2.75, 3.75])
 
 
@@ -496,65 +486,61 @@ def test_a_recording_reads_back_as_it_was_written(
     assert read_recording(path) == (model, reports)
 
 
-def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path) -> None:
     path = tmp_path / "touch.jsonl"
     t_recorded_ns = [5_000_000_000 + n for n in (0, 11_249_999, 11_250_000, 500_000_001)]
     write_recording(path, "mt2-bt", [RawReport(t, bytes((0x31, i))) for i, t in enumerate(t_recorded_ns)])
 
-    async def main() -> None:
-        loop, listener = asyncio.get_running_loop(), Listener()
-        source = ReplayTrackpad(path, clock_ns=lambda: 900 + round(loop.time() * 1e9))
-        assert source.model == "mt2-bt"
-        arrived_s: list[float] = []
+    loop, listener = asyncio.get_running_loop(), Listener()
+    source = ReplayTrackpad(path, clock_ns=lambda: 900 + round(loop.time() * 1e9))
+    assert source.model == "mt2-bt"
+    arrived_s: list[float] = []
 
-        def on_reports(reports: Sequence[RawReport]) -> None:
-            arrived_s.extend(loop.time() for _ in reports)
-            listener.on_reports(reports)
+    def on_reports(reports: Sequence[RawReport]) -> None:
+        arrived_s.extend(loop.time() for _ in reports)
+        listener.on_reports(reports)
 
-        source.start(loop, on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.links) == 2)
-        assert [report.t_host_ns - 900 for report in listener.reports] == [t - 5_000_000_000 for t in t_recorded_ns]
-        assert arrived_s == pytest.approx([0, 0.01125, 0.01125, 0.5], abs=1e-6)
-        assert listener.events[0] == (True, f"replay of 4 reports from {path}")
-        assert listener.events[-1] == (False, "replay ended")
-        await source.close()
-
-    run_in_virtual_time(main)
+    source.start(loop, on_reports, listener.on_link)
+    await listener.until(lambda: len(listener.links) == 2)
+    assert [report.t_host_ns - 900 for report in listener.reports] == [t - 5_000_000_000 for t in t_recorded_ns]
+    assert arrived_s == pytest.approx([0, 0.01125, 0.01125, 0.5], abs=1e-6)
+    assert listener.events[0] == (True, f"replay of 4 reports from {path}")
+    assert listener.events[-1] == (False, "replay ended")
+    await source.close()
 
 
-def test_what_fell_due_while_the_loop_was_busy_is_replayed_as_one_batch_and_speed_divides_time(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_what_fell_due_while_the_loop_was_busy_is_replayed_as_one_batch_and_speed_divides_time(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "touch.jsonl"
     write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, bytes((2, n))) for n in range(10)])
 
-    async def main() -> None:
-        loop, listener = asyncio.get_running_loop(), Listener()
-        assert isinstance(loop, VirtualTimeLoop)
-        source = ReplayTrackpad(path, speed=2.0, clock_ns=lambda: 0)
-        source.start(loop, listener.on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.reports) == 1)
-        loop.selector.t_s = 0.0351
-        await listener.until(lambda: len(listener.links) == 2)
-        batches = [len(item) for item in listener.events if isinstance(item, list)]
-        assert batches == [1, 7, 1, 1]
-        assert [report.t_host_ns for report in listener.reports] == [n * 5 * MS for n in range(10)]
-
-    run_in_virtual_time(main)
+    loop, listener = asyncio.get_running_loop(), Listener()
+    assert isinstance(loop, VirtualTimeLoop)
+    source = ReplayTrackpad(path, speed=2.0, clock_ns=lambda: 0)
+    source.start(loop, listener.on_reports, listener.on_link)
+    await listener.until(lambda: len(listener.reports) == 1)
+    loop.selector.t_s = 0.0351
+    await listener.until(lambda: len(listener.links) == 2)
+    batches = [len(item) for item in listener.events if isinstance(item, list)]
+    assert batches == [1, 7, 1, 1]
+    assert [report.t_host_ns for report in listener.reports] == [n * 5 * MS for n in range(10)]
 
 
-def test_a_closed_replay_sends_nothing_more(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_closed_replay_sends_nothing_more(tmp_path: Path) -> None:
     path = tmp_path / "touch.jsonl"
     write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, b"\x02") for n in range(10)])
 
-    async def main() -> None:
-        listener, source = Listener(), ReplayTrackpad(path)
-        source.start(asyncio.get_running_loop(), listener.on_reports, listener.on_link)
-        await listener.until(lambda: len(listener.reports) == 2)
-        await source.close()
-        await asyncio.sleep(1)
-        assert len(listener.reports) == 2
-        assert len(listener.links) == 1
-
-    run_in_virtual_time(main)
+    listener, source = Listener(), ReplayTrackpad(path)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.reports) == 2)
+    await source.close()
+    await asyncio.sleep(1)
+    assert len(listener.reports) == 2
+    assert len(listener.links) == 1
 
 
 HEADER = '{"model": "mt2-usb"}\n'

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from asynchronous import asynchronous
 
 from hapticd.io.host import realtime
 from hapticd.io.host.realtime import Granted, Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
@@ -87,16 +88,14 @@ def test_a_period_can_be_changed_from_within_a_tick() -> None:
 
 
 @pytest.mark.usefixtures("_each_timer")
-def test_a_closed_timer_ticks_no_more_and_holds_no_file() -> None:
-    async def story() -> None:
-        before = len(os.listdir("/proc/self/fd"))
-        timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: pytest.fail("it ticked"))
-        timer.close()
-        timer.close()
-        assert len(os.listdir("/proc/self/fd")) == before
-        await asyncio.sleep(0)
-
-    asyncio.run(story())
+@asynchronous
+async def test_a_closed_timer_ticks_no_more_and_holds_no_file() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: pytest.fail("it ticked"))
+    timer.close()
+    timer.close()
+    assert len(os.listdir("/proc/self/fd")) == before
+    await asyncio.sleep(0)
 
 
 @pytest.mark.usefixtures("_collector_left_as_it_was")
@@ -164,15 +163,13 @@ def test_each_collection_is_timed_until_it_is_closed() -> None:
 
 
 @pytest.mark.usefixtures("_each_timer")
-def test_the_first_tick_may_be_put_off() -> None:
-    async def story() -> None:
-        calls = asyncio.Event()
-        timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: calls.set())
-        t_begin_ns = time.monotonic_ns()
-        timer.set_period(MS, 30 * MS)
-        await asyncio.wait_for(calls.wait(), PATIENCE_S)
-        assert time.monotonic_ns() - t_begin_ns >= 30 * MS
-        assert timer.period_ns == MS
-        timer.close()
-
-    asyncio.run(story())
+@asynchronous
+async def test_the_first_tick_may_be_put_off() -> None:
+    calls = asyncio.Event()
+    timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: calls.set())
+    t_begin_ns = time.monotonic_ns()
+    timer.set_period(MS, 30 * MS)
+    await asyncio.wait_for(calls.wait(), PATIENCE_S)
+    assert time.monotonic_ns() - t_begin_ns >= 30 * MS
+    assert timer.period_ns == MS
+    timer.close()
