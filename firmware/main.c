@@ -18,8 +18,8 @@ static void watch_main_loop(void)
     }
 }
 
-/* Off whenever nobody asks for motion; on in time, for a drive begins with a ramp from zero. */
-static bool wants_amplifiers(void)
+/* Off without a drive; on in time, as a drive starts with a ramp from zero. */
+static bool amplifiers_needed(void)
 {
     return core.state == HD_STATE_LIVE || core.state == HD_STATE_TOOL || core.ramp > 0;
 }
@@ -31,7 +31,7 @@ static void control_tick(void)
     hd_tick(&core, board_now_us(), measured_um, voltage_v);
     hd_carrier_tune(&carrier, core.drive_hz);
     hd_carrier_drive(&carrier, voltage_v);
-    board_enable_amplifiers(wants_amplifiers());
+    board_enable_amplifiers(amplifiers_needed());
     watch_main_loop();
 }
 
@@ -51,7 +51,7 @@ void hd_on_missed_chunk(void)
     hd_carrier_drive(&carrier, silence_v);
 }
 
-static void listen_to_host(void)
+static void receive_from_host(void)
 {
     uint8_t bytes[PIECE];
     size_t n = board_read(bytes, sizeof bytes);
@@ -64,7 +64,7 @@ static void listen_to_host(void)
     }
 }
 
-/* Whether something waits may be read without the lock: what the interrupt asks for just now, the next round sends. */
+/* Pending messages may be checked without the lock: one added by the interrupt now is sent in the next round. */
 static void answer_host(void)
 {
     uint8_t frame[HD_TRANSMIT_MIN];
@@ -73,9 +73,9 @@ static void answer_host(void)
         return;
     }
     board_lock();
-    bool said = hd_say(&core, board_now_us(), &message);
+    bool has_message = hd_say(&core, board_now_us(), &message);
     board_unlock();
-    if (said) {
+    if (has_message) {
         board_write(frame, hd_message_encode(&message, frame));
     }
 }
@@ -99,14 +99,14 @@ int main(void)
     board_start(&config, &converters);
     bool samples = hd_carrier_init(&carrier, &converters);
     if (!samples) {
-        config.model[0].gain_um_per_v_s = 0.0f; /* the core refuses a plate that cannot be moved, and tells the host so */
+        config.model[0].gain_um_per_v_s = 0.0f; /* the core refuses a plate without gain, and reports it to the host */
     }
     hd_init(&core, &config, board_now_us());
     if (samples) {
         board_run();
     }
     for (;;) {
-        listen_to_host();
+        receive_from_host();
         answer_host();
         keep_log();
         came_round = true;

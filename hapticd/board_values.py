@@ -1,6 +1,7 @@
-"""The vocabulary between the service and its board: what is said to it, what it says, and how it is told its modes.
+"""The vocabulary of the board: commands to it, messages from it, and its calibration.
 
-Units and conventions are those of `hapticd.values`.
+Units and phasors as in `hapticd.values`; wrapped board times are 32-bit microseconds. Values are checked when a command
+is encoded or a message decoded.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import NamedTuple
 
 from .values import SafeDrive
 
-# --- what was measured of the plate's modes ---------------------------------------------------------------------
+# --- calibration ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class ModeCalibration:
-    """One mode as a sweep found it; `loop_phase_rad` is what amplifier, electrodes and sensor add to the loop."""
+    """One mode as measured by a sweep; `loop_phase_rad` is the phase of amplifier, electrodes and sensor."""
 
     mode: int
     frequency_hz: float
@@ -26,7 +27,7 @@ class ModeCalibration:
     loop_phase_rad: float
 
     def model(self, drive_hz: float) -> ModeModel:
-        """The same in the frame that rotates at `drive_hz`."""
+        """Return the same mode in the frame that rotates at `drive_hz`."""
         return ModeModel(
             decay_1_s=math.pi * self.frequency_hz / self.q_factor,
             detuning_rad_s=2.0 * math.pi * (self.frequency_hz - drive_hz),
@@ -35,24 +36,9 @@ class ModeCalibration:
         )
 
 
-# --- what is said to the board ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class HelloRequest:
-    """Who are you? The board zeroes its output and forgets earlier frames."""
-
-
-@dataclass(frozen=True, slots=True)
-class SelectController:
-    """Choose the board's control law: "pi" (the paper's four), "pi_ff" (feed-forward) or "deadbeat" (observer)."""
-
-    name: str
-
-
 @dataclass(frozen=True, slots=True)
 class ModeModel:
-    """One mode as the board's controller believes it to be; `loop` is the loop's constant phase as a unit phasor."""
+    """One mode as the board's controller models it; `loop` is the loop's constant phase as a unit phasor."""
 
     decay_1_s: float
     detuning_rad_s: float
@@ -60,9 +46,24 @@ class ModeModel:
     loop: complex
 
 
+# --- commands of the daemon -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class HelloRequest:
+    """Request the board's identity. The board zeroes its output and discards earlier frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class SelectController:
+    """Select the board's control law: "pi" (the paper's four), "pi_ff" (feed-forward) or "deadbeat" (observer)."""
+
+    name: str
+
+
 @dataclass(frozen=True, slots=True)
 class SetModel:
-    """What was measured of one mode, for the board to control it by."""
+    """Set the model by which the board controls one mode."""
 
     mode: int
     model: ModeModel
@@ -70,13 +71,13 @@ class SetModel:
 
 @dataclass(frozen=True, slots=True)
 class TimeRequest:
-    """Asks for the board's clock; the stamp comes back."""
+    """Request the board's clock; the answer repeats the stamp."""
 
     t_host_ns: int
 
 
 class ReferenceFrame(NamedTuple):
-    """A numbered drive with its start on the board's wrapped microsecond clock."""
+    """A numbered drive with its start on the board's wrapped clock."""
 
     seq: int
     t_apply_us: int
@@ -85,7 +86,7 @@ class ReferenceFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class KeepAlive:
-    """The host lives and frame `seq` stands."""
+    """Reset the dead-man timer: frame `seq` stays valid."""
 
     seq: int
 
@@ -97,22 +98,21 @@ class ClearFault:
 
 BoardCommand = HelloRequest | SelectController | SetModel | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
 
-
-# --- what the board says ------------------------------------------------------------------------------------------
+# --- messages to the daemon -------------------------------------------------------------------------------------
 
 
 class BoardState(Enum):
-    """The firmware's own state. Values are those on the wire."""
+    """The firmware's state. Values are those on the wire."""
 
     QUIET = 0  # no trusted stream of frames: output ramped to zero
     LIVE = 1  # following references
-    FAULT = 2  # latched: silent until cleared
-    TOOL = 3  # a sweep or a raw voltage of a person's drives the plate
+    FAULT = 2  # latched: no output until cleared
+    TOOL = 3  # a sweep or raw voltage drives the plate
 
 
 @dataclass(frozen=True, slots=True)
 class BoardHello:
-    """What the board says of itself at the handshake."""
+    """The board's identity, rates and limits, sent at the handshake."""
 
     protocol_version: int
     protocol_hash: int
@@ -128,10 +128,10 @@ class BoardHello:
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """The board's report after each reference frame and ten times a second otherwise.
+    """The board's report after each reference frame, and ten times a second otherwise.
 
-    Times are the board's wrapped 32-bit microseconds. `seq` is the last accepted frame, `t_received_us` when it
-    came, `t_applied_us` when its first knot took effect (0 and `applied` False while it is pending).
+    Times are wrapped board times. `seq` is the last accepted frame, `t_received_us` its arrival, `t_applied_us` when
+    its first knot took effect (0 and `applied` False while it is pending).
     """
 
     t_board_us: int
@@ -152,7 +152,7 @@ class BoardStatus:
 
 @dataclass(frozen=True, slots=True)
 class BoardTime:
-    """Answer to a time request: the host's stamp given back, and the board's clock at receipt and at reply."""
+    """Answer to a time request: the host's stamp, and the board's clock at receipt and at reply."""
 
     t_host_ns: int
     t_received_us: int
@@ -160,3 +160,146 @@ class BoardTime:
 
 
 BoardMessage = BoardHello | BoardStatus | BoardTime
+
+# --- commands of the bench tools --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class SetGains:
+    """Select a control law and its gains; None keeps the firmware's default."""
+
+    law: str
+    bandwidth_1_s: float | None = None
+    integral_time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerRequest:
+    """Request the active law, gains and mode models."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Drive one mode open loop with `voltage_v` at `points` frequencies, for `dwell_ms` each."""
+
+    mode: int
+    start_hz: float
+    stop_hz: float
+    points: int
+    dwell_ms: int
+    voltage_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class RawVoltage:
+    """Apply a voltage to one amplifier, open loop, for `duration_ms`; repeating the command extends it."""
+
+    mode: int
+    voltage_v: complex
+    duration_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetTelemetry:
+    """Stream samples of the control tick, at most `rate_hz` a second; 0 stops the stream."""
+
+    rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogRequest:
+    """Request the cause of the last reset and the event log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Stop a sweep or raw voltage."""
+
+
+ToolCommand = SetGains | ControllerRequest | Sweep | RawVoltage | SetTelemetry | LogRequest | Stop
+
+# --- messages to the bench tools --------------------------------------------------------------------------------
+
+
+class Verdict(Enum):
+    """The result of a command. Values are those on the wire."""
+
+    DONE = 0
+    OUT_OF_RANGE = 1
+    NOT_QUIET = 2  # the board is busy or has a fault
+
+
+@dataclass(frozen=True, slots=True)
+class BoardVerdict:
+    """The board's answer to the command of message type `request`."""
+
+    request: int
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class BoardController:
+    """The active control law. `law` is None for a number that this version does not know."""
+
+    law: str | None
+    bandwidth_1_s: float
+    integral_time_s: float
+    models: tuple[ModeModel, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SweepPoint:
+    """Mean amplitudes of all modes with `voltage_v` on the d axis of the amplifier of `mode`."""
+
+    index: int
+    points: int
+    mode: int
+    frequency_hz: float
+    voltage_v: float
+    measured_um: tuple[complex, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ModeSample:
+    """One mode in one control tick, with the observer's estimates of decay and detuning."""
+
+    reference_um: complex
+    measured_um: complex
+    voltage_v: complex
+    decay_1_s: float
+    detuning_rad_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetrySample:
+    """One control tick. `dropped` counts the samples of this stream lost before it."""
+
+    t_board_us: int
+    dropped: int
+    state: BoardState
+    saturated: bool
+    limited: bool
+    modes: tuple[ModeSample, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One logged event; `mode` is None where no single mode is concerned, `value` is the measurement."""
+
+    t_board_us: int
+    boot_id: int
+    code: int
+    mode: int | None
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class BoardLog:
+    """The cause of the last reset, and the newest of the `events` ever logged, oldest first."""
+
+    reset_cause: int
+    events: int
+    entries: tuple[LogEntry, ...]
+
+
+ToolMessage = BoardVerdict | BoardController | SweepPoint | TelemetrySample | BoardLog

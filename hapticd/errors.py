@@ -1,26 +1,26 @@
-"""What can go wrong, named by what happened. Every message is one sentence: what, where, what to do."""
+"""Errors of hapticd. Every message is one sentence: what is wrong, where, what to do."""
 
 
 class HapticdError(Exception):
-    """Root of all errors that hapticd raises for its user. `exit_code` is the process's (sysexits.h)."""
+    """Base class of all errors reported to the user. `exit_code` is that of the process (sysexits.h)."""
 
     exit_code = 1
 
 
 class UsageError(HapticdError):
-    """An argument of a command cannot be."""
+    """A command has an invalid argument."""
 
     exit_code = 2
 
 
 class ConfigError(HapticdError):
-    """A configuration file has an unknown key, a wrong type, a value out of bounds or names a missing file."""
+    """A configuration file has an unknown key, a wrong type, a value out of bounds or a missing file."""
 
     exit_code = 78  # EX_CONFIG
 
 
 class ModesError(HapticdError):
-    """A mode-shape file cannot be read or does not describe mode shapes."""
+    """A mode map cannot be read or is invalid."""
 
 
 class DeviceError(HapticdError):
@@ -28,7 +28,7 @@ class DeviceError(HapticdError):
 
 
 class SweepEndedError(DeviceError):
-    """The board ended a sweep before its last point: it has a fault, or did not hear from us for too long."""
+    """The board ended a sweep before its last point: it has a fault, or its dead-man timed out."""
 
 
 class TrackpadError(HapticdError):
@@ -36,7 +36,7 @@ class TrackpadError(HapticdError):
 
 
 class CalibrationError(HapticdError):
-    """A measurement cannot be used as it is: its file, its arguments or what it shows."""
+    """A measurement cannot be used: its file, arguments or result is invalid."""
 
     exit_code = 2
 
@@ -44,25 +44,25 @@ class CalibrationError(HapticdError):
 class AlreadyRunningError(HapticdError):
     """Another daemon holds the runtime directory."""
 
-    exit_code = 75  # EX_TEMPFAIL: try again when the other one has ended
+    exit_code = 75  # EX_TEMPFAIL: retry when the other daemon has ended
 
 
 class RequestError(HapticdError):
-    """A client's message was refused; the text is sent back to it."""
+    """A client's message was refused; the text is sent to the client."""
 
 
 class RecordingError(HapticdError):
-    """A recording cannot be read, replayed or written, or is asked for what it does not hold."""
+    """A recording cannot be read, replayed or written, or lacks the requested data."""
 
     exit_code = 2
 
 
 class SimulationError(HapticdError, ValueError):
-    """A simulated run is asked for that cannot be: unknown scenario or setting, or a value out of bounds."""
+    """A simulated run has an unknown scenario or setting, or a value out of bounds."""
 
     exit_code = 64  # EX_USAGE
 
 
 def reason(error: Exception) -> str:
-    """What the system says of it; number and file are left to the sentence around it."""
+    """Return the system's message without error number and file name."""
     return str(getattr(error, "strerror", None) or error)

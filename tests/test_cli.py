@@ -111,7 +111,7 @@ def test_an_unknown_key_is_one_sentence_that_names_file_and_nearest_key(
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("[sim]\nscenario = 'dance'\n", "'dance' is none of strokes"),
+        ("[sim]\nscenario = 'dance'\n", "'dance' is not one of strokes"),
         ("[limits]\nw_limit_um = [4.0, 4.0, 4.0]\n", "has 3 limits for a plate of 2 modes"),
         ("[trackpad\n", "not valid TOML"),
     ],

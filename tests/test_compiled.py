@@ -20,7 +20,7 @@ from hapticd.compiled import SourceFinder, why_interpreted
 from hapticd.compiled.build_ext import touch_path
 from hapticd.config.sections import Config
 from hapticd.daemon.machine import Machine
-from hapticd.sim.scenarios import SCENARIOS
+from hapticd.sim.fingers.scenarios import SCENARIOS
 
 ROOT = Path(__file__).parents[1]
 MODULES = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in touch_path(ROOT)]

@@ -26,7 +26,13 @@ print(*sorted(sys.modules))
 
 NOT_NEEDED = (
     *("scipy", "matplotlib", "numpy.ma", "numpy.fft", "numpy.random", "numpy.polynomial"),
-    *("hapticd.design", "hapticd.bench", "hapticd.tools.firmware", "hapticd.sim.lockstep", "hapticd.sim.plate.truth"),
+    *(
+        "hapticd.design",
+        "hapticd.bench",
+        "hapticd.tools.firmware",
+        "hapticd.sim.lockstep",
+        "hapticd.sim.plate.ground_truth",
+    ),
     *("email", "http", "xml", "unittest", "sqlite3", "multiprocessing", "ssl", "_ssl", "_hashlib"),
     *("mcap", "lz4", "zstandard"),  # of a recording, where one is configured
 )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.world import World
 
 STEP_TICKS = 4  # 2 ms
@@ -99,7 +99,7 @@ def in_virtual_time(what: Coroutine[Any, Any, Any]) -> Any:
 class PlateLink(BoardLink):
     """The same before the simulated plate's whole truth: neighbouring modes, crosstalk, noise."""
 
-    def __init__(self, plate: PlateTruth) -> None:
+    def __init__(self, plate: GroundTruth) -> None:
         super().__init__()
         w_limit_um = (plate.settings.w_limit_um,) * 2
         self.world = World((), plate, w_limit_um=w_limit_um, seed=1, boot_id=7, keep=False)

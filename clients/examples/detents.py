@@ -1,6 +1,6 @@
-"""A slider on the glass: along its track a finger slips from detent to detent, and sticks at each for a moment.
+"""A slider with detents: along its track a finger slips between sticky detents.
 
-Beside the track the glass is bare, so that the finger feels where it runs.
+Outside the track the glass is bare, so that its edges can be felt.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from hapticd_client import Client, HapticdError, Map
 
 PLATE_MM = 137.5
 PIXELS = 128  # 1.07 mm each
-TRACK_MM = 100.0  # its length, between the outermost detents
+TRACK_MM = 100.0  # between the outermost detents
 HALF_WIDTH_MM = 12.0
-DETENT_MM = 3.0  # how much of the way a detent is sticky
+DETENT_MM = 3.0  # width of a detent
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -41,31 +41,31 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def slider_map(detents: int, high_um: float) -> Map:
-    """The track as amplitudes: slippery but for the detents, and bare glass beside it."""
+    """Return the track as amplitudes: slippery except at the detents, bare glass outside."""
     track_um = [high_um * is_slippery(x_mm, detents) for x_mm in middles_mm()]
     bare_um = [0.0] * PIXELS
     return Map.from_um([track_um if abs(y_mm) <= HALF_WIDTH_MM else bare_um for y_mm in middles_mm()])
 
 
 def middles_mm() -> list[float]:
-    """Where the middles of the pixels lie, from -x to +x; the same, as the track is symmetric, along y."""
+    """Return the centres of the pixels from -x to +x; the same along y, as the track is symmetric."""
     return [((pixel + 0.5) / PIXELS - 0.5) * PLATE_MM for pixel in range(PIXELS)]
 
 
 def is_slippery(x_mm: float, detents: int) -> bool:
-    """On the way from one detent to the next."""
+    """Return whether the position lies between two detents."""
     pitch_mm = TRACK_MM / (detents - 1)
     from_detent_mm = abs(x_mm - (-TRACK_MM / 2 + nearest(x_mm, detents) * pitch_mm))
     return DETENT_MM / 2 < from_detent_mm <= pitch_mm / 2
 
 
 def nearest(x_mm: float, detents: int) -> int:
-    """The detent nearest to a place: from 0, at the left."""
+    """Return the index of the nearest detent, 0 at the left."""
     return min(max(round((x_mm / TRACK_MM + 0.5) * (detents - 1)), 0), detents - 1)
 
 
 def serve(plate: Client, slider: Map, detents: int, end_s: float) -> None:
-    """Put every finger that lands on the slider, and print each detent that it comes to."""
+    """Give every finger that lands the slider, and print each detent that it reaches."""
     at: dict[tuple[int, int | str], int] = {}
     for state in plate.states():
         for finger in state.fingers:

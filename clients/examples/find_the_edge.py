@@ -1,7 +1,7 @@
-"""A game for two fingers: somewhere the glass turns from slippery to sticky. Catch that edge between your fingers!
+"""A game for two fingers: catch the hidden edge between a slippery and a sticky half of the plate.
 
-Left of the edge the plate is slippery, right of it sticky, for each finger by itself. When one is on either side of it
-and they are close enough together, the edge is caught, and another one is hidden.
+The plate is slippery left of the edge and sticky right of it. The edge is caught when one finger is on either side and
+they are close enough together; then another edge is hidden.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from hapticd_client import Client, FingerState, HapticdError, Map, RefusedError
 
 PLATE_MM = 137.5
 PIXELS = 128
-REACH_MM = 40.0  # edges lie within this distance of the plate's middle
-MAX_APART_MM = 60.0  # wherever caught fingers are, there is room for the next edge
+REACH_MM = 40.0  # largest distance of an edge from the plate's centre
+MAX_APART_MM = 60.0  # leaves room for the next edge outside the fingers
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -25,11 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         epilog="example: hapticd run --sim &  python find_the_edge.py --apart-mm 30",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--apart-mm", type=float, default=25.0, help="how close together is enough (%(default)s mm)")
-    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude where it slips (%(default)s um)")
-    parser.add_argument("--seed", type=int, help="of where edges are hidden (default: none, so always others)")
+    parser.add_argument("--apart-mm", type=float, default=25.0, help="largest distance of the fingers (%(default)s mm)")
+    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude of the slippery half (%(default)s um)")
+    parser.add_argument("--seed", type=int, help="seed of the hidden edges (default: random)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
-    parser.add_argument("--seconds", type=float, default=60.0, help="how long a game takes (%(default)s)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="length of the game (%(default)s)")
     options = parser.parse_args(arguments)
     if not 0 < options.apart_mm <= MAX_APART_MM:
         parser.error(f"--apart-mm: {options.apart_mm:g} is out of bounds, give 0 .. {MAX_APART_MM:g}.")
@@ -44,8 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def play(plate: Client, apart_mm: float, high_um: float, rng: random.Random, seconds: float) -> None:
-    """Hide edge after edge until the time is over, and tell the score."""
-    print(f"Two fingers on the plate: catch the edge, {apart_mm:g} mm apart or less. {seconds:g} s from now!")
+    """Hide one edge after the other until the time is over, then print the score."""
+    print(f"Two fingers on the plate: catch the edge, at most {apart_mm:g} mm apart, within {seconds:g} s!")
     edge_mm, caught = rng.uniform(-REACH_MM, REACH_MM), 0
     t_hidden_s = time.monotonic()
     end_s = t_hidden_s + seconds
@@ -68,7 +68,7 @@ def play(plate: Client, apart_mm: float, high_um: float, rng: random.Random, sec
 
 
 def hide(plate: Client, finger: FingerState, edge_mm: float, high_um: float) -> None:
-    """Let a finger feel where the edge is; another program's fingers do not play."""
+    """Set the edge for a finger; fingers of other clients do not take part."""
     slippery = round((edge_mm / PLATE_MM + 0.5) * PIXELS)
     try:
         plate.set(finger, map=Map([[255] * slippery + [0] * (PIXELS - slippery)], high_um))
@@ -77,7 +77,7 @@ def hide(plate: Client, finger: FingerState, edge_mm: float, high_um: float) -> 
 
 
 def is_caught(fingers: Sequence[FingerState], edge_mm: float, apart_mm: float) -> bool:
-    """Two fingers, close together, and the edge between them."""
+    """Return whether the edge is between two fingers that are close together."""
     if len(fingers) != 2:
         return False
     left_mm, right_mm = sorted(finger.x_mm for finger in fingers)
@@ -85,7 +85,7 @@ def is_caught(fingers: Sequence[FingerState], edge_mm: float, apart_mm: float) -
 
 
 def elsewhere(rng: random.Random, fingers: Sequence[FingerState]) -> float:
-    """A place for the next edge that is not between these fingers already."""
+    """Return a position for the next edge that is not between these fingers."""
     left_mm, right_mm = sorted(finger.x_mm for finger in fingers)
     while left_mm < (edge_mm := rng.uniform(-REACH_MM, REACH_MM)) < right_mm:
         pass

@@ -1,4 +1,4 @@
-"""Stripes to stroke across: every finger feels a grating, slippery and sticky in turn."""
+"""A grating: every finger feels alternating slippery and sticky stripes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, epilog="example: hapticd run --sim &  python grating.py --period-mm 4 --angle-deg 45"
     )
-    parser.add_argument("--period-mm", type=float, default=8.0, help="from stripe to stripe (%(default)s mm)")
+    parser.add_argument("--period-mm", type=float, default=8.0, help="period of the stripes (%(default)s mm)")
     parser.add_argument("--high-um", type=float, default=1.5, help="amplitude of a slippery stripe (%(default)s um)")
     parser.add_argument("--angle-deg", type=float, default=0.0, help="0: across x; anticlockwise (%(default)s)")
     parser.add_argument("--duty", type=float, default=0.0, help="slippery share of a square wave; 0: a sine")
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def serve(plate: Client, grating: Grating, end_s: float) -> None:
-    """Put every finger that lands on the grating."""
+    """Give every finger that lands the grating."""
     landed = set()
     for state in plate.states():
         for finger in state.fingers:

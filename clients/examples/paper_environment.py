@@ -1,6 +1,6 @@
-"""The paper's environment on both halves of the plate: left fingers slip on 1 um, right ones stick on still glass.
+"""The paper's environment on both halves of the plate: left fingers slip at 1 um, right ones stick on still glass.
 
-A finger keeps what the side it landed on gave it, so that two fingers may cross and still feel different.
+A finger keeps the target of the side where it landed, so that two fingers may cross.
 """
 
 from __future__ import annotations

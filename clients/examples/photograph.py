@@ -1,6 +1,6 @@
-"""A picture to feel: where it is bright the plate is slippery, where it is dark it is sticky.
+"""A tactile picture: slippery where it is bright, sticky where it is dark.
 
-Without a picture the plate feels like a ball lit from the upper left.
+Without a picture file it shows a ball lit from the upper left.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         epilog="example: hapticd run --sim &  python photograph.py portrait.jpg --high-um 2",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("picture", nargs="?", type=Path, help="any file that Pillow reads; its middle square is felt")
-    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude where it is white (%(default)s um)")
-    parser.add_argument("--negative", action="store_true", help="the dark is slippery")
+    parser.add_argument("picture", nargs="?", type=Path, help="any file that Pillow reads; its middle square is used")
+    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude of white (%(default)s um)")
+    parser.add_argument("--negative", action="store_true", help="make dark parts slippery")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def ball() -> list[list[int]]:
-    """Grey levels of a matt ball: the cosine between each place's normal and the light."""
+    """Return grey levels of a matt ball: the cosine between surface normal and light."""
     middle, radius = (SIDE - 1) / 2, 0.45 * SIDE
     levels = []
     for row in range(SIDE):
@@ -57,7 +57,7 @@ def ball() -> list[list[int]]:
 
 
 def serve(plate: Client, picture: Map, end_s: float) -> None:
-    """Put every finger that lands on the picture, and print how bright it is there and what that gives."""
+    """Give every finger that lands the picture, and print positions and targets."""
     landed = set()
     next_line_s = time.monotonic()
     for state in plate.states():

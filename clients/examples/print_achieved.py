@@ -1,4 +1,4 @@
-"""What each finger should get and what it gets, line by line; `!` marks lines where a mode met its limit."""
+"""Print target and achieved amplitude of each finger; `!` marks lines where a mode reached its limit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def show(plate: Client, every_s: float, end_s: float) -> None:
-    """Print the newest state now and then; those in between are dropped where they arrive."""
+    """Print the newest state periodically; those in between are dropped."""
     next_line_s = time.monotonic()
     for state in plate.states():
         now_s = time.monotonic()
@@ -40,13 +40,13 @@ def show(plate: Client, every_s: float, end_s: float) -> None:
 
 
 def line(state: PlateState) -> str:
-    """One state as text: asked -> achieved for every finger that somebody wants something for."""
+    """Format one state: target -> achieved for every finger with a target."""
     fingers = [
         f"{finger.id}: {finger.target_um:.2f} -> {finger.achieved_um:.2f} um"
         for finger in state.fingers
         if finger.target_um is not None and finger.achieved_um is not None
     ]
-    return f"{'!' if state.limited else ' '} {state.state:7} {'   '.join(fingers) or 'nothing wanted'}"
+    return f"{'!' if state.limited else ' '} {state.state:7} {'   '.join(fingers) or 'no targets'}"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""The paper's study: a virtual finger walks a straight line and the user explores the plate.
+"""The paper's study: a virtual finger moves along a line while the user explores the plate.
 
-The user's fingers slip and the virtual finger sticks, or with --swap the other way round.
+The user's fingers slip and the virtual finger sticks; --swap exchanges the two.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--swap", action="store_true", help="the user's fingers stick, the virtual one slips")
-    parser.add_argument("--speed", type=float, default=50.0, help="of the virtual finger (%(default)s mm/s)")
+    parser.add_argument("--speed", type=float, default=50.0, help="speed of the virtual finger (%(default)s mm/s)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def serve(plate: Client, user_um: float, end_s: float) -> None:
-    """Give every finger of the user's the same amplitude."""
+    """Give every finger of the user the same amplitude."""
     landed = set()
     for state in plate.states():
         for finger in state.fingers:

@@ -18,7 +18,7 @@
 
 _Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 _Static_assert((int64_t)HD_CHUNK * 2048 * HD_SINE_ONE <= INT32_MAX, "a chunk's sums fit 32 bits");
-_Static_assert(HD_CHUNK % 2 == 0, "neighbours are added up");
+_Static_assert(HD_CHUNK % 2 == 0, "neighbouring samples are added in pairs");
 
 static bool positive(float value)
 {
@@ -123,7 +123,7 @@ void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODE
 }
 
 /* Modes are worked on in pairs, one word per instant as in the registers of a dual DAC and ADC. The last of an odd
- * number of modes has a partner that is silent. */
+ * number of modes has a partner with amplitude zero. */
 static inline uint32_t sample_pair(const uint16_t in[HD_MODES], int k)
 {
     return (k + 1 < HD_MODES ? hd_load_pair(in + k) : in[k] | HD_MID_RAIL << 16) >> LSB_SHIFT;
@@ -138,7 +138,7 @@ static inline void put_sample_pair(uint16_t out[HD_MODES], int k, uint32_t pair)
     }
 }
 
-static void speak_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint16_t out[HD_CHUNK][HD_MODES])
+static void synthesise_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint16_t out[HD_CHUNK][HD_MODES])
 {
     const uint32_t low_level = level[0], high_level = level[1];
     uint32_t phase = at.phase + HD_SINE_ROUNDING;
@@ -155,7 +155,7 @@ static void speak_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint
 void hd_carrier_speak(hd_carrier_t *carrier, uint16_t out[HD_CHUNK][HD_MODES])
 {
     for (int k = 0; k < HD_MODES; k += 2) {
-        speak_pair(carrier->spoken, carrier->level + k, k, out);
+        synthesise_pair(carrier->spoken, carrier->level + k, k, out);
     }
     carrier->played[1] = carrier->spoken;
     advance(&carrier->spoken);
@@ -168,11 +168,11 @@ static void add_sums(hd_sums_t *sums, int32_t cosine, int32_t minus_sine, int32_
     sums->plain += (float)plain;
 }
 
-static void listen_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16_t in[HD_CHUNK][HD_MODES], int k)
+static void demodulate_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16_t in[HD_CHUNK][HD_MODES], int k)
 {
     int32_t low_cosine = 0, low_minus_sine = 0, low_plain = 0;
     int32_t high_cosine = 0, high_minus_sine = 0, high_plain = 0;
-    uint32_t phase = at.phase + at.step / 2u + HD_SINE_ROUNDING; /* half-way from one neighbour to the other */
+    uint32_t phase = at.phase + at.step / 2u + HD_SINE_ROUNDING; /* half-way between two neighbouring samples */
     const uint16_t (*end)[HD_MODES] = in + HD_CHUNK;
     #pragma GCC unroll 5 /* as there */
     for (; in != end; in += 2) {
@@ -201,7 +201,7 @@ bool hd_carrier_listen(hd_carrier_t *carrier, const uint16_t in[HD_CHUNK][HD_MOD
         carrier->tick_phase = carrier->played[0].phase;
     }
     for (int k = 0; k < HD_MODES; k += 2) {
-        listen_pair(carrier->sums + k, carrier->played[0], in, k);
+        demodulate_pair(carrier->sums + k, carrier->played[0], in, k);
     }
     carrier->played[0] = carrier->played[1];
     carrier->chunks++;

@@ -1,7 +1,7 @@
 /* Between samples and phasors: what the converters carry at 1 MHz, and what the controller thinks of it at its tick.
  *
  * One oscillator serves both directions. Output: v(t) = V_d cos(wt) - V_q sin(wt) around mid-rail, per mode. Input: the
- * least squares of the same three functions (cos, -sin, 1) over a control tick. Two neighbours are added up before they
+ * least squares of the same three functions (cos, -sin, 1) over a control tick. Pairs of samples are added before they
  * are multiplied: half the products, for 1 - cos(w / 2 MHz) of the signal in the noise, 0.4 % at 29 kHz. Samples are
  * integers; sums over a chunk are exact, and what follows is float32 in a fixed order: every machine gives the same bits.
  *
@@ -16,7 +16,7 @@
  *     hd_carrier_speak(&carrier, out);
  *
  * and `out` is played after the chunk that is being played now: the new voltage appears HD_CHUNK samples after the end
- * of the measured tick. The chunk just sampled is thus two older than the one spoken; the first two that a board plays
+ * of the measured tick. The chunk just sampled is thus two older than the next output; the first two that a board plays
  * are mid-rail.
  *
  * An amplitude W or V is that of the phasor, wherever it is read from the signal: with W in um peak to peak, as
@@ -37,8 +37,8 @@
 #define HD_MID_RAIL 0x8000u   /* what stands for 0 in the converters */
 #define HD_PAIRED_MODES ((HD_MODES + 1) / 2 * 2)
 
-/* A turn within a chunk at least: fewer samples of a turn could not tell its amplitude from an offset. Eight samples to
- * a turn at least: neighbours that are added up must not be of opposite signs. */
+/* A turn within a chunk at least: with fewer, amplitude and offset are indistinguishable. Eight samples to
+ * a turn at least: neighbouring samples that are added must not have opposite signs. */
 #define HD_DRIVE_MIN_HZ 20000.0f
 #define HD_DRIVE_MAX_HZ 125000.0f
 
@@ -56,7 +56,7 @@ typedef struct {
     uint32_t step;
 } hd_oscillation_t;
 
-/* Over pairs x of neighbours added up, in steps of the converter: sum of x cos, of -x sin, and of x. */
+/* Over sums x of two neighbouring samples, in steps of the converter: sum of x cos, of -x sin, and of x. */
 typedef struct {
     hd_phasor_t product;
     float plain;
@@ -72,7 +72,7 @@ typedef struct {
 
 typedef struct {
     hd_converters_t converters;      /* with the drive as it is now */
-    hd_oscillation_t spoken;         /* of the next chunk to be put out */
+    hd_oscillation_t spoken;         /* of the next output chunk */
     hd_oscillation_t played[2];      /* of the chunk being sampled, and of the next */
     uint32_t level[HD_PAIRED_MODES]; /* V_d and V_q as hd_pair, in 1/16 of a step of the converter */
 
@@ -95,7 +95,7 @@ bool hd_carrier_listen(hd_carrier_t *carrier, const uint16_t in[HD_CHUNK][HD_MOD
 void hd_carrier_measure(const hd_carrier_t *carrier, hd_phasor_t measured_um[HD_MODES]);
 
 /* Another frequency from the next chunk on; the phase goes on without a jump. Out of range, the old one stays. The tick
- * in which the change is heard is measured as if it were all of the new frequency. */
+ * in which the change arrives is measured as if it had the new frequency throughout. */
 void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz);
 
 /* The voltages to synthesise from the next chunk on: each axis rounded to 1/16 of a step, each sample to a step. What
@@ -105,7 +105,7 @@ void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODE
 /* Fills the next chunk. */
 void hd_carrier_speak(hd_carrier_t *carrier, uint16_t out[HD_CHUNK][HD_MODES]);
 
-/* round(f / HD_SAMPLE_HZ 2^32), exactly: 0.23 mHz fine, finer than float32 tells above 4096 Hz. */
+/* round(f / HD_SAMPLE_HZ 2^32), exactly: 0.23 mHz fine, finer than float32 above 4096 Hz. */
 uint32_t hd_oscillator_step(float drive_hz);
 
 #endif

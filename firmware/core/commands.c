@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* What a person asked for is answered, well-formed as it was. Of several answers to one kind of command the first
+/* Answers a well-formed command. Of several answers to one kind of command the first
  * refusal is the one that is sent: a later success must not hide it. */
 static void answer(hd_core_t *core, enum hd_message request, enum hd_verdict verdict)
 {

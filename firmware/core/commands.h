@@ -4,7 +4,7 @@
 
 #include "core.h"
 
-/* Outside the lock: the design that the command asks for, if its figures are in range. */
+/* Outside the lock: computes the requested design, if its values are in range. */
 void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload);
 void hd_prepare_set_model(hd_core_t *core, const uint8_t *payload);
 

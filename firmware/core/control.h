@@ -4,9 +4,9 @@
  *   plate            dW/dt = (-sigma + j delta) W - j g V          u = -j V, so that u drives W in phase
  *   HD_LAW_PI        u = kp e + ki integral(e),  e = r - W         the paper's four independent controllers
  *   HD_LAW_PI_FF     the same on e = x - W, plus (x' + (sigma - j delta) x) / g and (j delta / g) e
- *   HD_LAW_DEADBEAT  u such that W will be x' + p (W^ - x), for W^ and the disturbance that an observer tells
+ *   HD_LAW_DEADBEAT  u such that W will be x' + p (W^ - x), for W^ and the disturbance estimated by an observer
  *
- * x is the reference made feasible: it moves straight towards the asked amplitudes, all modes by the same fraction, as
+ * x is the reference made feasible: it moves straight towards the reference amplitudes, all modes by the same fraction, as
  * fast as the amplifiers can drive the plate. So a step keeps the node under a still finger where it is. PI_FF knows
  * the nominal plate only and leaves the rest to its integrals; DEADBEAT plans with the disturbance as observed, holds
  * no integral of an error, and so has nothing to wind up when the voltage saturates.
@@ -47,7 +47,7 @@ typedef struct {
     float pole;            /* p of DEADBEAT */
     float integral_frac;   /* ki / kp of a tick */
     float ticks_per_s;
-    uint32_t lookahead_us; /* how far ahead of the tick the law wants its reference: the end of the voltage hold */
+    uint32_t lookahead_us; /* lead of the law's reference before the tick: the end of the voltage hold */
     hd_observer_design_t observer[HD_MODES];
 } hd_design_t;
 
@@ -72,7 +72,7 @@ void hd_control_reset(hd_control_t *control);
 
 hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode);
 
-/* One tick. Writes the voltages, each |V_k| <= v_limit_v; true if the plate cannot follow for want of voltage. */
+/* One tick. Writes the voltages, each |V_k| <= v_limit_v; true if the voltage limit keeps the plate from following. */
 bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
                      const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t voltage_v[HD_MODES]);
 

@@ -7,9 +7,9 @@
 static hd_phasor_t staying_v(const hd_loop_t *loop, const hd_observer_design_t *design, float pole)
 {
     const hd_observer_t *observer = &loop->observer;
-    hd_phasor_t wanted_um = hd_add(hd_scale(1.0f - pole, loop->x_um[0]), hd_scale(pole, observer->w_um));
-    hd_phasor_t way_um = hd_sub(wanted_um, hd_mul(design->keep, observer->w_um));
-    return hd_sub(hd_mul(way_um, design->push_v_per_um), observer->disturbance_v);
+    hd_phasor_t target_um = hd_add(hd_scale(1.0f - pole, loop->x_um[0]), hd_scale(pole, observer->w_um));
+    hd_phasor_t step_um = hd_sub(target_um, hd_mul(design->keep, observer->w_um));
+    return hd_sub(hd_mul(step_um, design->push_v_per_um), observer->disturbance_v);
 }
 
 /* Factor that brings the references to where the amplifiers can hold the plate as it has turned out to be. */
@@ -39,9 +39,9 @@ bool hd_law_deadbeat(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t *x_um = &control->loop[k].x_um[0];
         *x_um = hd_on_the_way(*x_um, goal_um[k], fraction);
-        hd_phasor_t wanted_v = hd_add(stay_v[k], hd_scale(fraction, move_v[k]));
-        saturated |= !hd_within(wanted_v, v_limit_v);
-        u_v[k] = hd_limit_magnitude(wanted_v, v_limit_v);
+        hd_phasor_t target_v = hd_add(stay_v[k], hd_scale(fraction, move_v[k]));
+        saturated |= !hd_within(target_v, v_limit_v);
+        u_v[k] = hd_limit_magnitude(target_v, v_limit_v);
     }
     return saturated;
 }

@@ -1,5 +1,5 @@
 /* The control laws behind hd_control_step. Each writes u, in phase with what it drives, with |u_k| <= v_limit_v, and
- * returns true if that is less than it wanted. The observers have taken the measurement before. */
+ * returns true if the limit reduced it. The observers have been updated before. */
 #ifndef HD_CONTROL_LAWS_H
 #define HD_CONTROL_LAWS_H
 

@@ -16,12 +16,12 @@ static hd_phasor_t drive_mode(hd_control_t *control, int k, hd_phasor_t error_um
     hd_phasor_t kp = hd_scale(design->v_per_um_s, (hd_phasor_t){gains->bandwidth_1_s, coupling_rad_s});
     float ki_tick = kp.d * control->design.integral_frac;
 
-    hd_phasor_t wanted_v = hd_add(ahead_v, hd_add(hd_mul(kp, error_um), *integral_v));
-    hd_phasor_t u_v = hd_limit_magnitude(wanted_v, v_limit_v);
-    hd_phasor_t withheld_v = hd_sub(wanted_v, u_v);
-    hd_phasor_t gained_v = hd_sub(hd_scale(ki_tick, error_um), hd_scale(ANTI_WINDUP_FRAC, withheld_v));
+    hd_phasor_t target_v = hd_add(ahead_v, hd_add(hd_mul(kp, error_um), *integral_v));
+    hd_phasor_t u_v = hd_limit_magnitude(target_v, v_limit_v);
+    hd_phasor_t excess_v = hd_sub(target_v, u_v);
+    hd_phasor_t gained_v = hd_sub(hd_scale(ki_tick, error_um), hd_scale(ANTI_WINDUP_FRAC, excess_v));
     *integral_v = hd_add(*integral_v, gained_v);
-    *saturated |= withheld_v.d != 0.0f || withheld_v.q != 0.0f;
+    *saturated |= excess_v.d != 0.0f || excess_v.q != 0.0f;
     return u_v;
 }
 

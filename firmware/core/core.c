@@ -7,7 +7,7 @@
 #define OVER_AMPLITUDE 1.5f /* of the limit: no controller worth its gains overshoots that far */
 #define OVER_AMPLITUDE_TICKS 8
 
-/* A broken sensor: the reference asks for a tenth of the limit, half the voltage is out, and next to nothing comes
+/* A broken sensor: the reference is a tenth of the limit, the output half the voltage, and next to nothing comes
  * back. */
 #define NO_RESPONSE_ASKED 0.1f
 #define NO_RESPONSE_VOLTAGE 0.5f
@@ -109,7 +109,7 @@ static void note(hd_core_t *core, uint8_t code, int mode, float value, uint32_t 
     hd_log_add(&core->config.log, &entry);
 }
 
-/* `value` is what was measured, where that says something; `mode` may be ALL_MODES. */
+/* `value` is the measurement, where there is one; `mode` may be ALL_MODES. */
 static void fail(hd_core_t *core, enum hd_fault fault, int mode, float value, uint32_t now_us)
 {
     if (core->state != HD_STATE_FAULT) {
@@ -126,7 +126,7 @@ static void trip(hd_core_t *core, uint32_t now_us)
     core->tripped = true;
     hd_deadman_trip(&core->deadman, now_us);
     note(core, HD_EVENT_DEADMAN_TRIP, ALL_MODES, 0.0f, now_us);
-    hd_timeline_clear(&core->timeline); /* what the host wanted then is nothing to come back to */
+    hd_timeline_clear(&core->timeline); /* earlier references must not become active again */
     enter(core, HD_STATE_QUIET);
     if (core->config.latch_repeated_trips && hd_deadman_repeated(&core->deadman)) {
         fail(core, HD_FAULT_REPEATED_DEADMAN, ALL_MODES, 0.0f, now_us);
@@ -242,7 +242,7 @@ static float ramp_frac(hd_core_t *core)
     return core->ramp == core->ramp_ticks ? 1.0f : (float)core->ramp / (float)core->ramp_ticks;
 }
 
-/* The ramp bounds the voltage as well as the reference: silence comes in time whatever the sensors say. */
+/* The ramp bounds voltage and reference: the output reaches zero in time for any sensor value. */
 static bool drive(hd_core_t *core, float ramp)
 {
     if (ramp == 0.0f) {

@@ -1,7 +1,7 @@
 /* The firmware's core: bytes from the host, measurements from the plate and an instant in; voltages and bytes out.
  *
  * No globals, no allocation, no clock: `now_us` is the board's free-running microsecond counter and may wrap at any
- * time. All calls on one core must exclude each other, but for hd_hear, which a tick may interrupt: a board masks its
+ * time. All calls on one core must exclude each other, except hd_hear, which a tick may interrupt: a board masks its
  * control interrupt around hd_obey and hd_say, which are short, and checks and makes frames outside.
  */
 #ifndef HD_CORE_H
@@ -23,7 +23,7 @@
 
 #define HD_FIRMWARE_VERSION "0.1.0"
 
-/* What the board says: taken out of the core in one piece, made into a frame at leisure. */
+/* A message to the host, taken from the core under the lock and encoded outside of it. */
 typedef struct {
     uint8_t type; /* enum hd_message */
     uint8_t n;    /* of the payload */
@@ -42,7 +42,7 @@ typedef struct {
 /* Any frame of the board's fits into a buffer of this size: type, payload and CRC. */
 #define HD_TRANSMIT_MIN HD_LINE_SIZE(sizeof(hd_message_t) - 1 + 2)
 
-/* A frame from the host, checked as far as the state of the core does not matter. */
+/* A frame from the host, validated independently of the core's state. */
 typedef struct {
     bool valid;
     size_t frame_n;
@@ -53,7 +53,7 @@ typedef struct {
 } hd_heard_t;
 
 typedef struct {
-    uint32_t boot_id; /* another one after every reset: the host notices that the board has forgotten it */
+    uint32_t boot_id; /* changes with every reset, by which the host detects lost state */
     float control_hz;
     float drive_hz;
     float v_limit_v;
@@ -66,7 +66,7 @@ typedef struct {
     hd_log_t log;              /* what survived the reset; recovered by hd_init, and written to from then on */
 } hd_config_t;
 
-/* What a STATUS says of one reference frame. */
+/* The part of a STATUS about one reference frame. */
 typedef struct {
     uint16_t seq;
     bool applied;
@@ -75,10 +75,10 @@ typedef struct {
 } hd_receipt_t;
 
 enum hd_tick_flag {
-    HD_TICK_SATURATED = 0x01, /* the amplifiers cannot give what the reference needs */
+    HD_TICK_SATURATED = 0x01, /* the reference needs more voltage than the limit */
     HD_TICK_LIMITED = 0x02,   /* the running reference was above the amplitude limit and scaled */
     HD_TICK_LIVE = 0x04,
-    HD_TICK_DEADMAN = 0x08,   /* quiet because the host fell silent */
+    HD_TICK_DEADMAN = 0x08,   /* quiet after a dead-man timeout */
 };
 
 typedef struct {
@@ -95,14 +95,14 @@ typedef struct {
     uint8_t state; /* enum hd_state */
     uint8_t fault; /* enum hd_fault */
     bool tripped;
-    uint16_t ramp; /* 0 is silence, ramp_ticks full drive */
+    uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     uint16_t ramp_ticks;
     uint16_t no_response_limit_ticks;
     uint16_t over_amplitude_ticks[HD_MODES];
     uint16_t no_response_ticks[HD_MODES];
 
-    hd_phasor_t reference_um[HD_MODES]; /* last one followed; what the ramp leads away from */
-    hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: what the control law was given */
+    hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */
+    hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: input of the control law */
     hd_phasor_t measured_um[HD_MODES];
     hd_phasor_t voltage_v[HD_MODES];
     uint8_t tick_flags;
@@ -120,11 +120,11 @@ typedef struct {
     uint32_t t_status_us;
     uint64_t time_request_ns;
     uint32_t t_time_request_us;
-    uint16_t verdicts;                 /* commands that wait for theirs, one bit for each message type */
+    uint16_t verdicts;                 /* commands with a pending verdict, one bit per message type */
     uint8_t verdict[HD_MSG_STOP + 1U]; /* enum hd_verdict, by message type */
 } hd_core_t;
 
-/* Returns false, with the core silent for good, if the configuration makes no sense. */
+/* Returns false, with the output disabled permanently, if the configuration is invalid. */
 bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us);
 
 /* Takes any bytes from the line, in pieces of any size: hd_hear and, where a frame ends, hd_obey. */
@@ -134,34 +134,34 @@ void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
              hd_phasor_t voltage_v[HD_MODES]);
 
-/* The two halves of hd_receive. The first checks, limits and designs: it takes as long as that takes, and may go on while
- * a tick interrupts it. True if hd_obey is to be called before the next byte. */
+/* The two halves of hd_receive. The first validates, limits and designs: it may take long, and a tick may interrupt it.
+ * True if hd_obey is to be called before the next byte. */
 bool hd_hear(hd_core_t *core, uint8_t byte);
 void hd_obey(hd_core_t *core, uint32_t now_us);
 
-/* Writes as many whole pending frames as fit and returns their length: hd_say and hd_message_encode, again and again. */
+/* Writes as many whole pending frames as fit and returns their length: hd_say and hd_message_encode, repeated. */
 size_t hd_transmit(hd_core_t *core, uint32_t now_us, uint8_t *out, size_t capacity);
 
-/* The most urgent message that waits; false if none does. */
+/* Takes the most urgent pending message; false if there is none. */
 bool hd_say(hd_core_t *core, uint32_t now_us, hd_message_t *message);
 
 /* Its frame; `out` holds HD_TRANSMIT_MIN. Returns its length. */
 size_t hd_message_encode(const hd_message_t *message, uint8_t *out);
 
-/* Zero voltage now; references, trajectories and integrals are forgotten. */
+/* Zero voltage now; discards references, trajectories and integrals. */
 void hd_silence(hd_core_t *core);
 
-/* Samples were lost, so nobody knows what the plate does: silence now, and trust again only after a run of fresh
- * references. Who was live sees a trip of the dead-man. */
+/* Samples were lost, so the plate's state is unknown: zero output now, and drive again only after consecutive fresh
+ * references. On a live board this counts as a dead-man trip. */
 void hd_lose_samples(hd_core_t *core, uint32_t now_us);
 
 /* Whether a model of a mode is one that a controller can be built on. */
 bool hd_model_valid(const hd_mode_model_t *model);
 
-/* At rest: nothing drives the plate, and nothing will unless the host says so. */
+/* At rest: nothing drives the plate until the host's next command. */
 bool hd_at_rest(const hd_core_t *core);
 
-/* Gives the quiet plate to the tool that was just made ready. */
+/* Starts the prepared tool on the quiet plate. */
 void hd_begin_tool(hd_core_t *core, uint32_t now_us);
 
 /* What `pending` holds, the most urgent first. A newer message of a kind replaces the older, but for the two streams at

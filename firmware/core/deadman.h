@@ -1,4 +1,4 @@
-/* Whether the host is still there. Silence drops the trust at once; only a run of fresh references restores it. */
+/* Dead-man timer of the host. A timeout disables the drive at once; only consecutive fresh references enable it. */
 #ifndef HD_DEADMAN_H
 #define HD_DEADMAN_H
 
@@ -11,7 +11,7 @@
 #define HD_REPEATED_US 10000000
 
 typedef struct {
-    uint32_t t_fed_us; /* last sign of life; means nothing while `starving` */
+    uint32_t t_fed_us; /* time of the last reset of the timer; unused while `starving` */
     bool starving;
     uint8_t good_frames; /* references in a row, up to HD_REARM_FRAMES */
     uint16_t trips;
@@ -19,17 +19,17 @@ typedef struct {
     uint8_t recent_trips;
 } hd_deadman_t;
 
-/* As at boot, but the trips stay counted. */
+/* As at boot, but keeps the count of trips. */
 void hd_deadman_reset(hd_deadman_t *deadman);
 
 void hd_deadman_good_reference(hd_deadman_t *deadman, uint32_t now_us);
 void hd_deadman_good_keepalive(hd_deadman_t *deadman, uint32_t now_us);
 void hd_deadman_bad_frame(hd_deadman_t *deadman);
 
-/* To be called every tick: instants are forgotten long before the clock wraps around to them. */
+/* To be called every tick: instants expire long before the clock wraps around to them. */
 void hd_deadman_tick(hd_deadman_t *deadman, uint32_t now_us);
 
-/* Counts a trip; the run of good references starts anew. */
+/* Counts a trip and restarts the count of good references. */
 void hd_deadman_trip(hd_deadman_t *deadman, uint32_t now_us);
 
 static inline bool hd_deadman_armed(const hd_deadman_t *deadman)

@@ -1,4 +1,4 @@
-/* The board's own limits, independent of the host's: on the amplitudes asked for, and on the voltages given out. */
+/* The board's limits, independent of the host's: on reference amplitudes and output voltages. */
 #ifndef HD_LIMITER_H
 #define HD_LIMITER_H
 
@@ -7,7 +7,7 @@
 #include "phasor.h"
 #include "protocol.h"
 
-#define HD_LIMIT_TOLERANCE 1e-6f /* what float32 may add to a reference that the host had already limited */
+#define HD_LIMIT_TOLERANCE 1e-6f /* rounding by float32 of a reference limited by the host */
 
 typedef enum {
     HD_LIMIT_UNTOUCHED,
@@ -22,13 +22,13 @@ hd_limit_t hd_limit_amplitudes(hd_phasor_t modal_um[HD_MODES], const float limit
 /* The phasor of the same phase whose magnitude is `limit`, a little less after rounding. */
 hd_phasor_t hd_shorten(hd_phasor_t value, float limit);
 
-/* The phasor of the same phase whose magnitude is at most `limit`. What is not finite stays so, for the gate to see. */
+/* The phasor of the same phase whose magnitude is at most `limit`. Non-finite values stay so, for the gate to detect. */
 static inline hd_phasor_t hd_limit_magnitude(hd_phasor_t value, float limit)
 {
     return hd_within(value, limit) ? value : hd_shorten(value, limit);
 }
 
-/* The last thing a voltage passes: each mode within `limit_v`, and all of them zero if any is not finite. */
+/* The final gate of the voltages: each mode within `limit_v`, all zero if any is not finite. */
 hd_limit_t hd_limit_voltages(hd_phasor_t voltage_v[HD_MODES], float limit_v);
 
 #endif

@@ -7,7 +7,7 @@
 
 _Static_assert(offsetof(hd_log_t, events) + WORDS * sizeof(uint32_t) == sizeof(hd_log_t), "the check is over whole words");
 
-/* FNV-1a by words: a tick that adds an entry has no time for a CRC, and only noise has to be told from a log. */
+/* FNV-1a by words: a tick that adds an entry has no time for a CRC, and it only has to distinguish a log from noise. */
 static uint32_t check_of(const hd_log_t *log)
 {
     uint32_t word[WORDS], check = 2166136261u;

@@ -3,10 +3,10 @@
 #include "exponential.h"
 #include "limiter.h"
 
-/* The state is believed sooner than the disturbance: the law's own pole would else be felt twice. */
+/* The state is corrected faster than the disturbance; otherwise the law's pole would act twice. */
 #define STATE_BANDWIDTHS 2.0f
 
-/* Long enough to tell 1 Hz and 5 % at a tenth of a micrometre under the noise of 14 bits, short beside a finger's
+/* Long enough to resolve 1 Hz and 5 % at a tenth of a micrometre with 14 bits of noise, short against a finger's
  * stroke across an antinode. */
 #define MEMORY_S 0.02f
 #define LEAST_UM 0.1f

@@ -1,4 +1,4 @@
-/* What a mode does now, and what acts on it besides the voltage, told from its measured means.
+/* Estimates a mode's state and the disturbance on it from its measured means.
  *
  *   W' = a W + b (u + d)                        between instants at which the voltage changes, exact while it is held
  *   y  = c W + e0 u + e1 u_old + (e0 + e1) d    the mean over a tick, which sees two voltages
@@ -6,8 +6,8 @@
  * d is the disturbance in volts: fingers, drift, other modes. Both are corrected by the innovation, with gains that put
  * the poles of the error at e^(-2 bandwidth T) and e^(-T / integral time).
  *
- * A finger or a drift shows as d = (change of decay and detuning) W / g. Least squares of d on W, with forgetting, tell
- * that change: it says how d will move with W and what voltage an amplitude will take to hold, and the host reads it.
+ * A finger or a drift shows as d = (change of decay and detuning) W / g. Least squares of d on W, with exponential
+ * forgetting, estimate that change, which predicts d for a new W and the voltage to hold an amplitude; the host reads it.
  * What other modes feed in counts as this mode's own as far as it moves with it.
  */
 #ifndef HD_OBSERVER_H

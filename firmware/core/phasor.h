@@ -68,7 +68,7 @@ static inline bool hd_finite(hd_phasor_t a)
     return fabsf(a.d) <= FLT_MAX && fabsf(a.q) <= FLT_MAX;
 }
 
-/* `a` beside a NaN. */
+/* Returns `a` if `b` is NaN. */
 static inline float hd_smaller(float a, float b)
 {
     return b < a ? b : a;

@@ -1,4 +1,4 @@
-/* One mode of the plate as the board believes it to be, in the rotating frame:
+/* The board's model of one mode of the plate, in the rotating frame:
  *
  *   dW/dt = (-decay + j detuning) W + gain u,   u = -j loop V
  */

@@ -32,7 +32,7 @@
 #define HD_INTEGRAL_TIME_MIN_S 0.0001f
 #define HD_INTEGRAL_TIME_MAX_S 1.0f
 
-/* What a model of a mode may say. */
+/* Bounds of a mode's model. */
 #define HD_DECAY_MIN_1_S 1.0f
 #define HD_DECAY_MAX_1_S 10000.0f
 #define HD_DETUNING_MAX_RAD_S 20000.0f
@@ -73,7 +73,7 @@ enum hd_message {
     HD_MSG_VERDICT = 0x88,
 };
 
-/* What a VERDICT says of a command that a person gave. */
+/* Result of a command in a VERDICT. */
 enum hd_verdict {
     HD_VERDICT_DONE = 0,
     HD_VERDICT_OUT_OF_RANGE = 1,
@@ -97,12 +97,12 @@ enum hd_fault {
     HD_FAULT_CONFIG = 6, /* cannot be cleared */
 };
 
-/* What the log keeps besides faults. */
+/* Log events other than faults. */
 enum hd_event {
     HD_EVENT_DEADMAN_TRIP = 64,
     HD_EVENT_TOOL_STOPPED = 65, /* by the dead-man; what a fault stops is logged as that fault */
     HD_EVENT_MISSED_CHUNK = 66, /* samples were lost; `value` counts such events since the reset */
-    HD_EVENT_SLOW_CLOCK = 67,   /* the crystal does not start: the board talks and never drives */
+    HD_EVENT_SLOW_CLOCK = 67,   /* the crystal does not start: the board communicates but does not drive */
     HD_EVENT_CRASH = 68,        /* `value` is the place in the program, from the beginning of the flash */
 };
 
@@ -279,7 +279,7 @@ typedef struct HD_PACKED {
     uint32_t boot_id;
     uint8_t code; /* enum hd_fault or hd_event */
     uint8_t mode; /* the one concerned, 255 for none */
-    float value;  /* what was measured, where that says something */
+    float value;  /* the measurement, where there is one */
 } hd_wire_log_entry_t;
 
 /* Oldest first; entries of earlier boots survive a reset that keeps the memory. Unused entries are zero. */

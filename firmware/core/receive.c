@@ -1,4 +1,4 @@
-/* What the host's messages do to the core. Of each message everything is checked before anything is changed. */
+/* Handlers of the host's messages. Each message is validated completely before it changes anything. */
 #include <string.h>
 
 #include "commands.h"
@@ -47,7 +47,7 @@ static bool reference_valid(const hd_wire_reference_t *head, const uint8_t *knot
         && knots_size == head->knots * sizeof(hd_wire_knot_t) && knots_valid(knots, head->knots);
 }
 
-/* The knots as the timeline wants them: in us after the first, and within the limits. */
+/* Converts knots for the timeline: in us after the first, and within the limits. */
 static void read_polyline(hd_core_t *core, const hd_wire_reference_t *head, const uint8_t *knots)
 {
     uint32_t lead_us = (uint32_t)wire_knot(knots, 0).offset * HD_KNOT_UNIT_US;
@@ -96,9 +96,9 @@ static void take_reference(hd_core_t *core, uint32_t now_us)
     if (ahead_us > HD_AHEAD_US) {
         refuse(core);
     } else if (core->state == HD_STATE_TOOL) {
-        core->late_frames++; /* the plate is a person's now: when that ends, nothing may be waiting */
+        core->late_frames++; /* a tool drives the plate: no reference may be pending when it ends */
     } else if (core->has_seq && (int16_t)(uint16_t)(seq - core->newest.seq) <= 0) {
-        core->late_frames++; /* a duplicate or an older one: it changes nothing and proves nothing */
+        core->late_frames++; /* a duplicate or an older one: no effect, and no sign of life */
     } else if (ahead_us < -HD_STALE_US) {
         core->late_frames++;
         hd_deadman_bad_frame(&core->deadman);
@@ -114,11 +114,11 @@ static void take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now
 {
     hd_wire_keepalive_t keepalive;
     memcpy(&keepalive, payload, sizeof keepalive);
-    bool any_will_do = core->state == HD_STATE_TOOL; /* a tool has no references to name */
+    bool any_will_do = core->state == HD_STATE_TOOL; /* during a tool there are no references */
     if (any_will_do || (core->has_seq && keepalive.seq == core->newest.seq)) {
         hd_deadman_good_keepalive(&core->deadman, now_us);
     } else {
-        core->late_frames++; /* the host believes in a reference that never came: let it notice */
+        core->late_frames++; /* the host refers to a reference that never arrived: report it */
     }
 }
 
@@ -136,7 +136,7 @@ static void take_hello_request(hd_core_t *core, const uint8_t *payload, uint32_t
     core->state = core->state == HD_STATE_FAULT ? HD_STATE_FAULT : HD_STATE_QUIET;
     core->tool.count = 0;
     core->verdicts = 0;
-    core->pending &= HD_PENDING_TIME | HD_PENDING_STATUS; /* the rest answered a session that is over */
+    core->pending &= HD_PENDING_TIME | HD_PENDING_STATUS; /* the rest belonged to the previous session */
     core->pending |= HD_PENDING_HELLO;
 }
 
@@ -167,7 +167,7 @@ typedef struct {
     uint8_t type;
     uint8_t size; /* of the payload */
     void (*take)(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
-    void (*prepare)(hd_core_t *core, const uint8_t *payload); /* what would keep a tick waiting; or NULL */
+    void (*prepare)(hd_core_t *core, const uint8_t *payload); /* work too long for the lock; or NULL */
 } message_t;
 
 /* Everything but REFERENCE, whose length varies. */

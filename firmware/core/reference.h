@@ -1,8 +1,8 @@
 /* The reference in time: polylines of modal amplitudes, each valid from its first knot until the next one's.
  *
  * The host plans ahead, so a frame usually comes while the one before it is still running, or has not even begun: a
- * short queue ordered by start time keeps them apart. A newer frame replaces every waiting one that would start at its
- * own start or later. After the last knot its value holds.
+ * short queue ordered by start time keeps them apart. A newer frame replaces every queued one that would start at its
+ * own start or later. After the last knot its value is held.
  */
 #ifndef HD_REFERENCE_H
 #define HD_REFERENCE_H
@@ -32,7 +32,7 @@ typedef struct {
     uint32_t t_received_us;
     uint16_t seq;
     bool limited;      /* the board had to scale a knot */
-    bool acknowledged; /* its taking effect has been reported */
+    bool acknowledged; /* its start has been reported */
     uint8_t n;
     hd_knot_t knot[HD_KNOTS_MAX];
 } hd_polyline_t;
@@ -50,10 +50,10 @@ void hd_timeline_clear(hd_timeline_t *timeline);
 /* The slot for a new polyline: the caller fills all of it. */
 hd_polyline_t *hd_timeline_open(hd_timeline_t *timeline, uint32_t t_start_us);
 
-/* The modal amplitudes asked for at t_us, zero before the first polyline. Instants must not go back. */
+/* The modal amplitudes of the reference at t_us, zero before the first polyline. Instants must not decrease. */
 void hd_timeline_evaluate(hd_timeline_t *timeline, uint32_t t_us, hd_phasor_t modal_um[HD_MODES]);
 
-/* The polyline in force at the last evaluation, or NULL. */
+/* The active polyline at the last evaluation, or NULL. */
 static inline hd_polyline_t *hd_timeline_running(hd_timeline_t *timeline)
 {
     return timeline->running ? &timeline->polyline[timeline->first] : NULL;

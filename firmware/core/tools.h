@@ -50,7 +50,7 @@ void hd_tool_init(hd_tool_t *tool, float control_hz, float drive_hz, float v_lim
 bool hd_sweep_valid(const hd_tool_t *tool, const hd_wire_sweep_t *sweep);
 bool hd_raw_voltage_valid(const hd_tool_t *tool, const hd_wire_raw_voltage_t *raw);
 
-/* What was found valid begins; points of an earlier sweep are forgotten. */
+/* Starts the validated tool; points of an earlier sweep are discarded. */
 void hd_tool_sweep(hd_tool_t *tool, const hd_wire_sweep_t *sweep);
 
 /* Begins, or gives a raw voltage that is on another value and more time. */

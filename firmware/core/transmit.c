@@ -1,9 +1,9 @@
-/* What the core tells the host: messages are made when the line takes them, so what they say is never old. */
+/* Messages to the host, made when the line can send them, so that they are current. */
 #include <string.h>
 
 #include "core.h"
 
-static void say_time(hd_core_t *core, uint32_t now_us, hd_wire_time_t *time)
+static void fill_time(hd_core_t *core, uint32_t now_us, hd_wire_time_t *time)
 {
     *time = (hd_wire_time_t){
         .t_host_ns = core->time_request_ns,
@@ -12,7 +12,7 @@ static void say_time(hd_core_t *core, uint32_t now_us, hd_wire_time_t *time)
     };
 }
 
-static void say_hello(hd_core_t *core, hd_wire_hello_t *hello)
+static void fill_hello(hd_core_t *core, hd_wire_hello_t *hello)
 {
     const hd_config_t *config = &core->config;
     *hello = (hd_wire_hello_t){
@@ -29,7 +29,7 @@ static void say_hello(hd_core_t *core, hd_wire_hello_t *hello)
     memcpy(hello->w_limit_um, config->w_limit_um, sizeof hello->w_limit_um);
 }
 
-static void say_status(hd_core_t *core, uint32_t now_us, hd_wire_status_t *status)
+static void fill_status(hd_core_t *core, uint32_t now_us, hd_wire_status_t *status)
 {
     const hd_receipt_t *receipt = core->acknowledge ? &core->applied : &core->newest;
     *status = (hd_wire_status_t){
@@ -54,7 +54,7 @@ static void say_status(hd_core_t *core, uint32_t now_us, hd_wire_status_t *statu
     core->t_status_us = now_us;
 }
 
-static void say_verdict(hd_core_t *core, hd_wire_verdict_t *verdict)
+static void fill_verdict(hd_core_t *core, hd_wire_verdict_t *verdict)
 {
     uint8_t request = 0;
     while ((core->verdicts & (1U << request)) == 0) {
@@ -64,7 +64,7 @@ static void say_verdict(hd_core_t *core, hd_wire_verdict_t *verdict)
     *verdict = (hd_wire_verdict_t){request, core->verdict[request]};
 }
 
-static void say_controller(hd_core_t *core, hd_wire_controller_t *controller)
+static void fill_controller(hd_core_t *core, hd_wire_controller_t *controller)
 {
     const hd_gains_t *gains = &core->control.design.gains;
     *controller = (hd_wire_controller_t){
@@ -81,7 +81,7 @@ static void say_controller(hd_core_t *core, hd_wire_controller_t *controller)
     }
 }
 
-static void say_log(hd_core_t *core, hd_wire_log_t *log)
+static void fill_log(hd_core_t *core, hd_wire_log_t *log)
 {
     *log = (hd_wire_log_t){.reset_cause = core->config.reset_cause};
     hd_log_read(&core->config.log, log);
@@ -89,27 +89,27 @@ static void say_log(hd_core_t *core, hd_wire_log_t *log)
 
 #define FILLED(message, which, id) ((message)->n = sizeof (message)->payload.which, (message)->type = (id), true)
 
-/* False if the stream that asked has run dry. */
-static bool say(hd_core_t *core, enum hd_pending kind, uint32_t now_us, hd_message_t *message)
+/* False if the stream has no more samples. */
+static bool fill(hd_core_t *core, enum hd_pending kind, uint32_t now_us, hd_message_t *message)
 {
     switch (kind) {
     case HD_PENDING_TIME:
-        say_time(core, now_us, &message->payload.time);
+        fill_time(core, now_us, &message->payload.time);
         return FILLED(message, time, HD_MSG_TIME);
     case HD_PENDING_HELLO:
-        say_hello(core, &message->payload.hello);
+        fill_hello(core, &message->payload.hello);
         return FILLED(message, hello, HD_MSG_HELLO);
     case HD_PENDING_STATUS:
-        say_status(core, now_us, &message->payload.status);
+        fill_status(core, now_us, &message->payload.status);
         return FILLED(message, status, HD_MSG_STATUS);
     case HD_PENDING_VERDICT:
-        say_verdict(core, &message->payload.verdict);
+        fill_verdict(core, &message->payload.verdict);
         return FILLED(message, verdict, HD_MSG_VERDICT);
     case HD_PENDING_CONTROLLER:
-        say_controller(core, &message->payload.controller);
+        fill_controller(core, &message->payload.controller);
         return FILLED(message, controller, HD_MSG_CONTROLLER);
     case HD_PENDING_LOG:
-        say_log(core, &message->payload.log);
+        fill_log(core, &message->payload.log);
         return FILLED(message, log, HD_MSG_LOG);
     case HD_PENDING_SWEEP_POINT:
         return hd_tool_pop(&core->tool, &message->payload.sweep_point)
@@ -131,15 +131,15 @@ static bool more_of(const hd_core_t *core, enum hd_pending kind)
 
 bool hd_say(hd_core_t *core, uint32_t now_us, hd_message_t *message)
 {
-    bool said = false;
-    while (!said && core->pending != 0) {
+    bool has_message = false;
+    while (!has_message && core->pending != 0) {
         enum hd_pending kind = (enum hd_pending)(core->pending & -core->pending); /* the lowest bit: the most urgent */
-        said = say(core, kind, now_us, message);
+        has_message = fill(core, kind, now_us, message);
         if (!more_of(core, kind)) {
             core->pending &= (uint16_t)~kind;
         }
     }
-    return said;
+    return has_message;
 }
 
 size_t hd_message_encode(const hd_message_t *message, uint8_t *out)

@@ -1,11 +1,11 @@
-/* A host that says anything, and sensors that show anything: whatever comes, the core keeps its promises.
+/* Fuzzing of the core: for any host bytes and sensor values its invariants hold.
  *
  * The input is a script: a byte for what happens, taken modulo 5, and its operands.
  *
  *   0 n bytes...        as they are, from the line
  *   1 type n bytes...   the same as a sound frame of that type
  *   2 n                 n control ticks
- *   3 floats...         what the sensors say from now on: d and q of each mode
+ *   3 floats...         sensor values from now on: d and q of each mode
  *   4                   the line takes what is to be sent
  *
  * libFuzzer writes such scripts; with HD_FUZZ_REPLAY a plain program plays files of them instead.
@@ -29,7 +29,7 @@ typedef struct {
     hd_core_t core;
     uint32_t now_us;
     hd_phasor_t measured_um[HD_MODES];
-    int references; /* heard since the core was last not armed */
+    int references; /* received since the core was last not armed */
 } world_t;
 
 typedef struct {
@@ -118,7 +118,7 @@ static void run(world_t *world, uint8_t ticks)
     }
 }
 
-static void hear_frame(world_t *world, uint8_t type, script_t payload)
+static void receive_frame(world_t *world, uint8_t type, script_t payload)
 {
     uint8_t line[HD_LINE_SIZE(1 + 255 + 2)];
     size_t n = hd_frame_encode(type, payload.bytes, payload.n, line);
@@ -126,7 +126,7 @@ static void hear_frame(world_t *world, uint8_t type, script_t payload)
     world->references += type == HD_MSG_REFERENCE;
 }
 
-static void listen_to(world_t *world)
+static void receive_from(world_t *world)
 {
     uint8_t out[3 * HD_TRANSMIT_MIN];
     hd_receiver_t host = {0};
@@ -163,7 +163,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             break;
         case FRAME:
             type = take_byte(&script);
-            hear_frame(&world, type, take(&script, take_byte(&script)));
+            receive_frame(&world, type, take(&script, take_byte(&script)));
             break;
         case RUN:
             run(&world, take_byte(&script));
@@ -172,7 +172,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             sense(&world, &script);
             break;
         default:
-            listen_to(&world);
+            receive_from(&world);
         }
         expect_sane_core(&world.core);
     }

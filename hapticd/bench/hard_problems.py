@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.arithmetic import Rows
-from ..sim.plate.truth import PlateTruth
+from ..sim.plate.ground_truth import GroundTruth
 from .modes import W_LIMIT_UM
 
 FloatArray = npt.NDArray[np.float64]
@@ -65,7 +65,7 @@ def _placed(place: Callable[[np.random.Generator], FloatArray]) -> Callable[[np.
 
 
 def _map() -> ModeShapes:
-    return PlateTruth().cartography(1)
+    return GroundTruth().measured_mode_map(1)
 
 
 def _coincident(random: np.random.Generator) -> FloatArray:

@@ -20,9 +20,9 @@ import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..sim.fingers.paths import Path, Touch
+from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import T_START_NS, Run, Settings, Simulation
-from ..sim.plate.truth import DRIVEN_MODES
-from ..sim.scenarios import SCENARIOS
+from ..sim.plate.ground_truth import DRIVEN_MODES
 from ..sim.score import score, settled
 from .leak_runs import DEFAULT, SCENARIO, use_predictor
 from .tables import Table, finite_rows

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..config.sections import Config
+from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import Run, Settings, Simulation
-from ..sim.scenarios import SCENARIOS
 from .timing import least, no_garbage_collection
 
 SCENARIO = "strokes"

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..core.solver.public import solve_batch
 from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
-from ..sim.plate.truth import PlateSettings, PlateTruth
-from ..sim.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
+from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
+from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from .closed_loop import Floats, Law, Phasors, Plate, follow, measure, step, step_trace, tracking_figures
 
 LARGE_UM = 2.0
@@ -26,7 +26,7 @@ def other_mode_frac(law: Law) -> float:
     Without crosstalk between the sensors: no control law can tell that from motion.
     """
     w_um = step(
-        _truth_board(law, PlateTruth(PlateSettings(sensor_crosstalk=0.0))),
+        _truth_board(law, GroundTruth(PlateSettings(sensor_crosstalk=0.0))),
         np.zeros(2, complex),
         np.array([LARGE_UM, 0j], dtype=np.complex128),
     )
@@ -79,7 +79,7 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
     Sent as 1 ms knots 90 times a second; the fingers damp and couple the plate's modes.
     """
     t_s, phi, solved_um = _strokes(speed_mm_s, seconds)
-    truth = PlateTruth()
+    truth = GroundTruth()
     board = _truth_board(law, truth)
     ticks, period_s = round(seconds * law.control_hz), 0.011
 
@@ -103,12 +103,12 @@ def _strokes(speed_mm_s: float, seconds: float) -> tuple[Floats, Floats, Floats]
     t_s: Floats = np.arange(round(seconds * 1e3) + 1, dtype=np.float64) * 1e-3
     actors = SCENARIOS["strokes"].build(1, speed_mm_s)
     paths = [actor.path for actor in actors if actor.path is not None]
-    phi = PlateTruth().shapes(np.stack([path.position_mm(t_s + 1.0) for path in paths], axis=1))
+    phi = GroundTruth().shapes(np.stack([path.position_mm(t_s + 1.0) for path in paths], axis=1))
     solved_um = solve_batch(phi[..., :2], (SLIPPERY_UM, STICKY_UM), 4.0)
     return t_s, phi, solved_um
 
 
-def _truth_board(law: Law, truth: PlateTruth) -> Board:
+def _truth_board(law: Law, truth: GroundTruth) -> Board:
     model = PlateModel(
         decay_1_s=truth.decay_1_s,
         detuning_rad_s=truth.detuning_rad_s,

@@ -16,7 +16,7 @@ import numpy as np
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.public import solve_fast
 from ..design import ModeShape, fit_cartography, free_plate_modes, sample_cartography
-from ..sim.plate.truth import DRIVEN_MODES, PlateSettings
+from ..sim.plate.ground_truth import DRIVEN_MODES, PlateSettings
 from .interpolators import Evaluate, FloatArray, Interpolator, Points, interpolators
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
@@ -99,7 +99,7 @@ def _true_shapes(points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _fitted(seed: int) -> ModeShapes:
     settings = PlateSettings()
-    scan = sample_cartography(driven_shapes(), settings.cartography_step_mm, settings.cartography_noise_frac, seed=seed)
+    scan = sample_cartography(driven_shapes(), settings.map_step_mm, settings.map_noise_frac, seed=seed)
     return fit_cartography(*scan, normalise=False).modes
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..daemon.recorder import header_of
 from ..files.recording.background import BackgroundWriter
 from ..files.recording.mcap_writer import RecordingFile
-from ..sim.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
+from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SPEED_MM_S
 from .recording import Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
 from .tick import PERIOD_S

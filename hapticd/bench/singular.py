@@ -18,7 +18,7 @@ from ..core.phasors import Row
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.general import solve_fast
 from ..core.solver.instant import InstantSolver, PointSolver
-from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .baselines.paper_scheme import invert
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .solver_tracks import KNOTS, strokes_mm
@@ -63,7 +63,7 @@ def run(*, strokes: int = 40) -> Table:
 
 def _true_map() -> ModeShapes:
     edge_mm = np.linspace(-HALF_SIZE_MM, HALF_SIZE_MM, _MAP_POINTS)
-    shapes = PlateTruth().shapes(np.stack(np.meshgrid(edge_mm, edge_mm), axis=-1))[..., : len(DRIVEN_MODES)]
+    shapes = GroundTruth().shapes(np.stack(np.meshgrid(edge_mm, edge_mm), axis=-1))[..., : len(DRIVEN_MODES)]
     return ModeShapes.from_grid(edge_mm, edge_mm, np.moveaxis(shapes, -1, 0))
 
 

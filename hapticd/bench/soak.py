@@ -23,10 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import HapticdError
-from ..sim.board.faulty import FaultySimulation
+from ..sim.faulty import FaultySimulation
 from ..sim.fingers.paths import Circle, Touch
+from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import Settings
-from ..sim.scenarios import Actor
 from .soak_faults import KINDS, Kind, Watch
 from .tables import Row, Table
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.board.supervisor import State
-from ..sim.board.faulty import FaultySimulation, Way
 from ..sim.board.line import Line, LineFaults
+from ..sim.faulty import FaultySimulation, Way
 from ..sim.lockstep import T_START_NS
 from ..wire import protocol
 from ..wire.framing import FrameSplitter

@@ -31,7 +31,7 @@ from ..daemon.lifecycle import serve
 from ..daemon.machine import Machine
 from ..daemon.service import ConfigLoader
 from ..errors import HapticdError
-from ..io.realtime import go_real_time
+from ..io.host.realtime import go_real_time
 from ..sim.rig.process import RigProcess
 from ..values import AmplitudeTarget, ClientTargets, Target
 from .soak_faults import ReferenceMeter

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..compiled import why_interpreted
 from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
-from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .baselines.solver import solve_rows
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
@@ -36,7 +36,7 @@ _RIDGE = 1e-9  # a quadratic programme's matrix must be definite
 def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Table:
     """Compare solvers on `problems` of each kind; `timed` of the first kind are timed."""
     points_mm = np.random.default_rng(11).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (2 * problems, 2, 2))
-    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    phi = GroundTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     still_phi, slip_phi = phi[:problems], phi[problems:]
     ways: dict[str, Solver] = {
         DEFAULT: partial(_each, lambda *problem: solve_fast(*problem)[0]),

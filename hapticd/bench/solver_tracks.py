@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve_fast, solve_phased_fast
-from ..sim.plate.truth import DRIVEN_MODES, PlateTruth
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .baselines.solver import solve_rows
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
@@ -46,7 +46,7 @@ def strokes_mm(strokes: int) -> FloatArray:
 def run(*, strokes: int = 40, repeats: int = REPEATS) -> Table:
     """What two slipping fingers miss, and how often a change of pattern makes one sag."""
     points_mm = strokes_mm(strokes)
-    phi = PlateTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
+    phi = GroundTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     tracks = [rows_of(stroke) for stroke in phi]
     ways: dict[str, Way] = {
         "solve_fast": partial(_walked, solve_fast),

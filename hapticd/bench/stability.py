@@ -21,7 +21,7 @@ import numpy.typing as npt
 from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve, solve_fast, solve_phased_fast
 from ..core.trajectory.gate import gate
-from ..sim.plate.truth import PlateTruth
+from ..sim.plate.ground_truth import GroundTruth
 from ..values import Drive, Knot
 from ..wire.board_messages import FRAME_MAX
 from ..wire.device import encode_reference
@@ -217,7 +217,7 @@ def _closed_way() -> list[Rows]:
         ],
         axis=1,
     )
-    return [row_tuples(rows) for rows in PlateTruth().shapes(way_mm)[..., :2]]
+    return [row_tuples(rows) for rows in GroundTruth().shapes(way_mm)[..., :2]]
 
 
 def _walked(

@@ -17,8 +17,8 @@ from ..compiled import why_interpreted
 from ..config.sections import Config
 from ..daemon.machine import Machine
 from ..sim.fingers.paths import Circle, Touch
+from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..sim.lockstep import Settings
-from ..sim.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..values import AmplitudeTarget, GratingTarget
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
@@ -110,7 +110,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     strokes = record(actors, seconds=span_s)
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
-    without_target = record(tuple(replace(actor, wants_um=()) for actor in actors), seconds=span_s)
+    without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes = _three_modes()
     return {
         DEFAULT: _Situation(strokes, config),

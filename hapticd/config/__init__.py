@@ -1,4 +1,4 @@
-"""The configuration: every key with its meaning and bounds, and the TOML file that sets some of them."""
+"""The configuration: all keys with defaults, bounds and meanings, and the loader of the TOML file."""
 
 from .loader import load
 from .sections import SIMULATED, Config

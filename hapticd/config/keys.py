@@ -1,4 +1,4 @@
-"""One key of the configuration: its default, bounds and meaning in one place, and the check of what a file gives it."""
+"""One configuration key: default, bounds and meaning, and the validation of its value."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from ..files.toml_file import shown
 def key(
     default: Any, doc: str, *, low: float = -math.inf, high: float = math.inf, choices: tuple[str, ...] = ()
 ) -> Any:
-    """A configuration key. `low` and `high` bound a number, or each number of a list."""
+    """Define a configuration key. `low` and `high` bound a number, or each number of a list."""
     return field(default=default, metadata={"doc": doc, "low": low, "high": high, "choices": choices})
 
 
 def checked(entry: Field[Any], value: Any, where: str) -> Any:
+    """Validate a value of the file against its key. Raises ConfigError."""
     default = entry.default
     if isinstance(default, tuple):
         if not isinstance(value, list) or not all(_is_number(item) for item in value):
@@ -30,7 +31,7 @@ def checked(entry: Field[Any], value: Any, where: str) -> Any:
         if not isinstance(value, str):
             raise ConfigError(f"{where}: must be a text in quotes, not {shown(value)}.")
         if entry.metadata["choices"] and value not in entry.metadata["choices"]:
-            raise ConfigError(f"{where}: {shown(value)} is none of {', '.join(entry.metadata['choices'])}.")
+            raise ConfigError(f"{where}: {shown(value)} is not one of {', '.join(entry.metadata['choices'])}.")
         return value
     if isinstance(default, bool):
         if not isinstance(value, bool):
@@ -48,12 +49,13 @@ def _is_number(value: Any) -> bool:
 
 
 def _bounded(entry: Field[Any], value: float, where: str) -> float:
-    if entry.metadata["low"] <= value <= entry.metadata["high"]:  # NaN fails this, as it must
+    if entry.metadata["low"] <= value <= entry.metadata["high"]:  # False for NaN
         return value
     raise ConfigError(f"{where}: {value:g} is out of bounds, it must be {bounds_text(entry)}.")
 
 
 def bounds_text(entry: Field[Any]) -> str:
+    """Describe the valid values of a key; empty if any are."""
     if entry.metadata["choices"]:
         return " | ".join(entry.metadata["choices"])
     low, high = entry.metadata["low"], entry.metadata["high"]
@@ -61,12 +63,13 @@ def bounds_text(entry: Field[Any]) -> str:
 
 
 def nearest(name: str, valid: Mapping[str, Any]) -> str:
-    """How the sentence about an unknown name ends."""
+    """End of the error message about an unknown name: the closest valid name, or all of them."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     return f", did you mean {close[0]}?" if close else f", valid are {', '.join(valid)}."
 
 
 def toml(value: Any) -> str:
+    """Format a value as TOML."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

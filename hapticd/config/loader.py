@@ -1,4 +1,4 @@
-"""The configuration: TOML in, frozen values out, validated as a whole before anything is opened.
+"""Loader of the configuration: TOML in, frozen values out, validated as a whole before any device is opened.
 
 The default configuration runs the simulated plate.
 """
@@ -21,14 +21,16 @@ MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, h
 
 
 def load(path: Path) -> Config:
-    """The configuration in the TOML file at `path`; keys not given keep their defaults. Raises ConfigError."""
+    """Load the TOML file at `path`; omitted keys keep their defaults. Raises ConfigError."""
     table = read_table(path, "check the path given to --config")
     return from_table(table, where=str(path), folder=path.parent)
 
 
 def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> Config:
-    """Validate a parsed table. `where` names it in errors; relative file names are taken from `folder`. Without one
-    the files that it names are not looked for: they may be another machine's."""
+    """Validate a parsed table. `where` names it in errors; relative file names are resolved against `folder`.
+
+    Without a folder the named files are not checked: they may be another machine's.
+    """
     by_name = {section.name: section for section in fields(Config)}
     sections: dict[str, Any] = {}
     for name, value in table.items():
@@ -44,7 +46,7 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> 
 
 
 def simulated(config: Config) -> Config:
-    """The same on the simulated plate: its own mode shapes, the firmware's own models of them, the pad centred."""
+    """Return this configuration for the simulated plate: its mode map, the firmware's models, the pad centred."""
     return replace(
         config,
         plate=replace(config.plate, modes_file="", parasitic_modes_file=""),
@@ -62,7 +64,7 @@ def simulated(config: Config) -> Config:
 
 
 def render(config: Config) -> str:
-    """The configuration as TOML with the meaning and bounds of each key: what is in force."""
+    """Format the active configuration as TOML with the meaning and bounds of each key."""
     lines = []
     for section in fields(Config):
         value = getattr(config, section.name)
@@ -86,7 +88,7 @@ def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
 
 
 def _check_together(config: Config, where: str) -> None:
-    """What no single key can tell."""
+    """Check constraints between keys. Raises ConfigError."""
     for name, value, length in (
         ("plate.size_mm", config.plate.size_mm, 2),
         ("trackpad.offset_mm", config.trackpad.offset_mm, 2),
@@ -96,37 +98,37 @@ def _check_together(config: Config, where: str) -> None:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
     _check_matrix(config.trackpad.matrix, where)
     if not 1 <= len(config.limits.w_limit_um) <= 8:
-        raise ConfigError(f"{where}: limits.w_limit_um: needs one number for each mode (1 .. 8).")
+        raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. 8).")
     curve = config.plate.friction_curve
     if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
-        raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, the first of them 0.")
+        raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, starting at 0.")
     plate = config.plate
     if plate.parasitic_modes_file and not len(plate.parasitic_detuning_hz) == len(plate.parasitic_decay_1_s) > 0:
         raise ConfigError(
             f"{where}: plate.parasitic_modes_file: needs parasitic_detuning_hz and parasitic_decay_1_s too, "
-            "a number for each of its modes."
+            "one number per mode each."
         )
     if config.client.tcp:
         _check_tcp(config.client, where)
     if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
         raise ConfigError(
-            f'{where}: trackpad.source: simulated fingers may not drive a real board: set it to "hid" or "replay", '
+            f'{where}: trackpad.source: simulated fingers must not drive a real board: set it to "hid" or "replay", '
             f'or device.port to "{SIMULATED}".'
         )
     if config.device.port != SIMULATED and not config.plate.modes_file:
-        raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode shapes (NPZ or CSV).")
+        raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode map (NPZ or CSV).")
 
 
 def _check_matrix(matrix: tuple[float, ...], where: str) -> None:
-    """Empty, or a map of the pad onto the plate that loses no direction."""
+    """Require an empty or invertible matrix."""
     if len(matrix) not in (0, 4):
         raise ConfigError(f"{where}: trackpad.matrix: needs 4 numbers, xx, xy, yx, yy, not {len(matrix)}.")
     if matrix and not abs(matrix[0] * matrix[3] - matrix[1] * matrix[2]) >= MIN_DETERMINANT:
-        raise ConfigError(f"{where}: trackpad.matrix: lays the pad on a line: measure it again.")
+        raise ConfigError(f"{where}: trackpad.matrix: is nearly singular: measure it again.")
 
 
 def _check_tcp(client: ClientConfig, where: str) -> None:
-    """An address and three ports to bind, and never without keys."""
+    """Require an address, three ports and keys."""
     host, _, port = client.tcp.rpartition(":")
     if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT - 2):
         raise ConfigError(
@@ -135,13 +137,13 @@ def _check_tcp(client: ClientConfig, where: str) -> None:
         )
     if not client.keys_dir:
         raise ConfigError(
-            f"{where}: client.tcp: nobody is served over TCP without keys: make some with `hapticd keys make`, and "
-            "name their directory in client.keys_dir."
+            f"{where}: client.tcp: needs keys: make them with `hapticd keys make` and set client.keys_dir "
+            "to their directory."
         )
 
 
 def _with_files(config: Config, where: str, folder: Path) -> Config:
-    """The same with file names made absolute, each file seen to be there."""
+    """Return the configuration with absolute file names; raises ConfigError for a missing file."""
     for section, key in _file_keys():
         name = getattr(getattr(config, section), key)
         if not name:
@@ -164,7 +166,7 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except OSError:  # no file system takes such a name
+    except OSError:  # no file system accepts the name
         return False
 
 

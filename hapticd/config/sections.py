@@ -1,7 +1,6 @@
-"""What can be configured, section by section.
+"""All configuration keys by section, each with default, bounds and meaning.
 
-Each key states its default, its bounds and its meaning beside it, so that the check, the error sentences and
-`hapticd run --print-config` cannot disagree.
+Validation, error messages and `hapticd run --print-config` all use these definitions.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from .keys import key
 
 SIMULATED = "sim"
 
-# What the core and the simulation know by name, written down here too: a configuration is checked before they load.
+# Repeated from the simulation, which is not loaded when a configuration is checked; a test compares them.
 SCENARIO_NAMES = (
     "strokes",
     "circles",
@@ -29,19 +28,22 @@ SCENARIO_NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class PlateConfig:
-    """The glass plate and what was measured of it."""
+    """The glass plate and its measurements."""
 
     size_mm: tuple[float, ...] = key((137.5, 137.5), "width (x) and depth (y)", low=10, high=1000)
-    modes_file: str = key("", "NPZ or CSV of the measured mode shapes; empty: the simulated plate's own cartography")
+    modes_file: str = key("", "NPZ or CSV of the measured mode map; empty: the simulated plate's own map")
     parasitic_modes_file: str = key(
-        "", "NPZ or CSV of the shapes of modes near the drive that only fingers drive; empty: none"
+        "", "NPZ or CSV of the mode map of parasitic modes, which are near the drive but not driven; empty: none"
     )
     parasitic_detuning_hz: tuple[float, ...] = key(
-        (), "how far each of them lies above the drive", low=-1000, high=1000
+        (), "frequency of each parasitic mode, relative to the drive", low=-1000, high=1000
     )
-    parasitic_decay_1_s: tuple[float, ...] = key((), "pi f / Q of each of them", low=1, high=10000)
+    parasitic_decay_1_s: tuple[float, ...] = key((), "pi f / Q of each parasitic mode", low=1, high=10000)
     finger_decay_1_s: float = key(
-        100.0, "what one finger on a peak of a mode adds to its decay, for parasitic_modes_file", low=0, high=2000
+        100.0,
+        "decay rate that one finger adds at a mode's antinode, in 1/s; for parasitic_modes_file",
+        low=0,
+        high=2000,
     )
     friction_curve: tuple[float, ...] = key(
         (),
@@ -53,26 +55,29 @@ class PlateConfig:
 
 @dataclass(frozen=True, slots=True)
 class TrackpadConfig:
-    """The position sensor under the plate, and where it lies."""
+    """The position sensor under the plate, and its placement."""
 
-    source: str = key(SIMULATED, "where reports come from", choices=(SIMULATED, "hid", "replay"))
+    source: str = key(SIMULATED, "source of touch reports", choices=(SIMULATED, "hid", "replay"))
     model: str = key(
         "auto",
-        "what the reports are; auto: whichever pad is connected",
+        "model of the trackpad; auto: the one that is connected",
         choices=("auto", "mt1", "mt2-usb", "mt2-bt", "usbc-usb", "usbc-bt"),
     )
     replay_file: str = key("", 'recording to replay, for source = "replay"')
-    offset_mm: tuple[float, ...] = key((0.0, 0.0), "the pad's centre on the plate", low=-500, high=500)
-    rotation_deg: float = key(0.0, "the pad turned anticlockwise on the plate", low=-180, high=180)
+    offset_mm: tuple[float, ...] = key((0.0, 0.0), "the pad's centre in plate coordinates", low=-500, high=500)
+    rotation_deg: float = key(0.0, "anticlockwise rotation of the pad on the plate", low=-180, high=180)
     scale: tuple[float, ...] = key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)
     matrix: tuple[float, ...] = key(
-        (), "rotation, scale and shear in one, rows of 2 x 2: xx, xy, yx, yy; empty: the two above", low=-2, high=2
+        (),
+        "rotation, scale and shear as a 2 x 2 matrix xx, xy, yx, yy, in place of rotation_deg and scale; empty: unused",
+        low=-2,
+        high=2,
     )
-    latency_ms: float = key(10.0, "from the finger's position to the report", low=0, high=50)
-    silence_ms: float = key(40.0, "fingers count as lifted when the pad is silent for so long", low=15, high=1000)
+    latency_ms: float = key(10.0, "delay from the finger's position to its report", low=0, high=50)
+    silence_ms: float = key(40.0, "fingers count as lifted after this time without a report", low=15, high=1000)
 
 
-# By how much the plate lags each law on moving references, measured: `hapticd bench firmware`, table tracking.
+# Lag of the plate behind moving references under each law, measured: `hapticd bench firmware`, table tracking.
 LAW_DELAY_MS = {"pi": 1.0, "pi_ff": 0.0, "deadbeat": 0.0}
 
 
@@ -82,91 +87,95 @@ class DeviceConfig:
 
     port: str = key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
     baud: int = key(921600, "serial speed", low=9600, high=5250000)
-    link_ms: float = key(5.0, "start value of the one-way delay; then it is measured", low=0, high=40)
-    loop_delay_ms: float = key(0.0, "by how much the plate follows later than its control law lets it", low=0, high=20)
+    link_ms: float = key(5.0, "initial value of the one-way delay, which is then measured", low=0, high=40)
+    loop_delay_ms: float = key(0.0, "additional lag of the plate behind its reference", low=0, high=20)
     controller: str = key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
     calibration_file: str = key(
-        "", "TOML of the measured modes, as `hapticd firmware sweep --save` writes it; empty: the firmware's own"
+        "", "TOML of the measured modes, from `hapticd firmware sweep --save`; empty: the firmware's defaults"
     )
 
     @property
     def plate_delay_ms(self) -> float:
-        """By how much the plate follows its reference late: the control law's own lag and `loop_delay_ms`."""
+        """Lag of the plate behind its reference: the control law's lag plus `loop_delay_ms`."""
         return LAW_DELAY_MS[self.controller] + self.loop_delay_ms
 
 
 @dataclass(frozen=True, slots=True)
 class LimitsConfig:
-    """What the amplifiers can give; held here and again by the firmware."""
+    """Amplitude limits of the amplifiers, applied here and again by the firmware."""
 
     w_limit_um: tuple[float, ...] = key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
-    headroom_frac: float = key(
-        0.02, "share of each limit that no reference asks for: the plate may overshoot it by so much", low=0, high=0.5
-    )
+    headroom_frac: float = key(0.02, "share of each limit kept free for overshoot", low=0, high=0.5)
 
     @property
     def reference_limit_um(self) -> tuple[float, ...]:
-        """The largest amplitude of each mode that a reference may ask for."""
+        """The largest amplitude of each mode in a reference."""
         return tuple([limit_um * (1.0 - self.headroom_frac) for limit_um in self.w_limit_um])
 
 
 @dataclass(frozen=True, slots=True)
 class PredictionConfig:
-    """Where the fingers will be when the plate moves."""
+    """Prediction of finger positions."""
 
     period_ms: float = key(11.25, "the pad's nominal report period", low=2, high=50)
-    noise_mm: float = key(0.053, "position noise that the predictor assumes, per axis", low=0.001, high=1)
+    noise_mm: float = key(0.053, "position noise assumed by the predictor, per axis", low=0.001, high=1)
 
 
 @dataclass(frozen=True, slots=True)
 class SolverConfig:
-    """How modal amplitudes are found."""
+    """Solution for the modal amplitudes."""
 
     fade: float = key(
         5.0,
-        "mm2/um2: share of its target that a slipping finger must get for a slope of 1 um/mm under a still one, where "
-        "a limit keeps it from more; else amplitude gives way; 0: it does not",
+        "derating in mm2/um2: least share of its target for a limited slipping finger, per slope of 1 um/mm under "
+        "a still one, before amplitude is derated; 0: no derating",
         low=0,
         high=100,
     )
     phase_rotation: bool = key(
-        True, "two slipping fingers or more change their signs by turning their phase, and never feel it"
+        True, "change the signs of two or more slipping fingers by rotating their phase, without a zero crossing"
     )
     contact_radius_mm: float = key(
-        0.0, "of a still finger's contact, over which its mean square is least; 0: a point", low=0, high=15
+        0.0,
+        "radius of a still finger's contact, over which the mean square amplitude is minimised; 0: a point",
+        low=0,
+        high=15,
     )
     tolerance_um: float = key(
-        0.02, "error allowed between knots, and by which a standing reference may be off", low=1e-4, high=1
+        0.02,
+        "largest interpolation error between knots, and deviation at which a constant reference is sent again",
+        low=1e-4,
+        high=1,
     )
     max_knots: int = key(16, "knots in one reference frame", low=1, high=24)
 
 
 @dataclass(frozen=True, slots=True)
 class ClientConfig:
-    """Where clients connect."""
+    """Endpoints for clients."""
 
-    runtime_dir: str = key("", "directory of the ipc endpoints; empty: the service's or the user's runtime directory")
+    runtime_dir: str = key("", "directory of the ipc endpoints; empty: the service's or user's runtime directory")
     tcp: str = key("", 'address for clients with a key, such as "192.168.7.1:7410"; takes 3 ports; empty: ipc only')
-    keys_dir: str = key("", "directory of the keys for tcp, as `hapticd keys` makes it")
+    keys_dir: str = key("", "directory of the keys for tcp, made by `hapticd keys`")
 
 
 @dataclass(frozen=True, slots=True)
 class SimConfig:
     """The simulated rig, for trackpad and board on \"sim\"."""
 
-    scenario: str = key("strokes", "what the simulated fingers do", choices=SCENARIO_NAMES)
-    seed: int = key(1, "of fingers, noise and cartography", low=0, high=2**31 - 1)
-    rig_dir: str = key("", "directory of a rig that runs already; empty: the daemon starts one")
+    scenario: str = key("strokes", "scenario of the simulated fingers", choices=SCENARIO_NAMES)
+    seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
+    rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")
 
 
 @dataclass(frozen=True, slots=True)
 class RealtimeConfig:
-    """What the service asks of the kernel; its unit file allows it."""
+    """Real-time settings that the service requests of the kernel; its unit file permits them."""
 
     fifo_priority: int = key(0, "SCHED_FIFO priority of the loop; 0: ordinary scheduling", low=0, high=90)
-    processor: int = key(-1, "the one processor that the loop keeps to; -1: any", low=-1, high=1023)
-    lock_memory: bool = key(False, "keep all that was once touched in memory")
-    stay_awake: bool = key(False, "keep processors from sleeping while fingers are down; costs heat")
+    processor: int = key(-1, "processor to which the loop is pinned; -1: any", low=-1, high=1023)
+    lock_memory: bool = key(False, "lock used memory pages in RAM")
+    stay_awake: bool = key(False, "keep processors out of sleep states while fingers are down; costs heat")
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +189,9 @@ class RecordConfig:
 
 @dataclass(frozen=True, slots=True)
 class LogConfig:
-    """What is said."""
+    """Log output."""
 
-    level: str = key("info", "least important line", choices=("debug", "info", "warning", "error"))
+    level: str = key("info", "lowest level that is logged", choices=("debug", "info", "warning", "error"))
 
 
 @dataclass(frozen=True, slots=True)

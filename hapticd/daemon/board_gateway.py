@@ -16,15 +16,17 @@ from ..board_values import (
     BoardState,
     BoardStatus,
     BoardTime,
+    BoardVerdict,
     ClearFault,
     HelloRequest,
     ModeCalibration,
+    ToolMessage,
+    Verdict,
 )
 from ..config.sections import Config
 from ..core.board.session import BoardSession
 from ..core.board.supervisor import Event
 from ..errors import DeviceError, RequestError
-from ..tool_values import BoardVerdict, ToolMessage, Verdict
 from ..values import Tick
 from ..wire import device as device_wire
 from ..wire import protocol

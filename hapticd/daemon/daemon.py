@@ -22,13 +22,13 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.dates import utc_now
 from ..files.recording.header import Header
-from ..io import awake
-from ..io.device import SerialLink
-from ..io.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
-from ..io.server import ClientServer
-from ..io.sockets import Remote
-from ..io.systemd import Notifier
-from ..io.trackpad import TrackpadSource
+from ..io.clients.server import ClientServer
+from ..io.clients.sockets import Remote
+from ..io.devices.serial_link import SerialLink
+from ..io.devices.trackpad_source import TrackpadSource
+from ..io.host import cpu_latency as awake
+from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
+from ..io.host.systemd import Notifier
 from ..values import RawReport
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
@@ -177,7 +177,7 @@ class Daemon:
         self._pauses = Pauses(lambda span_ns: self.machine.status.loop.paused(span_ns), clock_ns=now_ns)
         self._timer.set_period(TIMER_NS)
         self._t_logged_ns = now_ns()
-        self._notifier.tell(ready=1, status=f"serving clients in {self.runtime_dir}")
+        self._notifier.notify(ready=1, status=f"serving clients in {self.runtime_dir}")
 
     async def stop(self) -> None:
         """Silence the plate, then close clients and trackpad, and the board last."""

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..errors import HapticdError
-from ..io.realtime import quiet_collector
+from ..io.host.realtime import quiet_collector
 from .daemon import Daemon
 
 log = logging.getLogger("hapticd")

@@ -23,7 +23,7 @@ from ..config.sections import RecordConfig
 from ..errors import RecordingError
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import HEADER, Fields, Record, record_of
-from ..io.record_socket import WAITS, WHOLE, RecordSocket
+from ..io.clients.record_socket import WAITS, WHOLE, RecordSocket
 from .machine import Machine
 
 if TYPE_CHECKING:

@@ -25,13 +25,14 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..errors import ConfigError, HapticdError
 from ..files import calibration
-from ..io import keys
-from ..io.replay import ReplayTrackpad
-from ..io.server import runtime_directory
-from ..io.socketpad import SocketTrackpad
-from ..io.sockets import Remote
-from ..io.systemd import Notifier
-from ..io.trackpad import HidTrackpad, TrackpadSource
+from ..io.clients import keys
+from ..io.clients.server import runtime_directory
+from ..io.clients.sockets import Remote
+from ..io.devices.hid_trackpad import HidTrackpad
+from ..io.devices.replay import ReplayTrackpad
+from ..io.devices.socket_trackpad import SocketTrackpad
+from ..io.devices.trackpad_source import TrackpadSource
+from ..io.host.systemd import Notifier
 from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
 from .daemon import Daemon
 from .lifecycle import serve
@@ -144,7 +145,7 @@ async def _serve(
         if wanted is None:
             break
         prepared = await _prepared(config_loader, wanted, prepared.config, notifier)
-    notifier.tell(stopping=1)
+    notifier.notify(stopping=1)
 
 
 async def _check_elsewhere(command: Sequence[str]) -> None:
@@ -169,7 +170,7 @@ async def _prepared(config_loader: ConfigLoader, wanted: Config, before: Config,
     """Prepare the new configuration, or the previous one if a file vanished since the check."""
     preparing = asyncio.create_task(asyncio.to_thread(config_loader.prepare, wanted))
     while not (await asyncio.wait({preparing}, timeout=WATCHDOG_EVERY_S))[0]:
-        notifier.tell(watchdog=1)
+        notifier.notify(watchdog=1)
     try:
         return preparing.result()
     except HapticdError as error:
@@ -187,9 +188,12 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
     elif rig_dir is not None and (rig_dir / MODES_FILE).is_file():
         modes = ModeShapes.load(rig_dir / MODES_FILE)
     else:
-        from ..sim.plate.truth import PlateSettings, PlateTruth  # imported late: half the memory of a daemon without it
+        from ..sim.plate.ground_truth import (  # imported late: half the memory of a daemon without it
+            GroundTruth,
+            PlateSettings,
+        )
 
-        modes = PlateTruth(PlateSettings()).cartography(config.sim.seed)
+        modes = GroundTruth(PlateSettings()).measured_mode_map(config.sim.seed)
     if len(config.limits.w_limit_um) != modes.M:
         raise ConfigError(
             f"limits.w_limit_um: has {len(config.limits.w_limit_um)} limits for a plate of {modes.M} modes: "

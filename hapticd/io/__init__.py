@@ -1,1 +1,1 @@
-"""The thin rim: devices, sockets, the operating system. Moves bytes and decides nothing."""
+"""Input and output: devices, client sockets and operating-system services. Moves bytes and decides nothing."""

@@ -12,7 +12,7 @@ __all__ = ["Run", "Settings", "run"]
 
 
 def __getattr__(name: str) -> object:
-    """Loaded when asked for: a daemon takes from here how to start a rig, and needs none of its physics."""
+    """Import `lockstep` on first use: a daemon that starts a rig needs none of the physics."""
     if name in __all__:
         return getattr(importlib.import_module(".lockstep", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

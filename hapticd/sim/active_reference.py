@@ -1,4 +1,4 @@
-"""Which of the daemon's passes ruled the plate at each instant of a run, and what they took for granted."""
+"""The reference active at each instant of a run, with the finger positions that it assumed."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ class Passes:
         self._sent: list[tuple[Tick, SafeDrive, dict[int | str, int]]] = []
 
     def add(self, tick: Tick, actor_of: Mapping[int | str, int]) -> None:
-        """Note a pass, and which actor each of its fingers was; one that sent nothing is left out."""
+        """Add a pass with the actor of each finger; a pass that sent no reference is ignored."""
         if tick.drive is not None:
             self._sent.append((tick, tick.drive, dict(actor_of)))
 
     def limited(self, t_s: FloatArray) -> npt.NDArray[np.bool_]:
-        """Whether the pass in force missed a target for a limit (T,)."""
+        """Return whether a limit reduced a target in the active pass (T,)."""
         limited = np.zeros(len(t_s), dtype=bool)
-        for (tick, _, _), part in self._ruled(t_s, 0.0):
+        for (tick, _, _), part in self._active(t_s, 0.0):
             limited[part] = tick.limited
         return limited
 
     def predicted_mm(self, t_s: FloatArray, actors: int, delay_s: float) -> FloatArray:
-        """Where the polyline in force took each actor to be (T, N, 2), NaN where it knew of none.
+        """Return the position of each actor assumed by the active polyline (T, N, 2), NaN where it had none.
 
-        `delay_s` is by how much the plate follows its reference late.
+        `delay_s` is the lag of the plate behind its reference.
         """
         predicted_mm = np.full((len(t_s), actors, 2), np.nan)
-        for (tick, drive, actor_of), part in self._ruled(t_s, delay_s):
+        for (tick, drive, actor_of), part in self._active(t_s, delay_s):
             span_s = max(drive.knots[-1].dt_ns * 1e-9, 1e-9)
             since_s = t_s[part] - delay_s - self._starts_s(drive)
             share = np.clip(since_s / span_s, 0.0, 1.0)[:, None]
@@ -47,10 +47,10 @@ class Passes:
                 predicted_mm[part, actor_of[point.key]] = start + share * (end - start)
         return predicted_mm
 
-    def _ruled(
+    def _active(
         self, t_s: FloatArray, delay_s: float
     ) -> list[tuple[tuple[Tick, SafeDrive, dict[int | str, int]], slice]]:
-        """Each pass with the instants during which it ruled."""
+        """Return each pass with the slice of instants during which it was active."""
         starts_s = [self._starts_s(drive) + delay_s for _, drive, _ in self._sent]
         bounds = [*np.searchsorted(t_s, starts_s).tolist(), len(t_s)]
         return [(sent, slice(bounds[i], bounds[i + 1])) for i, sent in enumerate(self._sent)]

@@ -1,10 +1,10 @@
-"""The whole of hapticd against the simulated plate in virtual time: deterministic, and many times faster than real.
+"""Lock-step simulation: the daemon against the simulated plate in virtual time, deterministic and fast.
 
-Events (a report arrives, bytes reach the board or the host, a timer is due) lie in one queue; between them the board's
-firmware and plate run tick by tick. The daemon's part is `machine.Machine`, the same as in the service.
+Events (a report arrives, bytes reach the board or the host, a timer is due) are in one queue; between them the board's
+firmware and the plate run tick by tick. The daemon's part is `machine.Machine`, as in the service.
 
-What this leaves out of reality: the daemon's run time is a constant, clocks do not drift, and the link loses nothing
-and takes the same time both ways (half of any difference would shift the board's clock unseen).
+Idealised: the daemon's run time is constant, clocks do not drift, and the link loses nothing and has the same delay in
+both directions (half of any difference would shift the board's clock undetected).
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from ..daemon.observer import Observer
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
+from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel, SensorSettings
-from .plate.truth import PlateSettings, PlateTruth
-from .scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
+from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score
 from .world import World
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
-LEAST_S = 0.01  # a shorter run holds nothing to judge
+LEAST_S = 0.01  # a shorter run has no sample to score
 SCHEMES = ("hapticd", "paper")
 _POSITIVE = ("speed_mm_s", "report_period_ms")
 _NOT_NEGATIVE = ("noise_mm", "stamp_jitter_ms", "sensor_latency_ms", "link_ms")
@@ -44,7 +44,7 @@ _NOT_NEGATIVE = ("noise_mm", "stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a simulated run is made of; the daemon's own side is in `config`."""
+    """Settings of a simulated run; those of the daemon are in `config`."""
 
     scheme: str = "hapticd"
     speed_mm_s: float = SPEED_MM_S
@@ -53,27 +53,27 @@ class Settings:
     report_period_ms: float = 11.25
     sensor_latency_ms: float = 10.0
     link_ms: float = 5.0
-    parasitic_modes_known: bool = True  # the laboratory measured the modes beside the driven ones as well
+    parasitic_modes_known: bool = True  # the parasitic modes were measured too
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)
 
     def __post_init__(self) -> None:
-        """Raises SimulationError, a ValueError, for what cannot be simulated."""
+        """Raise SimulationError, a ValueError, for invalid settings."""
         if self.scheme not in SCHEMES:
             raise SimulationError(f"there is no scheme {self.scheme!r}: choose one of {', '.join(SCHEMES)}.")
         for name in (*_POSITIVE, *_NOT_NEGATIVE):
             value = getattr(self, name)
             if not (math.isfinite(value) and (value > 0 or (value == 0 and name in _NOT_NEGATIVE))):
-                wanted = "0 or more" if name in _NOT_NEGATIVE else "above 0"
-                raise SimulationError(f"the setting {name} is {value}: give a finite number, {wanted}.")
+                bound = "0 or more" if name in _NOT_NEGATIVE else "above 0"
+                raise SimulationError(f"the setting {name} is {value}: give a finite number, {bound}.")
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
     """A finished run. Arrays over the T control ticks, N fingers (NaN while absent), M modes; units in the names.
 
-    `modal_um` is what the plate's own modes do, `truth_um` what each finger gets at its true position, from all of
-    the plate's modes; `finger_predicted_mm` is where the reference in force took the finger to be.
+    `modal_um` are the plate's driven modes, `truth_um` the amplitude at each finger's true position, from all modes of
+    the plate; `finger_predicted_mm` is the position that the active reference assumed.
     """
 
     scenario: str
@@ -101,7 +101,8 @@ def run(
 ) -> Run:
     """Play `scenario` for `seconds` of virtual time. The same arguments give the same arrays, byte for byte.
 
-    `settings` may be a mapping of some of Settings' fields; `tap` makes the machine's tap before the first event.
+    `settings` may be a mapping of some fields of Settings; `observer` makes the machine's observer before the first
+    event.
     Raises SimulationError, a ValueError, for an unknown scenario or setting and for values out of bounds.
     """
     if scenario not in SCENARIOS:
@@ -112,7 +113,7 @@ def run(
         raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
     if seed < 0:
         raise SimulationError(f"the seed is {seed}: give 0 or more.")
-    chosen = _chosen(settings)
+    chosen = _as_settings(settings)
     try:
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:
@@ -125,35 +126,34 @@ def run(
 
 
 def perfect(played: Run, every: int = 4) -> Score:
-    """The same fingers under perfect knowledge: true positions and shapes, a loop without delay. Judged each `every`
-    ticks."""
+    """Score the same fingers under perfect knowledge: true positions and shapes, no loop delay; each `every` ticks."""
     part = slice(None, None, every)
-    truth = PlateTruth(played.settings.plate)
+    truth = GroundTruth(played.settings.plate)
     target_um = played.target_um[part]
     phi = truth.shapes(played.finger_true_mm[part])[..., : played.modal_um.shape[1]]
     modal_um = np.zeros((len(target_um), phi.shape[2]))
     limited = np.zeros(len(target_um), dtype=bool)
     previous = None
-    for index, wanted in enumerate(target_um):
-        present = np.isfinite(wanted)
+    for index, tick_target_um in enumerate(target_um):
+        present = np.isfinite(tick_target_um)
         solution = solve(
-            phi[index][present], wanted[present], played.settings.config.limits.w_limit_um, previous_um=previous
+            phi[index][present], tick_target_um[present], played.settings.config.limits.w_limit_um, previous_um=previous
         )
         modal_um[index] = previous = solution.modal_um
         limited[index] = solution.limited
-    got_um = np.einsum("tnm,tm->tn", phi, modal_um).astype(np.complex128)
-    return score(played.t_s[part], target_um, got_um, modal_um.astype(np.complex128), limited)
+    finger_um = np.einsum("tnm,tm->tn", phi, modal_um).astype(np.complex128)
+    return score(played.t_s[part], target_um, finger_um, modal_um.astype(np.complex128), limited)
 
 
 class Simulation:
-    """One run in the making: the world, the machine, and the events between them."""
+    """A run in progress: the world, the machine, and the events between them."""
 
     def __init__(self, actors: tuple[Actor, ...], settings: Settings, seed: int) -> None:
         self.settings = settings
         self.seed = seed
         self.actors = actors
         self._config = _scheme_config(settings)
-        plate = PlateTruth(settings.plate)
+        plate = GroundTruth(settings.plate)
         self.world = World(
             paths_of(actors),
             plate,
@@ -162,7 +162,7 @@ class Simulation:
             boot_id=seed + 1,
             board_start_us=BOARD_START_US,
         )
-        self.modes = plate.cartography(seed)
+        self.modes = plate.measured_mode_map(seed)
         self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(
@@ -182,7 +182,7 @@ class Simulation:
         self._passes = Passes(T_START_NS)
 
     def run(self, seconds: float) -> None:
-        """Play from the start for `seconds`."""
+        """Run from the start for `seconds`."""
         t_end_ns = T_START_NS + round(seconds * 1e9)
         paths = [actor.path for actor in self.actors if actor.path is not None]
         for report in self._sensor.reports(paths, seconds):
@@ -192,15 +192,17 @@ class Simulation:
         self.machine.trackpad_link(True, "simulated", T_START_NS)
         self.machine.board_link(True, "simulated", T_START_NS)
         while self._events and self._events[0][0] <= t_end_ns:
-            said = self.world.advance((self._events[0][0] - T_START_NS) * 1e-9)
-            if said:
-                self._push(T_START_NS + round(self.world.t_s * 1e9) + round(self.settings.link_ms * 1e6), "host", said)
+            output = self.world.advance((self._events[0][0] - T_START_NS) * 1e-9)
+            if output:
+                self._push(
+                    T_START_NS + round(self.world.t_s * 1e9) + round(self.settings.link_ms * 1e6), "host", output
+                )
                 continue
             t_ns, _, kind, data = heapq.heappop(self._events)
             self._t_ns = t_ns
             self._handle(kind, data, t_ns)
         while self.world.advance(seconds):
-            pass  # nobody listens after the end
+            pass  # the board's output after the end is not used
 
     def _handle(self, kind: str, data: bytes, t_ns: int) -> None:
         if kind == "board":
@@ -208,19 +210,19 @@ class Simulation:
         elif kind == "host":
             self.machine.board_bytes(data, t_ns)
         elif kind == "timer":
-            self._ask(t_ns)
+            self._send_targets(t_ns)
             self.machine.timer(t_ns)
         else:
             self.machine.reports((RawReport(t_ns, data),), t_ns)
-            self._ask(t_ns)
+            self._send_targets(t_ns)
         tick = self.machine.last_tick
         if tick is not None and tick.t_now_ns == t_ns:
             self._passes.add(tick, self._client.actor_of)
 
-    def _ask(self, t_ns: int) -> None:
+    def _send_targets(self, t_ns: int) -> None:
         fingers = [(finger.finger_id, finger.x_mm, finger.y_mm) for finger in self.machine.pipeline.fingers]
         sampled_s = (t_ns - T_START_NS) * 1e-9 - self.settings.sensor_latency_ms * 1e-3
-        message = self._client.wants((t_ns - T_START_NS) * 1e-9, sampled_s, fingers)
+        message = self._client.message((t_ns - T_START_NS) * 1e-9, sampled_s, fingers)
         if message is not None:
             self.machine.want(message, t_ns)
 
@@ -237,10 +239,10 @@ class Simulation:
         self._pushed += 1
         heapq.heappush(self._events, (t_ns, self._pushed, kind, data))
 
-    # --- what came of it ---
+    # --- result ---
 
     def result(self, scenario: str) -> Run:
-        """The run so far as arrays, judged."""
+        """Return the run so far as arrays, with its score."""
         recording = self.world.recording()
         t_s = recording.t_s
         true_mm = self._true_mm(t_s)
@@ -281,8 +283,8 @@ class Simulation:
         return true_mm
 
 
-def _chosen(given: Settings | Mapping[str, Any] | None) -> Settings:
-    """`given` as Settings; raises SimulationError for a name that is none of theirs."""
+def _as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
+    """Return `given` as Settings. Raises SimulationError for an unknown name."""
     if given is None:
         return Settings()
     if isinstance(given, Settings):
@@ -295,7 +297,7 @@ def _chosen(given: Settings | Mapping[str, Any] | None) -> Settings:
 
 
 def _scheme_config(settings: Settings) -> Config:
-    """The daemon's configuration for a scheme; the paper's is its Matlab loop: hold, steps, plain PI, its formula."""
+    """Return the daemon's configuration for a scheme; the paper's is its Matlab loop: hold, steps, PI, its formula."""
     config = settings.config
     if settings.scheme == "paper":
         config = paper_config(config)
@@ -303,5 +305,5 @@ def _scheme_config(settings: Settings) -> Config:
 
 
 def paper(played: Settings) -> Settings:
-    """The same run under the paper's scheme, whose sensor reports every 10 ms."""
+    """Return the settings for the paper's scheme, whose sensor reports every 10 ms."""
     return replace(played, scheme="paper", report_period_ms=10.0)

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..files import plotting
+from .fingers.scenarios import STEP_S
 from .lockstep import Run
-from .scenarios import STEP_S
 from .score import Score, score
 
 MODE_COLOURS = ("tab:blue", "tab:green")  # as in the paper: blue is mode X, green mode Y

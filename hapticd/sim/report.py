@@ -1,4 +1,4 @@
-"""What a simulated run amounts to: its figures beside the paper's scheme and perfect knowledge, and its arrays."""
+"""Report of a simulated run: its figures against the paper's scheme and perfect knowledge, and its arrays."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from ..errors import HapticdError
 from . import lockstep
+from .fingers.scenarios import STEP_S
 from .lockstep import Run
-from .scenarios import STEP_S
 from .score import Score
 
 ARRAYS = (
@@ -29,41 +29,42 @@ ARRAYS = (
 )
 SETTLED_FRAC = 0.02  # a step has settled when it stays within 2 % of its size
 FINAL_S = 0.1  # its final value is the mean over the run's end
-STEP_WATCHED_S = 0.2  # a run that ends sooner after the step has no final value
+STEP_WATCHED_S = 0.2  # a shorter run has no final value
 
 
 def figures(played: Run, *, compare: bool = True) -> dict[str, Any]:
-    """Plain numbers for JSON; null where a figure has no meaning. With `compare`, the same fingers (trajectories,
-    seeds, plate) under the paper's scheme and under perfect knowledge."""
-    told: dict[str, Any] = {
+    """Return plain numbers for JSON; null where a figure is undefined.
+
+    `compare` adds the same run (trajectories, seeds, plate) under the paper's scheme and under perfect knowledge.
+    """
+    report: dict[str, Any] = {
         "scenario": played.scenario,
         "seed": played.seed,
         "seconds": float(played.t_s[-1]),
         "w_limit_um": list(played.settings.config.limits.w_limit_um),
         "hapticd": _plain(played.score),
     }
-    if played.scenario == "step" and told["seconds"] > STEP_S + STEP_WATCHED_S:
-        told["step"] = step_response(played.t_s, played.modal_um[:, 0], t_step_s=STEP_S)
+    if played.scenario == "step" and report["seconds"] > STEP_S + STEP_WATCHED_S:
+        report["step"] = step_response(played.t_s, played.modal_um[:, 0], t_step_s=STEP_S)
     if compare:
         baseline = lockstep.run(
             played.scenario, settings=lockstep.paper(played.settings), seed=played.seed, seconds=float(played.t_s[-1])
         )
-        told["paper"] = _plain(baseline.score)
-        told["perfect"] = _plain(lockstep.perfect(played))
+        report["paper"] = _plain(baseline.score)
+        report["perfect"] = _plain(lockstep.perfect(played))
         if played.score.leak_um > 0 and math.isfinite(baseline.score.leak_um):
-            told["leak_ratio"] = baseline.score.leak_um / played.score.leak_um
-    told["status"] = played.status
-    return told
+            report["leak_ratio"] = baseline.score.leak_um / played.score.leak_um
+    report["status"] = played.status
+    return report
 
 
 def step_response(
     t_s: npt.NDArray[np.float64], w_um: npt.NDArray[np.complex128], *, t_step_s: float
 ) -> dict[str, float]:
-    """Figure 7's numbers for a step of one axis: `w_um` (T,) from 0 to its final value, asked for at `t_step_s`.
+    """Return the figures of a step response as in the paper's figure 7: `w_um` (T,) of one axis, step at `t_step_s`.
 
-    `settling_ms` counts from where W_d first leaves 1 % of its final value (before that lies the link's delay, not
-    the loop's) to where it stays within SETTLED_FRAC of it. A final W_d of either sign will do: the plate's phase is
-    free.
+    `settling_ms` counts from where W_d exceeds 1 % of its final value (before that is the link's delay) to where it
+    stays within SETTLED_FRAC of it. The final W_d may have either sign: the plate's phase is free.
     """
     after_um = w_um[t_s >= t_step_s]
     period_s = float(t_s[1] - t_s[0])
@@ -79,22 +80,22 @@ def step_response(
     }
 
 
-def table(told: Mapping[str, Any]) -> str:
-    """The figures for a person."""
+def table(report: Mapping[str, Any]) -> str:
+    """Format the figures as a table."""
     rows = [f"{'':<10}{'leak um':>9}{'slip error um':>15}{'slip':>8}{'limited':>9}"]
     for scheme in ("hapticd", "paper", "perfect"):
-        if scheme in told:
-            line = told[scheme]
+        if scheme in report:
+            line = report[scheme]
             cells = (line["leak_um"], line["slip_error_um"], line["slip_frac"], line["limited_frac"])
             widths = (9, 15, 8, 9)
             rows.append(
                 f"{scheme:<10}"
                 + "".join(f"{'-' if x is None else format(x, '.3f'):>{w}}" for x, w in zip(cells, widths, strict=True))
             )
-    if "leak_ratio" in told:
-        rows.append(f"the paper's scheme leaks {told['leak_ratio']:.1f} times as much")
-    if "step" in told:
-        rows.append("step of {final_um:.3f} um: settles in {settling_ms:.1f} ms".format(**told["step"]))
+    if "leak_ratio" in report:
+        rows.append(f"the paper's scheme leaks {report['leak_ratio']:.1f} times as much")
+    if "step" in report:
+        rows.append("step of {final_um:.3f} um: settles in {settling_ms:.1f} ms".format(**report["step"]))
     return "\n".join(rows)
 
 

@@ -1,7 +1,7 @@
-"""The physical half of the simulation: fingers on the plate, the plate, and the board with the firmware's C.
+"""The physical half of the simulation: fingers, plate, and the board with the firmware's C.
 
-It is advanced tick by tick, in virtual time by `lockstep` and in real time by `rig`. What the fingers do is computed
-a chunk ahead, vectorised, for they are pure functions of time, or a person's, of which little is known ahead.
+It is advanced tick by tick, in virtual time by `lockstep` and in real time by `rig`. Finger positions are computed one
+chunk ahead, vectorised: they are pure functions of time, or a user's, whose chunks are short.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from .board.board import Board, BoardConfig, BoardTrace, PlateModel
 from .fingers.paths import Path
-from .plate.truth import PlateTruth
+from .plate.ground_truth import GroundTruth
 
 CHUNK_TICKS = 500
 CONTROL_HZ = 2000.0
@@ -22,7 +22,7 @@ CONTROL_HZ = 2000.0
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What the plate did over T control ticks: t_s (T,), the fingers that touch it, references, all P plate modes."""
+    """History of T control ticks: t_s (T,), positions of touching fingers, references, all P plate modes."""
 
     t_s: npt.NDArray[np.float64]
     finger_mm: npt.NDArray[np.float64]
@@ -33,24 +33,23 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
-class Instant:
-    """The plate at one instant: all fingers (F, 2), NaN where one is in the air, and P of its modes (P,) in the
-    rotating frame."""
+class PlateInstant:
+    """The plate at one instant: all fingers (F, 2), NaN where lifted, and its modes (P,) in the rotating frame."""
 
     finger_mm: npt.NDArray[np.float64]
     plate_um: npt.NDArray[np.complex128]
 
 
 class World:
-    """One plate with its fingers and its board; t = 0 is its start. With `keep` everything is recorded.
+    """One plate with its fingers and board; t = 0 is its start. With `keep` everything is recorded.
 
-    `paths` are its F fingers, `chunk_ticks` is how far ahead they are asked where they will be.
+    `paths` are its F fingers, whose positions are computed `chunk_ticks` ahead.
     """
 
     def __init__(
         self,
         paths: Sequence[Path],
-        plate: PlateTruth,
+        plate: GroundTruth,
         *,
         w_limit_um: tuple[float, ...],
         seed: int,
@@ -89,51 +88,51 @@ class World:
         self._keep = keep
         self._chunk_ticks = chunk_ticks
         self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
-        self._before = np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128)
+        self._previous = np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128)
         self._start_chunk()
 
     @property
     def t_s(self) -> float:
-        """The world's time: the end of the last control tick."""
+        """Simulated time: the end of the last control tick."""
         return self.ticks / CONTROL_HZ
 
     @property
     def t_ahead_s(self) -> float:
-        """Up to here the fingers have been asked where they are: what they do from then on can still change."""
+        """Time up to which finger positions are already computed; later ones can still change."""
         return (self.ticks - self._done + self._chunk_ticks) / CONTROL_HZ
 
-    def now(self) -> Instant:
-        """The last tick; before the first a plate at rest."""
-        finger_mm, plate_um = self._before if self._done == 0 else self._row(self._done - 1)
-        return Instant(finger_mm, plate_um)
+    def now(self) -> PlateInstant:
+        """Return the state at the last tick; before the first, a plate at rest."""
+        finger_mm, plate_um = self._previous if self._done == 0 else self._state_at(self._done - 1)
+        return PlateInstant(finger_mm, plate_um)
 
     def advance(self, t_s: float) -> bytes:
-        """Run up to `t_s`, or to the tick at which the board says something: its bytes, b"" at `t_s`."""
+        """Run up to `t_s`, or to the first tick with board output; returns that output, b"" at `t_s`."""
         due = int(t_s * CONTROL_HZ + 1e-6)
         while self.ticks < due:
             if self._done == self._chunk_ticks:
-                self._before = self._row(self._done - 1)
+                self._previous = self._state_at(self._done - 1)
                 self._start_chunk()
             ticks = min(due - self.ticks, self._chunk_ticks - self._done)
             ran = self.board.run(ticks, self._phi, self._decay_1_s, self._trace, self._done, stop_on_transmit=True)
             self._done += ran
             self.ticks += ran
-            said = self.board.transmit()
-            if said:
-                return said
+            output = self.board.transmit()
+            if output:
+                return output
         return b""
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """Bytes reach the board at `t_s`, after the last tick and before the next."""
+        """Deliver bytes to the board at `t_s`, after the last tick and before the next."""
         self.board.receive(data, self._board_start_us + round(t_s * 1e6))
 
     def reset_board(self, boot_id: int) -> None:
-        """Its processor starts anew after the last tick, with its clock; the plate goes on."""
+        """Reset the processor and its clock after the last tick; the plate continues."""
         self.board.reset(boot_id)
         self._board_start_us = self.board.unwrapped_us - round(self.t_s * 1e6)
 
     def recording(self) -> Recording:
-        """Everything so far."""
+        """Return the history so far."""
         parts = [(fingers, trace, self._chunk_ticks) for fingers, trace in self._kept[:-1]]
         parts.append((*self._kept[-1], self._done))
         return Recording(
@@ -145,8 +144,8 @@ class World:
             flags=np.concatenate([trace.flags[:count] for _, trace, count in parts]),
         )
 
-    def _row(self, tick: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]:
-        """Fingers (F, 2) and plate (P,) at a tick of this chunk."""
+    def _state_at(self, tick: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]:
+        """Return fingers (F, 2) and plate (P,) at a tick of this chunk."""
         fingers_mm, trace = self._kept[-1]
         return fingers_mm[tick], trace.plate_um[tick]
 
@@ -158,7 +157,7 @@ class World:
             fingers_mm[:, index] = path.position_mm(t_s)
         near = np.ascontiguousarray(
             fingers_mm[:, np.isfinite(fingers_mm[..., 0]).any(axis=0)]
-        )  # a finger in the air takes no part
+        )  # lifted fingers have no effect
         self._phi = np.ascontiguousarray(self.plate.shapes(near))
         self._decay_1_s = np.where(np.isfinite(near[..., 0]), self.plate.finger_decay_1_s, 0.0)
         self._trace = BoardTrace(ticks, len(self.plate.sensor), len(self.plate.decay_1_s))

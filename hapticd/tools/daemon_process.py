@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from ..io import owned_process
+from ..tools import owned_process
 
 END_WITHIN_S = 10.0
 # A loaded host that stalls the simulated pad must not lift its fingers, which would land again under other ids.
@@ -30,7 +30,7 @@ class DaemonProcess:
         )
 
     def __enter__(self) -> DaemonProcess:
-        self.process = owned_process.start(["run", "--config", str(self._config)], forget=Path(self._folder.name))
+        self.process = owned_process.start(["run", "--config", str(self._config)], scratch=Path(self._folder.name))
         return self
 
     def __exit__(self, *_: object) -> None:

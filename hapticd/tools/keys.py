@@ -8,7 +8,7 @@ from typing import Any
 
 import zmq.auth
 
-from ..io import keys
+from ..io.clients import keys
 
 RESTART = "restart hapticd to apply"
 

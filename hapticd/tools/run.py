@@ -43,12 +43,12 @@ def configuration(options: argparse.Namespace) -> Config:
 
 def log_to_stderr(level: str) -> None:
     """Log to stderr: lines with the time for a terminal, in the journal's own format for the journal."""
-    from ..io.journal import JournalHandler
-    from ..io.systemd import JournalFormatter, speaks_to_journal
+    from ..io.host.journal import JournalHandler
+    from ..io.host.systemd import JournalFormatter, is_journal_stream
 
     handler = JournalHandler()
     plain = logging.Formatter("%(asctime)s %(levelname)s %(message)s", "%H:%M:%S")
-    handler.setFormatter(JournalFormatter() if speaks_to_journal(STDERR) else plain)
+    handler.setFormatter(JournalFormatter() if is_journal_stream(STDERR) else plain)
     logging.basicConfig(level=level.upper(), handlers=[handler])
 
 

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from ..sim.scenarios import SCENARIOS
+from ..sim.fingers.scenarios import SCENARIOS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

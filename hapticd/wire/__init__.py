@@ -1,1 +1,1 @@
-"""Bytes to values and back, without I/O: trackpad reports, board frames, client messages."""
+"""Encoding and decoding without I/O: trackpad reports, board frames, client messages."""

@@ -1,4 +1,4 @@
-"""Bytes from the board: whole frames in any pieces become values, hostile ones are counted and never raise."""
+"""Decoder of the board's messages: bytes in pieces of any size to values; invalid frames are counted."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Final
 
-from ..board_values import BoardHello, BoardMessage, BoardState, BoardStatus, BoardTime, ModeModel
-from ..tool_values import (
+from ..board_values import (
     BoardController,
+    BoardHello,
     BoardLog,
+    BoardMessage,
+    BoardState,
+    BoardStatus,
+    BoardTime,
     BoardVerdict,
     LogEntry,
+    ModeModel,
     ModeSample,
     SweepPoint,
     TelemetrySample,
@@ -30,7 +35,7 @@ LAW_NAMES: Final = {number: name for name, number in protocol.LAWS.items()}
 
 
 class Decoder:
-    """Bytes in pieces of any size in, messages out. Hostile bytes are counted by reason and never raise."""
+    """Decode bytes in pieces of any size to messages. Invalid bytes are counted by reason and never raise."""
 
     def __init__(self) -> None:
         self._splitter = FrameSplitter(FRAME_MAX)
@@ -38,11 +43,11 @@ class Decoder:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Frames refused so far, by reason: oversize, cobs, crc, type, length, value."""
+        """Refused frames by reason: oversize, cobs, crc, type, length, value."""
         return self._splitter.counters | self._refused
 
     def feed(self, data: bytes) -> tuple[BoardMessage | ToolMessage, ...]:
-        """The messages completed by `data`, in order."""
+        """Return the messages completed by `data`, in order."""
         messages = map(self._message, self._splitter.feed(data))
         return tuple(message for message in messages if message is not None)
 
@@ -65,10 +70,10 @@ def _read_hello(payload: bytes) -> BoardHello | None:
     version, protocol_hash, modes, name, boot_id, control_hz, drive_hz, deadman_ms, v_limit_v = (
         protocol.HELLO.unpack_from(payload)
     )
-    # Bytes after the limits are a later version's: HELLO only grows, so that its version can be read and refused.
+    # HELLO only grows: later versions append after the limits, and their version can still be read and refused.
     w_limit_um = struct.unpack_from(f"<{modes}f", payload, protocol.HELLO.size)
     text = name.rstrip(b"\0").decode("ascii", "replace")
-    figures = (control_hz, drive_hz, v_limit_v, *w_limit_um)  # zeros come from a board that knows it must not drive
+    figures = (control_hz, drive_hz, v_limit_v, *w_limit_um)  # 0: a misconfigured board, which does not drive
     if not (modes >= 1 and text.isprintable() and all(0.0 <= figure < 1e9 for figure in figures)):
         return None
     return BoardHello(
@@ -89,10 +94,10 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     t_us, state, flags, fault, modes, seq, received_us, applied_us, trips, bad, late = protocol.STATUS.unpack_from(
         payload
     )
-    parts = _parts(payload, protocol.STATUS.size, 4 * modes)
-    if not (state in STATES and flags <= 7 and modes >= 1 and all(map(isfinite, parts))):
+    values = _floats(payload, protocol.STATUS.size, 4 * modes)
+    if not (state in STATES and flags <= 7 and modes >= 1 and all(map(isfinite, values))):
         return None
-    phasors = _phasors(parts)
+    phasors = _phasors(values)
     return BoardStatus(
         t_board_us=t_us,
         state=STATES[state],
@@ -117,55 +122,55 @@ def _read_time(payload: bytes) -> BoardTime | None:
 
 def _read_controller(payload: bytes) -> BoardController | None:
     law, bandwidth_1_s, integral_time_s, modes = protocol.CONTROLLER.unpack_from(payload)
-    parts = _parts(payload, protocol.CONTROLLER.size, 5 * modes)
-    if not (modes >= 1 and all(map(isfinite, (bandwidth_1_s, integral_time_s, *parts)))):
+    values = _floats(payload, protocol.CONTROLLER.size, 5 * modes)
+    if not (modes >= 1 and all(map(isfinite, (bandwidth_1_s, integral_time_s, *values)))):
         return None
-    rows = [parts[start : start + 5] for start in range(0, len(parts), 5)]
-    models = tuple(ModeModel(decay, detuning, gain, complex(d, q)) for decay, detuning, gain, d, q in rows)
+    fields = [values[start : start + 5] for start in range(0, len(values), 5)]
+    models = tuple(ModeModel(decay, detuning, gain, complex(d, q)) for decay, detuning, gain, d, q in fields)
     return BoardController(LAW_NAMES.get(law), bandwidth_1_s, integral_time_s, models)
 
 
 def _read_sweep_point(payload: bytes) -> SweepPoint | None:
     index, points, mode, modes, frequency_hz, voltage_v = protocol.SWEEP_POINT.unpack_from(payload)
-    parts = _parts(payload, protocol.SWEEP_POINT.size, 2 * modes)
-    if not (mode < modes and index < points and all(map(isfinite, (frequency_hz, voltage_v, *parts)))):
+    values = _floats(payload, protocol.SWEEP_POINT.size, 2 * modes)
+    if not (mode < modes and index < points and all(map(isfinite, (frequency_hz, voltage_v, *values)))):
         return None
-    return SweepPoint(index, points, mode, frequency_hz, voltage_v, tuple(_phasors(parts)))
+    return SweepPoint(index, points, mode, frequency_hz, voltage_v, tuple(_phasors(values)))
 
 
 def _read_telemetry(payload: bytes) -> TelemetrySample | None:
     t_us, dropped, state, flags, modes = protocol.TELEMETRY.unpack_from(payload)
-    parts = _parts(payload, protocol.TELEMETRY.size, 8 * modes)
-    if not (state in STATES and flags <= 7 and modes >= 1 and all(map(isfinite, parts))):
+    values = _floats(payload, protocol.TELEMETRY.size, 8 * modes)
+    if not (state in STATES and flags <= 7 and modes >= 1 and all(map(isfinite, values))):
         return None
-    rows = [parts[start : start + 8] for start in range(0, len(parts), 8)]
+    fields = [values[start : start + 8] for start in range(0, len(values), 8)]
     return TelemetrySample(
         t_board_us=t_us,
         dropped=dropped,
         state=STATES[state],
         saturated=bool(flags & 2),
         limited=bool(flags & 4),
-        modes=tuple(map(_mode_sample, rows)),
+        modes=tuple(map(_mode_sample, fields)),
     )
 
 
-def _mode_sample(row: Sequence[float]) -> ModeSample:
-    reference_um, measured_um, voltage_v = _phasors(row[:6])
-    return ModeSample(reference_um, measured_um, voltage_v, decay_1_s=row[6], detuning_rad_s=row[7])
+def _mode_sample(fields: Sequence[float]) -> ModeSample:
+    reference_um, measured_um, voltage_v = _phasors(fields[:6])
+    return ModeSample(reference_um, measured_um, voltage_v, decay_1_s=fields[6], detuning_rad_s=fields[7])
 
 
 def _read_log(payload: bytes) -> BoardLog | None:
     cause, count, events = protocol.LOG.unpack_from(payload)
     if len(payload) != protocol.LOG.size + protocol.LOG_ENTRIES * protocol.LOG_ENTRY.size:
         raise struct.error
-    rows = list(protocol.LOG_ENTRY.iter_unpack(payload[protocol.LOG.size :]))[:count]
-    if not (count <= protocol.LOG_ENTRIES and count <= events and all(isfinite(row[4]) for row in rows)):
+    entries = list(protocol.LOG_ENTRY.iter_unpack(payload[protocol.LOG.size :]))[:count]
+    if not (count <= protocol.LOG_ENTRIES and count <= events and all(isfinite(entry[4]) for entry in entries)):
         return None
-    entries = [
+    log_entries = [
         LogEntry(t_us, boot_id, code, None if mode == protocol.ALL_MODES else mode, value)
-        for t_us, boot_id, code, mode, value in rows
+        for t_us, boot_id, code, mode, value in entries
     ]
-    return BoardLog(cause, events, tuple(entries))
+    return BoardLog(cause, events, tuple(log_entries))
 
 
 def _read_verdict(payload: bytes) -> BoardVerdict | None:
@@ -173,13 +178,13 @@ def _read_verdict(payload: bytes) -> BoardVerdict | None:
     return BoardVerdict(request, VERDICTS[verdict]) if verdict in VERDICTS else None
 
 
-def _parts(payload: bytes, start: int, count: int) -> tuple[float, ...]:
-    """The `count` floats after the fixed part; raises struct.error unless the payload ends with them."""
+def _floats(payload: bytes, start: int, count: int) -> tuple[float, ...]:
+    """Unpack the `count` floats after the fixed part. Raises struct.error unless the payload ends with them."""
     return struct.unpack(f"<{count}f", payload[start:])
 
 
-def _phasors(parts: Sequence[float]) -> list[complex]:
-    return [complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True)]
+def _phasors(re_im: Sequence[float]) -> list[complex]:
+    return [complex(d, q) for d, q in zip(re_im[::2], re_im[1::2], strict=True)]
 
 
 _READERS: Final[dict[int, Callable[[bytes], BoardMessage | ToolMessage | None]]] = {

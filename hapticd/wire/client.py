@@ -1,10 +1,10 @@
-"""What clients and the daemon say to each other, one MessagePack map per message. The contract is clients/PROTOCOL.md.
+"""Client messages, one MessagePack map each. The contract is clients/PROTOCOL.md.
 
-    targets    client -> daemon   decode_targets    all that one client wants now
+    targets    client -> daemon   decode_targets    all targets of one client
     control    client -> daemon   decode_request    a request with an id; encode_reply or encode_error answers it
-    telemetry  daemon -> clients  encode_state      what every finger gets
+    telemetry  daemon -> clients  encode_state      the state of every finger
 
-Decoders raise RequestError, with one sentence for the sender, and nothing else, whatever the bytes.
+Decoders raise RequestError, with one sentence for the sender, and nothing else for any bytes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be rea
 CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
-    "optional": ("stamp",),  # fields that came within this version: a client sends those that it finds here
+    "optional": ("stamp",),  # fields added within this version: a client sends only those listed here
     "targets": ("amplitude_um", "friction", "grating", "map"),
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
@@ -55,7 +55,7 @@ CAPABILITIES: Mapping[str, object] = {
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """Give up one finger (its id, or a virtual finger's name), or with None all that the client holds.
+    """Release one finger (its id, or a virtual finger's name), or with None all fingers of the client.
 
     `stamp` as in ClientTargets.
     """
@@ -67,7 +67,7 @@ class Release:
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """A client's word for an instant of its experiment; `t_ns` is when the daemon heard it, 0 on its way there."""
+    """A client's label for an instant of its experiment; `t_ns` is its arrival at the daemon, 0 before that."""
 
     client: str
     text: str
@@ -84,9 +84,9 @@ class Request:
 
 
 class FingerState(NamedTuple):
-    """One finger in a telemetry message; None where nothing was computed, as for a finger that nobody wants.
+    """One finger in a telemetry message; None where nothing was computed, as for a finger without a target.
 
-    `owner` is the client that holds it.
+    `owner` is the client that owns it.
     """
 
     id: int | str
@@ -105,9 +105,9 @@ class PlateState(NamedTuple):
 
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
     mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
-    `modal_um` are the phasors that the board was asked for, `measured_um` those that it last measured; `markers` came
-    since the message before. `tick_late_ms` is by how much the loop's newest timer tick was late; `missed_ticks` and
-    `pauses` (of Python's collector, above 1 ms) count since the start.
+    `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` arrived since the
+    previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of Python's
+    collector, above 1 ms) count since the start.
     """
 
     instance: int
@@ -131,7 +131,7 @@ class PlateState(NamedTuple):
 
 
 def decode_targets(payload: bytes) -> ClientTargets:
-    """A message of the `targets` socket. Raises RequestError."""
+    """Decode a message of the `targets` socket. Raises RequestError."""
     fields = Fields(unpack(payload))
     _check_version(fields)
     return read_targets(fields)
@@ -142,7 +142,7 @@ def _check_version(fields: Fields) -> None:
     if version != PROTOCOL_VERSION:
         older = "client" if version < PROTOCOL_VERSION else "daemon"
         raise RequestError(
-            f"The message is of protocol version {version}, the daemon speaks {PROTOCOL_VERSION}: update the {older}."
+            f"The message has protocol version {version}, the daemon has {PROTOCOL_VERSION}: update the {older}."
         )
 
 
@@ -150,13 +150,13 @@ def _check_version(fields: Fields) -> None:
 
 
 def decode_request(payload: bytes) -> Request:
-    """A message of the `control` socket. Raises RequestError; `answer` keeps the request's id when it does."""
+    """Decode a message of the `control` socket. Raises RequestError."""
     fields = Fields(unpack(payload))
     return _request(fields, fields.whole("id", 1, MAX_REQUEST_ID))
 
 
 def answer(payload: bytes, handle: Callable[[Request], Mapping[str, object]]) -> bytes:
-    """The reply to a control message: what `handle` returns, or the sentence of the RequestError on the way."""
+    """Return the reply to a control message: the result of `handle`, or the sentence of a RequestError."""
     request_id = UNREAD_REQUEST_ID
     try:
         fields = Fields(unpack(payload))
@@ -167,12 +167,12 @@ def answer(payload: bytes, handle: Callable[[Request], Mapping[str, object]]) ->
 
 
 def encode_reply(request_id: int, body: Mapping[str, object]) -> bytes:
-    """The answer to a request that was carried out. `body` holds plain values, lists and maps."""
+    """Encode the reply to a successful request. `body` holds plain values, lists and maps."""
     return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": True, "body": dict(body)}))
 
 
 def encode_error(request_id: int, sentence: str) -> bytes:
-    """The answer to a request that was refused."""
+    """Encode the reply to a refused request."""
     return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": False, "error": sentence}))
 
 
@@ -180,7 +180,7 @@ def _request(fields: Fields, request_id: int) -> Request:
     _check_version(fields)
     op = fields.label("op")
     if op not in OPS:
-        raise RequestError(f"op: {op!r} is none of {', '.join(OPS)}.")
+        raise RequestError(f"op: {op!r} is not one of {', '.join(OPS)}.")
     body: ClientTargets | Release | Marker | None = None
     if op == "set":
         body = read_targets(Fields(fields.take("body"), "body"))
@@ -209,7 +209,7 @@ def _marker(fields: Fields) -> Marker:
 
 
 def encode_state(state: PlateState) -> bytes:
-    """A message of the `telemetry` socket. What is not finite is sent as nil, so that any language can read it."""
+    """Encode a message of the `telemetry` socket. Non-finite numbers become nil, which every language can read."""
     return bytes(
         msgpack.packb(
             {
@@ -250,9 +250,9 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
 
 
 def _marker_fields(markers: tuple[Marker, ...]) -> dict[str, object]:
-    """Left out where none came, as nearly always."""
-    told = [{"t_ns": marker.t_ns, "client": marker.client, "text": marker.text} for marker in markers]
-    return {"markers": told} if told else {}
+    """The field `markers`, omitted if empty."""
+    fields = [{"t_ns": marker.t_ns, "client": marker.client, "text": marker.text} for marker in markers]
+    return {"markers": fields} if fields else {}
 
 
 def _finite(value: float | None) -> float | None:

@@ -1,23 +1,30 @@
-"""What the session, or a person at the bench, wants said to the board, as bytes."""
+"""Encoder of board commands: dispatches each command value to its function in `device`."""
 
 from __future__ import annotations
 
 from ..board_values import (
     BoardCommand,
     ClearFault,
+    ControllerRequest,
     HelloRequest,
     KeepAlive,
+    LogRequest,
+    RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetGains,
     SetModel,
+    SetTelemetry,
+    Stop,
+    Sweep,
     TimeRequest,
+    ToolCommand,
 )
-from ..tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep, ToolCommand
 from . import device
 
 
 def encode(command: BoardCommand | ToolCommand) -> bytes:
-    """One command as a frame for the line. Raises ValueError for figures that no board would take."""
+    """Encode one command as a frame. Raises ValueError for values that no board accepts."""
     match command:
         case ReferenceFrame(seq, t_apply_us, drive):
             return device.encode_reference(seq, drive, t_apply_us)

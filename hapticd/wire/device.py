@@ -1,7 +1,7 @@
-"""Bytes to the board; those from it are read in `board_messages`. `firmware/PROTOCOL.md` says what they mean.
+"""Encoders of the board's commands, and the checks of its handshake. The contract is firmware/PROTOCOL.md.
 
-A message is a type byte and a packed little-endian payload in a frame of `framing`. Encoders check what a person may
-have typed and raise ValueError; what the daemon itself decided has been checked before.
+A message is a type byte and a packed little-endian payload in a frame of `framing`. Encoders check values that a user
+may have typed and raise ValueError; the daemon's own references were checked before.
 """
 
 from __future__ import annotations
@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-from ..board_values import BoardHello, ModeCalibration, ModeModel
+from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, Sweep
 from ..errors import DeviceError
-from ..tool_values import RawVoltage, Sweep
 from . import protocol
 from .board_messages import Decoder
 from .framing import encode_frame
@@ -39,49 +38,49 @@ __all__ = [
 
 
 def encode_hello_request() -> bytes:
-    """Asks who is there. The board falls silent and forgets sequence numbers: a new session begins."""
+    """Request the board's identity. The board zeroes its output and resets sequence numbers: a new session."""
     return encode_frame(_typed(protocol.MSG_HELLO_REQUEST))
 
 
 def encode_keepalive(seq: int) -> bytes:
-    """The reference `seq` should stand: the board's dead-man waits another 50 ms if that is the last it accepted."""
+    """Keep reference `seq`: restarts the board's 50 ms dead-man if that is the last it accepted."""
     return encode_frame(_typed(protocol.MSG_KEEPALIVE) + protocol.KEEPALIVE.pack(seq & 0xFFFF))
 
 
 def encode_time_request(t_host_ns: int) -> bytes:
-    """Asks for the board's clock; the stamp comes back in the answer."""
+    """Request the board's clock; the answer repeats the stamp."""
     return encode_frame(_typed(protocol.MSG_TIME_REQUEST) + protocol.TIME_REQUEST.pack(t_host_ns))
 
 
 def encode_clear_fault() -> bytes:
-    """Lets a board that latched a fault go back to quiet."""
+    """Clear a latched fault: the board returns to quiet."""
     return encode_frame(_typed(protocol.MSG_CLEAR_FAULT))
 
 
 def encode_set_controller(
     law: str, *, bandwidth_1_s: float | None = None, integral_time_s: float | None = None
 ) -> bytes:
-    """Selects "pi", the founding paper's four PI, or "pi_ff"; gains left out are the firmware's own.
+    """Select a control law of `protocol.LAWS`; omitted gains are the firmware's defaults.
 
     Raises ValueError for another name or a gain outside the bounds of `protocol`.
     """
     if law not in protocol.LAWS:
         raise ValueError(f"There is no controller {law!r}: choose one of {', '.join(protocol.LAWS)}.")
-    own = 0.0  # on the wire: the firmware's own
+    default = 0.0  # on the wire: the firmware's default
     gains = (
-        own if bandwidth_1_s is None else _checked("bandwidth_1_s", bandwidth_1_s, protocol.BANDWIDTH_1_S),
-        own if integral_time_s is None else _checked("integral_time_s", integral_time_s, protocol.INTEGRAL_TIME_S),
+        default if bandwidth_1_s is None else _checked("bandwidth_1_s", bandwidth_1_s, protocol.BANDWIDTH_1_S),
+        default if integral_time_s is None else _checked("integral_time_s", integral_time_s, protocol.INTEGRAL_TIME_S),
     )
     return encode_frame(_typed(protocol.MSG_SET_CONTROLLER) + protocol.SET_CONTROLLER.pack(protocol.LAWS[law], *gains))
 
 
 def encode_set_model(mode: int, model: ModeModel) -> bytes:
-    """What the controller should believe of a mode, from now until the board's next reset.
+    """Set the controller's model of a mode, until the board's next reset.
 
-    Raises ValueError for a figure outside the bounds of `protocol`, or a loop that is no unit phasor.
+    Raises ValueError for a value outside the bounds of `protocol`, or a loop that is no unit phasor.
     """
     if not abs(abs(model.loop) - 1.0) < 5e-4:
-        raise ValueError(f"loop has the magnitude {abs(model.loop):g}: a phase is a phasor of magnitude 1.")
+        raise ValueError(f"loop has the magnitude {abs(model.loop):g}: it must be a unit phasor.")
     payload = protocol.SET_MODEL.pack(
         _checked("mode", mode, (0, 254)),
         _checked("decay_1_s", model.decay_1_s, protocol.DECAY_1_S),
@@ -94,14 +93,14 @@ def encode_set_model(mode: int, model: ModeModel) -> bytes:
 
 
 def encode_controller_request() -> bytes:
-    """Asks for law, gains and models in force."""
+    """Request the active law, gains and models."""
     return encode_frame(_typed(protocol.MSG_CONTROLLER_REQUEST))
 
 
 def encode_sweep(sweep: Sweep) -> bytes:
-    """Begins a sweep. The board alone knows its drive frequency and voltage limit, and answers a VERDICT.
+    """Start a sweep. The board checks frequency and voltage against its own limits and answers a VERDICT.
 
-    Raises ValueError for what no board would take.
+    Raises ValueError for values that no board accepts.
     """
     payload = protocol.SWEEP.pack(
         _checked("mode", sweep.mode, (0, 254)),
@@ -115,7 +114,7 @@ def encode_sweep(sweep: Sweep) -> bytes:
 
 
 def encode_raw_voltage(raw: RawVoltage) -> bytes:
-    """Puts a voltage on one amplifier; the board answers a VERDICT. Raises ValueError for what no board would take."""
+    """Apply a voltage to one amplifier; answered by a VERDICT. Raises ValueError for values that no board accepts."""
     _checked("the voltage's magnitude", abs(raw.voltage_v), (0.0, 1e4))
     payload = protocol.RAW_VOLTAGE.pack(
         _checked("mode", raw.mode, (0, 254)),
@@ -127,60 +126,60 @@ def encode_raw_voltage(raw: RawVoltage) -> bytes:
 
 
 def encode_set_telemetry(rate_hz: int) -> bytes:
-    """Begins a stream of at most `rate_hz` samples a second, or ends it for 0."""
+    """Start a stream of at most `rate_hz` samples a second; 0 stops it."""
     payload = protocol.SET_TELEMETRY.pack(_checked("rate_hz", rate_hz, protocol.TELEMETRY_RATE_HZ))
     return encode_frame(_typed(protocol.MSG_SET_TELEMETRY) + payload)
 
 
 def encode_log_request() -> bytes:
-    """Asks for the cause of the last reset and the log."""
+    """Request the cause of the last reset and the log."""
     return encode_frame(_typed(protocol.MSG_LOG_REQUEST))
 
 
 def encode_stop() -> bytes:
-    """Ends a sweep or a raw voltage: the voltage ramps down."""
+    """Stop a sweep or raw voltage: the voltage ramps down."""
     return encode_frame(_typed(protocol.MSG_STOP))
 
 
 def check_protocol(hello: BoardHello) -> None:
-    """Raises DeviceError, in one sentence, if this board speaks another protocol."""
+    """Raise DeviceError if the board has another protocol version or hash."""
     if hello.protocol_version != protocol.PROTOCOL_VERSION:
         raise DeviceError(
-            f"The board speaks protocol version {hello.protocol_version}, this hapticd {protocol.PROTOCOL_VERSION}: "
+            f"The board has protocol version {hello.protocol_version}, this hapticd {protocol.PROTOCOL_VERSION}: "
             f"flash the firmware that came with this hapticd."
         )
     if hello.protocol_hash != protocol.PROTOCOL_HASH:
         raise DeviceError(
-            f"The board's protocol hash is {hello.protocol_hash:08x}, this hapticd's {protocol.PROTOCOL_HASH:08x}: "
+            f"The board has protocol hash {hello.protocol_hash:08x}, this hapticd {protocol.PROTOCOL_HASH:08x}: "
             f"flash the firmware that came with this hapticd."
         )
 
 
 def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v_limit_v: float | None = None) -> None:
-    """Raises DeviceError, in one sentence, if this board must not be driven with these settings.
+    """Raise DeviceError if this board must not be driven with these settings.
 
-    A board that allows more than the settings is fine: each side holds its own limit.
+    A board may allow more than the settings: each side applies its own limit.
     """
     check_protocol(hello)
     if hello.modes != modes:
         raise DeviceError(
-            f"The board drives {hello.modes} modes, the mode shapes have {modes}: use shapes and firmware that fit."
+            f"The board drives {hello.modes} modes, the mode map has {modes}: use a matching map and firmware."
         )
-    for k, (allowed_um, wanted_um) in enumerate(zip(hello.w_limit_um, w_limit_um, strict=True)):
-        if not wanted_um <= allowed_um * (1.0 + 1e-6):
+    for k, (allowed_um, requested_um) in enumerate(zip(hello.w_limit_um, w_limit_um, strict=True)):
+        if not requested_um <= allowed_um * (1.0 + 1e-6):
             raise DeviceError(
-                f"The amplitude limit of mode {k} is set to {wanted_um:g} um but the board allows {allowed_um:g} um: "
+                f"The limit of mode {k} is set to {requested_um:g} um but the board allows {allowed_um:g} um: "
                 f"set it to {allowed_um:g} or less."
             )
     if v_limit_v is not None and not v_limit_v >= hello.v_limit_v * (1.0 - 1e-6):
         raise DeviceError(
-            f"The board drives up to {hello.v_limit_v:g} V but the amplifiers are set to take {v_limit_v:g} V: "
+            f"The board drives up to {hello.v_limit_v:g} V but the amplifiers are rated for {v_limit_v:g} V: "
             f"flash a firmware for these amplifiers."
         )
 
 
 def check_calibration(hello: BoardHello, calibration: Sequence[ModeCalibration]) -> None:
-    """Raises DeviceError, in one sentence, if a mode was measured far from where this board drives the plate."""
+    """Raise DeviceError if a mode was measured too far from the board's drive frequency."""
     for measured in calibration:
         if not protocol.is_within(measured.model(hello.drive_hz).detuning_rad_s, protocol.DETUNING_RAD_S):
             raise DeviceError(

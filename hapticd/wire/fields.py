@@ -1,7 +1,7 @@
-"""MessagePack from strangers: unpacked within limits, then read field by field; what was not asked for is refused.
+"""Validation of untrusted MessagePack: unpack within limits, then read field by field; unknown fields are refused.
 
-Everything wrong ends in RequestError with one sentence that names the field. Received values are never printed
-whole: a hostile one may be deep, long or unprintable.
+Every defect raises RequestError with one sentence that names the field. Received values are never printed whole: a
+hostile one may be deep, long or unprintable.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _KINDS |= {float: "a number", type(None): "nil"}
 
 
 def unpack(payload: bytes) -> object:
-    """The one MessagePack value in `payload`. Maps have distinct keys; lengths are within this module's limits."""
+    """Unpack one MessagePack value; its maps have distinct keys, its lengths are within this module's limits."""
     if len(payload) > MAX_PAYLOAD_BYTES:
-        raise RequestError(f"The message has {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are read.")
+        raise RequestError(f"The message has {len(payload)} bytes, the limit is {MAX_PAYLOAD_BYTES}.")
     try:
         return msgpack.unpackb(
             payload,
@@ -41,21 +41,21 @@ def unpack(payload: bytes) -> object:
         raise
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
         reason = str(error).rstrip(".") or type(error).__name__
-        raise RequestError(f"The message ({len(payload)} bytes) is not acceptable MessagePack: {reason}.") from None
+        raise RequestError(f"The message ({len(payload)} bytes) is not valid MessagePack: {reason}.") from None
 
 
 def _distinct(pairs: list[tuple[object, object]]) -> dict[object, object]:
-    """A map whose keys differ: with duplicates, two readers may see two different messages."""
+    """Build a map; refuse duplicate keys, which two readers may resolve differently."""
     table = dict(pairs)
     if len(table) != len(pairs):
-        raise RequestError("The message holds a map with the same key twice.")
+        raise RequestError("The message contains a map with the same key twice.")
     return table
 
 
 class Fields:
-    """The fields of one received map, taken one by one; `end` refuses those that nobody took.
+    """The fields of one received map, read one by one; `end` refuses those that were not read.
 
-    `where` is the map's own place in the message, for the sentences: "" is the message itself.
+    `where` is the map's place in the message, for error messages: "" is the message itself.
     """
 
     __slots__ = ("_left", "where")
@@ -70,22 +70,22 @@ class Fields:
         return name in self._left
 
     def place(self, name: str) -> str:
-        """Where the field stands in the message, such as `targets[2].grating.period_mm`."""
+        """Return the field's place in the message, such as `targets[2].grating.period_mm`."""
         return f"{self.where}.{name}" if self.where else name
 
     def end(self) -> None:
-        """Nothing may be left: a misspelt field would otherwise be ignored in silence."""
+        """Refuse fields that were not read: a misspelt one would otherwise be ignored."""
         for name in self._left:
             raise RequestError(f"{self.place(str(name)[:32])!r}: unknown field, see clients/PROTOCOL.md.")
 
     def take(self, name: str) -> object:
-        """The field as received; refused where it is missing."""
+        """Take the field as received; refused if it is missing."""
         if name not in self._left:
             raise RequestError(f"{self.place(name)}: is missing.")
         return self._left.pop(name)
 
     def number(self, name: str, low: float, high: float, default: float | None = None) -> float:
-        """A finite number within low .. high, with `default` where it is missing."""
+        """Read a finite number within low .. high; `default` if it is missing."""
         if default is not None and name not in self._left:
             return default
         return bounded(self.take(name), low, high, self.place(name))
@@ -94,8 +94,8 @@ class Fields:
         """A whole number within low .. high."""
         return whole(self.take(name), low, high, self.place(name))
 
-    def truth(self, name: str, default: bool) -> bool:
-        """True or false."""
+    def boolean(self, name: str, default: bool) -> bool:
+        """Read true or false; `default` if it is missing."""
         value = self._left.pop(name, default)
         if not isinstance(value, bool):
             raise RequestError(f"{self.place(name)}: must be true or false, not {_kind(value)}.")
@@ -106,16 +106,16 @@ class Fields:
         return label(self.take(name), self.place(name))
 
     def text(self, name: str, longest: int) -> str:
-        """1 .. `longest` printable characters, in a message at most 128 bytes of UTF-8."""
+        """Read 1 .. `longest` printable characters, at most 128 bytes of UTF-8."""
         value = self.take(name)
         if not isinstance(value, str):
             raise RequestError(f"{self.place(name)}: must be a text, not {_kind(value)}.")
         if not (1 <= len(value) <= longest and value.isprintable()):
-            raise RequestError(f"{self.place(name)}: has 1 .. {longest} printable characters.")
+            raise RequestError(f"{self.place(name)}: must have 1 .. {longest} printable characters.")
         return value
 
     def binary(self, name: str, length: int) -> bytes:
-        """Exactly `length` bytes."""
+        """Read exactly `length` bytes."""
         value = self.take(name)
         if not isinstance(value, bytes):
             raise RequestError(f"{self.place(name)}: must be bytes, not {_kind(value)}.")
@@ -124,7 +124,7 @@ class Fields:
         return value
 
     def sequence(self, name: str, longest: int) -> Sequence[object]:
-        """A list of at most `longest` items; empty where it is missing."""
+        """Read a list of at most `longest` items; empty if it is missing."""
         return items(self._left.pop(name, []), longest, self.place(name))
 
 

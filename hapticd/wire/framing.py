@@ -1,7 +1,7 @@
 """Frames on a serial line: COBS (Cheshire and Baker, 1999), CRC-16/CCITT-FALSE, delimiter 0x00.
 
 The CRC covers the message and follows it, little endian. COBS replaces every zero byte, so the delimiter is
-unmistakable and a damaged frame costs itself and nothing else.
+unambiguous and a damaged frame loses only itself.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ _EMPTY: Final = _CODES[0]
 
 
 def encode_frame(message: bytes) -> bytes:
-    """Message, CRC and delimiter as they go over the line."""
+    """Encode message, CRC and delimiter for the line."""
     body = message + crc_hqx(message, _CRC_START).to_bytes(2, "little")
     if len(body) >= _BLOCK_MAX:
         return b"".join(_blocks(body.split(b"\0"))) + b"\0"
-    # Nearly every message: each run between zeros is a block, and most are empty.
+    # The usual case: each run between zeros is a block, and most are empty.
     return b"".join([_CODES[len(run)] + run if run else _EMPTY for run in body.split(b"\0")]) + b"\0"
 
 
 def _blocks(runs: list[bytes]) -> list[bytes]:
-    """Runs between zeros as blocks, those split that are longer than one."""
+    """Split runs between zeros into blocks of at most _BLOCK_MAX bytes."""
     blocks: list[bytes] = []
     for run in runs:
         while len(run) > _BLOCK_MAX:
@@ -33,23 +33,23 @@ def _blocks(runs: list[bytes]) -> list[bytes]:
             run = run[_BLOCK_MAX:]
         blocks += (_CODES[len(run)], run)
         if len(run) == _BLOCK_MAX:
-            blocks.append(_CODES[0])  # the zero that a full block does not imply
+            blocks.append(_CODES[0])  # a full block implies no zero
     if len(run) == _BLOCK_MAX:
-        blocks.pop()  # nor does one follow the last run
+        blocks.pop()  # no zero follows the last run
     return blocks
 
 
 class FrameSplitter:
-    """Bytes in pieces of any size in, whole undamaged messages out; the rest is counted by reason in `counters`."""
+    """Split bytes, in pieces of any size, into whole valid messages; `counters` counts the others by reason."""
 
     def __init__(self, max_bytes: int) -> None:
         self.counters = {"oversize": 0, "cobs": 0, "crc": 0}
-        self._max_bytes = max_bytes  # of an encoded frame: more is never kept
+        self._max_bytes = max_bytes  # of an encoded frame: longer ones are skipped
         self._buffer = bytearray()
         self._skipping = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The messages that `data` completes, without CRC, in order; each has at least one byte."""
+        """Return the messages completed by `data`, without CRC, in order; each has at least one byte."""
         messages: list[bytes] = []
         *closed, rest = data.split(b"\0")
         for piece in closed:
@@ -84,7 +84,7 @@ class FrameSplitter:
 
 
 def _cobs_decoded(encoded: bytes) -> bytes | None:
-    """None for what COBS cannot have produced."""
+    """Decode a COBS frame; None if it is invalid."""
     blocks: list[bytes] = []
     at = 0
     while at < len(encoded):

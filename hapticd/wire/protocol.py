@@ -1,7 +1,7 @@
-"""The protocol's numbers, as `firmware/core/protocol.h` gives them: that file is the source, a test compares.
+"""Constants of the board protocol. `firmware/core/protocol.h` is the source; a test compares the two.
 
-Layouts are packed and little endian. Those of messages that grow with the number of modes are the fixed part; what
-follows it is noted beside.
+Layouts are packed and little endian. For messages that grow with the number of modes they are the fixed part; the
+comment names what follows.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MSG_TELEMETRY: Final = 0x86
 MSG_LOG: Final = 0x87
 MSG_VERDICT: Final = 0x88
 
-REFERENCE: Final = struct.Struct("<HIBB")  # and of each knot its offset and a phasor for each mode
+REFERENCE: Final = struct.Struct("<HIBB")  # then for each knot its offset and a phasor per mode
 KEEPALIVE: Final = struct.Struct("<H")
 TIME_REQUEST: Final = struct.Struct("<Q")
 SET_CONTROLLER: Final = struct.Struct("<Bff")
@@ -48,17 +48,17 @@ SET_MODEL: Final = struct.Struct("<Bfffff")
 SWEEP: Final = struct.Struct("<BffHHf")
 RAW_VOLTAGE: Final = struct.Struct("<BffH")
 SET_TELEMETRY: Final = struct.Struct("<H")
-HELLO: Final = struct.Struct("<HIB16sIffHf")  # and the amplitude limit of each mode
-STATUS: Final = struct.Struct("<IBBBBHIIHII")  # and measured d, q and voltage d, q of each mode
+HELLO: Final = struct.Struct("<HIB16sIffHf")  # then the amplitude limit of each mode
+STATUS: Final = struct.Struct("<IBBBBHIIHII")  # then measured d, q and voltage d, q of each mode
 TIME: Final = struct.Struct("<QII")
-CONTROLLER: Final = struct.Struct("<BffB")  # and decay, detuning, gain and loop d, q of each mode
-SWEEP_POINT: Final = struct.Struct("<HHBBff")  # and measured d, q of each mode
-TELEMETRY: Final = struct.Struct("<IIBBB")  # and reference, measured, voltage (d, q), decay, detuning of each mode
-LOG: Final = struct.Struct("<BBI")  # and LOG_ENTRIES entries
+CONTROLLER: Final = struct.Struct("<BffB")  # then decay, detuning, gain and loop d, q of each mode
+SWEEP_POINT: Final = struct.Struct("<HHBBff")  # then measured d, q of each mode
+TELEMETRY: Final = struct.Struct("<IIBBB")  # then reference, measured, voltage (d, q), decay, detuning of each mode
+LOG: Final = struct.Struct("<BBI")  # then LOG_ENTRIES entries
 LOG_ENTRY: Final = struct.Struct("<IIBBf")
 VERDICT: Final = struct.Struct("<BB")
 
-# Bounds of what a command may say, ends included.
+# Bounds of command fields, ends included.
 BANDWIDTH_1_S: Final = (10.0, 20000.0)
 INTEGRAL_TIME_S: Final = (0.0001, 1.0)
 DECAY_1_S: Final = (1.0, 10000.0)
@@ -67,7 +67,7 @@ GAIN_UM_PER_V_S: Final = (0.001, 10000.0)
 SWEEP_POINTS: Final = (1, 2001)
 SWEEP_DWELL_MS: Final = (1, 1000)
 SWEEP_OFFSET_HZ: Final = (-2000.0, 2000.0)  # from the drive frequency
-RAW_LIMIT_FRAC: Final = 0.2  # of the board's voltage limit: for sweeps as well
+RAW_LIMIT_FRAC: Final = 0.2  # of the board's voltage limit; for sweeps too
 RAW_DURATION_MS: Final = (1, 1000)
 TELEMETRY_RATE_HZ: Final = (0, 0xFFFF)
 LOG_ENTRIES: Final = 8
@@ -90,13 +90,13 @@ FAULTS: Final = {
     2: "a control voltage was not finite",
     3: "the measured amplitude stayed far above its limit",
     4: "the sensors do not answer the drive",
-    5: "the host fell silent three times within ten seconds",
-    6: "the board's configuration makes no sense",
+    5: "dead-man timeout three times within ten seconds",
+    6: "the board's configuration is invalid",
 }
 
 EVENTS: Final = {
-    64: "the host fell silent: the drive was ramped down",
-    65: "the host fell silent: a sweep or raw voltage was ended",
+    64: "dead-man timeout: the drive was ramped down",
+    65: "dead-man timeout: a sweep or raw voltage was stopped",
     66: "samples were lost",
     67: "the crystal did not start: the board does not drive",
     68: "the program crashed",
@@ -114,5 +114,5 @@ RESET_CAUSES: Final = {
 
 
 def is_within(value: float, bounds: tuple[float, float]) -> bool:
-    """Whether `value` lies within `bounds`, ends included; NaN does not."""
+    """Return whether `value` lies within `bounds`, ends included; False for NaN."""
     return bounds[0] <= value <= bounds[1] and math.isfinite(value)

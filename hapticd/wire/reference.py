@@ -1,6 +1,6 @@
-"""A reference polyline as bytes for the board: what every pass writes, compiled with the rest of a touch's way.
+"""Encoder of a reference polyline, written by every pass and compiled with the touch path.
 
-`firmware/PROTOCOL.md` says what the bytes mean. Amplitudes go from doubles to float32 by their bits, all at once.
+The contract is firmware/PROTOCOL.md. Amplitudes are converted from doubles to float32 by their bits, all at once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _FLOAT24_MASK: Final = (1 << 64) - (1 << 29)  # the bits of a double that a floa
 
 
 def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
-    """A reference polyline that begins at `t_apply_us` on the board's clock (wrapped or not).
+    """Encode a reference polyline that starts at `t_apply_us` on the board's clock (wrapped or not).
 
     Knot times are rounded to 4 us and kept in order; amplitudes are rounded towards zero to float32, so a magnitude
     never grows. Raises ValueError for no knots or more than 24, or a knot outside 0..262 ms.
@@ -37,9 +37,9 @@ def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
     floats = _truncated_to_float24(amplitudes)
     width = 2 * modes
     values: list[float] = []
-    for row, offset in enumerate(offsets):
+    for index, offset in enumerate(offsets):
         values.append(offset)
-        values += floats[row * width : row * width + width]
+        values += floats[index * width : index * width + width]
     layout = _reference_layout(len(knots), modes)
     return encode_frame(
         layout.pack(protocol.MSG_REFERENCE, seq & 0xFFFF, t_apply_us & 0xFFFFFFFF, len(knots), modes, *values)
@@ -48,7 +48,7 @@ def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
 
 @cache
 def _reference_layout(knots: int, modes: int) -> struct.Struct:
-    """Type, head and `knots` times an offset with `modes` phasors."""
+    """Layout: type, header and `knots` times an offset with `modes` phasors."""
     return struct.Struct("<B" + protocol.REFERENCE.format[1:] + f"H{2 * modes}f" * knots)
 
 
@@ -63,16 +63,18 @@ def _float24_masks(count: int) -> int:
 
 
 def _truncated_to_float24(values: Sequence[float]) -> tuple[float, ...]:
-    """Each value rounded towards zero to the 24 bits of a float32 significand: packing as float32 is then exact."""
+    """Round each value towards zero to the 24 bits of a float32 significand, so that float32 packing is exact."""
     layout = _doubles(len(values))
     bits = int.from_bytes(layout.pack(*values), "little") & _float24_masks(len(values))
     return layout.unpack(bits.to_bytes(layout.size, "little"))
 
 
 def _offsets(dt_ns: Sequence[int]) -> list[int]:
-    """Knot times in the frame's units. Two that fall together are put one unit apart: the board wants them in order."""
+    """Round knot times to the frame's units; equal ones move one unit apart, as the board requires."""
     if not (dt_ns[0] >= 0 and dt_ns[-1] <= protocol.OFFSET_MAX_NS):
-        raise ValueError(f"Knots lie 0 to {protocol.OFFSET_MAX_NS // 1_000_000} ms after the start of their frame.")
+        raise ValueError(
+            f"Knots must lie 0 to {protocol.OFFSET_MAX_NS // 1_000_000} ms after the start of their frame."
+        )
     previous = -1
     offsets: list[int] = []
     for dt in dt_ns:

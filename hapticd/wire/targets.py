@@ -1,6 +1,6 @@
-"""What one client wants of the plate, read field by field from a received map. The contract is clients/PROTOCOL.md.
+"""Decoder of one client's targets, field by field from a received map. The contract is clients/PROTOCOL.md.
 
-Bounds here keep numbers sane; what the plate can do (its amplitude limit, who owns which finger) is the scene's.
+It checks types and bounds; amplitude limits and finger ownership are checked in `core.targets`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_STAMP = 2**63 - 1
 
 
 def read_targets(fields: Fields) -> ClientTargets:
-    """All fields of a `targets` message but its version. Raises RequestError."""
+    """Read all fields of a `targets` message except its version. Raises RequestError."""
     client = fields.label("client")
     stamp = read_stamp(fields)
     ttl_s = fields.number("ttl_s", MIN_TTL_S, MAX_TTL_S, DEFAULT_TTL_S)
@@ -36,16 +36,16 @@ def read_targets(fields: Fields) -> ClientTargets:
         where = fields.place(f"virtuals[{index}]")
         name, path = _virtual(Fields(item, where))
         if name in virtuals:
-            raise RequestError(f"{where}.name: {name!r} is there twice.")
+            raise RequestError(f"{where}.name: {name!r} is listed twice.")
         virtuals[name] = path
     targets: dict[int | str, Target] = {}
     for index, item in enumerate(fields.sequence("targets", MAX_TARGETS)):
         where = fields.place(f"targets[{index}]")
         key, target = _finger_target(Fields(item, where))
         if key in targets:
-            raise RequestError(f"{where}.finger: {key!r} is there twice.")
+            raise RequestError(f"{where}.finger: {key!r} is listed twice.")
         if isinstance(key, str) and key not in virtuals:
-            raise RequestError(f"{where}.finger: there is no virtual finger {key!r} in this message.")
+            raise RequestError(f"{where}.finger: this message defines no virtual finger {key!r}.")
         targets[key] = target
     fields.end()
     return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals, stamp)
@@ -62,13 +62,13 @@ def _finger_target(fields: Fields) -> tuple[int | str, Target]:
 
 
 def read_finger_key(fields: Fields) -> int | str:
-    """The field `finger`: the id of a finger on the plate, or the name of a virtual one. Raises RequestError."""
+    """Read the field `finger`: the id of a finger on the plate, or the name of a virtual one. Raises RequestError."""
     value, where = fields.take("finger"), fields.place("finger")
     return label(value, where) if isinstance(value, str) else whole(value, 1, MAX_FINGER_ID, where)
 
 
 def read_stamp(fields: Fields) -> int | None:
-    """The optional field `stamp`. Raises RequestError."""
+    """Read the optional field `stamp`. Raises RequestError."""
     return fields.whole("stamp", 0, MAX_STAMP) if "stamp" in fields else None
 
 
@@ -125,7 +125,7 @@ def _virtual(fields: Fields) -> tuple[str, VirtualPath]:
     path = VirtualPath(
         points_mm=tuple(_point(point, f"{where}[{index}]") for index, point in enumerate(points)),
         speed_mm_s=fields.number("speed_mm_s", 0.0, MAX_SPEED_MM_S, DEFAULT_SPEED_MM_S),
-        loop=fields.truth("loop", default=True),
+        loop=fields.boolean("loop", default=True),
     )
     fields.end()
     return name, path

@@ -15,7 +15,7 @@ from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
 from hapticd.daemon.machine import LOOK_EVERY_NS, TIMER_NS, Machine
-from hapticd.sim.scenarios import SCENARIOS
+from hapticd.sim.fingers.scenarios import SCENARIOS
 
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=120, seeds=(1,), repeats=1, calls=5),),

@@ -10,7 +10,7 @@ from hapticd.bench.soak import Findings
 from hapticd.bench.soak_faults import KINDS, Kind, Watch
 from hapticd.core.trajectory.gate import gate
 from hapticd.errors import HapticdError
-from hapticd.sim.board.faulty import FaultySimulation
+from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.lockstep import Settings
 from hapticd.values import Drive, Knot
 from hapticd.wire import device

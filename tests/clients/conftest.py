@@ -1,4 +1,4 @@
-"""The client library lives beside the daemon, not in it: both are put on the path here, for these tests only."""
+"""Puts the client library, which is no part of the daemon, on the path for these tests."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.io.server import ClientServer
-from hapticd.io.sockets import Remote
+from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.sockets import Remote
 from hapticd.values import ClientTargets
 from hapticd.wire import client as wire
 
@@ -20,7 +20,7 @@ TICK_S = 0.005
 
 
 class FakeDaemon:
-    """Fingers lie where `fingers` says, and get exactly what the scene wants for them."""
+    """Fingers are at `fingers`, and achieve exactly their targets."""
 
     def __init__(self, directory: Path, remote: Remote | None = None) -> None:
         self.directory = directory
@@ -54,7 +54,7 @@ class FakeDaemon:
         assert ready.wait(5.0)
 
     def stop(self) -> None:
-        """Stop as if killed: nobody is told."""
+        """Stop as if killed, without notice."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(5.0)

@@ -29,7 +29,7 @@ from hapticd_client import (
     RefusedError,
     refresher,
 )
-from hapticd_client.wanted import Wanted, stamp_now
+from hapticd_client.target_set import TargetSet, stamp_now
 
 LIBRARY = Path(__file__).parents[2] / "clients" / "python"
 PATIENCE_S = 5.0
@@ -118,7 +118,7 @@ def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDa
         before = stamp_now()
         client.set(1, amplitude_um=1.0)
         late.connect(f"ipc://{daemon.directory / 'targets'}")
-        late.send(Wanted().with_target(1, {"amplitude_um": 3.0}, 0.5).payload(client.name, before))
+        late.send(TargetSet().with_target(1, {"amplitude_um": 3.0}, 0.5).payload(client.name, before))
         state_when(client, lambda _: daemon.overtaken == 1)
         assert daemon.scene.amplitude_um(1, 0.0, 0.0) == 1.0
         late.linger = 0
@@ -136,7 +136,7 @@ def test_refreshes_repeat_the_stamp_of_what_they_repeat(daemon: FakeDaemon) -> N
         assert daemon.overtaken == 0
 
 
-def test_a_daemon_that_knows_no_stamps_is_sent_none(daemon: FakeDaemon) -> None:
+def test_a_daemon_without_stamps_gets_none(daemon: FakeDaemon) -> None:
     daemon.optional = ()
     with Client(daemon.directory) as client:
         client.set(1, amplitude_um=1.0, ttl_s=0.03)
@@ -165,7 +165,7 @@ def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None
 
 
 @pytest.mark.parametrize(
-    "wish",
+    "arguments",
     [
         {},
         {"friction": 0.5, "amplitude_um": 1.0},
@@ -181,14 +181,14 @@ def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None
         {"map": Map([[0] * 129], high_um=1.0)},
     ],
 )
-def test_a_bad_wish_is_refused_even_without_waiting_and_spares_the_other_fingers(
-    daemon: FakeDaemon, wish: dict[str, Any]
+def test_an_invalid_target_is_refused_without_waiting_and_leaves_other_fingers(
+    daemon: FakeDaemon, arguments: dict[str, Any]
 ) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
     with Client(daemon.directory) as client:
         client.set(1, amplitude_um=1.0)
         with pytest.raises(RefusedError):
-            client.set(2, **wish, wait=False)
+            client.set(2, **arguments, wait=False)
         state_when(client, lambda state: target_um(state, 1) == 1.0)
         assert daemon.refusals == []
 
@@ -234,9 +234,9 @@ def test_a_virtual_finger_needs_a_place_or_a_path(daemon: FakeDaemon) -> None:
             {"position_mm": (0, math.nan)},
             {"position_mm": (0, 0, 0)},
         ]
-        for wish in bad:
+        for arguments in bad:
             with pytest.raises(RefusedError):
-                client.virtual("ghost", **wish)
+                client.virtual("ghost", **arguments)
 
 
 # --- time to live -----------------------------------------------------------------------------------------------
@@ -307,7 +307,7 @@ def test_a_stopped_program_loses_its_fingers_and_has_them_again_when_it_goes_on(
         state_when(client, lambda state: target_um(state, 1) == 1.0)
         process.send_signal(signal.SIGSTOP)
         state_when(client, lambda state: target_um(state, 1) is None)
-        client.set(1, amplitude_um=0.5)  # nobody holds it, so another may
+        client.set(1, amplitude_um=0.5)  # it has no owner, so another client may
         process.send_signal(signal.SIGCONT)
         state_when(client, lambda _: any("held by" in refusal for refusal in daemon.refusals))
         client.release(1)
@@ -338,7 +338,7 @@ def test_a_client_that_becomes_garbage_on_its_own_thread_releases_its_fingers(
         state_when(watch, lambda _: daemon.scene.next_expiry_ns is None)
 
 
-def test_a_lifted_finger_is_not_asked_for_any_longer(daemon: FakeDaemon) -> None:
+def test_targets_of_a_lifted_finger_are_dropped(daemon: FakeDaemon) -> None:
     daemon.fingers = {1: (0.0, 0.0), 2: (1.0, 1.0)}
     with Client(daemon.directory) as client:
         for finger in client.fingers():
@@ -370,11 +370,11 @@ def test_releasing_everything_leaves_the_client_usable(daemon: FakeDaemon) -> No
 # --- daemons that are not there ---------------------------------------------------------------------------------
 
 
-def test_without_a_daemon_the_error_says_where_it_was_sought_and_what_to_do(tmp_path: Path) -> None:
+def test_without_a_daemon_the_error_names_endpoint_and_remedy(tmp_path: Path) -> None:
     with pytest.raises(DaemonGoneError, match=f"No hapticd answers at {tmp_path}: start one") as caught:
         Client(tmp_path, timeout_s=0.05)
     assert isinstance(caught.value, ConnectionError)
-    with pytest.raises(HapticdError, match="cannot be the daemon's directory"):
+    with pytest.raises(HapticdError, match="is not a valid runtime directory"):
         Client(tmp_path / ("d" * 100), timeout_s=0.05)
 
 
@@ -383,7 +383,7 @@ def test_states_end_with_an_error_when_the_daemon_is_gone(daemon: FakeDaemon) ->
         states = client.states(timeout_s=0.2)
         next(states)
         daemon.stop()
-        with pytest.raises(DaemonGoneError, match="No state came from"):
+        with pytest.raises(DaemonGoneError, match="No state from"):
             for _ in states:
                 pass
         with pytest.raises(DaemonGoneError):
@@ -407,7 +407,7 @@ def test_a_restarted_daemon_gets_every_target_again(daemon: FakeDaemon) -> None:
 
 def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
     daemon.protocol = 2
-    with pytest.raises(HapticdError, match="speaks protocol version 2, this library 1"):
+    with pytest.raises(HapticdError, match="has protocol version 2, this library 1"):
         Client(daemon.directory)
 
 
@@ -430,7 +430,7 @@ def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDae
         assert daemon.fault_cleared
 
 
-def test_a_closed_client_says_so(daemon: FakeDaemon) -> None:
+def test_a_closed_client_raises(daemon: FakeDaemon) -> None:
     client = Client(f"ipc://{daemon.directory}")
     states = client.states()
     next(states)

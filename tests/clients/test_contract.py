@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
-from hapticd.io import senders, server, sockets
+from hapticd.io.clients import senders, server, sockets
 from hapticd.wire import client as wire
-from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, wanted
+from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, target_set
 from hapticd_client.endpoint import default_directory, directory
 from hapticd_client.targets import label, number, path_fields, target_fields
 
@@ -90,12 +90,12 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
 
 def test_the_text_names_the_rates_and_limits_in_force() -> None:
     for sentence in (
-        f"handles {senders.RATE_HZ:g} messages a second",
-        f"after a pause up to {senders.BURST} at once",
-        f"of `control` {server.REQUESTS_WAITING} requests",
-        f"no more than {server.MAX_READS} messages, or for {server.BUDGET_S * 1e3:g} ms",
+        f"is {senders.RATE_HZ:g} messages a second",
+        f"bursts of {senders.BURST}",
+        f"{server.REQUESTS_WAITING} requests of `control`",
+        f"at most {server.MAX_READS} messages, or for {server.BUDGET_S * 1e3:g} ms",
         f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
-        f"{sockets.SEND_HIGH_WATER} states wait for a reader",
+        f"at most {sockets.SEND_HIGH_WATER} states per reader",
         f"until {client_registry.KEPT_NS * 1e-9:g} s after its last message",
         f"At most {client_registry.MAX_NAMES}\nnames are in use",
     ):
@@ -122,8 +122,8 @@ def offered(make: Any) -> dict[str, Any] | None:
 @settings(deadline=None, max_examples=200)
 def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> None:
     for name in ("friction", "amplitude_um"):
-        wish = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
-        fields = offered(lambda wish=wish: target_fields(**wish))
+        arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
+        fields = offered(lambda arguments=arguments: target_fields(**arguments))
         assert (fields is not None) == understood([{"finger": 1, name: value}])
 
 
@@ -169,13 +169,13 @@ def test_names_and_times_to_live_have_the_same_bounds_on_both_sides(ttl_s: float
 
 
 def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent() -> None:
-    full = wanted.Wanted()
-    for n in range(wanted.MAX_TARGETS):
+    full = target_set.TargetSet()
+    for n in range(target_set.MAX_TARGETS):
         full = full.with_target(n + 1, {"friction": 0.5}, ttl_s=0.1 * (n + 1))
         full = full.with_virtual(f"v{n}", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
-    message = wire.decode_targets(full.payload("c", wanted.stamp_now()))
+    message = wire.decode_targets(full.payload("c", target_set.stamp_now()))
     assert (len(message.targets), len(message.virtuals)) == (16, 16)
-    assert message.ttl_ns == 100_000_000  # the shortest asked for
+    assert message.ttl_ns == 100_000_000  # the shortest of all
     with pytest.raises(RefusedError, match="release one first"):
         full.with_target(99, {"friction": 0.5}, ttl_s=0.5)
     with pytest.raises(RefusedError, match="release one first"):
@@ -184,16 +184,16 @@ def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent()
 
 
 def test_what_the_library_just_takes_still_fits_a_request() -> None:
-    want = wanted.Wanted()
+    targets = target_set.TargetSet()
     for n in range(3):
-        want = want.with_target(n + 1, target_fields(
+        targets = targets.with_target(n + 1, target_fields(
             friction=None, amplitude_um=None, grating=None, image=Map([[0] * 128] * 128, high_um=1.0)
         ), ttl_s=0.5)  # fmt: skip
-    room = wanted.MAX_MESSAGE_BYTES - 100 - len(want.payload("c" * 32, wanted.stamp_now()))
+    room = target_set.MAX_MESSAGE_BYTES - 100 - len(targets.payload("c" * 32, target_set.stamp_now()))
     side = math.isqrt(room - 120)
-    want = want.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
-    assert len(want.payload("c" * 32, wanted.stamp_now())) > wanted.MAX_MESSAGE_BYTES - 600
-    request = messages.encode_request("set", 2**32 - 1, want.fields("c" * 32, wanted.stamp_now()))
+    targets = targets.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
+    assert len(targets.payload("c" * 32, target_set.stamp_now())) > target_set.MAX_MESSAGE_BYTES - 600
+    request = messages.encode_request("set", 2**32 - 1, targets.fields("c" * 32, target_set.stamp_now()))
     assert wire.decode_request(request).op == "set"
 
 
@@ -237,7 +237,7 @@ def test_a_state_of_an_older_daemon_lacks_only_what_it_did_not_tell() -> None:
 
 @pytest.mark.parametrize("fields", [{}, {"id": None}, {"id": "1", "ok": True}, {"id": True, "ok": True}])
 def test_a_reply_to_no_request_is_none_of_the_daemon_s(fields: dict[str, Any]) -> None:
-    with pytest.raises(HapticdError, match="does not speak"):
+    with pytest.raises(HapticdError, match="does not use hapticd's protocol"):
         messages.read_reply(msgpack.packb(fields), 1)
 
 

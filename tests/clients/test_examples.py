@@ -1,4 +1,4 @@
-"""The examples run, say what they do, and stop cleanly."""
+"""The examples run, print their actions and stop cleanly."""
 
 from __future__ import annotations
 
@@ -87,9 +87,7 @@ def test_the_study_gives_user_and_virtual_finger_opposite_friction(
     assert wanted_um == {1: user_um, "walker": virtual_um}
 
 
-def test_achieved_amplitudes_are_printed_beside_what_was_asked(
-    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_targets_and_achieved_amplitudes_are_printed(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
     daemon.fingers = {1: (-20.0, 0.0), 2: (20.0, 0.0)}
     with Client(daemon.directory) as client:
         client.set(1, amplitude_um=1.25)
@@ -153,12 +151,12 @@ def test_the_photograph_s_ball_is_lit_from_the_upper_left(daemon: FakeDaemon) ->
     plate = ScriptedPlate({1: (-20.0, 0.0)})
     program = example("photograph")
     program.serve(plate, Map(program.ball(), 1.5), math.inf)
-    light, middle, shade, beside = felt_um(
+    light, middle, shade, outside = felt_um(
         daemon, plate.given[1], (-35.0, 35.0), (0.0, 0.0), (40.0, -40.0), (-65.0, 65.0)
     )
     assert light == pytest.approx(1.5, abs=0.05)
     assert middle == pytest.approx(1.5 / 3**0.5, abs=0.05)
-    assert (shade, beside) == (0.0, 0.0)
+    assert (shade, outside) == (0.0, 0.0)
 
 
 def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -> None:
@@ -169,7 +167,7 @@ def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -
     assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
 
 
-def test_the_slider_says_which_detent_a_finger_comes_to(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_slider_prints_each_detent_that_a_finger_reaches(capsys: pytest.CaptureFixture[str]) -> None:
     way_mm = ((-49.0, 0.0), (-30.0, 0.0), (-30.0, 30.0), (10.0, 30.0), (10.0, 0.0), (90.0, 0.0), (88.0, 0.0))
     program = example("detents")
     plate = ScriptedPlate(*({7: place_mm} for place_mm in way_mm))
@@ -178,7 +176,7 @@ def test_the_slider_says_which_detent_a_finger_comes_to(capsys: pytest.CaptureFi
 
 
 def played(plate: ScriptedPlate, capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """What the game says, after its instructions."""
+    """Output of the game after its instructions."""
     example("find_the_edge").play(plate, 25.0, 1.5, random.Random(1), 60.0)
     return capsys.readouterr().out.splitlines()[1:]
 
@@ -187,13 +185,13 @@ EDGE_MM = random.Random(1).uniform(-40.0, 40.0)
 
 
 def test_an_edge_between_close_fingers_is_caught_and_another_hidden(capsys: pytest.CaptureFixture[str]) -> None:
-    beside = {1: (EDGE_MM - 5.0, 0.0), 2: (EDGE_MM + 5.0, 30.0)}
-    lines = played(ScriptedPlate(beside, beside), capsys)
+    outside = {1: (EDGE_MM - 5.0, 0.0), 2: (EDGE_MM + 5.0, 30.0)}
+    lines = played(ScriptedPlate(outside, outside), capsys)
     assert [line.partition(" after")[0] for line in lines] == [f"Caught at x = {EDGE_MM:+.0f} mm", "Score: 1 in 60 s"]
 
 
 @pytest.mark.parametrize("places_mm", [(5.0, 15.0), (-20.0, 20.0)])
-def test_an_edge_beside_or_far_apart_fingers_is_not(
+def test_an_edge_outside_or_between_distant_fingers_is_not(
     places_mm: tuple[float, float], capsys: pytest.CaptureFixture[str]
 ) -> None:
     fingers = {1: (EDGE_MM + places_mm[0], 0.0), 2: (EDGE_MM + places_mm[1], 30.0)}
@@ -218,4 +216,4 @@ def test_a_photograph_that_is_none_is_one_sentence(daemon: FakeDaemon, capsys: p
     with pytest.raises(SystemExit) as left:
         run("photograph", daemon, str(CLIENTS / "PROTOCOL.md"))
     assert left.value.code == 1
-    assert capsys.readouterr().err.endswith("PROTOCOL.md: is no picture that Pillow can read.\n")
+    assert capsys.readouterr().err.endswith("PROTOCOL.md: is not a picture that Pillow can read.\n")

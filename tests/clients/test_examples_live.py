@@ -14,8 +14,8 @@ from hapticd_client import Client
 
 PATIENCE_S = 60.0
 
-# What an example says on two fingers that stroke the plate: a line of its own.
-SAYS = {
+# Expected output of each example for two stroking fingers.
+EXPECTED = {
     "detents": r"^finger \d+: detent [0-8]$",
     "find_the_edge": r"^Score: \d+ in 1 s$",
     "grating": r"^finger \d+: stripes every 8 mm, 0 \.\. 1\.5 um$",
@@ -36,13 +36,13 @@ def service() -> Iterator[Path]:
 
 
 def test_every_example_is_tried() -> None:
-    assert sorted(SAYS) == NAMES
+    assert sorted(EXPECTED) == NAMES
 
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("name", NAMES)
 def test_an_example_runs_on_the_simulated_plate(name: str, service: Path, capsys: pytest.CaptureFixture[str]) -> None:
     example(name).main(["--endpoint", str(service), "--seconds", "1"])
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert re.search(SAYS[name], said.out, re.MULTILINE), said.out
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert re.search(EXPECTED[name], printed.out, re.MULTILINE), printed.out

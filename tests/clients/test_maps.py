@@ -81,8 +81,8 @@ def test_an_array_that_is_no_map_is_refused_where_it_is_sent(rows_um: Any) -> No
 def test_the_library_does_not_load_numpy_or_pillow() -> None:
     code = "import sys, hapticd_client; hapticd_client.Map.from_um([[1.0]]); print({'numpy', 'PIL'} & {*sys.modules})"
     command = [sys.executable, "-c", code]
-    said = subprocess.run(command, cwd=CLIENT, capture_output=True, text=True, check=True)
-    assert said.stdout == "set()\n"
+    loaded = subprocess.run(command, cwd=CLIENT, capture_output=True, text=True, check=True)
+    assert loaded.stdout == "set()\n"
 
 
 # --- pictures ---------------------------------------------------------------------------------------------------
@@ -143,7 +143,7 @@ def test_a_picture_that_is_missing_is_one_sentence(tmp_path: Path) -> None:
         Map.from_image(tmp_path / "none.png", high_um=1.0)
 
 
-def test_without_pillow_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_pillow_the_error_names_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
     with pytest.raises(HapticdError, match=r"pip install \"hapticd-client\[image\]\""):
         Map.from_image(tmp_path / "picture.png", high_um=1.0)

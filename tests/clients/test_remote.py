@@ -1,4 +1,4 @@
-"""Over TCP: who holds an allowed key is served as on the daemon's own machine, and nobody else gets a byte."""
+"""Clients over TCP: served with an allowed key, refused without."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import zmq
 from fake_daemon import FakeDaemon
 
 from hapticd.errors import HapticdError as DaemonError
-from hapticd.io import keys
-from hapticd.io.server import ClientServer
-from hapticd.io.sockets import Remote
+from hapticd.io.clients import keys
+from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.sockets import Remote
 from hapticd_client import Client, DaemonGoneError, HapticdError, RefusedError
 
-REFUSED_S = 0.3  # long enough for the handshake that would let somebody in, which takes milliseconds
+REFUSED_S = 0.3  # longer than a successful handshake, which takes milliseconds
 ALLOWED = ("ann", "bob")
 
 
 def free_ports() -> int:
-    """The first of three neighbouring ports that nobody listens on."""
+    """The first of three consecutive free ports."""
     for port in range(20000, 60000, 3):
         sockets = [socket.socket() for _ in range(3)]
         try:
@@ -97,8 +97,8 @@ def test_a_client_without_keys_gets_no_answer_on_any_port(remote: FakeDaemon) ->
                 if kind == zmq.SUB:
                     naked.subscribe(b"")
                 naked.connect(f"tcp://127.0.0.1:{remote.remote.port + offset}")
-                wanted = zmq.POLLIN if kind == zmq.SUB else zmq.POLLOUT
-                assert naked.poll(int(REFUSED_S * 1000), wanted) == 0
+                event = zmq.POLLIN if kind == zmq.SUB else zmq.POLLOUT
+                assert naked.poll(int(REFUSED_S * 1000), event) == 0
     assert remote.messages == 0
 
 
@@ -142,7 +142,7 @@ def test_address_and_keys_belong_together(tmp_path: Path, key_files: Path) -> No
     pair = {"server_key": key_files / "hapticd.key", "own_key": key_files / "ann.key_secret"}
     with pytest.raises(HapticdError, match="needs two keys"):
         Client("tcp://127.0.0.1:7410")
-    with pytest.raises(HapticdError, match="give a tcp:// endpoint"):
+    with pytest.raises(HapticdError, match="need a tcp:// endpoint"):
         Client(tmp_path, **pair)
     for wrong in ("tcp://", "tcp://host", "tcp://:7410", "tcp://host:0", "tcp://host:65534", "tcp://host:x"):
         with pytest.raises(HapticdError, match="must be an address and a port"):
@@ -151,12 +151,12 @@ def test_address_and_keys_belong_together(tmp_path: Path, key_files: Path) -> No
 
 def test_a_key_that_is_none_or_no_secret_is_refused(tmp_path: Path, key_files: Path) -> None:
     server_key = key_files / "hapticd.key"
-    with pytest.raises(HapticdError, match="holds no secret"):
+    with pytest.raises(HapticdError, match="contains no secret"):
         Client("tcp://127.0.0.1:7410", server_key=server_key, own_key=key_files / "ann.key")
     with pytest.raises(HapticdError, match="is not a ZeroMQ certificate"):
         Client("tcp://127.0.0.1:7410", server_key=server_key, own_key=tmp_path / "gone")
     open_secret = tmp_path / "open.key_secret"
     open_secret.write_bytes((key_files / "ann.key_secret").read_bytes())
     open_secret.chmod(0o644)
-    with pytest.raises(HapticdError, match="others may open it"):
+    with pytest.raises(HapticdError, match="other users may read"):
         Client("tcp://127.0.0.1:7410", server_key=server_key, own_key=open_secret)

@@ -1,4 +1,4 @@
-"""A configuration is checked as a whole, and each error is one sentence that says where and what to do."""
+"""Validation of configurations: each error is one sentence with the key and the remedy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hapticd.config.sections import (
     TrackpadConfig,
 )
 from hapticd.errors import ConfigError
-from hapticd.sim.scenarios import SCENARIOS
+from hapticd.sim.fingers.scenarios import SCENARIOS
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -57,29 +57,28 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[device]\nlink_ms = nan", "device.link_ms: nan is out of bounds"),
         ("[limits]\nw_limit_um = [4, 400]", "limits.w_limit_um: 400 is out of bounds, it must be 0.01 .. 20"),
         ("[limits]\nw_limit_um = 4", "limits.w_limit_um: must be a list of numbers, such as [4.0, 4.0]"),
-        ("[limits]\nw_limit_um = []", "limits.w_limit_um: needs one number for each mode"),
-        ("[trackpad]\nsource = 'mouse'", "'mouse' is none of sim, hid, replay"),
+        ("[limits]\nw_limit_um = []", "limits.w_limit_um: needs one number per mode"),
+        ("[trackpad]\nsource = 'mouse'", "'mouse' is not one of sim, hid, replay"),
         ("[trackpad]\nsource = 'replay'", "trackpad.replay_file"),
         ("[trackpad]\noffset_mm = [1]", "trackpad.offset_mm: needs 2 numbers, not 1"),
         ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),
         ("[device]\ncalibration_file = 'gone.toml'", "device.calibration_file: there is no file"),
         ("[plate]\nfriction_curve = [0, 2, 1]", "plate.friction_curve: needs two or more rising numbers"),
         ("[plate]\nparasitic_modes_file = 'n.npz'", "plate.parasitic_modes_file: needs parasitic_detuning_hz and"),
-        ("[device]\nport = '/dev/ttyACM0'", "simulated fingers may not drive a real board"),
+        ("[device]\nport = '/dev/ttyACM0'", "simulated fingers must not drive a real board"),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
         ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
         ("[realtime]\nfifo_priority = true", "realtime.fifo_priority: must be a whole number, not True"),
-        ("[client]\ntcp = '10.0.0.1:7410'", "client.tcp: nobody is served over TCP without keys"),
+        ("[client]\ntcp = '10.0.0.1:7410'", "client.tcp: needs keys"),
         ("[client]\ntcp = '10.0.0.1'\nkeys_dir = 'k'", "client.tcp: must be an address and the first of three ports"),
         ("[client]\ntcp = ':7410'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[client]\ntcp = '*:65534'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[client]\ntcp = '*:0'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
-        ("[prediction]\nname = 'crystal ball'", "prediction.name: 'crystal ball' is none of default, hold"),
-        ("[solver]\npolicy = 'hope'", "solver.policy: 'hope' is none of keep_zero"),
+        ("[device]\ncontroller = 'hope'", "device.controller: 'hope' is not one of pi, pi_ff, deadbeat"),
         ("[solver]\nphase_rotation = 1", "solver.phase_rotation: must be true or false, not 1"),
         ("[solver]\nmax_knots = true", "solver.max_knots: must be a whole number"),
-        ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is none of strokes"),
+        ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is not one of strokes"),
         ("limits = 3", "limits is a section"),
         ("[limits", "is not valid TOML"),
     ],
@@ -124,11 +123,11 @@ def test_the_keys_directory_is_taken_from_the_files_own(tmp_path: Path) -> None:
     assert loaded.client.keys_dir == str(tmp_path.resolve() / "keys")
 
 
-def test_a_recording_goes_where_the_file_is_that_asks_for_it(tmp_path: Path) -> None:
+def test_a_recording_is_resolved_against_the_configuration_s_folder(tmp_path: Path) -> None:
     assert load('[record]\nfile = "all.mcap"\n', tmp_path).record.file == str(tmp_path.resolve() / "all.mcap")
 
 
-def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> None:
+def test_the_plate_delay_depends_on_the_control_law() -> None:
     delays_ms = {
         law: DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms for law in ("pi", "pi_ff", "deadbeat")
     }
@@ -146,7 +145,7 @@ def test_the_horizon_knows_how_late_each_control_law_lets_the_plate_follow() -> 
         ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
         ("#" * 65537, "more than 65536 bytes"),
         ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
-        ('[solver]\neffort = "much"\n', "must be a number"),
+        ('[solver]\ntolerance_um = "much"\n', "must be a number"),
     ],
 )
 def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
@@ -165,8 +164,8 @@ def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
 
 
 def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:
-    told = load("[trackpad]\nmatrix = [0.0, -1.0, 1.0, 0.0]\n", tmp_path)
-    assert told.trackpad.matrix == (0.0, -1.0, 1.0, 0.0)
-    for text, sentence in (("[1.0, 0.0]", "needs 4 numbers"), ("[1.0, 1.0, 1.0, 1.0]", "lays the pad on a line")):
+    loaded = load("[trackpad]\nmatrix = [0.0, -1.0, 1.0, 0.0]\n", tmp_path)
+    assert loaded.trackpad.matrix == (0.0, -1.0, 1.0, 0.0)
+    for text, sentence in (("[1.0, 0.0]", "needs 4 numbers"), ("[1.0, 1.0, 1.0, 1.0]", "is nearly singular")):
         with pytest.raises(ConfigError, match=sentence):
             load(f"[trackpad]\nmatrix = {text}\n", tmp_path)

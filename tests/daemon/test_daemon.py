@@ -23,9 +23,9 @@ from hapticd.daemon.lifecycle import serve
 from hapticd.daemon.machine import TIMER_NS
 from hapticd.daemon.service import load_modes
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
-from hapticd.io import awake
-from hapticd.io.socketpad import SocketTrackpad
-from hapticd.io.systemd import Notifier
+from hapticd.io.devices.socket_trackpad import SocketTrackpad
+from hapticd.io.host import cpu_latency as awake
+from hapticd.io.host.systemd import Notifier
 from hapticd.values import Finger, RawReport, Tick
 from hapticd.wire import device
 from hapticd_client import Client
@@ -295,7 +295,7 @@ def test_a_daemon_that_never_started_can_be_stopped(hardware: Hardware) -> None:
 
 
 def test_a_directory_with_too_long_a_name_is_refused_in_one_sentence(hardware: Hardware) -> None:
-    with pytest.raises(HapticdError, match="a socket's path has at most 107"):
+    with pytest.raises(HapticdError, match="a socket allows 107"):
         asyncio.run(serve(hardware.daemon("r" * 100), MODES))
 
 
@@ -351,4 +351,4 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     assert f"run `hapticd keys make {tmp_path / 'keys'}`" in capsys.readouterr().err
     assert main(["keys", "make", str(tmp_path / "keys")]) == 0
     assert main(["run", "--config", str(config)]) == 1
-    assert "allows nobody" in capsys.readouterr().err
+    assert "the allow-list is empty" in capsys.readouterr().err

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from hapticd.daemon import board_gateway as board_gateway
-from hapticd.sim.board.faulty import FaultySimulation
+from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers.paths import Rest, Touch
+from hapticd.sim.fingers.scenarios import Actor
 from hapticd.sim.lockstep import Settings
-from hapticd.sim.scenarios import Actor
 
 LAND_S, END_S = 3.5, 3.7
 PLACES = (((-30.2, 5.1), 1.0), ((21.3, -14.9), 0.0))

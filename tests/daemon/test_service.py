@@ -20,8 +20,8 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
 from hapticd.errors import ConfigError, ModesError
-from hapticd.io.systemd import Notifier
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.io.host.systemd import Notifier
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.files import write_measured
 from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
@@ -79,8 +79,8 @@ def test_a_rig_that_wrote_no_map_has_the_one_of_its_seed(configuration: Config, 
 def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_bit(
     configuration: Config, tmp_path: Path
 ) -> None:
-    plate = PlateTruth()
-    files = write_measured(plate, 3, tmp_path, with_neighbours=True)
+    plate = GroundTruth()
+    files = write_measured(plate, 3, tmp_path, with_parasitic_modes=True)
     with ConfigLoader() as config_loader:
         prepared = config_loader.prepare(configuration)
     known, told = plate.parasitic_modes(3), prepared.parasitic_modes
@@ -95,7 +95,7 @@ def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_
 
 
 def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(configuration: Config, tmp_path: Path) -> None:
-    write_measured(PlateTruth(), 3, tmp_path, with_neighbours=False)
+    write_measured(GroundTruth(), 3, tmp_path, with_parasitic_modes=False)
     with ConfigLoader() as config_loader:
         assert config_loader.prepare(configuration).parasitic_modes is None
 

@@ -8,9 +8,9 @@ import pytest
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
 from hapticd.design.achievability import Finger, achievability_map, achievable_share, pair_map, reach_um
-from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
-PAIR = PlateTruth(PlateSettings()).cartography(1)
+PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 SIZE_MM = (137.5, 137.5)
 OUT_OF_REACH_UM = 1e6
 EXACT_UM = 1e-7

@@ -23,7 +23,7 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    """Rig, service and clients as processes, in a folder with a short name: a socket's path has at most 107 bytes."""
+    """Rig, service and clients as processes, in a folder with a short name: a socket allows 107 bytes."""
     with tempfile.TemporaryDirectory(prefix="hd-") as folder:
         made = Bench(Path(folder))
         try:

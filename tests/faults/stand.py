@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.sim.board.faulty import FaultySimulation, Way
+from hapticd.sim.faulty import FaultySimulation, Way
+from hapticd.sim.fingers.scenarios import SCENARIOS, Actor
 from hapticd.sim.lockstep import T_START_NS, Run, Settings
-from hapticd.sim.scenarios import SCENARIOS, Actor
 
 README = (Path(__file__).parents[2] / "hapticd" / "daemon" / "README.md").read_text(encoding="utf-8")
 

@@ -7,7 +7,7 @@ import math
 import pytest
 from stand import LED_DOWN_MS, LINK_MS, RING_DOWN_MS, SILENT_MS, cut, lines, seconds, tell, worst
 
-from hapticd.sim.board.faulty import BOOT_S, FaultySimulation, Way
+from hapticd.sim.faulty import BOOT_S, FaultySimulation, Way
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 

@@ -10,7 +10,7 @@ import pytest
 from stand import LED_DOWN_MS, LINK_MS, SILENT_MS, T_FAULT_S, lines, simulate, tell, worst
 
 import hapticd
-from hapticd.sim.board.faulty import FaultySimulation
+from hapticd.sim.faulty import FaultySimulation
 
 HANDSHAKE_MS = 150.0  # greeting, four looks at its clock 20 ms apart, three zero frames, and the next report
 TTL_MS = 500.0

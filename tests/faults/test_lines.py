@@ -7,8 +7,8 @@ from collections import Counter
 import pytest
 from stand import Aftermath, lines, nanoseconds, rms_um, simulate, tell
 
-from hapticd.sim.board.faulty import FaultySimulation
 from hapticd.sim.board.line import Line, LineFaults
+from hapticd.sim.faulty import FaultySimulation
 
 FROM_S, UNTIL_S = 1.0, 3.0
 STICKY = 1

@@ -22,9 +22,9 @@ from stand import (
     worst,
 )
 
-from hapticd.sim.board.faulty import FaultySimulation
+from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers.paths import Path, Rest, Touch
-from hapticd.sim.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
+from hapticd.sim.fingers.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.wire.trackpad import STAMP_WRAP_MS
 
 STAMP_AT = 9  # of a Magic Trackpad 2 over USB: 8 bytes, the report's type, then 21 bits of milliseconds above 3 others

@@ -38,7 +38,7 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     wait_for(lambda: client.status()["board"].get("deadman_trips") == 1)  # what was known before is known no more
     drive(client)  # of the time that nobody looked it knows nothing: fingers may be new ones
     stay_driven(client)
-    warnings = service.said("WARNING")
+    warnings = service.lines_with("WARNING")
     arrays = rig.recording()
     t_s, level_um = arrays["t_s"].real, np.abs(arrays["modal_um"]).max(axis=1)
     stopped = (t_s > t_stop_s) & (t_s < t_cont_s)
@@ -47,7 +47,7 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     moving_ms = (t_s[stopped & (level_um > QUIET_UM)][-1] - t_stop_s) * 1e3
     assert [line for line in warnings if not ("silent" in line or "timing since the start" in line)] == []
     assert moving_ms <= SILENT_MS + BUSY_S * 1e3
-    assert service.said("ERROR") == []
+    assert service.lines_with("ERROR") == []
     tell(
         "daemon stopped for 2 s, as processes",
         None,

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hapticd.board_values import BoardCommand, BoardHello, BoardMessage, BoardStatus, BoardTime
+from hapticd.board_values import BoardCommand, BoardHello, BoardMessage, BoardStatus, BoardTime, BoardVerdict
 from hapticd.core.board.session import BoardSession
 from hapticd.sim.board.emulator import CHUNK_US, BenchReport, Emulator
-from hapticd.tool_values import BoardVerdict
 from hapticd.values import Knot, LimitReason, SafeDrive, Tick
 from hapticd.wire import device
 from hapticd.wire.commands import encode

@@ -98,7 +98,7 @@ def test_the_phase_is_exact_after_a_hundred_thousand_turns() -> None:
     chain, chunks = SignalChain(DRIVE_HZ), 70_000
     start = chain.phase
     for _ in range(chunks):
-        chain.speak()
+        chain.synthesise()
     turns, phase = divmod(start + chunks * CHUNK * chain.step, TURN)
     assert turns > 100_000
     assert chain.phase == phase
@@ -114,7 +114,7 @@ def test_the_phase_is_exact_wherever_it_wraps(chunks_before: int) -> None:
     near = SignalChain(DRIVE_HZ, phase=(TURN - here.phase - 7 * here.step) % TURN)
     near.drive((1000.0, 1000.0))
     expected = synthesised(near, near.phase, 1000 + 0j)
-    np.testing.assert_array_equal(near.speak()[:, 0], expected)
+    np.testing.assert_array_equal(near.synthesise()[:, 0], expected)
     assert near.phase == 43 * here.step % TURN
 
 
@@ -139,7 +139,7 @@ def test_samples_are_those_of_exact_integer_arithmetic(
     chain = SignalChain(drive_hz, phase=phase, modes=3)
     chain.drive((level, 0, level))
     expected = synthesised(chain, chain.phase, complex(level))
-    samples = chain.speak()
+    samples = chain.synthesise()
     np.testing.assert_array_equal(samples[:, 0], expected)
     np.testing.assert_array_equal(samples[:, 1], MID_RAIL)
     np.testing.assert_array_equal(samples[:, 2], expected)
@@ -149,7 +149,7 @@ def test_samples_are_within_a_step_and_a_half_of_the_wave_that_is_meant() -> Non
     chain = SignalChain(DRIVE_HZ)
     chain.drive((LARGEST_LSB, 0.3 + 0.2j))
     angles_rad = 2 * np.pi * phases(chain, chain.phase, 400 * CHUNK) / TURN
-    error = steps(np.concatenate([chain.speak() for _ in range(400)])) - np.stack(
+    error = steps(np.concatenate([chain.synthesise() for _ in range(400)])) - np.stack(
         [(level * np.exp(1j * angles_rad)).real for level in (LARGEST_LSB, 0.3 + 0.2j)], axis=1
     )
     assert np.abs(error[:, 0]).max() < 0.5 + LARGEST_LSB * (math.pi / ENTRIES + 0.75 / ONE)
@@ -160,7 +160,7 @@ def test_samples_are_within_a_step_and_a_half_of_the_wave_that_is_meant() -> Non
 def test_w_d_is_the_cosine_and_w_q_the_negative_sine() -> None:
     chain = SignalChain(DRIVE_HZ, phase=-2 * CHUNK * SignalChain(DRIVE_HZ).step % TURN)
     chain.drive((1000.0, 1000.0j))
-    samples = steps(chain.speak())
+    samples = steps(chain.synthesise())
     assert samples[0, 0] == 1000
     assert samples[0, 1] == 0
     assert samples[4, 0] > 0  # 42 degrees on
@@ -171,7 +171,7 @@ def test_w_d_is_the_cosine_and_w_q_the_negative_sine() -> None:
 def test_a_level_that_is_no_number_is_mid_rail(level: complex) -> None:
     chain = SignalChain(DRIVE_HZ)
     chain.drive((level, 0))
-    np.testing.assert_array_equal(chain.speak(), MID_RAIL)
+    np.testing.assert_array_equal(chain.synthesise(), MID_RAIL)
 
 
 @settings(deadline=None)
@@ -180,19 +180,19 @@ def test_a_level_out_of_range_keeps_its_phase_and_never_wraps(magnitude: float, 
     chain, bounded = (SignalChain(DRIVE_HZ, phase=phase) for _ in range(2))
     chain.drive((cmath.rect(magnitude, angle_rad),) * 2)
     bounded.drive((cmath.rect(LARGEST_LSB, angle_rad),) * 2)
-    samples = chain.speak()
+    samples = chain.synthesise()
     assert np.abs(np.diff(steps(samples), axis=0)).max() < 0.2 * 2048
-    assert np.abs(steps(samples) - steps(bounded.speak())).max() <= 1
+    assert np.abs(steps(samples) - steps(bounded.synthesise())).max() <= 1
 
 
 def test_another_frequency_goes_on_where_the_old_one_was() -> None:
     chain = SignalChain(DRIVE_HZ)
     chain.drive((1000.0, 0.0))
-    chain.speak()
+    chain.synthesise()
     phase = chain.phase
     chain.tune(31000.0)
     assert chain.phase == phase
-    np.testing.assert_array_equal(chain.speak()[:, 0], synthesised(SignalChain(31000.0), phase, 1000))
+    np.testing.assert_array_equal(chain.synthesise()[:, 0], synthesised(SignalChain(31000.0), phase, 1000))
     for refused in (math.nan, math.inf, 0.0, -DRIVE_HZ, 19999.0, 1e9):
         chain.tune(refused)
         assert chain.step == SignalChain(31000.0).step
@@ -206,11 +206,11 @@ def test_the_new_frequency_is_heard_as_well_as_the_old_one() -> None:
     heard = []
     for i in range(40):
         chunks.append(np.empty(0, dtype=np.uint16))
-        measured = chain.listen(chunks[i])
+        measured = chain.demodulate(chunks[i])
         heard += [] if measured is None else [measured]
         if i == 19:
             chain.tune(30205.0)
-        chunks[i + 2] = chain.speak()
+        chunks[i + 2] = chain.synthesise()
     np.testing.assert_allclose(heard[1], (1500j, 700), rtol=3e-4, atol=0.3)
     np.testing.assert_allclose(heard[2], (1500j, 700), rtol=0.02)
     np.testing.assert_allclose(heard[3], (1500j, 700), rtol=3e-4, atol=0.3)

@@ -11,7 +11,7 @@ import pytest
 from hapticd.bench.closed_loop import Phasors, follow, settling_ms
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.carrier import SAMPLE_HZ, Converters
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 
 DRIVE_HZ = 29205.0
 LAWS = ("pi", "pi_ff", "deadbeat")
@@ -85,7 +85,7 @@ def test_carrier_and_envelopes_agree_on_a_step(controller: str, amplitude_um: fl
 
 
 def test_with_a_finger_and_neighbouring_modes_they_agree_too() -> None:
-    truth = PlateTruth()
+    truth = GroundTruth()
     model = PlateModel(truth.decay_1_s, truth.detuning_rad_s, truth.gain_um_per_v_s, truth.sensor, 0.0, 150.0)
     points_mm = np.stack((np.linspace(5, 13, 160), np.full(160, 20.0)), axis=1)
     landing_1_s = np.where(np.arange(160) < 100, 0.0, 115.0)[:, np.newaxis]

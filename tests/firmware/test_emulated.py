@@ -14,16 +14,15 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime
+from hapticd.board_values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime, BoardVerdict
 from hapticd.core.board.session import BoardSession
 from hapticd.core.solver.public import solve
 from hapticd.errors import DeviceError
-from hapticd.io.device import SerialLink
+from hapticd.io.devices.serial_link import SerialLink
 from hapticd.sim.board import emulator
 from hapticd.sim.board.emulator import Emulator, find_program
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.program import Rig
-from hapticd.tool_values import BoardVerdict
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 
@@ -58,7 +57,7 @@ def moving_finger_mm(t_us: np.ndarray) -> np.ndarray:
 def shapes(t_us: np.ndarray) -> np.ndarray:
     """(T, 2 fingers, 2 modes)"""
     points = np.stack((moving_finger_mm(t_us), still_finger_mm(t_us)), axis=-2)
-    return PlateTruth().shapes(points)[..., :2]
+    return GroundTruth().shapes(points)[..., :2]
 
 
 def play_two_fingers(host: Host, us: int) -> np.ndarray:

@@ -18,16 +18,22 @@ import numpy as np
 
 from hapticd.board_values import (
     ClearFault,
+    ControllerRequest,
     HelloRequest,
     KeepAlive,
+    LogRequest,
     ModeModel,
+    RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetGains,
     SetModel,
+    SetTelemetry,
+    Stop,
+    Sweep,
     TimeRequest,
 )
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.tool_values import ControllerRequest, LogRequest, RawVoltage, SetGains, SetTelemetry, Stop, Sweep
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import protocol
 from hapticd.wire.commands import encode

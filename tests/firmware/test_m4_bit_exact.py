@@ -16,9 +16,17 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
-from hapticd.board_values import ModeModel, SelectController, SetModel
+from hapticd.board_values import (
+    LogRequest,
+    ModeModel,
+    RawVoltage,
+    SelectController,
+    SetModel,
+    SetTelemetry,
+    Stop,
+    Sweep,
+)
 from hapticd.sim.board.firmware import load
-from hapticd.tool_values import LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode

@@ -10,8 +10,17 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
-from hapticd.board_values import ModeModel, SelectController, SetModel
-from hapticd.tool_values import ControllerRequest, LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
+from hapticd.board_values import (
+    ControllerRequest,
+    LogRequest,
+    ModeModel,
+    RawVoltage,
+    SelectController,
+    SetModel,
+    SetTelemetry,
+    Stop,
+    Sweep,
+)
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 

@@ -7,9 +7,8 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
-from hapticd.board_values import BoardHello, BoardState, BoardStatus
+from hapticd.board_values import BoardHello, BoardLog, BoardState, BoardStatus, Sweep, SweepPoint
 from hapticd.design.resonance import fit_resonance
-from hapticd.tool_values import BoardLog, Sweep, SweepPoint
 from hapticd.wire import device, protocol
 
 from .m4 import image, wiring

@@ -12,10 +12,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.board_values import BoardHello, BoardState, BoardStatus, BoardTime, ModeModel
+from hapticd.board_values import (
+    BoardController,
+    BoardHello,
+    BoardLog,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    BoardVerdict,
+    ModeModel,
+    RawVoltage,
+    Sweep,
+    Verdict,
+)
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.tool_values import BoardController, BoardLog, BoardVerdict, RawVoltage, Sweep, Verdict
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import board_messages, device, protocol
 from hapticd.wire.framing import encode_frame

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.board_values import BoardState
-from hapticd.tool_values import Verdict
+from hapticd.board_values import BoardState, Verdict
 from hapticd.wire import protocol, reference
 
 HEADER = Path(__file__).parents[2] / "firmware" / "core" / "protocol.h"

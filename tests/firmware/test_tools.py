@@ -9,15 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardState, KeepAlive, ModeModel, SelectController, SetModel
-from hapticd.sim.board.board import RESET_POWER, BoardTrace
-from hapticd.tool_values import (
+from hapticd.board_values import (
     BoardController,
     BoardLog,
+    BoardState,
     BoardVerdict,
     ControllerRequest,
+    KeepAlive,
     LogRequest,
+    ModeModel,
     RawVoltage,
+    SelectController,
+    SetModel,
     SetTelemetry,
     Stop,
     Sweep,
@@ -25,6 +28,7 @@ from hapticd.tool_values import (
     TelemetrySample,
     Verdict,
 )
+from hapticd.sim.board.board import RESET_POWER, BoardTrace
 from hapticd.wire import protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.device import encode_hello_request, encode_time_request

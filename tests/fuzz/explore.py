@@ -29,7 +29,7 @@ INSTRUMENTED = [
     "hapticd.config.keys",
     "hapticd.core.plate.mode_shapes",
     "hapticd.files.mode_map",
-    "hapticd.io.replay",
+    "hapticd.io.devices.replay",
     "hapticd.files.recording",
     "hapticd.files.toml_file",
     "hapticd.wire",

@@ -22,8 +22,8 @@ from hapticd.errors import ConfigError, HapticdError, ModesError, TrackpadError
 from hapticd.files import calibration
 from hapticd.files.mode_map import MAX_BYTES, MAX_LINES, encode_grid
 from hapticd.files.toml_file import MAX_BYTES as MAX_TOML_BYTES
-from hapticd.io.replay import MODELS, read_recording, write_recording
-from hapticd.io.trackpad import REPORT_BYTES
+from hapticd.io.devices.replay import MODELS, read_recording, write_recording
+from hapticd.io.devices.trackpad_source import REPORT_BYTES
 from hapticd.values import RawReport
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters

@@ -1,4 +1,4 @@
-"""Real processes over the simulated rig; what the tests share is in `service.py` beside this file."""
+"""Real processes over the simulated rig; shared code is in `service.py`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from service import Bench  # noqa: E402
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    """A folder with a short name, for a socket's path has at most 107 bytes, and an end to all that runs in it."""
+    """A folder with a short name, for a socket allows 107 bytes, and an end to all that runs in it."""
     with tempfile.TemporaryDirectory(prefix="hd-") as folder:
         made = Bench(Path(folder))
         try:

@@ -71,7 +71,7 @@ class Rig:
 
 
 class Service:
-    """`hapticd run` as a process; what it says goes to a file."""
+    """`hapticd run` as a process; with its log in a file."""
 
     def __init__(self, config: Path, log: Path, stderr: int | None = None) -> None:
         self._log = log
@@ -81,10 +81,10 @@ class Service:
 
     @property
     def lines(self) -> list[str]:
-        """What it said, without the time of day."""
+        """Its log lines without the time."""
         return [line.partition(" ")[2] for line in self._log.read_text().splitlines()]
 
-    def said(self, *words: str) -> list[str]:
+    def lines_with(self, *words: str) -> list[str]:
         """Its lines that hold all these words."""
         return [line for line in self.lines if all(word in line for word in words)]
 
@@ -117,7 +117,7 @@ class Bench:
         return rig
 
     def service(self, stderr: int | None = None) -> Service:
-        """`stderr` is a file descriptor that takes what it says, in the log's place."""
+        """`stderr` is a file descriptor in place of the log."""
         self._services += 1
         service = Service(self.config, self.folder / f"log-{self._services}", stderr)
         self._running.append(service.process)
@@ -166,7 +166,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 def wait_board(rig_dir: Path, state: BoardState, statuses: int) -> BoardStatus:
-    """Listen to the board in the daemon's place until it has said so many times that it is in this state."""
+    """Read the board in place of the daemon until it has reported this state so many times."""
     fd = os.open(rig_dir / "board", os.O_RDWR | os.O_NOCTTY)
     decoder = device.Decoder()
     try:

@@ -57,7 +57,7 @@ def test_a_killed_daemon_leaves_the_board_to_its_dead_man(bench: Bench) -> None:
     assert reference_um[before].max() > 0.3
     zero = np.flatnonzero((t_s > t_kill_s) & (reference_um == 0.0))[0]
     assert not reference_um[zero:].any()
-    # The last frame came before the end of the last motion it told: from there the board waits, ramps, and is silent.
+    # The last frame precedes the end of its motion: then the board's dead-man waits and ramps to zero.
     moves = np.flatnonzero(np.abs(np.diff(reference_um[: zero + 1])) > 1e-9)
     waits = np.flatnonzero(np.diff(moves) > 0.02 / TICK_S)
     t_hold_s = t_s[moves[waits[-1]]] if len(waits) else t_s[moves[0]]
@@ -95,8 +95,8 @@ def test_a_signal_ends_in_a_quiet_plate(bench: Bench, number: signal.Signals) ->
     assert np.abs(arrays["reference_um"]).max() > 0.3
     assert not arrays["reference_um"][-1].any()
     assert np.abs(arrays["modal_um"][-1]).max() < 1e-3
-    assert service.said(number.name) == [f"INFO {number.name}: stopping, silencing the plate"]
-    assert service.lines[-1] == service.said(number.name)[0]
+    assert service.lines_with(number.name) == [f"INFO {number.name}: stopping, silencing the plate"]
+    assert service.lines[-1] == service.lines_with(number.name)[0]
     assert not any(stat.S_ISSOCK(path.lstat().st_mode) for path in bench.runtime_dir.iterdir())
 
 
@@ -104,11 +104,11 @@ def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
     service = bench.service()  # no rig: it looks for the hardware
     bench.client()
     assert service.end(signal.SIGTERM) == 0
-    assert len(service.said("WARNING", "board")) == 1
-    assert len(service.said("WARNING", "trackpad")) == 1
+    assert len(service.lines_with("WARNING", "board")) == 1
+    assert len(service.lines_with("WARNING", "trackpad")) == 1
 
 
-def test_a_second_daemon_refuses_and_disturbs_nobody(bench: Bench) -> None:
+def test_a_second_daemon_exits_without_effect_on_the_first(bench: Bench) -> None:
     bench.rig()
     bench.service()
     client = bench.client()

@@ -16,9 +16,9 @@ PRIORITY = 20
 
 
 def may_have_fifo() -> bool:
-    """Whether the kernel would give this process SCHED_FIFO: asked of a child, which ends with it."""
-    asked = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
-    return subprocess.run([sys.executable, "-c", asked], stderr=subprocess.DEVNULL, check=False).returncode == 0
+    """Whether the kernel would give this process SCHED_FIFO: script of a child, which ends with it."""
+    script = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
+    return subprocess.run([sys.executable, "-c", script], stderr=subprocess.DEVNULL, check=False).returncode == 0
 
 
 @pytest.mark.alone

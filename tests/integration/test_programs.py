@@ -20,10 +20,10 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     command = [sys.executable, "-m", "hapticd", "demo", "--seconds", "3", "--out", str(out)]
     environ = {**os.environ, "TMPDIR": str(bench.folder)}
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
-        said, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
+        output, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
     faults = [line for line in complaints.splitlines() if not re.search("trackpad silent|timing since", line)]
-    assert (process.returncode, faults) == (0, [])  # beside other tests the pad may be late, which is said rightly
-    lines = said.splitlines()
+    assert (process.returncode, faults) == (0, [])  # beside other tests the pad may be late, which is output rightly
+    lines = output.splitlines()
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
     assert 2 <= len(live) <= 4
     assert "1.00 -> " in live[-1]
@@ -44,13 +44,13 @@ def test_the_papers_environment_drives_the_plate_and_achieved_amplitudes_are_pri
     printed = bench.program(
         str(EXAMPLES / "print_achieved.py"), "--endpoint", str(bench.runtime_dir), "--seconds", "0.3", "--every", "0.05"
     )
-    said, complaints = printed.communicate(timeout=PATIENCE_S)
+    output, complaints = printed.communicate(timeout=PATIENCE_S)
     assert (printed.returncode, complaints) == (0, "")
-    assert re.search(r"ACTIVE  +\d: [01]\.00 -> \d\.\d\d um   \d: [01]\.00 -> \d\.\d\d um", said)
+    assert re.search(r"ACTIVE  +\d: [01]\.00 -> \d\.\d\d um   \d: [01]\.00 -> \d\.\d\d um", output)
     environment.send_signal(signal.SIGINT)
-    said, complaints = environment.communicate(timeout=PATIENCE_S)
+    output, complaints = environment.communicate(timeout=PATIENCE_S)
     assert (environment.returncode, complaints) == (0, "")
-    assert sorted(line.rpartition(": ")[2] for line in said.splitlines()) == ["0 um", "1 um"]
+    assert sorted(line.rpartition(": ")[2] for line in output.splitlines()) == ["0 um", "1 um"]
     wait_state(client, lambda state: not any(finger.target_um for finger in state.fingers))
 
 
@@ -68,10 +68,10 @@ def test_the_papers_study_gives_the_user_and_a_virtual_finger_opposite_friction(
 
 
 @pytest.mark.parametrize("directory", ["missing/demo.png"])
-def test_a_demo_that_could_not_write_its_picture_says_so_first(bench: Bench, directory: str) -> None:
+def test_a_demo_checks_first_that_it_can_write_its_picture(bench: Bench, directory: str) -> None:
     out = Path(bench.folder, directory)
     command = [sys.executable, "-m", "hapticd", "demo", "--out", str(out)]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
-        said, complaints = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, said) == (2, "")
+        output, complaints = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, output) == (2, "")
     assert complaints.startswith(f"hapticd: {out}: its directory is missing")

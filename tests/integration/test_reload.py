@@ -22,7 +22,7 @@ def resident_mb(pid: int) -> float:
 
 @contextmanager
 def pulse() -> Iterator[list[float]]:
-    """A thread that only wants to wake every PULSE_S; the longest it waited, s: what the machine does to anybody."""
+    """A thread that wakes every PULSE_S; records the longest delay, s, of any thread on this machine."""
     longest_s, stop = [0.0], threading.Event()
 
     def beat() -> None:
@@ -51,9 +51,9 @@ def test_reloads_in_a_row_trip_no_dead_man_and_leave_nothing_behind(bench: Bench
             drive(client)
             client.close()
             bench.config.write_text(f"{plain}[prediction]\nnoise_mm = {noise_mm}\n", encoding="utf-8")
-            served = len(service.said("serving clients in"))
+            served = len(service.lines_with("serving clients in"))
             service.process.send_signal(signal.SIGHUP)
-            wait_for(lambda served=served: len(service.said("serving clients in")) > served)  # type: ignore[misc]
+            wait_for(lambda served=served: len(service.lines_with("serving clients in")) > served)  # type: ignore[misc]
         client = bench.client()
         drive(client)
         trips = client.status()["board"]["deadman_trips"]

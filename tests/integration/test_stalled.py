@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from asynchronous import asynchronous
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from machine_bench import LIVE, NAMES, QUIET, STICKY, Bench, FakeBoard
 
-from hapticd.io.device import SerialLink
+from hapticd.io.devices.serial_link import SerialLink
 from hapticd.sim.fingers.paths import Line
 from hapticd.wire.framing import FrameSplitter
 
@@ -37,10 +38,10 @@ class TerminalBench(Bench):
         if not self.is_stalled:
             FakeBoard.write(self.board, self.unread())
         if self.board.seq != named:
-            self.board.status()  # as the firmware tells of each that takes effect
+            self.board.status()  # as the firmware reports each that takes effect
 
     def stall(self, is_stalled: bool) -> None:
-        """The firmware hangs, and hears and says nothing; or it goes on, its dead-man tripped long since."""
+        """Stop or resume the firmware; on resuming, its dead-man has tripped."""
         self.is_stalled = self.board.mute = is_stalled
         self.board.trusted, self.board.state = 0, QUIET
 
@@ -63,26 +64,26 @@ def terminal() -> Iterator[tuple[int, Path]]:
 
 
 @pytest.mark.parametrize("stalled_ms", [100, 900, 5000])
-def test_a_board_that_stopped_reading_finds_two_references_at_most(terminal: tuple[int, Path], stalled_ms: int) -> None:
-    async def story() -> None:
-        master, port = terminal
-        link = SerialLink(str(port), 921600)
-        link.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
-        try:
-            bench = TerminalBench(master, link)
-            bench.driven().run(300)
-            bench.stall(True)
-            bench.run(stalled_ms)
-            lying = Counter(NAMES[message[0]] for message in FrameSplitter(1000).feed(bench.unread()))
-            assert 1 <= lying["reference"] <= 2
-            assert lying["keep-alive"] <= 1
-            assert link.dropped_writes == 0  # the terminal would have taken more
-            bench.stall(False)
-            bench.want({1: 1.0, 2: 0.0})
-            bench.run(600)
-            assert bench.board.state == LIVE
-            assert bench.board.peak_um > 0.5
-        finally:
-            link.close()
-
-    asyncio.run(story())
+@asynchronous
+async def test_a_board_that_stopped_reading_finds_two_references_at_most(
+    terminal: tuple[int, Path], stalled_ms: int
+) -> None:
+    master, port = terminal
+    link = SerialLink(str(port), 921600)
+    link.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
+    try:
+        bench = TerminalBench(master, link)
+        bench.driven().run(300)
+        bench.stall(True)
+        bench.run(stalled_ms)
+        lying = Counter(NAMES[message[0]] for message in FrameSplitter(1000).feed(bench.unread()))
+        assert 1 <= lying["reference"] <= 2
+        assert lying["keep-alive"] <= 1
+        assert link.dropped_writes == 0  # the terminal would have taken more
+        bench.stall(False)
+        bench.want({1: 1.0, 2: 0.0})
+        bench.run(600)
+        assert bench.board.state == LIVE
+        assert bench.board.peak_um > 0.5
+    finally:
+        link.close()

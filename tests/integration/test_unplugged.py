@@ -14,13 +14,13 @@ def test_a_rig_that_dies_is_two_lines_and_the_next_one_is_driven(bench: Bench) -
     rig.kill()
     state = wait_state(client, lambda state: state.state == "IDLE" and is_quiet(state))
     assert state.fingers == ()
-    wait_for(lambda: len(service.said("WARNING")) == 2)
+    wait_for(lambda: len(service.lines_with("WARNING")) == 2)
     bench.rig()
     drive(client)  # fingers of the new rig are new fingers
-    assert len(service.said("WARNING", "board:", "lost")) == 1
-    assert len(service.said("WARNING", "trackpad:", "lost")) == 1
-    assert len(service.said("WARNING")) == 2
-    assert len(service.said("INFO board:", "open")) == 2
+    assert len(service.lines_with("WARNING", "board:", "lost")) == 1
+    assert len(service.lines_with("WARNING", "trackpad:", "lost")) == 1
+    assert len(service.lines_with("WARNING")) == 2
+    assert len(service.lines_with("INFO board:", "open")) == 2
 
 
 def test_a_trackpad_that_is_pulled_alone_leaves_a_quiet_plate_at_once(bench: Bench) -> None:
@@ -33,7 +33,7 @@ def test_a_trackpad_that_is_pulled_alone_leaves_a_quiet_plate_at_once(bench: Ben
     wait_state(client, lambda state: state.state == "IDLE" and is_quiet(state))
     quiet = wait_state(client, lambda state: state.state == "IDLE")
     board = client.status()["board"]
-    assert (board["state"], board["deadman_trips"]) == ("LIVE", 0)  # the daemon said zero, and keeps the board alive
+    assert (board["state"], board["deadman_trips"]) == ("LIVE", 0)  # the daemon sent zero, and keeps the board alive
     assert len(service.lines) == before + 1
     assert service.lines[-1].startswith("WARNING trackpad: ")
     rig.replug_trackpad()
@@ -66,7 +66,7 @@ def test_a_board_that_is_pulled_alone_falls_quiet_by_itself_and_is_driven_again(
     back = wait_state(client, lambda state: state.state == "ACTIVE" and any(state.modal_um))
     assert [finger.id for finger in back.fingers] == fingers  # they never left the pad
     wait_for(lambda: client.status()["board"].get("deadman_trips", 0) >= 1)  # it had fallen quiet by itself
-    assert len(service.said("INFO board:", "firmware")) == 2
+    assert len(service.lines_with("INFO board:", "firmware")) == 2
 
 
 def test_still_fingers_are_driven_again_after_the_boards_plug_was_pulled(bench: Bench) -> None:

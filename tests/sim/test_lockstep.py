@@ -11,10 +11,10 @@ import pytest
 from hapticd.errors import SimulationError
 from hapticd.sim import lockstep
 from hapticd.sim.board.board import FLAG_LIMITED
+from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
 from hapticd.sim.lockstep import Run, Settings
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.report import ARRAYS
-from hapticd.sim.scenarios import LAND_S, SCENARIOS
 
 SEEDS = (1, 2, 3, 4, 5)
 W_LIM_UM = 4.0
@@ -133,7 +133,7 @@ def test_the_arrays_have_the_stated_shapes_and_nan_where_a_finger_is_absent(scen
 
 def test_what_a_finger_gets_is_the_plate_s_motion_at_its_true_place(strokes: dict[int, Run]) -> None:
     run = strokes[2]
-    own = np.einsum("tnm,tm->tn", PlateTruth().shapes(run.finger_true_mm)[..., :2], run.modal_um)
+    own = np.einsum("tnm,tm->tn", GroundTruth().shapes(run.finger_true_mm)[..., :2], run.modal_um)
     present = np.isfinite(run.truth_um)
 
     away_um = np.abs(own - run.truth_um)[present]
@@ -150,7 +150,7 @@ def test_where_the_reference_took_a_finger_to_be_is_near_where_it_was(strokes: d
     assert rms(miss_mm[known]) < 0.35  # the paper's 15 ms at 10 cm/s are 1.5 mm
 
 
-def test_limited_says_when_a_target_was_out_of_reach(strokes: dict[int, Run]) -> None:
+def test_limited_marks_targets_out_of_reach(strokes: dict[int, Run]) -> None:
     run = strokes[1]
     part = (run.t_s > 1.0) & np.isfinite(run.truth_um).all(axis=1)
     met = np.abs(np.abs(run.truth_um[:, 0]) - 1.0)
@@ -181,7 +181,7 @@ def test_no_frame_is_late_and_the_board_never_falls_silent(strokes: dict[int, Ru
         assert run.status["state"] == "ACTIVE"
 
 
-def test_the_world_stops_where_it_is_told_and_its_recording_has_no_seams() -> None:
+def test_the_world_stops_at_the_given_time_and_its_recording_is_continuous() -> None:
     simulation = lockstep.Simulation(SCENARIOS["circles"].build(1, 100.0), Settings(), 1)
     simulation.run(1.2345)
     recording = simulation.world.recording()

@@ -28,7 +28,7 @@ def size_px(path: Path) -> tuple[int, int]:
     return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
 
 
-def test_two_films_stand_beside_each_other(run: Run, tmp_path: Path) -> None:
+def test_two_films_are_drawn_side_by_side(run: Run, tmp_path: Path) -> None:
     ours, paper = Film.of(run, "hapticd"), Film.of(run, "the paper's scheme")
     picture.draw([ours], tmp_path / "one.png", w_limit_um=4.0)
     picture.draw([ours, paper], tmp_path / "two.png", w_limit_um=4.0, seconds=1.5)
@@ -44,7 +44,7 @@ def test_a_run_is_drawn_as_a_png(scenario: str, tmp_path: Path) -> None:
     assert size_px(tmp_path / "run.png")[0] > 600
 
 
-def test_a_run_in_which_nobody_landed_can_be_drawn(tmp_path: Path) -> None:
+def test_a_run_without_fingers_can_be_drawn(tmp_path: Path) -> None:
     for scenario in ("rest", "step"):
         picture.draw_run(lockstep.run(scenario, seconds=0.2), tmp_path / f"{scenario}.png")
         assert size_px(tmp_path / f"{scenario}.png")[0] > 600
@@ -85,7 +85,7 @@ def test_a_place_that_cannot_be_written_is_a_sentence(run: Run, tmp_path: Path) 
         picture.draw_run(run, tmp_path / "nowhere" / "swap.png")
 
 
-def test_without_matplotlib_a_sentence_says_what_to_install(
+def test_without_matplotlib_the_error_names_the_package(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)

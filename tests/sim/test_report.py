@@ -20,7 +20,7 @@ def circles() -> Run:
 
 
 @pytest.fixture(scope="module")
-def told(circles: Run) -> dict[str, object]:
+def result(circles: Run) -> dict[str, object]:
     return report.figures(circles)
 
 
@@ -33,22 +33,22 @@ def plain(value: object) -> bool:
     return value is None or type(value) in (str, int, bool) or (type(value) is float and math.isfinite(value))
 
 
-def test_figures_are_plain_json_without_nan(told: dict[str, object]) -> None:
-    assert plain(told)
-    assert json.loads(json.dumps(told, allow_nan=False)) == told
+def test_figures_are_plain_json_without_nan(result: dict[str, object]) -> None:
+    assert plain(result)
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
 
 
-def test_figures_set_the_run_beside_the_papers_scheme_and_perfect_knowledge(
-    circles: Run, told: dict[str, dict[str, float]]
+def test_figures_compare_the_run_with_the_papers_scheme_and_perfect_knowledge(
+    circles: Run, result: dict[str, dict[str, float]]
 ) -> None:
     paper = lockstep.run("circles", settings=lockstep.paper(circles.settings), seed=2, seconds=2.0)
 
-    assert told["hapticd"]["leak_um"] == circles.score.leak_um
-    assert told["paper"]["leak_um"] == paper.score.leak_um
-    assert told["leak_ratio"] == pytest.approx(paper.score.leak_um / circles.score.leak_um)
-    assert told["perfect"]["leak_um"] < told["hapticd"]["leak_um"] < told["paper"]["leak_um"]
-    assert (told["scenario"], told["seed"], told["seconds"]) == ("circles", 2, 2.0)
-    assert told["status"] == circles.status
+    assert result["hapticd"]["leak_um"] == circles.score.leak_um
+    assert result["paper"]["leak_um"] == paper.score.leak_um
+    assert result["leak_ratio"] == pytest.approx(paper.score.leak_um / circles.score.leak_um)
+    assert result["perfect"]["leak_um"] < result["hapticd"]["leak_um"] < result["paper"]["leak_um"]
+    assert (result["scenario"], result["seed"], result["seconds"]) == ("circles", 2, 2.0)
+    assert result["status"] == circles.status
 
 
 def test_alone_there_is_no_comparison(circles: Run) -> None:
@@ -75,8 +75,8 @@ def test_the_step_s_numbers_are_there_once_the_step_is_over() -> None:
     assert "settles in" in report.table(late)
 
 
-def test_the_table_has_a_line_for_each_scheme(told: dict[str, object]) -> None:
-    lines = report.table(told).splitlines()
+def test_the_table_has_a_line_for_each_scheme(result: dict[str, object]) -> None:
+    lines = report.table(result).splitlines()
 
     assert [line.split()[0] for line in lines[1:4]] == ["hapticd", "paper", "perfect"]
     assert len({len(line) for line in lines[:4]}) == 1
@@ -99,23 +99,23 @@ def test_settling_is_from_one_to_ninety_eight_per_cent_whatever_the_delay_and_th
     final_um: float, delay_s: float
 ) -> None:
     tau_s = 0.01
-    told = report.step_response(T_S, first_order(tau_s, final_um, delay_s), t_step_s=1.0)
+    result = report.step_response(T_S, first_order(tau_s, final_um, delay_s), t_step_s=1.0)
 
-    assert told["final_um"] == pytest.approx(final_um)
-    assert told["settling_ms"] == pytest.approx(tau_s * math.log(50.0) * 1e3, abs=1.0)
-    assert told["overshoot_frac"] == pytest.approx(0.0, abs=1e-9)
+    assert result["final_um"] == pytest.approx(final_um)
+    assert result["settling_ms"] == pytest.approx(tau_s * math.log(50.0) * 1e3, abs=1.0)
+    assert result["overshoot_frac"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_overshoot_and_quadrature_are_told() -> None:
+def test_overshoot_and_quadrature_are_reported() -> None:
     w_um = first_order(0.002, 1.0)
     w_um = w_um + 0.2 * (w_um > 0) * np.exp(-np.maximum(T_S - 1.0, 0.0) / 0.02) * w_um + 0j
     w_um[2100] += 0.05j
 
-    told = report.step_response(T_S, w_um, t_step_s=1.0)
+    result = report.step_response(T_S, w_um, t_step_s=1.0)
 
-    assert 0.1 < told["overshoot_frac"] < 0.2
-    assert told["largest_q_um"] == pytest.approx(0.05)
-    assert told["settling_ms"] == pytest.approx(0.02 * math.log(10.0) * 1e3, abs=2.0)
+    assert 0.1 < result["overshoot_frac"] < 0.2
+    assert result["largest_q_um"] == pytest.approx(0.05)
+    assert result["settling_ms"] == pytest.approx(0.02 * math.log(10.0) * 1e3, abs=2.0)
 
 
 # --- the file -------------------------------------------------------------------------------------------------------

@@ -77,7 +77,7 @@ def test_what_happens_before_a_finger_counts_costs_nothing() -> None:
     assert judge(target_um, truth_um).leak_um == 0.0
 
 
-def test_a_lifted_finger_does_not_count_and_its_nan_harms_nobody() -> None:
+def test_a_lifted_finger_does_not_count() -> None:
     target_um, truth_um = constant(0.0, 1.0), constant(0.2, 1.0)
     target_um[700:900, 0] = truth_um[700:900, 0] = np.nan
     truth_um[900 : 900 + SETTLE_TICKS, 0] = 7.0
@@ -88,7 +88,7 @@ def test_a_lifted_finger_does_not_count_and_its_nan_harms_nobody() -> None:
     assert judged.slip_error_um == 0.0
 
 
-def test_where_nobody_is_judged_figures_are_nan_and_nothing_is_raised() -> None:
+def test_without_fingers_figures_are_nan() -> None:
     judged = judge(constant(np.nan, np.nan), constant(np.nan, np.nan))
 
     assert [name for name, value in asdict(judged).items() if math.isnan(value)] == [

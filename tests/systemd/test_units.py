@@ -13,8 +13,8 @@ import pytest
 from hapticd.config import loader as config
 from hapticd.config.sections import SIMULATED, Config
 from hapticd.errors import ConfigError
-from hapticd.io.awake import LATENCY_FILE
-from hapticd.io.trackpad import PADS
+from hapticd.io.devices.trackpad_source import PADS
+from hapticd.io.host.cpu_latency import LATENCY_FILE
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "hapticd.service"

@@ -12,9 +12,9 @@ from PIL import Image
 from hapticd.__main__ import main
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
-from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
-PAIR = PlateTruth(PlateSettings()).cartography(1)
+PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 
 
 def test_the_table_has_both_maps_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:

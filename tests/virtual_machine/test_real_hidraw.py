@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from machine import Boot
 
-from hapticd.io.trackpad import PADS
+from hapticd.io.devices.trackpad_source import PADS
 from hapticd.values import Contact
 from hapticd.wire.trackpad import GEOMETRY, Decoder
 
@@ -167,11 +167,11 @@ def test_every_plug_and_every_pull_is_one_line(guest: Boot) -> None:
     assert lines == [
         "WARNING trackpad: no trackpad is connected: plug one in or pair it",
         f"INFO trackpad: {bluetooth} at /dev/hidraw0",
-        f"WARNING trackpad: {bluetooth} was lost (read error): looking for it",
+        f"WARNING trackpad: {bluetooth} was lost (read error): searching for it",
         f"INFO trackpad: {bluetooth} at /dev/hidraw0",
-        f"WARNING trackpad: {bluetooth} was lost (read error): looking for it",
+        f"WARNING trackpad: {bluetooth} was lost (read error): searching for it",
         f"INFO trackpad: {cable} at /dev/hidraw1",  # hidraw0 is its other interface
-        f"WARNING trackpad: {cable} was lost (read error): looking for it",
+        f"WARNING trackpad: {cable} was lost (read error): searching for it",
         f"INFO trackpad: {cable} at /dev/hidraw1",
     ]
 

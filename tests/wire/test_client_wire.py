@@ -72,7 +72,7 @@ def test_a_full_message_is_read_to_the_last_field() -> None:
     )
 
 
-def test_the_smallest_message_wants_nothing_for_half_a_second() -> None:
+def test_the_smallest_message_has_no_targets_and_the_default_time_to_live() -> None:
     payload = bytes(msgpack.packb({"v": 1, "client": "c"}))
     assert client.decode_targets(payload) == ClientTargets("c", 500_000_000, {}, {})
 
@@ -108,7 +108,7 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
 @pytest.mark.parametrize(
     ("payload", "sentence"),
     [
-        (packed(v=2), "The message is of protocol version 2, the daemon speaks 1: update the daemon."),
+        (packed(v=2), "The message has protocol version 2, the daemon has 1: update the daemon."),
         (packed(v=0), "update the client"),
         (packed(v="1"), "v: must be a whole number, not a text."),
         (packed(client=""), "client: a name has 1 .. 32 printable characters."),
@@ -121,14 +121,14 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(targets={}), "targets: must be a list, not a map."),
         (packed(targets=[7]), "targets[0]: must be a map, not a whole number."),
         (packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(17)]), "targets: has 17 items, at most 16"),
-        (packed(targets=[{"finger": 1, "friction": 0.5}] * 2), "targets[1].finger: 1 is there twice."),
+        (packed(targets=[{"finger": 1, "friction": 0.5}] * 2), "targets[1].finger: 1 is listed twice."),
         (packed(targets=[{"friction": 0.5}]), "targets[0].finger: is missing."),
         (packed(targets=[{"finger": 0, "friction": 0.5}]), "targets[0].finger: 0 is out of bounds"),
         (
             packed(targets=[{"finger": 1.5, "friction": 0.5}]),
             "targets[0].finger: must be a whole number, not a number.",
         ),
-        (packed(targets=[{"finger": "nobody", "friction": 0.5}]), "there is no virtual finger 'nobody'"),
+        (packed(targets=[{"finger": "nobody", "friction": 0.5}]), "this message defines no virtual finger 'nobody'"),
         (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
         (with_target(friction=0.5, fiction=1), "'targets[0].fiction': unknown field"),
@@ -151,10 +151,10 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 1001]]}]), "virtuals[0].path_mm[0]: 1001 is out of bounds"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "speed_mm_s": 2001}]), "speed_mm_s: 2001 is out of"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "loop": 1}]), "loop: must be true or false"),
-        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is there twice."),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
     ],
 )
-def test_a_refusal_says_where_and_what(payload: bytes, sentence: str) -> None:
+def test_a_refusal_names_field_and_defect(payload: bytes, sentence: str) -> None:
     assert sentence in refusal(payload)
 
 
@@ -284,9 +284,9 @@ def test_each_request_is_read_with_its_body() -> None:
     ("text", "sentence"),
     [
         (7, "text: must be a text, not a whole number"),
-        ("", "text: has 1 .. 100 printable characters"),
-        ("a" * 101, "text: has 1 .. 100 printable characters"),
-        ("two\nlines", "text: has 1 .. 100 printable characters"),
+        ("", "text: must have 1 .. 100 printable characters"),
+        ("a" * 101, "text: must have 1 .. 100 printable characters"),
+        ("two\nlines", "text: must have 1 .. 100 printable characters"),
     ],
 )
 def test_a_marker_is_a_short_printable_text(text: object, sentence: str) -> None:
@@ -302,10 +302,10 @@ def test_an_answer_carries_what_the_handler_returned() -> None:
 @pytest.mark.parametrize(
     ("payload", "request_id", "sentence"),
     [
-        (b"\xc1", 0, "not acceptable MessagePack"),
+        (b"\xc1", 0, "not valid MessagePack"),
         (request("status", 0), 0, "id: 0 is out of bounds"),
         (request("status", v=2), 7, "update the daemon"),
-        (request("explode"), 7, "op: 'explode' is none of hello,"),
+        (request("explode"), 7, "op: 'explode' is not one of hello,"),
         (request("set"), 7, "body: is missing."),
         (request("set", body={"client": "a", "targets": [{"finger": 1}]}), 7, "body.targets[0]: needs exactly one"),
         (request("hello", extra=1), 7, "'extra': unknown field"),

@@ -9,25 +9,23 @@ import pytest
 from hapticd.board_values import (
     BoardCommand,
     ClearFault,
+    ControllerRequest,
     HelloRequest,
     KeepAlive,
+    LogRequest,
     ModeModel,
+    RawVoltage,
     ReferenceFrame,
     SelectController,
-    SetModel,
-    TimeRequest,
-)
-from hapticd.core.trajectory.gate import silence
-from hapticd.tool_values import (
-    ControllerRequest,
-    LogRequest,
-    RawVoltage,
     SetGains,
+    SetModel,
     SetTelemetry,
     Stop,
     Sweep,
+    TimeRequest,
     ToolCommand,
 )
+from hapticd.core.trajectory.gate import silence
 from hapticd.wire import board_messages, protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.framing import FrameSplitter

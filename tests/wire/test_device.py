@@ -9,18 +9,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.board_values import BoardHello, BoardState, BoardStatus, BoardTime, ModeCalibration, ModeModel
-from hapticd.errors import DeviceError
-from hapticd.tool_values import (
+from hapticd.board_values import (
     BoardController,
+    BoardHello,
     BoardLog,
+    BoardState,
+    BoardStatus,
+    BoardTime,
     BoardVerdict,
     LogEntry,
+    ModeCalibration,
+    ModeModel,
     ModeSample,
     SweepPoint,
     TelemetrySample,
     Verdict,
 )
+from hapticd.errors import DeviceError
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
@@ -168,7 +173,7 @@ def test_a_law_of_a_later_firmware_is_read_as_unknown() -> None:
     assert controller.law is None
 
 
-def test_a_board_that_must_not_drive_is_heard_with_limits_of_zero() -> None:
+def test_a_board_that_must_not_drive_sends_limits_of_zero() -> None:
     silent = HELLO[:-12] + struct.pack("<f", 0.0) + HELLO[-8:]
     assert hello(silent).v_limit_v == 0.0
 
@@ -246,7 +251,7 @@ def hello(payload: bytes = HELLO) -> BoardHello:
     return message
 
 
-def test_a_board_that_allows_what_is_asked_is_accepted() -> None:
+def test_a_board_that_allows_the_settings_is_accepted() -> None:
     device.check_hello(hello(), modes=2, w_limit_um=(4.0, 3.5), v_limit_v=150.0)
 
 
@@ -257,18 +262,18 @@ def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None
 
 
 def test_another_layout_is_refused_by_its_hash() -> None:
-    with pytest.raises(DeviceError, match="protocol hash is 00000000"):
+    with pytest.raises(DeviceError, match="protocol hash 00000000"):
         device.check_hello(hello(HELLO[:2] + bytes(4) + HELLO[6:]), modes=2, w_limit_um=(4.0, 4.0))
 
 
 def test_other_modes_and_lower_limits_are_refused() -> None:
-    with pytest.raises(DeviceError, match="drives 2 modes, the mode shapes have 3"):
+    with pytest.raises(DeviceError, match="drives 2 modes, the mode map has 3"):
         device.check_hello(hello(), modes=3, w_limit_um=(4.0, 4.0, 4.0))
     with pytest.raises(DeviceError, match="mode 1 is set to 5 um but the board allows 4 um"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 5.0))
     with pytest.raises(DeviceError, match="mode 0 is set to nan um"):
         device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
-    with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are set to take 100 V"):
+    with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are rated for 100 V"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 4.0), v_limit_v=100.0)
 
 

@@ -12,10 +12,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd import values
-from hapticd.values import AffineMap
-from hapticd.wire import trackpad
-from hapticd.wire.trackpad import GEOMETRY, MODELS, Contact, Decoder, TouchFrame
+from hapticd.values import AffineMap, Contact, TouchFrame
+from hapticd.wire.trackpad import GEOMETRY, MODELS, Decoder
 
 WRAP_MS = 1 << 21
 MS = 1_000_000
@@ -49,7 +47,7 @@ def mt1_record(contact_id: int = 1, x: int = 0, y: int = 0, state: int = 4) -> b
 
 
 @pytest.mark.parametrize("record", GOLDEN)
-def test_a_report_means_what_the_linux_driver_says_it_means(record: dict) -> None:
+def test_reports_decode_as_by_the_linux_driver(record: dict) -> None:
     frame = Decoder(MODEL_OF_TAG[record["tag"]]).decode(bytes.fromhex(record["report"]), 0)[-1]
     codes = ORIENTATIONS[record["tag"]]
     mt1_has_none = record["tag"] == "mt1-bt"
@@ -117,7 +115,7 @@ def test_pressure_is_a_share_of_the_largest_raw_value() -> None:
     assert full.pressure_frac == 1.0
 
 
-def test_an_mt1_contact_nobody_mentions_ends_after_100_ms() -> None:
+def test_a_missing_mt1_contact_ends_after_100_ms() -> None:
     decoder = Decoder("mt1")
     decoder.decode(mt1(mt1_record(3), mt1_record(4)), 0)
     decoder.decode(mt1(mt1_record(4)), 60 * MS)
@@ -181,7 +179,7 @@ def test_the_placement_moves_points_and_turns_ellipses_as_the_affine_map_does(
     assert 0 <= placed.angle_rad < math.pi
 
 
-def test_a_mouse_report_asks_for_the_enable_until_the_pad_is_back() -> None:
+def test_a_mouse_report_requests_the_enable_until_the_next_touch_frame() -> None:
     for model, touch in (("mt2-usb", wrapped("mt2-usb", mt2_bt())), ("mt2-bt", mt2_bt()), ("mt1", mt1())):
         decoder = Decoder(model)
         assert not decoder.needs_enable
@@ -302,13 +300,13 @@ def test_a_queue_drained_at_once_keeps_the_spacing_of_the_device() -> None:
     assert times == [11 * n * MS for n in range(64)]
 
 
-def test_a_restarted_device_clock_is_anchored_anew() -> None:
+def test_a_restarted_device_clock_is_anchored_again() -> None:
     times, decoder = stamps_ns([(500_000, 0), (500_011, 11 * MS), (0, 22 * MS), (11, 33 * MS)])
     assert times == [0, 11 * MS, 22 * MS, 33 * MS]
     assert decoder.counters["clock_steps"] == 1
 
 
-def test_a_clock_that_jumps_back_is_anchored_anew_but_reports_out_of_order_keep_their_stamps() -> None:
+def test_a_clock_that_jumps_back_is_anchored_again_but_reports_out_of_order_keep_their_stamps() -> None:
     times, decoder = stamps_ns([(5000, 0), (5011, 11 * MS), (5000, 12 * MS), (4500, 22 * MS), (4511, 33 * MS)])
     assert times == [0, 11 * MS, 0, 22 * MS, 33 * MS]
     assert decoder.counters["clock_steps"] == 1
@@ -337,11 +335,6 @@ def test_a_stalled_device_clock_is_left_behind_after_two_seconds() -> None:
 
 def test_mt1_frames_are_at_host_time() -> None:
     assert Decoder("mt1").decode(bytes((0x28, 0xFC, 0xFF, 0xFF)), 42)[0].t_ns == 42
-
-
-def test_the_wire_gives_the_shared_values() -> None:
-    assert trackpad.Contact is values.Contact
-    assert trackpad.TouchFrame is values.TouchFrame
 
 
 def test_after_a_reset_the_magic_trackpad_1_remembers_no_contact() -> None:

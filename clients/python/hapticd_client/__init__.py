@@ -1,7 +1,6 @@
-"""Give every finger on a plate served by hapticd its own friction.
+"""Client library of hapticd: set the friction of each finger on the plate.
 
-`Client` is where to begin. The messages it exchanges are described in clients/PROTOCOL.md; it shares no code with
-the daemon.
+Start with `Client`. Its messages are defined in clients/PROTOCOL.md; it shares no code with the daemon.
 """
 
 from .client import Client

@@ -1,4 +1,4 @@
-"""Requests to the daemon and their replies: one at a time, each with an id, so that a late reply is not mistaken."""
+"""Requests to the daemon and their replies, one at a time; an id identifies late replies."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .errors import DaemonGoneError
 from .messages import encode_request, read_reply
 
 MAX_REQUEST_ID = 2**32 - 1
-_REMEDY = "start one (`hapticd run --sim` needs no hardware), or name its directory in HAPTICD_RUNTIME_DIR"
-_REMEDY_FOR_KEYS = "see that it runs with client.tcp, that server_key is its key, and that it allows yours"
+_REMEDY = "start one (`hapticd run --sim` needs no hardware), or set HAPTICD_RUNTIME_DIR to its directory"
+_REMEDY_FOR_KEYS = "check that it runs with client.tcp, that server_key is its key, and that it allows yours"
 
 
 class Control:
@@ -26,11 +26,11 @@ class Control:
         self._request_id = 0
         self._socket = context.socket(zmq.DEALER)
         self._socket.linger = 0
-        self._socket.immediate = True  # a request waits for a daemon here, where it can time out, not in a queue
+        self._socket.immediate = True  # without a daemon a request times out here instead of being queued
         endpoint.connect(self._socket, "control")
 
     def request(self, op: str, body: Mapping[str, object] | None = None, *, timeout_s: float) -> dict[str, Any]:
-        """The body of the reply. Raises RefusedError with the daemon's sentence, DaemonGoneError after the timeout."""
+        """Send a request and return its reply's body. Raises RefusedError, or DaemonGoneError after the timeout."""
         deadline_s = time.monotonic() + timeout_s
         self._request_id = self._request_id % MAX_REQUEST_ID + 1
         if self._ready(zmq.POLLOUT, deadline_s):

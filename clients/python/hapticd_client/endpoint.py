@@ -1,4 +1,4 @@
-"""Where the daemon is: a directory of ipc sockets, found by the daemon's own rule, or a TCP address and two keys."""
+"""Endpoint of the daemon: a directory of ipc sockets, or a TCP address with two keys."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KeyFile = str | os.PathLike[str]
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """The daemon's public key and this client's own pair (Z85)."""
+    """The daemon's public key and this client's key pair (Z85)."""
 
     server: bytes
     public: bytes
@@ -31,7 +31,7 @@ class Keys:
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A daemon's three sockets: in `directory`, or where `keys` are given at `host` from `port` on."""
+    """The daemon's three sockets: in `directory`, or with `keys` at `host` from `port` on."""
 
     directory: Path | None = None
     host: str = ""
@@ -42,7 +42,7 @@ class Endpoint:
         return f"tcp://{self.host}:{self.port}" if self.directory is None else str(self.directory)
 
     def connect(self, socket: zmq.Socket[bytes], name: str) -> None:
-        """Connect to the socket of this name. Raises zmq.ZMQError for an address that cannot be one."""
+        """Connect to the socket of this name. Raises zmq.ZMQError for an invalid address."""
         if self.directory is not None:
             socket.connect(f"ipc://{self.directory / name}")
             return
@@ -59,11 +59,11 @@ def find(
     server_key: KeyFile | None = None,
     own_key: KeyFile | None = None,
 ) -> Endpoint:
-    """What `Client` is given, understood. Raises HapticdError where address and keys do not belong together."""
+    """Return the endpoint for the arguments of `Client`. Raises HapticdError if address and keys do not match."""
     text = None if endpoint is None else os.fspath(endpoint)
     if text is None or not text.startswith("tcp://"):
         if server_key is not None or own_key is not None:
-            raise HapticdError("Keys are for daemons on other machines: give a tcp:// endpoint with them.")
+            raise HapticdError("Keys need a tcp:// endpoint: give one, or omit the keys.")
         return Endpoint(directory(endpoint, environ))
     host, _, port = text.removeprefix("tcp://").rpartition(":")
     if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= 65533):
@@ -75,7 +75,7 @@ def find(
 
 
 def default_directory(environ: Mapping[str, str]) -> Path:
-    """$HAPTICD_RUNTIME_DIR, else where a daemon's sockets are: this user's daemon before the system's."""
+    """Return $HAPTICD_RUNTIME_DIR, else the first directory with sockets, this user's before the system's."""
     if environ.get("HAPTICD_RUNTIME_DIR"):
         return Path(environ["HAPTICD_RUNTIME_DIR"]).absolute()
     candidates = []
@@ -88,7 +88,7 @@ def default_directory(environ: Mapping[str, str]) -> Path:
 
 
 def directory(endpoint: str | os.PathLike[str] | None, environ: Mapping[str, str]) -> Path:
-    """The directory that an endpoint names: itself, or after `ipc://`."""
+    """Return the directory of an endpoint, with or without `ipc://`."""
     if endpoint is None:
         return default_directory(environ)
     return Path(os.fspath(endpoint).removeprefix("ipc://")).absolute()
@@ -97,17 +97,17 @@ def directory(endpoint: str | os.PathLike[str] | None, environ: Mapping[str, str
 def _has_socket(path: Path) -> bool:
     try:
         return (path / "control").is_socket()
-    except PermissionError:  # a directory that is not ours to look into
+    except PermissionError:  # another user's directory
         return False
 
 
 def _own_pair(path: Path) -> tuple[bytes, bytes]:
-    """This client's pair. A secret that others can read would let them be this client, so it is not used."""
+    """Load this client's key pair; refused if other users can read the secret."""
     public, secret = _certificate(path)
     if secret is None:
-        raise HapticdError(f"{path}: holds no secret: own_key is your .key_secret file.")
+        raise HapticdError(f"{path}: contains no secret key: own_key is your .key_secret file.")
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise HapticdError(f"{path}: others may open it, so it is no secret: run `chmod 600` on it, or make a new one.")
+        raise HapticdError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
     return public, secret
 
 

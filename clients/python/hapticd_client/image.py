@@ -1,4 +1,4 @@
-"""Pictures as a plate can show them: square, grey, and no finer than a map may be."""
+"""Conversion of pictures to square grey levels within the size of a map."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from .errors import HapticdError, RefusedError
 
 
 def grey_rows(path: str | os.PathLike[str], max_side: int) -> list[bytes]:
-    """The middle square of a picture as rows of grey levels from the top, at most `max_side` of each.
+    """Return the middle square of a picture as rows of grey levels from the top, at most `max_side` x `max_side`.
 
-    Raises HapticdError where Pillow is missing, RefusedError for a file that is no picture.
+    Raises HapticdError without Pillow, RefusedError for a file that is no picture.
     """
     try:
         from PIL import Image, ImageOps, UnidentifiedImageError
@@ -20,7 +20,7 @@ def grey_rows(path: str | os.PathLike[str], max_side: int) -> list[bytes]:
         with Image.open(path) as picture:
             upright = ImageOps.exif_transpose(picture).convert("RGBA")
     except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError):
-        raise RefusedError(f"{os.fspath(path)}: is no picture that Pillow can read.") from None
+        raise RefusedError(f"{os.fspath(path)}: is not a picture that Pillow can read.") from None
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or error}).") from None
     on_black = Image.alpha_composite(Image.new("RGBA", upright.size, "black"), upright).convert("L")

@@ -1,4 +1,4 @@
-"""Requests, replies and states, as clients/PROTOCOL.md has them. Fields that a newer daemon adds are ignored."""
+"""Requests, replies and states of clients/PROTOCOL.md. Unknown fields of a newer daemon are ignored."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import msgpack
 from .errors import HapticdError, RefusedError
 
 PROTOCOL_VERSION = 1
-UNREAD_REQUEST_ID = 0  # of the reply to a request whose id the daemon could not read
-STRANGER = "What answers at this endpoint does not speak hapticd's protocol."
+UNREAD_REQUEST_ID = 0  # id of the reply to a request whose id could not be read
+NOT_HAPTICD = "The program at this endpoint does not use hapticd's protocol: check the endpoint."
 
 
 @dataclass(frozen=True, slots=True)
 class FingerState:
-    """One finger: where it was last seen, where it will be when the plate moves, what it should get and gets.
+    """One finger: last measured and predicted position, target and achieved amplitude.
 
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
-    None: nothing was computed, as for a finger that nobody wants. `virtual` fingers have a name for an id. `owner` is
-    the client that holds it, None also of a daemon that does not tell.
+    None: not computed, as for a finger without a target. The id of a `virtual` finger is its name. `owner` is the
+    client that owns it, None also from an older daemon.
     """
 
     id: int | str
@@ -38,7 +38,7 @@ class FingerState:
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """What some client noted of its experiment with `Client.marker`, and when: `t_ns` as in PlateState."""
+    """A marker of an experiment, set with `Client.marker`; `t_ns` as in PlateState."""
 
     t_ns: int
     client: str
@@ -47,14 +47,14 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class PlateState:
-    """What the plate did at one instant, for all its fingers.
+    """The state of the plate and all fingers at one instant.
 
     `t_ns` is the host's monotonic clock and `seq` counts the messages of one daemon; `instance` changes when the
-    daemon restarts. `limited` says that some target was missed because a mode met its limit, `condition` how hard
-    the fingers are to tell apart (None: not computed, or impossible). `age_ms` is the age of the newest touch sample,
+    daemon restarts. `limited`: a mode reached its limit, so that some target was missed. `condition` is the
+    mode matrix's condition number (None: not computed, or singular). `age_ms` is the age of the newest touch sample,
     `horizon_ms` how far ahead of it the plate was driven. `modal_um` and `modal_q_um` are the real and imaginary parts
-    of the modes' phasors, `measured_um` what the board last measured of them; an older daemon tells neither of the two.
-    `markers` came since the message before: a reader that skips messages misses those in them.
+    of the modes' phasors, `measured_um` the board's last measurement; an older daemon sends neither of the two.
+    `markers` arrived since the previous message: a reader that skips messages misses them.
     """
 
     instance: int
@@ -73,7 +73,7 @@ class PlateState:
 
 
 def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) -> bytes:
-    """A message for the `control` socket."""
+    """Encode a message for the `control` socket."""
     request: dict[str, object] = {"v": PROTOCOL_VERSION, "id": request_id, "op": op}
     if body is not None:
         request["body"] = dict(body)
@@ -81,12 +81,14 @@ def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) 
 
 
 def read_reply(payload: bytes, request_id: int) -> dict[str, Any] | None:
-    """The body of the reply to this request; None for a late reply to another. Raises RefusedError with the reason,
-    and HapticdError where it is no reply."""
+    """Decode a reply: its body, or None for a late reply to another request.
+
+    Raises RefusedError with the daemon's reason, HapticdError if it is no reply.
+    """
     reply = _unpacked(payload)
     reply_id = reply.get("id")
     if type(reply_id) is not int:
-        raise HapticdError(STRANGER)
+        raise HapticdError(NOT_HAPTICD)
     if reply_id not in (request_id, UNREAD_REQUEST_ID):
         return None
     if reply.get("ok") is True:
@@ -96,12 +98,12 @@ def read_reply(payload: bytes, request_id: int) -> dict[str, Any] | None:
 
 
 def decode_state(payload: bytes) -> PlateState:
-    """A message of the `telemetry` socket. Raises HapticdError where it is not one of this version."""
+    """Decode a message of the `telemetry` socket. Raises HapticdError for another version or an invalid message."""
     fields = _unpacked(payload)
     if fields.get("v") != PROTOCOL_VERSION:
         raise HapticdError(
-            f"The daemon's states are of protocol version {fields.get('v')}, this library reads {PROTOCOL_VERSION}: "
-            "install the hapticd-client that belongs to the daemon."
+            f"The daemon's states have protocol version {fields.get('v')}, this library {PROTOCOL_VERSION}: "
+            "install the hapticd-client of the daemon's version."
         )
     try:
         return PlateState(
@@ -120,7 +122,7 @@ def decode_state(payload: bytes) -> PlateState:
             measured_um=tuple(complex(_number(d), _number(q)) for d, q in fields.get("measured_um", ())),
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise HapticdError(f"The daemon sent a state that cannot be read ({error}).") from None
+        raise HapticdError(f"The daemon sent an invalid state ({error}).") from None
 
 
 def _finger_state(finger: dict[str, Any]) -> FingerState:
@@ -147,5 +149,5 @@ def _unpacked(payload: bytes) -> dict[str, Any]:
     except (ValueError, msgpack.UnpackException):
         message = None
     if not isinstance(message, dict):
-        raise HapticdError(STRANGER)
+        raise HapticdError(NOT_HAPTICD)
     return message

@@ -1,8 +1,8 @@
-"""Repeats what the client wants, so that it outlives its time to live exactly as long as the client lives.
+"""Refresher of the client's targets: repeats them so that they stay active while the client lives.
 
-A thread with a socket of its own sends the newest message at once when it changes and three times per time to live
-after that. Nothing is queued: while no daemon listens nothing is sent, and a daemon that starts gets the newest.
-A refresh may overtake a request or be overtaken: the stamp of what was wanted tells the daemon which is older.
+A thread with its own socket sends the newest message when it changes, and three times per time to live. Nothing is
+queued: without a daemon nothing is sent, and a daemon that starts gets the newest. A refresh may overtake a request or
+be overtaken; the stamp of the targets lets the daemon detect this.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import zmq
 from .endpoint import Endpoint
 
 RETRY_S = 0.02  # while no daemon is connected
-REFRESHES_PER_TTL = 3  # so that one lost message is no gap
+REFRESHES_PER_TTL = 3  # tolerates one lost message
 RECONNECT_MS = 50
-LINGER_MS = 100  # for the last message to leave
+LINGER_MS = 100  # to send the last message
 
 
 class Refresher:
-    """Sends one payload on the `targets` socket, again and again, until `stop`."""
+    """Send one payload on the `targets` socket repeatedly, until `stop`."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
         self._context = context
@@ -36,20 +36,20 @@ class Refresher:
         self._thread.start()
 
     def send(self, payload: bytes, ttl_s: float) -> None:
-        """Send this at once, and then three times per `ttl_s`; infinite: never again."""
+        """Send this now and three times per `ttl_s`; only once if that is infinite."""
         self._replace(payload, ttl_s, delay_s=0.0)
 
     def keep(self, payload: bytes, ttl_s: float) -> None:
-        """The same for what the daemon has been told already: the next refresh will do."""
+        """Refresh this three times per `ttl_s`; a request has already sent it."""
         self._replace(payload, ttl_s, delay_s=ttl_s / REFRESHES_PER_TTL)
 
     @property
     def is_current_thread(self) -> bool:
-        """The caller runs on the refresher's own thread, and must not wait for it."""
+        """Whether the caller runs on the refresher's thread, which it must not join."""
         return threading.current_thread() is self._thread
 
     def stop(self) -> None:
-        """Send what is due, then end the thread."""
+        """Send what is due, then stop the thread."""
         with self._changed:
             self._is_stopped = True
             self._changed.notify()
@@ -86,7 +86,7 @@ class Refresher:
 
 
 def _sent(socket: zmq.Socket[bytes], payload: bytes) -> bool:
-    """Whether a daemon was there to take it."""
+    """Send without blocking; returns False without a daemon."""
     try:
         socket.send(payload, zmq.NOBLOCK)
     except zmq.Again:

@@ -1,6 +1,6 @@
-"""What a finger may be asked to feel, checked here as the daemon will check it.
+"""Targets of fingers, validated like in the daemon.
 
-A value that the daemon refuses would take the client's other fingers with it, as all go in one message.
+All targets of a client share one message, and one invalid value would make the daemon refuse the whole message.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MIN_TTL_S, MAX_TTL_S = 0.02, 5.0
 class Grating:
     """Stripes across `angle_rad` (anticlockwise from +x), with a crest of `high_um` through the plate's centre.
 
-    A sine between the two amplitudes, or a square wave where `duty_frac` says how much of the period is high.
+    A sine between the two amplitudes, or for `duty_frac` above 0 a square wave with that share of the period high.
     """
 
     period_mm: float
@@ -38,7 +38,7 @@ class Grating:
     duty_frac: float = 0.0
 
     def fields(self) -> Fields:
-        """As sent. Raises RefusedError."""
+        """Return the fields of the message. Raises RefusedError."""
         return {
             "period_mm": number("period_mm", self.period_mm, 0.1, 1000.0),
             "high_um": number("high_um", self.high_um, 0.0, MAX_AMPLITUDE_UM),
@@ -48,18 +48,18 @@ class Grating:
         }
 
 
-class Row(Protocol):
-    """A row of levels: a list, bytes, or one of an array's."""
+class LevelRow(Protocol):
+    """A row of levels: a list, bytes, or a row of an array."""
 
     def __len__(self) -> int: ...
 
     def __iter__(self) -> Iterator[SupportsIndex]: ...
 
 
-class Rows(Protocol):
-    """Equally long rows: nested lists, or an array of two dimensions."""
+class LevelRows(Protocol):
+    """Rows of equal length: nested lists, or a two-dimensional array."""
 
-    def __iter__(self) -> Iterator[Row]: ...
+    def __iter__(self) -> Iterator[LevelRow]: ...
 
 
 RowsUm = Iterable[Iterable[SupportsFloat]]
@@ -67,20 +67,22 @@ RowsUm = Iterable[Iterable[SupportsFloat]]
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """An image over the whole plate. `rows` run from the top (+y) down and hold levels 0 .. 255, from left to right.
+    """An image over the whole plate. `rows` from the top (+y) down contain levels 0 .. 255, from left to right.
 
-    Level 0 is `low_um`, 255 is `high_um`; between pixels the amplitude is interpolated. At most 128 x 128. A numpy
-    array of uint8 will do. `from_um` takes amplitudes in the place of levels, `from_image` a picture.
+    Level 0 is `low_um`, 255 is `high_um`; between pixels the amplitude is interpolated. At most 128 x 128, for example
+    a numpy array of uint8. `from_um` takes amplitudes instead of levels, `from_image` a picture.
     """
 
-    rows: Rows
+    rows: LevelRows
     high_um: float
     low_um: float = 0.0
 
     @classmethod
     def from_um(cls, rows_um: RowsUm) -> Map:
-        """An image of amplitudes (um), such as a numpy array of two dimensions, in 255 steps from its least to its
-        largest. Raises RefusedError for NaN and for what is out of bounds."""
+        """Make a map of amplitudes (um), such as a two-dimensional numpy array, in 255 steps from minimum to maximum.
+
+        Raises RefusedError for NaN and values out of bounds.
+        """
         rows = [[number("map", float(value), 0.0, MAX_AMPLITUDE_UM) for value in row] for row in rows_um]
         low_um = min((min(row, default=math.inf) for row in rows), default=math.inf)
         high_um = max((max(row, default=-math.inf) for row in rows), default=-math.inf)
@@ -92,29 +94,28 @@ class Map:
 
     @classmethod
     def from_image(cls, path: str | os.PathLike[str], high_um: float, low_um: float = 0.0) -> Map:
-        """A picture from a file, in grey: white is `high_um`, black `low_um`; swap the two for a negative.
+        """Make a map of a picture file, in grey: white is `high_um`, black `low_um`; swap the two for a negative.
 
-        The plate is square: of a picture that is not, the middle is taken. It is scaled down to 128 x 128 where it is
-        larger, and lies as it is seen, whichever way the camera was held. Transparent parts are black. Needs Pillow
-        (`pip install "hapticd-client[image]"`). Raises HapticdError where that is missing, RefusedError for a file
-        that is no picture.
+        The plate is square: the middle square of the picture is used, scaled down to at most 128 x 128, with the
+        camera's orientation applied. Transparent parts are black. Needs Pillow (`pip install "hapticd-client[image]"`).
+        Raises HapticdError without Pillow, RefusedError for a file that is no picture.
         """
         from .image import grey_rows
 
         return cls(grey_rows(path, MAX_MAP_SIDE), high_um, low_um)
 
     def fields(self) -> Fields:
-        """As sent. Raises RefusedError."""
+        """Return the fields of the message. Raises RefusedError."""
         rows = list(self.rows)
         height, width = len(rows), len(rows[0]) if rows else 0
         if not (1 <= width <= MAX_MAP_SIDE and 1 <= height <= MAX_MAP_SIDE):
             raise RefusedError(f"map: {width} x {height} pixels, each side must have 1 .. {MAX_MAP_SIDE}.")
         if any(len(row) != width for row in rows):
-            raise RefusedError("map: all rows must be equally long.")
+            raise RefusedError("map: all rows must have the same length.")
         try:
             levels = bytes(level for row in rows for level in row)
         except (TypeError, ValueError):
-            raise RefusedError("map: levels are whole numbers from 0 to 255.") from None
+            raise RefusedError("map: levels must be whole numbers from 0 to 255.") from None
         return {
             "width": width,
             "height": height,
@@ -127,7 +128,7 @@ class Map:
 def target_fields(
     *, friction: float | None, amplitude_um: float | None, grating: Grating | None, image: Map | None
 ) -> Fields:
-    """The one of the four that is given, as sent. Raises RefusedError."""
+    """Return the field of the one given argument. Raises RefusedError."""
     given: Fields = {}
     if friction is not None:
         given["friction"] = number("friction", friction, 0.0, 1.0)
@@ -143,7 +144,7 @@ def target_fields(
 
 
 def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: bool) -> Fields:
-    """A virtual finger's path, as sent. Raises RefusedError."""
+    """Return the fields of a virtual finger's path. Raises RefusedError."""
     points = [[number("position", value, -MAX_POSITION_MM, MAX_POSITION_MM) for value in point] for point in points_mm]
     if not 1 <= len(points) <= MAX_PATH_POINTS:
         raise RefusedError(f"path: has {len(points)} points, it must have 1 .. {MAX_PATH_POINTS}.")
@@ -154,14 +155,14 @@ def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: b
 
 
 def number(name: str, value: float, low: float, high: float) -> float:
-    """A number within low .. high; NaN is not."""
+    """Validate a number within low .. high; NaN is refused."""
     if low <= value <= high:
         return float(value)
     raise RefusedError(f"{name}: {value:g} is out of bounds, it must be {low:g} .. {high:g}.")
 
 
 def label(name: str, value: str) -> str:
-    """A name of 1 .. 32 printable characters."""
+    """Validate a name of 1 .. 32 printable characters."""
     if 1 <= len(value) <= 32 and value.isprintable():
         return value
     raise RefusedError(f"{name}: must have 1 .. 32 printable characters.")

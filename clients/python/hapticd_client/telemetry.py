@@ -1,4 +1,4 @@
-"""The newest state of the plate: older ones are dropped where they arrive, so a slow reader is never behind."""
+"""Receiver of the newest plate state; older ones are dropped, so that a slow reader never lags."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FRESH_S = 0.25  # the daemon sends a state at least ten times a second
 
 
 class Telemetry:
-    """The `telemetry` socket of one client, connected from its first use: until then the daemon builds no states."""
+    """The `telemetry` socket of one client, connected on first use: the daemon builds states only for subscribers."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
         self._endpoint = endpoint
@@ -27,19 +27,19 @@ class Telemetry:
         self._last: PlateState | None = None
 
     def next(self, timeout_s: float) -> PlateState:
-        """The newest state not yet seen. Raises DaemonGoneError where none comes in time."""
+        """Return the newest unread state. Raises DaemonGoneError after the timeout."""
         if not self._is_connected:
             self._socket.subscribe(b"")
             self._endpoint.connect(self._socket, "telemetry")
             self._is_connected = True
         if self._socket.poll(math.ceil(timeout_s * 1000)) == 0:
-            raise DaemonGoneError(f"No state came from {self._endpoint} for {timeout_s:g} s: is hapticd still running?")
+            raise DaemonGoneError(f"No state from {self._endpoint} for {timeout_s:g} s: check that hapticd is running.")
         self._last = decode_state(self._socket.recv())
         self._t_last_s = time.monotonic()
         return self._last
 
     def current(self, timeout_s: float) -> PlateState:
-        """The newest state, seen or not. What waited unread for long may be of a daemon long gone: it is skipped."""
+        """Return the newest state, read before or not; a stale one, perhaps of a stopped daemon, is skipped."""
         is_fresh = time.monotonic() - self._t_last_s < FRESH_S
         if self._is_connected and self._socket.poll(0) != 0:
             self.next(0)

@@ -75,7 +75,7 @@ static void no_voltage_wraps(void)
         hd_carrier_speak(&carrier, out);
         for (int n = 1; n < HD_CHUNK; n++) {
             int jump = abs((int)out[n][0] - (int)out[n - 1][0]);
-            expect(jump < 0x8000 * 0.2, "a sample follows its neighbour within what the frequency allows");
+            expect(jump < 0x8000 * 0.2, "the step between samples is within the limit of the frequency");
             expect((out[n][HD_MODES - 1] & 0xF) == 0, "a sample has 12 bits");
         }
     }

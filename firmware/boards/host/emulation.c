@@ -19,7 +19,7 @@ _Static_assert(HD_MODES == 2, "the simulated plate has two driven modes");
 #define UM_PER_LSB (9.0f / 2048.0f)
 
 /* The reference plate; its amplifiers hold W_LIMIT_UM with half as much damping again, as fingers bring.
- * hapticd/sim/plate.py has the sources. */
+ * hapticd/sim/plate/ground_truth.py has the sources. */
 #define QUALITY 500.0f
 #define SIZED_FOR_DAMPING 1.5f
 static const float FREQUENCY_HZ[HD_MODES] = {29195.0f, 29215.0f};
@@ -131,7 +131,7 @@ enum hd_turn hd_emulation_turn(hd_emulation_t *board)
     if (!board->stepping || board->line_read != board->step.line_bytes) {
         return HD_TURN_WAITS;
     }
-    if (board->step.chunks == 0) { /* and what the last chunk had to say has been said */
+    if (board->step.chunks == 0) { /* and the output of the last chunk was sent */
         board->stepping = false;
         board->steps++;
         return HD_TURN_REPORTS;

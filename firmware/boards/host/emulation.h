@@ -55,7 +55,7 @@ typedef struct {
     uint32_t line_read, line_written;
 } hd_emulation_t;
 
-/* Fills in what the board believes, which is the simulated plate as a sweep would find it. */
+/* Fills in the board's model: the simulated plate as measured by a sweep. */
 void hd_emulation_start(hd_emulation_t *board, const hd_emulation_options_t *options, hd_config_t *config,
                         hd_converters_t *converters);
 

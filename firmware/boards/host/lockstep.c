@@ -29,7 +29,7 @@ struct hd_board {
     double complex measured_um[HD_MODES];
     double complex fake_um[HD_MODES];
     bool faked;
-    double complex asked_um[HD_MODES][2]; /* what the control law was given at the last two ticks */
+    double complex asked_um[HD_MODES][2]; /* input of the control law at the last two ticks */
 };
 
 int32_t hd_board_modes(void)
@@ -177,7 +177,7 @@ static double complex complex_of(hd_phasor_t phasor)
     return CMPLX((double)phasor.d, (double)phasor.q);
 }
 
-/* A law may be given its reference ahead of time; what was asked for at the tick itself then lies between the last
+/* A law may get its reference ahead of time; the reference at the tick itself is then between the last
  * two. */
 static void reference_at_tick(hd_board_t *board, double complex reference_um[HD_MODES])
 {

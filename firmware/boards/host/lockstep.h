@@ -56,7 +56,7 @@ typedef struct {
 
 /* One row per tick. */
 typedef struct {
-    double *reference_um; /* (T, HD_MODES) complex: what was asked for at the tick, after ramps and limits */
+    double *reference_um; /* (T, HD_MODES) complex: reference at the tick, after ramps and limits */
     double *measured_um;  /* (T, HD_MODES) complex: what the core was given */
     double *plate_um;     /* (T, P) complex: the truth at the tick */
     double *voltage_v;    /* (T, HD_MODES) complex: what the core answered */
@@ -70,7 +70,7 @@ size_t hd_board_setup_size(void); /* for the caller to compare with its own idea
 hd_board_t *hd_board_new(const hd_board_setup_t *setup);
 void hd_board_free(hd_board_t *board);
 
-/* The processor starts anew, as after its watchdog or its reset pin: another boot, a clock from 0, no voltage. The plate
+/* Resets the processor, as by its watchdog or reset pin: another boot, a clock from 0, no voltage. The plate
  * goes on from where it is. */
 void hd_board_reset(hd_board_t *board, uint32_t boot_id, int32_t cause);
 
@@ -88,7 +88,7 @@ size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const doub
 /* What the observer has learned of each mode: (HD_MODES, 2), decay in 1/s and detuning in rad/s. */
 void hd_board_estimate(const hd_board_t *board, double *estimate);
 
-/* Overwrites what the sensors say from now on; NaN is a value like any other. NULL listens to the plate again. */
+/* Overrides the sensors from now on; NaN is permitted. NULL restores the plate's measurement. */
 void hd_board_fake_measurement(hd_board_t *board, const double *measured_um);
 
 #endif

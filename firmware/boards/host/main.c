@@ -106,13 +106,13 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
 
 static void report(void)
 {
-    hd_bench_report_t said = hd_emulation_report(&emulation);
-    if (started.bench >= 0 && write(started.bench, &said, sizeof said) < 0 && errno == EPIPE) {
+    hd_bench_report_t report = hd_emulation_report(&emulation);
+    if (started.bench >= 0 && write(started.bench, &report, sizeof report) < 0 && errno == EPIPE) {
         leave(EXIT_SUCCESS);
     }
 }
 
-/* The first report tells the bench that the board runs. */
+/* The first report signals to the bench that the board runs. */
 void board_run(void)
 {
     report();
@@ -177,7 +177,7 @@ void board_unlock(void)
 {
 }
 
-static void hear_bench(void)
+static void read_bench(void)
 {
     uint8_t byte;
     ssize_t n;
@@ -189,7 +189,7 @@ static void hear_bench(void)
     }
 }
 
-static void hear_owner(void)
+static void check_owner(void)
 {
     char ignored[64];
     if (read(started.owner, ignored, sizeof ignored) == 0) {
@@ -206,10 +206,10 @@ static void sleep_until_something_comes(int timeout_ms)
     };
     poll(ports, sizeof ports / sizeof *ports, timeout_ms);
     if (ports[1].revents != 0) {
-        hear_bench();
+        read_bench();
     }
     if (ports[2].revents != 0) {
-        hear_owner();
+        check_owner();
     }
 }
 

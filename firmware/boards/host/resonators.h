@@ -6,7 +6,7 @@
  * while the converter holds its voltage. The rotating frame then sees dW/dt = (-sigma + j delta) W - j g V, but for
  * terms of the order sigma / omega. float32: an emulated Cortex-M4 has to do it a million times a second.
  *
- * Left out: fingers, the neighbouring modes, what one amplifier or sensor sees of the other mode, the lag of amplifiers
+ * Not modelled: fingers, parasitic modes, crosstalk of amplifiers and sensors between modes, the lag of amplifiers
  * and filters, and all noise but the steps of 12-bit converters.
  */
 #ifndef HD_RESONATORS_H

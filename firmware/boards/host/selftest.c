@@ -115,7 +115,7 @@ static void drive(bench_t *bench, float amplitude_um, size_t from, size_t to)
     drive_touched(bench, amplitude_um, from, to, nowhere, 0.0);
 }
 
-static bool silent(const bench_t *bench, size_t row)
+static bool is_off(const bench_t *bench, size_t row)
 {
     for (int k = 0; k < HD_MODES; k++) {
         if (cabs(bench->voltage_v[row * HD_MODES + (size_t)k]) > 0.0) {
@@ -149,7 +149,7 @@ static void what_cannot_be_reached_saturates_and_lets_go(enum hd_law law)
     for (size_t row = 100; row < 200 * HD_MODES; row++) {
         expect(cabs(bench.voltage_v[row]) <= LIMIT_V * (1.0 + 1e-6), "no voltage is above its limit");
     }
-    expect((bench.flags[199] & HD_TICK_SATURATED) != 0, "want of voltage is told");
+    expect((bench.flags[199] & HD_TICK_SATURATED) != 0, "saturation is reported");
     drive_touched(&bench, 1.0f, 200, ROWS, phi, 150.0);
     expect((bench.flags[ROWS - 1] & HD_TICK_SATURATED) == 0, "what can be reached again does not saturate");
     expect(cabs(bench.plate_um[(ROWS - 1) * HD_MODES] - 1.0) < 0.02, "and is reached");
@@ -162,13 +162,13 @@ static void a_changed_drive_turns_the_frame(void)
     const double frame_rad_s = 300.0, span_s = 0.004;
     hd_plate_t plate = {.modes = 1, .decay_1_s = {1e-3}, .detuning_rad_s = {frame_rad_s}, .amplifier_limit_v = 1.0};
     plate.w_um[0] = 1.0;
-    const hd_contact_t nobody = {.stiffest_1_s = 0.0};
-    const double complex silent_v[HD_MODES] = {0.0};
+    const hd_contact_t no_contact = {.stiffest_1_s = 0.0};
+    const double complex zero_v[HD_MODES] = {0.0};
     double complex integral_um_s[HD_PLATE_MODES_MAX] = {0.0};
-    hd_plate_advance(&plate, &nobody, silent_v, frame_rad_s, span_s, integral_um_s);
+    hd_plate_advance(&plate, &no_contact, zero_v, frame_rad_s, span_s, integral_um_s);
     expect(cabs(plate.w_um[0] - 1.0) < 1e-5, "at the drive's frequency a mode stands still");
-    hd_plate_advance(&plate, &nobody, silent_v, 0.0, span_s, integral_um_s);
-    expect(cabs(plate.w_um[0] - cexp(I * frame_rad_s * span_s)) < 1e-4, "beside it, it turns");
+    hd_plate_advance(&plate, &no_contact, zero_v, 0.0, span_s, integral_um_s);
+    expect(cabs(plate.w_um[0] - cexp(I * frame_rad_s * span_s)) < 1e-4, "detuned, it rotates");
 }
 
 static void silence_of_the_host_silences_the_plate(void)
@@ -181,7 +181,7 @@ static void silence_of_the_host_silences_the_plate(void)
     size_t deadline = last_frame + (HD_DEADMAN_US + HD_RAMP_US) / TICK_US + 1;
     expect((bench.flags[last_frame + 95] & HD_TICK_LIVE) != 0, "the drive stands for the dead-man's time");
     for (size_t row = deadline; row < 300; row++) {
-        expect(silent(&bench, row), "60 ms after the last frame there is no voltage");
+        expect(is_off(&bench, row), "60 ms after the last frame there is no voltage");
     }
     hd_board_free(bench.board);
 }
@@ -195,7 +195,7 @@ static void a_sensor_that_is_not_a_number_silences_the_plate(void)
     hd_board_fake_measurement(bench.board, broken);
     drive(&bench, 3.0f, 100, 200);
     for (size_t row = 100; row < 200; row++) {
-        expect(silent(&bench, row), "a measurement that is not finite silences in the same tick");
+        expect(is_off(&bench, row), "a non-finite measurement stops the output in the same tick");
     }
     hd_board_free(bench.board);
 }
@@ -226,7 +226,7 @@ static void hostile_bytes_move_nothing(void)
         hd_board_transmit(bench.board, out, sizeof out, 0);
     }
     run(&bench, 1, 0);
-    expect(silent(&bench, 0), "no noise starts the drive");
+    expect(is_off(&bench, 0), "no noise starts the drive");
     hd_board_free(bench.board);
 }
 

@@ -14,7 +14,7 @@
 #define CONVERTER_LAG_S 1.5e-6f /* sampling.c: one sample late, and half a sample because it is held for one */
 #define CONVERTER_LAG (2.0f * PI * DRIVE_HZ * CONVERTER_LAG_S)
 
-/* The unit phasor of a loop that turns the phase back by `rad` besides. */
+/* The unit phasor of a loop with an additional phase lag of `rad`. */
 #define LAG(rad) {__builtin_cosf((rad) + CONVERTER_LAG), -__builtin_sinf((rad) + CONVERTER_LAG)}
 
 /* LSI / 4 / (80 + 1): 10 ms, 7 to 19 over the oscillator's tolerance of 17 to 47 kHz. */
@@ -123,7 +123,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     }
     if (source == CLOCK_INTERNAL) {
         log_slow_clock();
-        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate: the host is told, and it stays still */
+        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate and reports it */
     }
     config->log = kept.log;
     link_start();

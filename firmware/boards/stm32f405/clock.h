@@ -10,7 +10,7 @@
 
 typedef enum {
     CLOCK_NONE,     /* not even the internal oscillator brings the PLL to lock */
-    CLOCK_INTERNAL, /* the crystal does not start: 1 %, enough to talk to the host, not to drive a plate */
+    CLOCK_INTERNAL, /* the crystal does not start: 1 %, enough for the host link, not to drive a plate */
     CLOCK_CRYSTAL,
 } clock_source_t;
 

@@ -2,7 +2,7 @@
  * carries each pair: memory to DHR12LD for both DACs, CDR to memory for both ADCs. The ADC's half and full transfer are
  * the only interrupt of the program.
  *
- * A trigger puts out what DHR12LD holds and only then asks for the next word: a sample appears one trigger after its
+ * A trigger outputs DHR12LD and only then requests the next word: a sample appears one trigger after its
  * twin of the same index was taken, and is held for another. CONVERTER_LAG_S in board.c accounts for it.
  */
 #include "sampling.h"
@@ -114,7 +114,7 @@ void sampling_run(void)
     start_timer();
 }
 
-/* From the beginning, by way of the peripherals' own reset: a DAC that has missed its DMA asks for no more, and an ADC
+/* From the beginning, by way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC
  * that was overrun neither. */
 static void restart(void)
 {

@@ -14,7 +14,7 @@
 #define CONTROL_HZ 2000 /* or 5000 */
 #endif
 
-/* Limits, held whatever the host says. */
+/* Limits, applied independently of the host. */
 #define V_LIMIT_V 150.0f
 #define W_LIMIT_UM {4.0f, 4.0f}
 
@@ -37,7 +37,7 @@
 #define LATCH_REPEATED_TRIPS true /* three dead-man trips in ten seconds: a person should look */
 
 _Static_assert(CONTROL_HZ == 2000 || CONTROL_HZ == 5000, "a tick is a whole number of chunks of 50 us");
-_Static_assert(CRYSTAL_HZ % 1000000 == 0 && CRYSTAL_HZ >= 4000000 && CRYSTAL_HZ <= 26000000, "the PLL wants 1 MHz");
+_Static_assert(CRYSTAL_HZ % 1000000 == 0 && CRYSTAL_HZ >= 4000000 && CRYSTAL_HZ <= 26000000, "the PLL needs 1 MHz");
 _Static_assert(LINK_BAUD >= 9600 && LINK_BAUD <= 5250000, "USART1 at 84 MHz, 16 samples a bit");
 
 #endif

@@ -1,6 +1,6 @@
-"""The board in the loop: the firmware's own C core with a plate behind its amplifiers, in virtual time.
+"""The simulated board: the firmware's C core with a plate behind its amplifiers, in virtual time.
 
-Nothing here reads a clock or draws from a global generator: the same calls give the same bytes.
+It reads no clock and no global random generator: the same calls give the same bytes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .carrier import Converters
 from .firmware import Setup, doubles, load
-from .rows import BoardTrace, Rows
+from .trace import BoardTrace, TickBuffers
 
 __all__ = [
     "CHUNK_S",
@@ -49,11 +49,11 @@ _TRANSMIT_BYTES: Final = 512  # all pending messages of three modes together nee
 
 @dataclass(frozen=True, slots=True)
 class PlateModel:
-    """The simulated truth: P plate modes driven by M amplifiers and seen by M sensors.
+    """Parameters of the true plate: P plate modes, M amplifiers and M sensors.
 
-    `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode against the drive, `gain_um_per_v_s` (P, M) of each amplifier
+    `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode from the drive, `gain_um_per_v_s` (P, M) of each amplifier
     on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick,
-    `loop_phase_rad` (M,) the constant phase of each loop, none if left out.
+    `loop_phase_rad` (M,) the constant phase of each loop, 0 by default.
     """
 
     decay_1_s: npt.NDArray[np.float64]
@@ -90,22 +90,22 @@ class PlateModel:
 
 
 def reference_decay_1_s(quality: float = 500.0) -> tuple[float, float]:
-    """sigma = pi f0 / Q of the reference plate's two modes, 29 195 and 29 215 Hz."""
+    """Decay rate pi f / Q of the reference plate's two modes, 29 195 and 29 215 Hz."""
     return math.pi * 29195.0 / quality, math.pi * 29215.0 / quality
 
 
 def reference_gain_um_per_v_s(quality: float = 500.0) -> float:
-    """g of the reference plate: 150 V hold 4 um, 10 Hz beside the resonance."""
+    """Gain of the reference plate: 150 V hold 4 um, 10 Hz off resonance."""
     return 4.0 / 150.0 * math.hypot(math.pi * 29205.0 / quality, 2.0 * math.pi * 10.0)
 
 
 @dataclass(frozen=True, slots=True)
 class BoardConfig:
-    """What the board believes and allows; the defaults are the reference plate's, Q = 500.
+    """The board's plate model and limits; the defaults are those of the reference plate, Q = 500.
 
-    `controller` "pi" is the founding paper's four independent PI, "pi_ff" adds coupling compensation and feed-forward,
-    "deadbeat" plans with what an observer tells; gains left at None are the firmware's tested ones. `loop_phase_rad` is
-    the calibration of the loops, none if left out.
+    `controller` "pi" is the paper's four PI, "pi_ff" adds coupling compensation and feed-forward, "deadbeat"
+    uses an observer; gains of None are the firmware's defaults. `loop_phase_rad` is the calibration of the loops, 0 by
+    default.
     """
 
     w_limit_um: tuple[float, ...] = (4.0, 4.0)
@@ -134,11 +134,11 @@ class BoardConfig:
 
 
 class Board:
-    """A running board. It stands at an instant, the last tick's; `run` moves it on.
+    """A running board at the instant of its last tick; `run` advances it.
 
-    `t_start_us` is the instant of its boot on a clock that does not wrap, one tick before its first tick; what the
-    board sees and says is that clock modulo 2^32. With `converters` the carrier is simulated too, sample by sample; the
-    model's `noise_um` and `loop_phase_rad` are then replaced by what the converters do.
+    `t_start_us` is the instant of its boot on a clock that does not wrap, one tick before its first tick; the board's
+    own clock is that modulo 2^32. With `converters` the carrier is simulated too, sample by sample; they then replace
+    the model's `noise_um` and `loop_phase_rad`.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Board:
                 f"The board is configured for {len(config.w_limit_um)} modes, its plate has {model.modes}."
             )
         if converters is not None and any(model.loop_phase_rad):
-            raise ValueError("A simulated carrier has the loop phase of its converters: leave loop_phase_rad out.")
+            raise ValueError("A simulated carrier has the loop phase of its converters: omit loop_phase_rad.")
         self.model = model
         self.config = config
         self._library = load(model.modes)
@@ -166,15 +166,15 @@ class Board:
         )
         if not self._board:
             raise ValueError(
-                "The firmware refuses its configuration: rates, limits and gains are positive and bounded"
+                "The firmware refuses its configuration: rates, limits and gains must be positive and bounded"
                 + (
-                    ", and a carrier drives at 20 to 125 kHz with ticks of 1 to 40 chunks of 50 us."
+                    ", and a carrier needs a drive of 20 to 125 kHz and ticks of 1 to 40 chunks of 50 us."
                     if converters
                     else "."
                 )
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
-        self._rows: Rows | None = None
+        self._buffers: TickBuffers | None = None
 
     def __del__(self) -> None:
         if getattr(self, "_board", None):
@@ -195,15 +195,15 @@ class Board:
         return self.unwrapped_us * 1000
 
     def reset(self, boot_id: int, cause: int = RESET_WATCHDOG) -> None:
-        """The processor starts anew now: another boot, a clock from 0, no voltage. The plate rings down by itself."""
+        """Reset the processor: a new boot id, a clock from 0, no voltage. The plate rings down freely."""
         self._library.hd_board_reset(self._board, boot_id, cause)
 
     def receive(self, data: bytes, at_us: int | None = None) -> None:
-        """Bytes come in now, or at an instant `at_us` before the next tick."""
+        """Deliver bytes now, or at an instant `at_us` before the next tick."""
         self._library.hd_board_receive(self._board, data, len(data), self.unwrapped_us if at_us is None else at_us)
 
     def transmit(self, at_us: int | None = None) -> bytes:
-        """The bytes that the board wants to send, taken from it now or at `at_us`, which its messages then bear."""
+        """Take the board's pending output, now or at `at_us`, the time in its messages."""
         t_us = self.unwrapped_us if at_us is None else at_us
         n = self._library.hd_board_transmit(self._board, self._out, _TRANSMIT_BYTES, t_us)
         return ctypes.string_at(self._out, n) if n > 0 else b""
@@ -218,38 +218,41 @@ class Board:
         *,
         stop_on_transmit: bool = False,
     ) -> int:
-        """Performs up to `ticks` ticks and writes their rows from `offset` on; returns how many were performed.
+        """Run up to `ticks` ticks and write their rows from `offset` on; returns the number of ticks run.
 
-        Row i of `phi` (T, F, P) and `contact_decay_1_s` (T, F) holds for the time that leads to row i of `out`; a
-        finger that does not touch has decay 0, whatever its shapes. With `stop_on_transmit` the run ends after the
-        tick that has something to send.
+        Row i of `phi` (T, F, P) and `contact_decay_1_s` (T, F) applies to the tick that ends with row i of `out`; a
+        lifted finger has decay 0. With `stop_on_transmit` the run ends after the first tick with output.
         """
-        rows = self._rows
-        if rows is None or not (rows.phi is phi and rows.contact_decay_1_s is contact_decay_1_s and rows.out is out):
-            rows = self._rows = Rows.of(phi, contact_decay_1_s, out, self.model.modes, self.model.plate_modes)
-        if not 0 <= offset <= offset + ticks <= rows.length:
-            raise ValueError(f"Rows {offset} to {offset + ticks} do not fit arrays of {rows.length} rows.")
+        buffers = self._buffers
+        if buffers is None or not (
+            buffers.phi is phi and buffers.contact_decay_1_s is contact_decay_1_s and buffers.out is out
+        ):
+            buffers = self._buffers = TickBuffers.of(
+                phi, contact_decay_1_s, out, self.model.modes, self.model.plate_modes
+            )
+        if not 0 <= offset <= offset + ticks <= buffers.length:
+            raise ValueError(f"Rows {offset} to {offset + ticks} do not fit arrays of {buffers.length} rows.")
         return int(
             self._library.hd_board_run(
                 self._board,
                 ticks,
-                rows.fingers,
-                rows.phi_at + offset * phi.strides[0],
-                rows.contact_decay_at + offset * contact_decay_1_s.strides[0],
-                rows.trace,
+                buffers.fingers,
+                buffers.phi_at + offset * phi.strides[0],
+                buffers.contact_decay_at + offset * contact_decay_1_s.strides[0],
+                buffers.trace,
                 offset,
                 stop_on_transmit,
             )
         )
 
     def estimate(self) -> npt.NDArray[np.float64]:
-        """Decay (1/s) and detuning (rad/s) of each mode (M, 2) as the board's observer has learned them."""
-        learned = np.zeros((self.model.modes, 2))
-        self._library.hd_board_estimate(self._board, learned.ctypes.data)
-        return learned
+        """Return decay (1/s) and detuning (rad/s) of each mode (M, 2) as estimated by the board's observer."""
+        estimate = np.zeros((self.model.modes, 2))
+        self._library.hd_board_estimate(self._board, estimate.ctypes.data)
+        return estimate
 
     def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
-        """From now on the sensors say `measured_um` (M,), which may be NaN; None lets them see the plate again."""
+        """Override the sensors with `measured_um` (M,), which may be NaN; None restores them."""
         if measured_um is None:
             self._library.hd_board_fake_measurement(self._board, None)
             return

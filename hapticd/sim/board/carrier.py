@@ -1,8 +1,7 @@
-"""The carrier of the board: its converters, and the firmware's own signal chain called alone.
+"""The carrier of the board: its converters, and the firmware's signal chain by itself.
 
-`Converters` given to `board.Board` puts the carrier into the loop: 1 MHz samples through `firmware/core/carrier.c`
-and a plate of real resonators, where the board else exchanges envelopes with the plate. Everything else of the board
-stays as it is. `SignalChain` is the same C without a plate: samples in, amplitudes out, and the other way round.
+With `Converters`, `board.Board` simulates the carrier: 1 MHz samples through `firmware/core/carrier.c` and a plate of
+real resonators, instead of envelopes. `SignalChain` is the same C without a plate: samples to amplitudes and back.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ Phasors = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True, slots=True)
 class Converters:
-    """12-bit converters, the same for every mode; the defaults hold 181 V and 8 um as the STM32 board's do.
+    """12-bit converters, the same for every mode; the defaults span 181 V and 8 um, as on the STM32 board.
 
-    `offset_lsb` is what the ADC gives at rest, counted from mid-rail, `noise_lsb` the standard deviation of each of its
-    samples, and `amplifier_lag_us` the time constant of the amplifiers, none or 0.1 and more.
+    `offset_lsb` is the ADC's reading at rest, from mid-rail, `noise_lsb` the standard deviation of its samples, and
+    `amplifier_lag_us` the time constant of the amplifiers, 0 or at least 0.1.
     """
 
     volts_per_lsb: float = 0.0886
@@ -46,10 +45,10 @@ class Converters:
         if not (math.isfinite(self.offset_lsb) and 0.0 <= self.noise_lsb < math.inf):
             raise ValueError("Converters: offset_lsb is finite, noise_lsb neither negative nor infinite.")
         if not (self.amplifier_lag_us == 0.0 or 0.1 <= self.amplifier_lag_us < math.inf):
-            raise ValueError(f"Converters: amplifier_lag_us is {self.amplifier_lag_us}: give 0, or 0.1 and more.")
+            raise ValueError(f"Converters: amplifier_lag_us is {self.amplifier_lag_us}: give 0, or at least 0.1.")
 
     def loop_phase_rad(self, drive_hz: float) -> float:
-        """The constant phase of this loop: half a sample that the DAC holds its voltage too long, and the lag."""
+        """Return the constant phase of this loop: half a sample of the DAC's hold, and the amplifier's lag."""
         lag_rad = math.atan(2.0 * math.pi * drive_hz * self.amplifier_lag_us * 1e-6)
         return -math.pi * drive_hz / SAMPLE_HZ - lag_rad
 
@@ -67,7 +66,7 @@ class _Oscillation(ctypes.Structure):
 
 @cache
 def _carrier_type(modes: int) -> type[ctypes.Structure]:
-    """The head of `hd_carrier_t` of firmware/core/carrier.h, and room for the rest."""
+    """The first members of `hd_carrier_t` of firmware/core/carrier.h, and space for the rest."""
 
     class Carrier(ctypes.Structure):
         _fields_ = [
@@ -86,8 +85,8 @@ def _carrier_type(modes: int) -> type[ctypes.Structure]:
 class SignalChain:
     """The firmware's oscillator, synthesis and demodulation for M modes, called as a board's interrupt calls them.
 
-    Amplitudes are in steps of the converters, in and out. `phase` is that of the first sample listened to, in 1/2^32
-    of a turn. Raises ValueError where the firmware refuses the rates.
+    Amplitudes are in converter steps. `phase` is that of the first input sample, in 1/2^32 of a turn. Raises ValueError
+    if the firmware refuses the rates.
     """
 
     def __init__(self, drive_hz: float, control_hz: float = 2000.0, *, modes: int = 2, phase: int = 0) -> None:
@@ -99,39 +98,39 @@ class SignalChain:
         if not self._library.hd_carrier_init(ctypes.byref(self._carrier), ctypes.byref(converters)):
             raise ValueError(
                 f"The firmware refuses a drive of {drive_hz:g} Hz with control at {control_hz:g} Hz: drive at 20 to "
-                f"125 kHz, with ticks of 1 to 40 whole chunks of {CHUNK} us."
+                f"125 kHz and ticks of 1 to 40 whole chunks of {CHUNK} us."
             )
         for oscillation in (self._carrier.spoken, *self._carrier.played):
             oscillation.phase += phase
 
     @property
     def step(self) -> int:
-        """The advance of the next chunk's phase per sample, in 1/2^32 of a turn."""
+        """Phase increment per sample of the next chunk, in 1/2^32 of a turn."""
         return int(self._carrier.spoken.step)
 
     @property
     def phase(self) -> int:
-        """The phase of the next sample that `speak` puts out."""
+        """Phase of the next output sample."""
         return int(self._carrier.spoken.phase)
 
     def tune(self, drive_hz: float) -> None:
         self._library.hd_carrier_tune(ctypes.byref(self._carrier), ctypes.c_float(drive_hz))
 
     def drive(self, level_lsb: npt.ArrayLike) -> None:
-        """The amplitudes (M,) complex to put out from the next chunk on."""
+        """Set the amplitudes (M,) complex for the next chunks."""
         levels = np.ascontiguousarray(level_lsb, dtype=np.complex64)
         if levels.shape != (self.modes,):
             raise ValueError(f"level_lsb has shape {levels.shape}, not {(self.modes,)}.")
         self._library.hd_carrier_drive(ctypes.byref(self._carrier), ctypes.c_void_p(levels.ctypes.data))
 
-    def speak(self) -> Samples:
-        """The next chunk (50, M) of 12-bit samples, left-aligned in 16."""
+    def synthesise(self) -> Samples:
+        """Return the next output chunk (50, M) of 12-bit samples, left-aligned in 16."""
         samples = np.empty((CHUNK, self.modes), dtype=np.uint16)
         self._library.hd_carrier_speak(ctypes.byref(self._carrier), ctypes.c_void_p(samples.ctypes.data))
         return samples
 
-    def listen(self, samples: Samples) -> Phasors | None:
-        """Takes a chunk (50, M); returns the amplitudes (M,) if it completes a control tick."""
+    def demodulate(self, samples: Samples) -> Phasors | None:
+        """Process an input chunk (50, M); returns the amplitudes (M,) if it completes a control tick."""
         chunk = np.ascontiguousarray(samples, dtype=np.uint16)
         if chunk.shape != (CHUNK, self.modes):
             raise ValueError(f"A chunk has shape {(CHUNK, self.modes)}, not {chunk.shape}.")
@@ -142,10 +141,10 @@ class SignalChain:
         return measured
 
     def measure(self, samples: Samples) -> Phasors:
-        """The amplitudes (T, M) of all whole ticks in samples (N, M), spoken to the same clock."""
-        found = []
+        """Return the amplitudes (T, M) of all whole ticks in samples (N, M)."""
+        amplitudes = []
         for start in range(0, len(samples) - CHUNK + 1, CHUNK):
-            measured = self.listen(samples[start : start + CHUNK])
-            found += [] if measured is None else [measured]
-            self.speak()
-        return np.array(found, dtype=np.complex64).reshape(-1, self.modes)
+            measured = self.demodulate(samples[start : start + CHUNK])
+            amplitudes += [] if measured is None else [measured]
+            self.synthesise()
+        return np.array(amplitudes, dtype=np.complex64).reshape(-1, self.modes)

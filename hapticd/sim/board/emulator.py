@@ -1,8 +1,8 @@
-"""The firmware's whole program as a process, firmware/build/hapticd-board, with a plate of its own inside.
+"""The complete firmware as a process that contains its plate: firmware/build/hapticd-board.
 
-It runs main.c, the signal chain at 1 MHz and a plate sample by sample, without fingers, parasitic modes and noise. Two
-byte streams lead out: the line, as behind a serial port, and the bench, which reports the plate's true motion. A board
-started `stepped` runs only during `step`: the same bytes in give the same bytes out.
+Runs main.c, the signal chain at 1 MHz and a plate sample by sample, without fingers, parasitic modes and noise. There
+are two byte streams: the serial line, and the bench, which reports the plate's ground truth. A board started `stepped`
+advances only by `step` and is deterministic.
 """
 
 from __future__ import annotations
@@ -31,8 +31,11 @@ _SEND_BUFFER = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class BenchReport:
-    """What the bench saw at `t_us` of the board's clock: how many bytes the board had written to the line by then, how
-    many steps it had ended, and the plate's amplitudes (M,) in the frame of the nominal drive."""
+    """Report of the bench at `t_us` of the board's clock.
+
+    `line_bytes` and `steps` count bytes written to the line and completed steps; `plate_um` (M,) are the plate's
+    amplitudes in the frame of the nominal drive.
+    """
 
     t_us: int
     line_bytes: int
@@ -53,9 +56,9 @@ def find_program(given: Path | None = None) -> Path:
 
 
 class Emulator:
-    """A running board. `line` and `bench` are non-blocking sockets; whoever steps it uses `step` instead.
+    """A running board. `line` and `bench` are non-blocking sockets; a stepped board is used through `step`.
 
-    Somebody has to read both: an emulated serial port waits for its reader, and the board with it.
+    Both must be read: an emulated serial port, and with it the board, blocks until its output is read.
     """
 
     def __init__(self, program: Path, *, boot_id: int = 1, t_start_us: int = 0, stepped: bool = False) -> None:
@@ -77,9 +80,9 @@ class Emulator:
         finally:
             line_end.close()
             bench_end.close()
-        self._half_a_report = b""
-        self._steps = self._sent = self._heard = 0
-        self._wait_until_it_runs()
+        self._partial_report = b""
+        self._steps = self._sent = self._received = 0
+        self._wait_until_running()
 
     def __enter__(self) -> Emulator:
         return self
@@ -88,14 +91,14 @@ class Emulator:
         self.close()
 
     def close(self) -> None:
-        """End the board, which has nothing to save."""
+        """Kill the board; it has no state to save."""
         self.process.kill()
         self.process.wait()
         self.line.close()
         self.bench.close()
 
     def write(self, data: bytes) -> None:
-        """Bytes for the line; what it does not take is lost, as on a wire."""
+        """Write to the line; bytes that it does not accept are lost."""
         try:
             self._sent += self.line.send(data)
         except BlockingIOError:
@@ -104,53 +107,52 @@ class Emulator:
             raise self._ended() from error
 
     def read(self) -> bytes:
-        """What the board wrote to the line since, without waiting. Raises DeviceError if the board has ended."""
+        """Read the board's new output without blocking. Raises DeviceError if the board has ended."""
         data = self._receive(self.line)
-        self._heard += len(data)
+        self._received += len(data)
         return data
 
     def reports(self) -> list[BenchReport]:
-        """What the bench saw since, without waiting."""
-        data = self._half_a_report + self._receive(self.bench)
+        """Read the bench's new reports without blocking."""
+        data = self._partial_report + self._receive(self.bench)
         whole = len(data) - len(data) % _REPORT.size
-        self._half_a_report = data[whole:]
+        self._partial_report = data[whole:]
         return [_report(values) for values in _REPORT.iter_unpack(data[:whole])]
 
     def step(self, data: bytes, chunks: int) -> tuple[list[BenchReport], bytes]:
-        """Give a stepped board `data` over the line, then let it run `chunks` of 50 us; what the bench saw and what the
-        board answered meanwhile."""
+        """Send `data` to a stepped board and run it for `chunks` of 50 us; returns bench reports and output."""
         self.write(data)
         self._steps += 1
         self.bench.sendall(_STEP.pack(self._sent & 0xFFFFFFFF, chunks))
-        seen: list[BenchReport] = []
-        said = b""
+        reports: list[BenchReport] = []
+        output = b""
         with selectors.DefaultSelector() as selector:
             selector.register(self.line, selectors.EVENT_READ)
             selector.register(self.bench, selectors.EVENT_READ)
-            while not self._stepped(seen):
+            while not self._has_stepped(reports):
                 if not selector.select(_ANSWER_WITHIN_S):
                     raise DeviceError("The emulated board does not answer: its program may have crashed.")
-                said += self.read()
-                seen += self.reports()
-        return seen, said
+                output += self.read()
+                reports += self.reports()
+        return reports, output
 
-    def _wait_until_it_runs(self) -> None:
-        """The first report says that the ports are open: what comes before is lost."""
+    def _wait_until_running(self) -> None:
+        """Wait for the first report, which marks the ports as open; earlier bytes are lost."""
         try:
             self.bench.settimeout(_ANSWER_WITHIN_S)
-            self._half_a_report = self.bench.recv(_READ_SIZE)
+            self._partial_report = self.bench.recv(_READ_SIZE)
             self.bench.setblocking(False)
         except OSError:
-            self._half_a_report = b""
-        if not self._half_a_report:
+            self._partial_report = b""
+        if not self._partial_report:
             self.close()
-            raise DeviceError("The emulated board did not start: its own message above says why.")
+            raise DeviceError("The emulated board did not start: see its message above.")
 
-    def _stepped(self, seen: list[BenchReport]) -> bool:
-        """The step has ended and everything that was said in it has been heard."""
-        if not seen or seen[-1].steps != self._steps & 0xFFFF:
+    def _has_stepped(self, reports: list[BenchReport]) -> bool:
+        """Return whether the step has ended and all of its output was read."""
+        if not reports or reports[-1].steps != self._steps & 0xFFFF:
             return False
-        return seen[-1].line_bytes == self._heard & 0xFFFFFFFF
+        return reports[-1].line_bytes == self._received & 0xFFFFFFFF
 
     def _receive(self, port: socket.socket) -> bytes:
         try:
@@ -164,7 +166,7 @@ class Emulator:
         return data
 
     def _ended(self) -> DeviceError:
-        return DeviceError("The emulated board ended by itself: its own message above says why.")
+        return DeviceError("The emulated board ended: see its message above.")
 
 
 def _pair() -> tuple[socket.socket, socket.socket]:
@@ -175,6 +177,6 @@ def _pair() -> tuple[socket.socket, socket.socket]:
 
 
 def _report(values: tuple[float, ...]) -> BenchReport:
-    t_us, line_bytes, steps, *parts = values
-    plate_um = tuple(complex(d, q) for d, q in zip(parts[::2], parts[1::2], strict=True))
+    t_us, line_bytes, steps, *re_im = values
+    plate_um = tuple(complex(d, q) for d, q in zip(re_im[::2], re_im[1::2], strict=True))
     return BenchReport(int(t_us), int(line_bytes), int(steps), plate_um)

@@ -1,4 +1,4 @@
-"""The firmware's shared library, as `firmware/boards/host/lockstep.h` declares it.
+"""Binding of the firmware's shared library, declared in `firmware/boards/host/lockstep.h`.
 
 It is built from `firmware/core` and `firmware/boards/host` when the package is installed, once per number of modes.
 """
@@ -73,7 +73,7 @@ class Trace(ctypes.Structure):
 
 @cache
 def load(modes: int) -> ctypes.CDLL:
-    """The host build of the firmware for this number of modes; raises RuntimeError if it was not built."""
+    """Load the host build of the firmware for this number of modes. Raises RuntimeError if it was not built."""
     name = "hapticd.sim.board._firmware" if modes == 2 else f"hapticd.sim.board._firmware_{modes}modes"
     spec = importlib.util.find_spec(name)
     if spec is None or spec.origin is None:
@@ -105,9 +105,7 @@ def load(modes: int) -> ctypes.CDLL:
         getattr(library, function).restype = result
         getattr(library, function).argtypes = arguments
     if library.hd_board_modes() != modes or library.hd_board_setup_size() != ctypes.sizeof(Setup):
-        raise RuntimeError(
-            f"{spec.origin} was built from other sources: install hapticd again with `pip install -e .`."
-        )
+        raise RuntimeError(f"{spec.origin} was built from other sources: reinstall hapticd with `pip install -e .`.")
     return library
 
 

@@ -1,8 +1,7 @@
-"""A bad serial line: writes that are lost, cut short, damaged, doubled, swapped or held up, in virtual time.
+"""A faulty serial line in virtual time: lost, truncated, corrupted, duplicated, reordered or delayed writes.
 
-A write is what one end gave to the line at once: mostly a whole frame, so what is damaged here is a frame. The same
-seed and the same writes give the same damage. Left out: baud rate, framing errors of the line itself, and a buffer
-that fills up.
+A fault applies to one write, usually a whole frame. The same seed and writes give the same faults. Not modelled: baud
+rate, framing errors and full buffers.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ _SHARES = ("lost", "truncated", "corrupted", "duplicated", "reordered", "delayed
 
 @dataclass(frozen=True, slots=True)
 class LineFaults:
-    """Shares (0..1) of the writes, drawn independently, that suffer each fault between `from_ns` and `until_ns`.
+    """Shares (0..1) of the writes, drawn independently, that have each fault between `from_ns` and `until_ns`.
 
-    Corrupted: one to three bits flip. Truncated: the end is missing, the delimiter with it. Reordered: the write comes
-    after the next one. Delayed: it and all behind it come up to `delay_ns` later. ValueError for other shares.
+    Corrupted: one to three bits flip. Truncated: the end with its delimiter is missing. Reordered: the write arrives
+    after the next one. Delayed: it and all later ones arrive up to `delay_ns` later. ValueError for other shares.
     """
 
     lost: float = 0.0
@@ -38,11 +37,11 @@ class LineFaults:
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} is {getattr(self, name)}: give a share of 0 to 1.")
         if self.delay_ns < 0:
-            raise ValueError(f"delay_ns is {self.delay_ns}: a line cannot be early.")
+            raise ValueError(f"delay_ns is {self.delay_ns}: it must not be negative.")
 
 
 class Line:
-    """One direction of a line. `counters` tells how many writes suffered what."""
+    """One direction of a line. `counters` has the number of writes with each fault."""
 
     def __init__(self, faults: LineFaults, seed: int) -> None:
         self.counters = Counter({field.name: 0 for field in fields(faults) if field.name in _SHARES})
@@ -52,19 +51,19 @@ class Line:
         self._t_last_ns = 0
 
     def __call__(self, t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
-        """What comes out, and when, of a write that would arrive at `t_ns`; calls come in the order of time."""
+        """Return the arrivals (time, bytes) of a write due at `t_ns`; calls must be in order of time."""
         faults, until_ns = self._faults, self._faults.until_ns
-        suffers = dict.fromkeys(_SHARES, False)
+        faulty = dict.fromkeys(_SHARES, False)
         if faults.from_ns <= t_ns and (until_ns is None or t_ns < until_ns):
             drawn = self._rng.random(len(_SHARES))
-            suffers = {name: bool(drawn[i] < getattr(faults, name)) for i, name in enumerate(_SHARES)}
+            faulty = {name: bool(drawn[i] < getattr(faults, name)) for i, name in enumerate(_SHARES)}
         for name in _SHARES:
-            self.counters[name] += suffers[name]
-        if suffers["delayed"]:
+            self.counters[name] += faulty[name]
+        if faulty["delayed"]:
             t_ns += int(self._rng.integers(0, faults.delay_ns, endpoint=True))
-        t_ns = self._t_last_ns = max(t_ns, self._t_last_ns)  # a line does not overtake itself
-        out = [] if suffers["lost"] else [self._damaged(data, suffers)] * (1 + suffers["duplicated"])
-        if suffers["reordered"] and self._held is None:
+        t_ns = self._t_last_ns = max(t_ns, self._t_last_ns)  # a line keeps its order
+        out = [] if faulty["lost"] else [self._damaged(data, faulty)] * (1 + faulty["duplicated"])
+        if faulty["reordered"] and self._held is None:
             self._held = b"".join(out)
             return []
         if self._held is not None:
@@ -72,11 +71,11 @@ class Line:
             self._held = None
         return [(t_ns, piece) for piece in out if piece]
 
-    def _damaged(self, data: bytes, suffers: dict[str, bool]) -> bytes:
+    def _damaged(self, data: bytes, faulty: dict[str, bool]) -> bytes:
         damaged = bytearray(data)
-        if suffers["truncated"]:
+        if faulty["truncated"]:
             del damaged[int(self._rng.integers(0, len(damaged))) :]
-        if suffers["corrupted"] and damaged:
+        if faulty["corrupted"] and damaged:
             for bit in self._rng.integers(0, 8 * len(damaged), self._rng.integers(1, 4)).tolist():
                 damaged[bit // 8] ^= 1 << bit % 8
         return bytes(damaged)

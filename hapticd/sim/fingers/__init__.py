@@ -1,1 +1,1 @@
-"""Simulated fingers: how they move, what they ask for, and what the trackpad reports of them."""
+"""Simulated fingers: paths, scenarios, targets, and the trackpad's reports of them."""

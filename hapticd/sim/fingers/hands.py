@@ -1,8 +1,8 @@
-"""A person's fingers on the simulated plate: positions that somebody sends become paths, as a scenario's are.
+"""A user's fingers on the simulated plate: received positions become paths, like those of a scenario.
 
-A pointing device tells where it is some 60 times a second, the pad scans 89 times and the plate moves 2000 times. So a
-finger does not jump to where it was told: it is there `GLIDE_S` later, at a constant speed, and a hand that moves
-evenly makes a finger that does. What it leaves out: a fingertip's own dynamics, and its pressure.
+A pointing device reports some 60 times a second, the pad scans 89 times and the control loop runs 2000 times. So a
+finger moves to a received position at constant speed within `GLIDE_S` instead of jumping. Not modelled: the dynamics
+and pressure of a fingertip.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from ...errors import RequestError
 from ...wire.fields import Fields, bounded, items, label, unpack
 from .paths import Path
 
-MAX_HANDS = 5  # those of one hand
-GLIDE_S = 0.03  # two reports of a usual pointing device
-SILENT_S = 0.5  # a sender that says nothing for so long has let go
+MAX_HANDS = 5  # one hand
+GLIDE_S = 0.03  # two reports of a typical pointing device
+TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
 MAX_POSITION_MM = 1000.0
-KEPT_S = 0.25  # of the past, for a sensor that asks a little late
+KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
 
 Array = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 
-class Held:
-    """One finger that a person moves: a polyline that grows, NaN while it is lifted."""
+class HeldFinger:
+    """One finger moved by a user: a growing polyline, NaN while lifted."""
 
     def __init__(self) -> None:
-        self.t_up_s = -math.inf  # since when it is lifted; inf while it is down
+        self.t_up_s = -math.inf  # when it was lifted; inf while it is down
         self._knots: deque[tuple[float, float, float]] = deque()
 
     def position_mm(self, t_s: Array) -> Array:
-        """Positions (T, 2) at times (T,) that are not long past; NaN where the finger is not on the plate."""
+        """Return positions (T, 2) at recent times (T,); NaN where the finger is lifted."""
         t_s = np.asarray(t_s, dtype=np.float64)
         if not self._knots or self.t_up_s <= t_s[0]:
             return np.full((len(t_s), 2), np.nan)
@@ -47,12 +47,12 @@ class Held:
         return position
 
     def land(self, t_s: float, point_mm: Point) -> None:
-        """Touch at `t_s`, where it was lifted before."""
+        """Land at `t_s`; the finger must be lifted."""
         self.t_up_s = math.inf
         self._knots = deque([(t_s, *point_mm)])
 
     def move(self, t_s: float, point_mm: Point) -> None:
-        """Set out at `t_s`, which does not lie before the last call's, for a point."""
+        """Start moving to a point at `t_s`, which must not precede that of the last call."""
         x_mm, y_mm = self.position_mm(np.array([t_s]))[0].tolist()
         while self._knots and self._knots[-1][0] >= t_s:
             self._knots.pop()
@@ -62,26 +62,26 @@ class Held:
                 self._knots.popleft()
 
     def lift(self, t_s: float) -> None:
-        """Leave the plate at `t_s`."""
+        """Lift at `t_s`."""
         self.t_up_s = t_s
 
 
 class Hands:
-    """All fingers of a person: `MAX_HANDS` paths, which lie in the air until somebody takes them.
+    """All fingers of a user: `MAX_HANDS` paths, lifted until used.
 
-    `t_taken_s` is when the first message came: from then on a scenario's own fingers are in the air.
+    `t_taken_s` is the time of the first message, from which on the scenario's own fingers are lifted.
     """
 
     def __init__(self) -> None:
-        self.fingers: tuple[Held, ...] = tuple(Held() for _ in range(MAX_HANDS))
+        self.fingers: tuple[HeldFinger, ...] = tuple(HeldFinger() for _ in range(MAX_HANDS))
         self.t_taken_s = math.inf
-        self._held: dict[str, Held] = {}
-        self._t_heard_s = -math.inf
+        self._held: dict[str, HeldFinger] = {}
+        self._t_message_s = -math.inf
 
     def hold(self, points_mm: Mapping[str, Point], t_s: float) -> None:
-        """These fingers, by names of the sender's choice, are down from `t_s` on, and no others."""
+        """Set the fingers that are down from `t_s` on, by names of the sender's choice; all others lift."""
         self.t_taken_s = min(self.t_taken_s, t_s)
-        self._t_heard_s = t_s
+        self._t_message_s = t_s
         for name in [name for name in self._held if name not in points_mm]:
             self._held.pop(name).lift(t_s)
         for name, point_mm in points_mm.items():
@@ -91,20 +91,20 @@ class Hands:
                 self._take(name).land(t_s, point_mm)
 
     def expire(self, t_s: float) -> None:
-        """Let go of all where the sender has been silent for too long."""
-        if self._held and t_s - self._t_heard_s > SILENT_S:
+        """Lift all fingers after TIMEOUT_S without a message."""
+        if self._held and t_s - self._t_message_s > TIMEOUT_S:
             self.hold({}, t_s)
 
-    def _take(self, name: str) -> Held:
-        """The finger that has been in the air for longest: the pad has seen it lifted."""
+    def _take(self, name: str) -> HeldFinger:
+        """Assign the finger lifted for longest, so that the pad has sampled its lift."""
         free = [finger for finger in self.fingers if finger.t_up_s < math.inf]
         self._held[name] = min(free, key=lambda finger: finger.t_up_s)
         return self._held[name]
 
 
 @dataclass(frozen=True)
-class Yielding:
-    """A scenario's finger that leaves the plate for good once a person takes over."""
+class YieldingPath:
+    """A scenario's path that is lifted for good once a user takes over."""
 
     path: Path
     hands: Hands
@@ -117,7 +117,7 @@ class Yielding:
 
 
 def decode_hands(payload: bytes) -> dict[str, Point]:
-    """The fingers that a person holds now, by name. Raises RequestError."""
+    """Decode the fingers that are down, by name. Raises RequestError."""
     fields = Fields(unpack(payload))
     fingers = fields.take("fingers")
     fields.end()

@@ -1,7 +1,7 @@
-"""Where simulated fingers are: pure functions of time, from rest to restless strokes.
+"""Paths of simulated fingers: pure functions of time.
 
-A path gives `position_mm(t_s (T,)) -> (T, 2)`, NaN where the finger is not on the plate. Times are seconds from the
-run's start; the same path gives the same positions whatever was asked before. `Strokes` are the everyday case.
+A path gives `position_mm(t_s (T,)) -> (T, 2)`, NaN where the finger is lifted. Times are seconds from the run's start.
+The same path gives the same positions in any order of calls. `Strokes` is the usual path.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import numpy.typing as npt
 
 from .strokes import Strokes, require_positive, strokes_pair, tremor_mm
 
-__all__ = ["Circle", "Line", "Path", "Reach", "Rest", "Strokes", "Touch", "Touches", "crossing_pair", "strokes_pair"]
+__all__ = ["Circle", "Line", "Path", "Reach", "Rest", "Strokes", "Touch", "Touches", "strokes_pair"]
 
 Array = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 
 class Path(Protocol):
-    """One finger's way over the plate."""
+    """The motion of one finger."""
 
     def position_mm(self, t_s: Array) -> Array:
-        """Positions (T, 2) at times (T,); NaN where the finger is not on the plate."""
+        """Return positions (T, 2) at times (T,); NaN where the finger is lifted."""
 
 
 @dataclass(frozen=True)
 class Rest:
-    """A finger that lies still at a point, but for a tremor of `tremor_mm` on each axis."""
+    """A finger at rest at a point, with a tremor of `tremor_mm` on each axis."""
 
     point_mm: Point
     tremor_mm: float = 0.0
@@ -44,8 +44,8 @@ class Rest:
 class Line:
     """Back and forth between two points at a constant speed, turning in `turnaround_s` as a half cosine of speed.
 
-    The points are the outermost ones; time 0 is the middle of the turn at `start_mm`. ValueError if the two turns
-    do not fit between them.
+    The points are the extremes; time 0 is the middle of the turn at `start_mm`. Raises ValueError if the two turns do
+    not fit between them.
     """
 
     start_mm: Point
@@ -61,7 +61,7 @@ class Line:
 
     @property
     def _turn_mm(self) -> float:
-        """How far a half turn goes."""
+        """Length of a half turn."""
         return self.speed_mm_s * self.turnaround_s / math.pi
 
     def position_mm(self, t_s: Array) -> Array:
@@ -70,11 +70,11 @@ class Line:
         since_turn_s = _back_and_forth(t_s, pass_s)
         is_nearer_start = since_turn_s < pass_s / 2
         from_end_mm = self._leave_turn_mm(np.where(is_nearer_start, since_turn_s, pass_s - since_turn_s))
-        way_mm = np.where(is_nearer_start, from_end_mm, length_mm - from_end_mm)
-        return _between(self.start_mm, self.end_mm, way_mm / length_mm)
+        distance_mm = np.where(is_nearer_start, from_end_mm, length_mm - from_end_mm)
+        return _between(self.start_mm, self.end_mm, distance_mm / length_mm)
 
     def _leave_turn_mm(self, t_s: Array) -> Array:
-        """Way made since the middle of a turn."""
+        """Distance from the middle of a turn."""
         half_s = self.turnaround_s / 2
         turned = np.minimum(t_s / half_s, 1.0) if half_s > 0 else np.ones_like(t_s)
         return self._turn_mm * (1 - np.cos(turned * math.pi / 2)) + self.speed_mm_s * np.maximum(t_s - half_s, 0.0)
@@ -106,7 +106,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class Circle:
-    """Round and round at a constant speed, anticlockwise; a negative speed goes clockwise."""
+    """A circle at constant speed, anticlockwise; clockwise for a negative speed."""
 
     centre_mm: Point
     radius_mm: float
@@ -123,7 +123,7 @@ class Circle:
 
 @dataclass(frozen=True)
 class Touch:
-    """A path that is only walked on the plate from `down_s` until, not including, `up_s`."""
+    """A path that touches the plate from `down_s` until, not including, `up_s`."""
 
     path: Path
     down_s: float = 0.0
@@ -137,7 +137,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Touches:
-    """One finger that lands several times: where touches overlap, the first of them counts."""
+    """One finger that lands several times; where touches overlap, the first counts."""
 
     touches: tuple[Path, ...]
 
@@ -146,14 +146,6 @@ class Touches:
         for touch in self.touches:
             positions = np.where(np.isnan(positions), touch.position_mm(t_s), positions)
         return positions
-
-
-def crossing_pair(gap_mm: float = 12.0, half_length_mm: float = 40.0, speed_mm_s: float = 100.0) -> tuple[Line, Line]:
-    """Two fingers that pass each other over and over at the centre, `gap_mm` apart: do their ids stay their own?"""
-    return (
-        Line((-half_length_mm, -gap_mm / 2), (half_length_mm, -gap_mm / 2), speed_mm_s),
-        Line((half_length_mm, gap_mm / 2), (-half_length_mm, gap_mm / 2), speed_mm_s),
-    )
 
 
 def _back_and_forth(t_s: Array, pass_s: float) -> Array:

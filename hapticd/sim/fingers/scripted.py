@@ -1,4 +1,4 @@
-"""The simulated person: knows which finger is whose, and asks for what each should feel, as a client would."""
+"""The simulated client: assigns finger ids to actors and sends the targets of each."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...values import AmplitudeTarget, ClientTargets, Target
-from ..scenarios import Actor
+from .scenarios import Actor
 
 TTL_NS = 500_000_000
 REFRESH_S = 0.15
-ABSENT_MM = 1e9  # how far an actor that is not on the plate is from any finger: still nearer than a virtual one
+ABSENT_MM = 1e9  # distance assigned to a lifted actor: less than that of a virtual one
 
 
 def virtual_name(actor: int) -> str:
-    """What the virtual finger of an actor is called."""
+    """Return the name of an actor's virtual finger."""
     return f"virtual-{actor}"
 
 
 class ScriptedClient:
-    """Turns the daemon's finger ids into actors (by place, when an id is first seen) and actors' wants into targets.
+    """Assigns the daemon's finger ids to actors (by position, when an id is first seen) and builds their targets.
 
     `actor_of` maps finger ids and virtual names to actors.
     """
@@ -37,10 +37,10 @@ class ScriptedClient:
         self._last: dict[int | str, Target] = {}
         self._t_last_s = -math.inf
 
-    def wants(
+    def message(
         self, t_s: float, t_sampled_s: float, fingers: Sequence[tuple[int, float, float]]
     ) -> ClientTargets | None:
-        """The message to send now, if something changed or the last one is getting old.
+        """Return the message to send now, if targets changed or the last one is REFRESH_S old.
 
         `fingers` are the daemon's (id, x_mm, y_mm), sampled at `t_sampled_s`.
         """
@@ -50,7 +50,7 @@ class ScriptedClient:
         targets: dict[int | str, Target] = {}
         keys: list[int | str] = [*self._virtuals, *(finger_id for finger_id, _, _ in fingers)]
         for key in keys:
-            amplitude_um = self._actors[self.actor_of[key]].wants_at_um(t_s)
+            amplitude_um = self._actors[self.actor_of[key]].target_at_um(t_s)
             if amplitude_um is not None:
                 targets[key] = AmplitudeTarget(amplitude_um)
         if targets == self._last and t_s - self._t_last_s < REFRESH_S:
@@ -64,7 +64,7 @@ class ScriptedClient:
             if path is None:
                 return math.inf
             position = path.position_mm(np.array([t_s]))[0]
-            away_mm = math.hypot(position[0] - x_mm, position[1] - y_mm)
-            return away_mm if math.isfinite(away_mm) else ABSENT_MM
+            distance_from_mm = math.hypot(position[0] - x_mm, position[1] - y_mm)
+            return distance_from_mm if math.isfinite(distance_from_mm) else ABSENT_MM
 
         return min(range(len(self._actors)), key=distance_mm)

@@ -1,9 +1,9 @@
-"""The simulated trackpad: finger paths to the raw reports a real one would send, with its errors.
+"""The simulated trackpad: finger paths to raw reports, with the errors of a real pad.
 
-Reports are genuine: the layouts of `wire.trackpad`, positions rounded to the pad's units, the device's 21-bit
-millisecond stamp, contact ids 1..15 of which a landing finger gets the lowest free one, and the end of a contact
-that drivers describe (Magic Trackpad 2: state 7, then 0, then a frame without it). While nothing touches, the pad is
-silent. What a finger's ellipse and pressure look like is that of an index finger in public captures.
+Reports have the layouts of `wire.trackpad`, positions rounded to the pad's units, and the device's 21-bit millisecond
+stamp. A landing finger gets the lowest free contact id of 1..15. A contact ends as drivers describe (Magic Trackpad 2:
+state 7, then 0, then a frame without it). Without touch the pad sends nothing. Ellipse and pressure are those of an
+index finger in public captures.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ __all__ = ["Record", "Report", "Scan", "SensorModel", "SensorSettings", "encode_
 Array = npt.NDArray[np.float64]
 
 _TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
-BLOCK = 64  # frames whose positions are asked for at once, where they are known so far ahead
-_OFF_PAD_MM = 3.0  # a finger's centre may lie a little beyond the declared range and still be felt
+BLOCK = 64  # frames whose positions are computed at once
+_OFF_PAD_MM = 3.0  # a finger's centre may lie this far beyond the declared range and still be sensed
 _MAX_RAW = 4095
 _PRESSURE_RISE = (0.4, 0.7, 1.0)  # of the first frames of a contact
 _CENTRED = AffineMap()
@@ -48,7 +48,7 @@ class Record(NamedTuple):
 
 
 class Report(NamedTuple):
-    """A raw report, when the pad sampled the fingers for it, and when the host gets it (s)."""
+    """A raw report with the times (s) of its sampling and of its arrival at the host."""
 
     t_sample_s: float
     t_arrive_s: float
@@ -56,7 +56,7 @@ class Report(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """One scan of the pad, and what the host gets of it: nothing, a report, or the same report twice."""
+    """One scan of the pad with its reports at the host: none, one, or one twice."""
 
     t_sample_s: float
     reports: tuple[Report, ...]
@@ -67,8 +67,8 @@ class SensorSettings:
     """The pad and its errors.
 
     `noise_mm` is the standard deviation of white noise on each axis, `stamp_jitter_ms` the half width of the stamp's
-    uniform error before it is rounded to whole milliseconds. `plate_from_pad` is where the pad truly lies: the same
-    value as the decoder's where that is calibrated. `t_device_start_ms` is the device's clock at time 0; None takes
+    uniform error before it is rounded to whole milliseconds. `plate_from_pad` is the pad's true placement: the
+    decoder's value if that is calibrated. `t_device_start_ms` is the device's clock at time 0; None takes
     one from the seed that wraps within the first ten seconds.
     """
 
@@ -87,7 +87,7 @@ _DEFAULT = SensorSettings()
 
 
 def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool = False) -> bytes:
-    """A Magic Trackpad 2 report, 0x02 or 0x31. ValueError if a field does not fit."""
+    """Encode a Magic Trackpad 2 report, 0x02 or 0x31. Raises ValueError if a field does not fit."""
     stamp_ms = t_ms % STAMP_WRAP_MS
     header = bytes((0x31, stamp_ms << 3 & 0xF8 | button, stamp_ms >> 5 & 0xFF, stamp_ms >> 13))
     prefix = bytes((0x02, button, 0, 0, 0, 0, 0, bool(records))) if usb else b""
@@ -95,7 +95,7 @@ def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool 
 
 
 def encode_mt1(t_ms: int, records: Sequence[Record], *, button: bool = False) -> bytes:
-    """A Magic Trackpad 1 report, 0x28. It has no pressure and no finger; ValueError if a field does not fit."""
+    """Encode a Magic Trackpad 1 report, 0x28, without pressure. Raises ValueError if a field does not fit."""
     header = bytes((0x28, (t_ms & 63) << 2 | button, t_ms >> 6 & 0xFF, t_ms >> 14 & 0xFF))
     return header + b"".join(map(_mt1_record, _fitting(records, orientations=64)))
 
@@ -130,8 +130,8 @@ def _position_word(record: Record) -> int:
 class SensorModel:
     """Reports of one pad for the given finger paths (at most 15). Same settings, seed and paths: same bytes.
 
-    `block` is for how many frames at once the paths are asked; the noise depends on it. ValueError if the model is
-    unknown or `plate_from_pad` cannot be inverted.
+    `block` is the number of frames computed at once; the noise depends on it. Raises ValueError for an unknown model or
+    a singular `plate_from_pad`.
     """
 
     def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0, *, block: int = BLOCK) -> None:
@@ -147,18 +147,18 @@ class SensorModel:
         self._offset_mm = np.array((affine.offset_x_mm, affine.offset_y_mm))
 
     def reports(self, paths: Sequence[Path], t_end_s: float) -> list[Report]:
-        """All reports sampled before `t_end_s`, in the order in which they arrive."""
+        """Return all reports sampled before `t_end_s`, in order of arrival."""
         scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths))
         return [report for scan in scans for report in scan.reports]
 
     def stream(self, paths: Sequence[Path]) -> Iterator[Report]:
-        """Reports for ever. Until a finger lands there is no next one: to keep time meanwhile, use `scans`."""
+        """Return an endless stream of reports. It blocks until a finger lands; `scans` does not."""
         if not paths:
             raise ValueError("a pad without fingers never reports: use scans")
         return (report for scan in self.scans(paths) for report in scan.reports)
 
     def scans(self, paths: Sequence[Path]) -> Iterator[Scan]:
-        """Every scan of the pad, for ever: silent ones and lost ones have no report, a duplicated one has two."""
+        """Return an endless stream of scans: without touch or when lost they have no report, when duplicated two."""
         if len(paths) > MAX_RECORDS:
             raise ValueError(f"a pad senses at most {MAX_RECORDS} fingers, not {len(paths)}")
         return self._scan(paths, np.random.default_rng([self.seed, len(paths)]))
@@ -166,11 +166,11 @@ class SensorModel:
     def _scan(self, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[Scan]:
         settings = self.settings
         is_mt1 = settings.model == "mt1"
-        contacts = _Contacts([_look(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
+        contacts = _Contacts([_appearance(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
         start_ms = settings.t_device_start_ms
         if start_ms is None:
             start_ms = STAMP_WRAP_MS - int(rng.integers(1, 10_000))
-        first = rng.random()  # the pad's scans and the run begin independently
+        first = rng.random()  # the phase of the pad's scans is independent of the run
         size = self._block
         for block in count(step=size):
             t_s: Array = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
@@ -187,20 +187,20 @@ class SensorModel:
     def _raw_points(
         self, paths: Sequence[Path], t_s: Array, rng: np.random.Generator
     ) -> list[list[tuple[int, int] | None]]:
-        """By path and time the position in raw units, None where the pad does not feel a finger."""
+        """Return by path and time the position in raw units, None where the pad senses no finger."""
         pad = GEOMETRY[self.settings.model]
         half_mm = np.array((pad.width_mm, pad.height_mm)) / 2 + _OFF_PAD_MM
         points: list[list[tuple[int, int] | None]] = []
         for path in paths:
             pad_mm = (path.position_mm(t_s) - self._offset_mm) @ self._pad_from_plate.T
-            is_felt = np.all(np.abs(pad_mm) <= half_mm, axis=1)  # False for NaN
+            is_sensed = np.all(np.abs(pad_mm) <= half_mm, axis=1)  # False for NaN
             noisy_mm = np.nan_to_num(pad_mm) + rng.normal(0, 1, pad_mm.shape) * self.settings.noise_mm
             raw = np.clip(np.rint(noisy_mm * pad.units_per_mm + pad.centre_raw), -_MAX_RAW, _MAX_RAW).astype(int)
-            points.append([(x, y) if felt else None for (x, y), felt in zip(raw.tolist(), is_felt, strict=True)])
+            points.append([(x, y) if sensed else None for (x, y), sensed in zip(raw.tolist(), is_sensed, strict=True)])
         return points
 
     def _copies(self, rng: np.random.Generator) -> list[int]:
-        """How often the report of each scan of a block is delivered."""
+        """Draw how many times the report of each scan of a block is delivered."""
         is_lost, is_duplicated = rng.random((2, self._block)) < [
             [self.settings.lost_frac],
             [self.settings.duplicate_frac],
@@ -215,17 +215,17 @@ class SensorModel:
 
 
 class _Contacts:
-    """The pad's own book of contacts: which id a finger has, and how a contact begins and ends."""
+    """Contact table of the pad: id of each finger, start and end of each contact."""
 
-    def __init__(self, looks: Sequence[Record], *, is_mt1: bool) -> None:
-        self._looks = looks
+    def __init__(self, appearances: Sequence[Record], *, is_mt1: bool) -> None:
+        self._appearances = appearances
         self._states = (_MT1_START, _TOUCHING) if is_mt1 else (_TOUCHING, _TOUCHING)
         self._down: dict[int, tuple[int, Record]] = {}  # by path: frames down and the last record
         self._ending: list[Record] = []
         self._was_silent = True
 
     def scan(self, points: Sequence[tuple[int, int] | None]) -> list[Record] | None:
-        """The records of the next frame for the fingers' raw positions; None where the pad stays silent."""
+        """Return the records of the next frame for the fingers' raw positions; None if the pad sends nothing."""
         self._ending = [record._replace(state=_NONE) for record in self._ending if record.state == _OUT_OF_RANGE]
         lifted = [self._down.pop(path)[1] for path in tuple(self._down) if points[path] is None]
         self._ending += [record._replace(state=_OUT_OF_RANGE, pressure=0) for record in lifted]
@@ -237,20 +237,20 @@ class _Contacts:
         return None if is_silent else records
 
     def _touch(self, path: int, x: int, y: int) -> None:
-        age, record = self._down.get(path, (0, self._looks[path]))
+        age, record = self._down.get(path, (0, self._appearances[path]))
         if age == 0:
             taken = {other.contact_id for _, other in self._down.values()} | {r.contact_id for r in self._ending}
             contact_id = next((i for i in range(1, MAX_RECORDS + 1) if i not in taken), None)
             if contact_id is None:
-                return  # every id is in use: the finger is felt once one is free
+                return  # every id is in use: the finger is sensed once one is free
             record = record._replace(contact_id=contact_id)
-        pressure = round(self._looks[path].pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
+        pressure = round(self._appearances[path].pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
         state = self._states[min(age, 1)]
         self._down[path] = (age + 1, record._replace(x=x, y=y, state=state, pressure=pressure))
 
 
-def _look(rng: np.random.Generator, *, is_mt1: bool) -> Record:
-    """An index finger's ellipse and pressure, none like another; its axis points away from the user."""
+def _appearance(rng: np.random.Generator, *, is_mt1: bool) -> Record:
+    """Draw an index finger's ellipse and pressure; its axis points away from the user."""
     orientation = int(rng.integers(28, 37) if is_mt1 else rng.integers(3, 6))
     major, minor = int(rng.integers(90, 107)), int(rng.integers(76, 90))
     size, pressure = int(rng.integers(34, 47)), int(rng.integers(20, 37))

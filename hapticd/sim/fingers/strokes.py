@@ -1,7 +1,7 @@
-"""A finger that wanders over the plate for ever in straight strokes, as people do who explore a surface.
+"""Random straight strokes over the plate, as of a person who explores a surface.
 
 Speed ramps of 0.3 s give an 80 mm stroke the peak acceleration of a minimum-jerk reach of the same length and duration
-(Flash and Hogan, J. Neurosci. 5, 1985), which is how hands move when nothing stops them. The tremor of some 0.04 mm at
+(Flash and Hogan, J. Neurosci. 5, 1985), the usual motion of an unobstructed hand. The tremor of some 0.04 mm at
 8 to 9 Hz is physiological (Elble and Koller, "Tremor", 1990).
 """
 
@@ -22,16 +22,16 @@ Array = npt.NDArray[np.float64]
 _TREMOR_HZ = (8.0, 9.0)
 _WOBBLE_HZ = 2.0
 _CANDIDATES = 32
-_FIRST_DRAWN_S = 10.0  # strokes that nobody asks for would cost as much as those of a run
+_FIRST_DRAWN_S = 10.0  # drawing more than a run needs would cost as much as the run
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """Straight strokes between random points, for ever, and always within +-`half_size_mm` of the centre.
+    """Endless straight strokes between random points within +-`half_size_mm` of the centre.
 
     Speed rises to `speed_mm_s` and falls again along raised cosines of `ramp_s`; after a stroke the finger waits up
-    to `pause_s`. Sideways it wobbles by `wobble_mm` at 2 Hz, in proportion to its speed, and it trembles all along.
-    Where `avoid` is given, strokes are chosen, as far as they can be, that keep `gap_mm` from that finger.
+    to `pause_s`. It wobbles sideways by `wobble_mm` at 2 Hz, in proportion to its speed, and has a tremor. With
+    `avoid`, strokes are chosen that keep `gap_mm` from that finger where possible.
     """
 
     seed: int
@@ -54,7 +54,7 @@ class Strokes:
 
     @property
     def reach_mm(self) -> float:
-        """How far from the centre a stroke may end, so that wobble and tremor stay inside too."""
+        """Largest distance of a stroke's end from the centre that keeps wobble and tremor inside."""
         return self.half_size_mm - self.wobble_mm - self.tremor_mm
 
     @cached_property
@@ -79,13 +79,13 @@ class Strokes:
 
 
 def strokes_pair(seed: int, *, speed_mm_s: float = 100.0, gap_mm: float = 18.0) -> tuple[Strokes, Strokes]:
-    """Two fingers with strokes of their own, the second trying to keep `gap_mm` from the first."""
+    """Two fingers on independent strokes; the second keeps `gap_mm` from the first where possible."""
     first = Strokes(2 * seed, speed_mm_s)
     return first, Strokes(2 * seed + 1, speed_mm_s, avoid=first, gap_mm=gap_mm)
 
 
 class _Stroke(NamedTuple):
-    """Strokes, one an element; at `t_next_s` the finger, having waited, sets out on the next."""
+    """Strokes, one per element; the next one starts at `t_next_s`, after a pause."""
 
     t_begin_s: Array
     x_mm: Array
@@ -98,18 +98,18 @@ class _Stroke(NamedTuple):
 
 
 class _StrokeTable:
-    """The strokes so far, drawn one after the other from the seed; more are drawn when a later time is asked for."""
+    """Strokes drawn in order from the seed; later times extend the table."""
 
     def __init__(self, settings: Strokes) -> None:
         self._settings = settings
         self._rng = np.random.default_rng([settings.seed, 0])
-        self._rows: list[Array] = []
+        self._drawn: list[Array] = []
         self._t_next_s = 0.0
         self._point_mm = self._first_point_mm()
         self._draw_until(_FIRST_DRAWN_S)
 
     def at(self, t_s: Array) -> _Stroke:
-        """The stroke that each time falls into; before time 0 the first."""
+        """Return the stroke at each time; before time 0 the first."""
         latest_s = float(np.max(t_s, initial=0.0))
         if latest_s >= self._t_next_s:
             self._draw_until(1.5 * latest_s)
@@ -118,39 +118,39 @@ class _StrokeTable:
 
     def _draw_until(self, t_s: float) -> None:
         while self._t_next_s <= t_s:
-            row = self._draw()
-            self._rows.append(row)
-            self._point_mm = row[1:3] + row[3:5]
-            self._t_next_s = float(row[-1])
-        self._columns = np.array(self._rows).T
+            stroke = self._draw()
+            self._drawn.append(stroke)
+            self._point_mm = stroke[1:3] + stroke[3:5]
+            self._t_next_s = float(stroke[-1])
+        self._columns = np.array(self._drawn).T
 
     def _draw(self) -> Array:
-        """The next stroke: of some random ones the first that keeps its distance, or the one that keeps most."""
+        """Draw the next stroke: the first of _CANDIDATES that keeps its distance, or the one that keeps most."""
         if self._settings.avoid is None:
             return self._random_stroke()
         widest, widest_mm = self._random_stroke(), -1.0
         for _ in range(_CANDIDATES):
-            row = self._random_stroke()
-            clearance_mm = self._clearance_mm(_Stroke(*row[:, np.newaxis]), self._settings.avoid)
+            stroke = self._random_stroke()
+            clearance_mm = self._clearance_mm(_Stroke(*stroke[:, np.newaxis]), self._settings.avoid)
             if clearance_mm > widest_mm:
-                widest, widest_mm = row, clearance_mm
+                widest, widest_mm = stroke, clearance_mm
             if clearance_mm >= self._settings.gap_mm:
                 break
         return widest
 
     def _random_stroke(self) -> Array:
         settings = self._settings
-        way_mm = np.zeros(2)
-        while np.hypot(*way_mm) < settings.min_stroke_mm:
-            way_mm = self._random_point_mm() - self._point_mm
-        length_mm = float(np.hypot(*way_mm))
+        delta_mm = np.zeros(2)
+        while np.hypot(*delta_mm) < settings.min_stroke_mm:
+            delta_mm = self._random_point_mm() - self._point_mm
+        length_mm = float(np.hypot(*delta_mm))
         speed_mm_s = min(settings.speed_mm_s, length_mm / settings.ramp_s)  # a short stroke is all ramps
         duration_s = length_mm / speed_mm_s + settings.ramp_s
         t_next_s = self._t_next_s + duration_s + self._rng.uniform(0, settings.pause_s)
-        return np.array((self._t_next_s, *self._point_mm, *way_mm, length_mm, speed_mm_s, t_next_s))
+        return np.array((self._t_next_s, *self._point_mm, *delta_mm, length_mm, speed_mm_s, t_next_s))
 
     def _clearance_mm(self, stroke: _Stroke, other: Strokes) -> float:
-        """Least distance between the other finger and a stroke with the wait after it, wobble and tremor deducted."""
+        """Least distance between the other finger and a stroke with its pause, less wobble and tremor."""
         t_s = np.arange(float(stroke.t_begin_s[0]), float(stroke.t_next_s[0]), 0.01)
         part, _ = _progress(t_s - stroke.t_begin_s, stroke, self._settings.ramp_s)
         x_mm, y_mm = stroke.x_mm + part * stroke.dx_mm, stroke.y_mm + part * stroke.dy_mm
@@ -158,7 +158,7 @@ class _StrokeTable:
         return float(distance_mm.min()) - self._settings.wobble_mm - math.sqrt(2) * self._settings.tremor_mm
 
     def _first_point_mm(self) -> Array:
-        """Of some random points the one farthest from the finger to avoid."""
+        """Draw the start: of _CANDIDATES points the one farthest from the finger to avoid."""
         points_mm = [self._random_point_mm() for _ in range(_CANDIDATES)]
         if self._settings.avoid is None:
             return points_mm[0]
@@ -170,14 +170,14 @@ class _StrokeTable:
 
 
 def _progress(t_s: Array, stroke: _Stroke, ramp_s: float) -> tuple[Array, Array]:
-    """Share of a stroke's way made, and share of its speed, at times since it began."""
+    """Return share of a stroke's length covered, and share of its speed, at times since its start."""
     duration_s = stroke.length_mm / stroke.speed_mm_s + ramp_s
     t_s = np.clip(t_s, 0.0, duration_s)
     to_end_s = np.minimum(t_s, duration_s - t_s)  # of the nearer end: the stroke is symmetric in time
     ramp_rad = np.minimum(to_end_s / ramp_s, 1.0) * math.pi
     cruise_s = np.maximum(to_end_s - ramp_s, 0.0)
-    way_mm = stroke.speed_mm_s * (ramp_s / (2 * math.pi) * (ramp_rad - np.sin(ramp_rad)) + cruise_s)
-    part = way_mm / stroke.length_mm
+    delta_mm = stroke.speed_mm_s * (ramp_s / (2 * math.pi) * (ramp_rad - np.sin(ramp_rad)) + cruise_s)
+    part = delta_mm / stroke.length_mm
     return np.where(t_s <= duration_s / 2, part, 1 - part), (1 - np.cos(ramp_rad)) / 2
 
 

@@ -1,1 +1,1 @@
-"""The simulated plate: true mode shapes, neighbouring modes, and the noisy map that the daemon gets."""
+"""The simulated plate: true mode shapes, parasitic modes, and the noisy mode maps for the daemon."""

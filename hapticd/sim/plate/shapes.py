@@ -1,4 +1,4 @@
-"""The shapes of the simulated plate's modes: which kind, and where their peak is 1.
+"""Mode shapes of the simulated plate, and their normalisation.
 
     free plate       theory's, scaled to a peak of 1 over the whole plate. A free plate's peaks lie at its edges, so a
                      mode at W_LIM moves far less than that at the highest antinode that fingers reach.
@@ -6,8 +6,8 @@
                      at the edges.
     cosines          plane standing waves of the paper's wavelength, as if the plate had no edges.
 
-Fingers reach to 10 mm from the edge. All modes are scaled alike, by X's antinode, so that the friction between them is
-that of the same plate.
+Fingers reach to 10 mm from the edge. All modes have the same scale, given by X's antinode, so that friction is that of
+the same plate for all.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DEGREE = 60  # of the Legendre series of five waves: their error is rounding
 
 @lru_cache(maxsize=16)
 def shapes(kind: str, names: tuple[str, ...]) -> tuple[ModeShape, ...]:
-    """The modes called `names` after their nodal lines, such as "9x6"; `kind` is one of KINDS."""
+    """Return the modes with these nodal lines, such as "9x6"; `kind` is one of KINDS."""
     chosen = tuple(theory(name)[1] for name in names)
     if kind == COSINES:
         return tuple(_cosine(shape) for shape in chosen)
@@ -40,20 +40,19 @@ def shapes(kind: str, names: tuple[str, ...]) -> tuple[ModeShape, ...]:
 
 
 def theory(name: str) -> tuple[float, ModeShape]:
-    """Frequency (Hz) and shape of a mode of the free plate; KeyError where there is none of this name."""
+    """Return frequency (Hz) and shape of a mode of the free plate. Raises KeyError for an unknown name."""
     return _by_name()[name]
 
 
 def peak_at_fingers(name: str = _REFERENCE) -> float:
-    """The highest antinode of X, or of another mode, that fingers reach, as a share of its peak over the plate."""
+    """Return the highest antinode of a mode within reach of fingers, as a share of its peak over the plate."""
     shape = theory(name)[1]
     axes = [np.linspace(BEYOND_REACH_MM - mm / 2.0, mm / 2.0 - BEYOND_REACH_MM, _REACH_POINTS) for mm in shape.size_mm]
     return float(np.abs(shape.on_grid(*axes)).max())
 
 
 def _cosine(shape: ModeShape) -> ModeShape:
-    """The standing wave of the paper's wavelength whose nodal lines run as those of `shape`, an antinode at the
-    centre."""
+    """Return the standing wave of the paper's wavelength with the nodal lines of `shape`, an antinode at the centre."""
     lines = math.hypot(*shape.nodal_lines)
     nodes, weights = np.polynomial.legendre.leggauss(2 * _DEGREE)
     at_nodes = legendre.values(nodes, _DEGREE)

@@ -1,9 +1,9 @@
-"""The rig's two plugs, which can be pulled and put back: what a program opens in its directory to have the hardware.
+"""The rig's two connectors, which can be unplugged: the board's and the trackpad's endpoint in its directory.
 
-    board      a link to a pseudo-terminal: bytes to and from the board, each way `LINK_S` late
-    trackpad   a unix SOCK_SEQPACKET endpoint: raw reports, one a packet, to each that connects
+    board      a link to a pseudo-terminal: bytes to and from the board, delayed by `LINK_S` in each direction
+    trackpad   a unix SOCK_SEQPACKET endpoint: raw reports, one per packet, to all connections
 
-Whatever is on its way when a plug is pulled is lost.
+Unplugging loses the bytes in transit.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class BoardPlug:
     """The serial line behind `link`."""
 
     def __init__(self, link: Path, selector: selectors.BaseSelector, now_s: Callable[[], float]) -> None:
-        """`selector`'s data are functions to call; `now_s` tells the time that bytes are stamped with."""
+        """`selector`'s data are functions to call; `now_s` returns the time of arrival of bytes."""
         self._link = link
         self._selector = selector
         self._now_s = now_s
@@ -36,10 +36,10 @@ class BoardPlug:
         self.replug()
 
     def replug(self) -> None:
-        """Pull it, or put it back."""
+        """Unplug it, or plug it in again."""
         self._link.unlink(missing_ok=True)
         if self._terminal is None:
-            master, slave = self._terminal = pty.openpty()  # our hold on the slave: a daemon that leaves is no hang-up
+            master, slave = self._terminal = pty.openpty()  # kept open: no hang-up when a daemon closes it
             tty.setraw(slave)
             os.set_blocking(master, False)
             self._selector.register(master, selectors.EVENT_READ, lambda: self._read(master))
@@ -53,30 +53,30 @@ class BoardPlug:
         self._to_host.clear()
 
     def close(self) -> None:
-        """Pull it, if it is in."""
+        """Unplug it if it is plugged in."""
         if self._terminal is not None:
             self.replug()
 
     def due_s(self) -> list[float]:
-        """When the next bytes arrive, of each way on which there are some."""
+        """Return when the next bytes arrive, for each direction with bytes in transit."""
         return [queue[0][0] for queue in (self._to_board, self._to_host) if queue]
 
     def arrived(self, now_s: float) -> Iterator[tuple[float, bytes]]:
-        """What has reached the board up to now, and when."""
+        """Yield bytes that have reached the board, with their time."""
         while self._to_board and self._to_board[0][0] <= now_s:
             yield self._to_board.popleft()
 
-    def say(self, said: bytes, t_s: float) -> None:
-        """The board says it at `t_s`."""
-        self._to_host.append((t_s + LINK_S, said))
+    def send(self, data: bytes, t_s: float) -> None:
+        """Queue the board's output of `t_s` for the host."""
+        self._to_host.append((t_s + LINK_S, data))
 
     def deliver(self, now_s: float) -> None:
-        """Give the host what has reached it up to now."""
+        """Write the bytes that have reached the host."""
         while self._to_host and self._to_host[0][0] <= now_s:
-            said = self._to_host.popleft()[1]
+            data = self._to_host.popleft()[1]
             if self._terminal is not None:
-                with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line loses it too
-                    os.write(self._terminal[0], said)
+                with contextlib.suppress(BlockingIOError):  # not read: lost, as on a serial line
+                    os.write(self._terminal[0], data)
 
     def _read(self, master: int) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -84,7 +84,7 @@ class BoardPlug:
 
 
 class TrackpadPlug:
-    """The endpoint at `link`, and all that are connected to it."""
+    """The endpoint at `link` and its connections."""
 
     def __init__(self, link: Path, selector: selectors.BaseSelector) -> None:
         """`selector`'s data are functions to call."""
@@ -95,7 +95,7 @@ class TrackpadPlug:
         self.replug()
 
     def replug(self) -> None:
-        """Pull it, or put it back."""
+        """Unplug it, or plug it in again."""
         self._link.unlink(missing_ok=True)
         if self._listener is None:
             self._listener = listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -111,17 +111,17 @@ class TrackpadPlug:
         self._listener = None
 
     def close(self) -> None:
-        """Pull it, if it is in."""
+        """Unplug it if it is plugged in."""
         if self._listener is not None:
             self.replug()
 
-    def tell(self, report: bytes) -> None:
-        """One report, to each that reads."""
+    def send(self, report: bytes) -> None:
+        """Send one report to all connections."""
         for endpoint in tuple(self._readers):
             try:
                 endpoint.send(report)
             except BlockingIOError:
-                continue  # a reader that stalls loses reports, as from the kernel's ring
+                continue  # a stalled reader loses reports, as from the kernel's ring
             except OSError:
                 endpoint.close()
                 self._readers.remove(endpoint)

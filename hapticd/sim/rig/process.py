@@ -1,4 +1,4 @@
-"""Starts the simulated rig as a process of its own, and ends it."""
+"""The simulated rig as a child process."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from ...errors import DeviceError
 
 END_WITHIN_S = 10.0
-# In the rig's directory: the cartography that was made of its plate, that of the modes beside the driven ones, and the
-# section [plate] of a configuration which tells of those what else was measured.
+# In the rig's directory: the mode maps of its driven and parasitic modes, and the section [plate] of a configuration
+# with the other measurements of the parasitic modes.
 MODES_FILE = "modes.npz"
-NEIGHBOURS_FILE = "neighbours.npz"
+PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"
 
 
@@ -48,21 +48,21 @@ class RigProcess:
             command += ["--record", str(record)]
         if program is not None:
             command += ["--program", str(program)]
-        # Its own session: a Ctrl-C meant for the daemon must not unplug the hardware first. The pipe to its input ends
-        # with this process however that ends, and the rig with it.
+        # Its own session, so that a Ctrl-C does not stop the rig before the daemon. The pipe to its input closes with
+        # this process, however that ends, and stops the rig.
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         assert self.process.stdout is not None
         try:
-            told = self.process.stdout.readline().split()
-        except BaseException:  # a Ctrl-C, before anybody has what could be closed
+            ready = self.process.stdout.readline().split()
+        except BaseException:  # a Ctrl-C before the caller can close it
             self.close()
             raise
-        if len(told) != 2 or told[0] != "ready":
+        if len(ready) != 2 or ready[0] != "ready":
             self.close()
-            raise DeviceError("The simulated rig did not start: its own message above says why.")
-        self.t_start_s = float(told[1])
+            raise DeviceError("The simulated rig did not start: see its message above.")
+        self.t_start_s = float(ready[1])
 
     def __enter__(self) -> RigProcess:
         return self
@@ -71,7 +71,7 @@ class RigProcess:
         self.close()
 
     def close(self) -> None:
-        """End the rig; it writes its recording first."""
+        """Stop the rig, which first writes its recording."""
         self.process.terminate()
         try:
             self.process.wait(END_WITHIN_S)

@@ -1,7 +1,7 @@
-"""What a person, or a viewer for them, has to do with the simulated rig: two ZeroMQ sockets in its directory.
+"""Sockets of the simulated rig for a viewer: two ZeroMQ sockets in its directory.
 
-    truth     XPUB   the plate's true motion some 100 times a second, while somebody listens
-    fingers   PULL   the fingers that a person holds on the pad now; they take the place of the scenario's
+    truth     XPUB   the plate's ground truth, up to 100 times a second, while subscribed
+    fingers   PULL   a user's fingers that are down now; they replace the scenario's
 
 Each message is one MessagePack map:
 
@@ -9,10 +9,10 @@ Each message is one MessagePack map:
                "truth_um": [[d, q], ..]}
     fingers   {"fingers": {"1": [x_mm, y_mm], ..}}
 
-`t_ns` is the host's monotonic clock; `fingers` are those that touch, `path` which of the rig's `paths` fingers each is:
-the scenario's first, then a person's; `modal_um` are all modes of the plate, the driven ones first; `truth_um` is the
-complex displacement under each finger that touches, peak to peak. A sender of fingers repeats them: one that is silent
-for `hands.SILENT_S` has let go of all.
+`t_ns` is the host's monotonic clock; `fingers` are those that touch; `path` is the index of each of the rig's `paths`
+fingers, first the scenario's, then the user's; `modal_um` are all modes of the plate, driven ones first; `truth_um` is
+the complex displacement under each touching finger, peak to peak. A sender repeats its fingers: after
+`hands.TIMEOUT_S` without a message all lift.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ import zmq
 
 from ...errors import DeviceError, RequestError
 from ..fingers.hands import Point, decode_hands
-from ..world import Instant
+from ..world import PlateInstant
 
 ENDPOINTS = ("truth", "fingers")
-PERIOD_S = 0.01  # between two truths
+PERIOD_S = 0.01  # between two messages of truth
 MAX_MESSAGE_BYTES = 4096
 HIGH_WATER = 16
 
 
 class RigSockets:
-    """Both sockets, bound in `directory` until `close`. Raises DeviceError where they cannot be."""
+    """Both sockets, bound in `directory` until `close`. Raises DeviceError if that fails."""
 
     def __init__(self, directory: Path) -> None:
-        self.refused = 0  # messages that hold no fingers
+        self.refused = 0  # invalid messages
         self._is_subscribed = False
-        self._t_told_s = 0.0
+        self._t_sent_s = 0.0
         self._paths = [directory / name for name in ENDPOINTS]
         self._context = zmq.Context()
         self._truth, self._fingers = self._context.socket(zmq.XPUB), self._context.socket(zmq.PULL)
@@ -52,19 +52,19 @@ class RigSockets:
                 socket.bind(f"ipc://{path}")
         except zmq.ZMQError as error:
             self.close()
-            raise DeviceError(f"{directory}: the rig's sockets cannot be here ({error.strerror}).") from None
+            raise DeviceError(f"{directory}: the rig's sockets cannot be bound ({error.strerror}).") from None
 
-    def wants_truth(self, t_s: float) -> bool:
-        """Somebody listens, and the next truth is due."""
+    def is_truth_due(self, t_s: float) -> bool:
+        """Return whether there is a subscriber and the next message is due."""
         while True:
             try:
                 self._is_subscribed = self._truth.recv(zmq.NOBLOCK)[:1] == b"\x01"
             except zmq.Again:
-                return self._is_subscribed and t_s - self._t_told_s >= PERIOD_S
+                return self._is_subscribed and t_s - self._t_sent_s >= PERIOD_S
 
-    def tell(self, t_s: float, t_ns: int, now: Instant, truth_um: npt.NDArray[np.complex128]) -> None:
-        """Publish what the plate does at `t_s` of the rig, `t_ns` of the host, and what is under each finger (F,)."""
-        self._t_told_s = t_s
+    def publish(self, t_s: float, t_ns: int, now: PlateInstant, truth_um: npt.NDArray[np.complex128]) -> None:
+        """Publish the plate at `t_s` (rig) or `t_ns` (host), with the displacement under each finger (F,)."""
+        self._t_sent_s = t_s
         touching = np.flatnonzero(np.isfinite(now.finger_mm[:, 0]))
         message = {
             "t_ns": t_ns,
@@ -77,7 +77,7 @@ class RigSockets:
         self._truth.send(msgpack.packb(message), zmq.NOBLOCK)
 
     def held(self) -> Iterator[dict[str, Point]]:
-        """What the senders of fingers have said since the last call; what is no such message is counted."""
+        """Yield the messages of fingers since the last call; invalid ones are counted."""
         while True:
             try:
                 yield decode_hands(self._fingers.recv(zmq.NOBLOCK))

@@ -16,13 +16,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus
+from ...board_values import BoardHello, BoardState, BoardStatus, Sweep, SweepPoint
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...errors import CalibrationError, SweepEndedError
 from ...files import calibration
-from ...io.device import SerialLink
-from ...tool_values import Sweep, SweepPoint
+from ...io.devices.serial_link import SerialLink
 from ...wire import protocol
 from ..firmware import sweep
 from ..firmware.conversation import Conversation

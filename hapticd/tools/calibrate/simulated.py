@@ -16,7 +16,7 @@ from ...core.targets.textures import DEFAULT_FRICTION_CURVE
 from ...design import free_plate_modes, sample_scan
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
-from ...sim.plate.truth import DRIVEN_MODES
+from ...sim.plate.ground_truth import DRIVEN_MODES
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
 DRIVE_PHASES_RAD = (0.4, -1.1)  # of the vibrometer's readings, caused by the drive

@@ -17,7 +17,8 @@ import numpy as np
 
 from ...errors import CalibrationError
 from ...files import plotting
-from ...io.trackpad import MODELS, HidTrackpad, TrackpadSource
+from ...io.devices.hid_trackpad import HidTrackpad
+from ...io.devices.trackpad_source import MODELS, TrackpadSource
 from ...values import RawReport
 from ...wire.trackpad import Decoder
 from . import simulated

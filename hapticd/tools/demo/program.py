@@ -27,15 +27,15 @@ from ...config.sections import LimitsConfig
 from ...errors import HapticdError, UsageError
 from ...files import plotting
 from ...files.outputs import check_writable
-from ...io import owned_process
 from ...sim import lockstep
 from ...sim.board.emulator import find_program
+from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
 from ...sim.picture import Film, draw
-from ...sim.plate.truth import PlateSettings
+from ...sim.plate.ground_truth import PlateSettings
 from ...sim.rig.process import RigProcess
-from ...sim.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.score import Score, score
+from ...tools import owned_process
 from ...values import AmplitudeTarget
 from ..daemon_process import DaemonProcess
 from .live_view import LiveView
@@ -53,7 +53,7 @@ BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process"}
 
 # The plate inside another process lacks these effects; the paper's scheme gets the same plate.
 BARE_PLATE = PlateSettings(
-    finger_decay_1_s=0.0, neighbour_coupling=0.0, neighbour_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
+    finger_decay_1_s=0.0, parasitic_coupling=0.0, parasitic_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
 )
 
 
@@ -169,7 +169,7 @@ class _ScriptedUser:
         if all(finger_id in self._known for finger_id, _, _ in fingers):
             return
         t_s = self.t_s()
-        targets = self._scripted.wants(t_s, t_s - state.age_ms * 1e-3, fingers)
+        targets = self._scripted.message(t_s, t_s - state.age_ms * 1e-3, fingers)
         for finger, target in (targets.targets if targets is not None else {}).items():
             if isinstance(finger, int) and finger not in self._known and isinstance(target, AmplitudeTarget):
                 self._client.set(finger, amplitude_um=target.amplitude_um, wait=False)

@@ -12,8 +12,9 @@ from pathlib import Path
 from statistics import median
 
 from ...errors import DeviceError, HapticdError
-from ...io.device import SerialLink
-from ...io.trackpad import HidTrackpad, TrackpadSource, find_pads, load_hid
+from ...io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
+from ...io.devices.serial_link import SerialLink
+from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport
 from ...wire.trackpad import Decoder
 from ..firmware.conversation import Conversation

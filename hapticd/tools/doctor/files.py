@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import HapticdError
 from ...files import calibration
-from ...io import keys
+from ...io.clients import keys
 from .finding import FAIL, PASS, WARN, Finding, System
 
 SIMULATED_MODES = 2

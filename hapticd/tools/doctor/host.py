@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from ...errors import HapticdError
-from ...io.awake import LATENCY_FILE
+from ...io.host.cpu_latency import LATENCY_FILE
 from ..install_service import service_files
 from .finding import PASS, WARN, Finding, System
 

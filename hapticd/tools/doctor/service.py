@@ -14,7 +14,7 @@ import zmq
 from ... import __version__
 from ...config.sections import Config
 from ...errors import HapticdError
-from ...io.runtime_dir import endpoint_path, runtime_directory
+from ...io.clients.runtime_dir import endpoint_path, runtime_directory
 from .finding import FAIL, PASS, WARN, Finding, System, is_accessible
 
 SYSTEM_DIRECTORY = Path("/run/hapticd")  # of the system service

@@ -7,10 +7,20 @@ import contextlib
 from collections.abc import Iterator
 from typing import TypeVar
 
-from ...board_values import BoardCommand, BoardHello, BoardMessage, HelloRequest, KeepAlive
+from ...board_values import (
+    BoardCommand,
+    BoardHello,
+    BoardMessage,
+    BoardVerdict,
+    HelloRequest,
+    KeepAlive,
+    Stop,
+    ToolCommand,
+    ToolMessage,
+    Verdict,
+)
 from ...errors import DeviceError, UsageError
-from ...io.device import SerialLink
-from ...tool_values import BoardVerdict, Stop, ToolCommand, ToolMessage, Verdict
+from ...io.devices.serial_link import SerialLink
 from ...wire import protocol
 from ...wire.commands import encode
 from ...wire.device import Decoder, check_protocol

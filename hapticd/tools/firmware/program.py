@@ -13,13 +13,24 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-from ...board_values import BoardState, BoardStatus, BoardTime, ClearFault, TimeRequest
+from ...board_values import (
+    BoardController,
+    BoardLog,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    ClearFault,
+    ControllerRequest,
+    LogRequest,
+    RawVoltage,
+    SetGains,
+    TimeRequest,
+)
 from ...config import loader as config
 from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
-from ...io.device import SerialLink
+from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
-from ...tool_values import BoardController, BoardLog, ControllerRequest, LogRequest, RawVoltage, SetGains
 from . import sweep, telemetry, text
 from .conversation import Conversation
 

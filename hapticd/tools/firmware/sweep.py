@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus, ModeCalibration
+from ...board_values import BoardHello, BoardState, BoardStatus, ModeCalibration, Sweep, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
 from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
 from ...files import calibration, plotting
 from ...files.outputs import check_writable
-from ...tool_values import Sweep, SweepPoint
 from ...wire import protocol
 from . import text
 from .conversation import Conversation

@@ -7,8 +7,8 @@ import asyncio
 import json
 import sys
 
+from ...board_values import ModeSample, SetTelemetry, TelemetrySample
 from ...errors import UsageError
-from ...tool_values import ModeSample, SetTelemetry, TelemetrySample
 from . import text
 from .conversation import Conversation
 

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
-from ...board_values import BoardHello, BoardState, BoardStatus
+from ...board_values import BoardController, BoardHello, BoardLog, BoardState, BoardStatus, LogEntry, SweepPoint
 from ...design.resonance import Resonance
-from ...tool_values import BoardController, BoardLog, LogEntry, SweepPoint
 from ...wire import protocol
 
 STATES = {

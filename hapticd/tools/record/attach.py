@@ -20,8 +20,8 @@ from ...errors import RecordingError
 from ...files.recording.header import header_from
 from ...files.recording.kinds import HEADER, Record
 from ...files.recording.mcap_writer import RecordingFile
-from ...io.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
-from ...io.runtime_dir import endpoint_path, runtime_directory
+from ...io.clients.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
+from ...io.clients.runtime_dir import endpoint_path, runtime_directory
 from .truth import RigTruth
 
 HEADER_WITHIN_S = 3.0

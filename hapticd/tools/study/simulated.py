@@ -20,7 +20,7 @@ import numpy as np
 
 from ...sim import lockstep
 from ...sim.fingers.paths import Touch, strokes_pair
-from ...sim.scenarios import LAND_S, SPEED_MM_S, Actor
+from ...sim.fingers.scenarios import LAND_S, SPEED_MM_S, Actor
 from ...sim.score import SETTLE_S, settled
 from ...values import VirtualPath
 from .protocol import Friction, StudyError

@@ -94,7 +94,7 @@ def test_the_amplifiers_clip_at_their_own_limit() -> None:
     assert np.abs(clipped.plate_um).max() < 0.5 * np.abs(free.plate_um).max()
 
 
-def test_the_noise_has_the_strength_that_was_asked_for() -> None:
+def test_the_noise_has_the_configured_strength() -> None:
     trace = BoardTrace(20_000, 2, 4)
     board = Board(plate(noise_um=0.01), seed=3)
     board.run(20_000, np.zeros((20_000, 0, 4)), np.zeros((20_000, 0)), trace)
@@ -208,7 +208,7 @@ def test_a_reset_board_is_another_boot_that_drives_nothing_while_the_plate_rings
     board.reset(8)
     assert board.t_us == 0
     board.receive(device.encode_hello_request())
-    (hello,) = [said for said in device.Decoder().feed(board.transmit()) if isinstance(said, BoardHello)]
+    (hello,) = [message for message in device.Decoder().feed(board.transmit()) if isinstance(message, BoardHello)]
     assert hello.boot_id == 8
     after = BoardTrace(60, 2, 4)
     board.run(60, np.zeros((60, 0, 4)), np.zeros((60, 0)), after)

@@ -1,4 +1,4 @@
-"""The bad line is itself trustworthy: it does what it says, and the same again."""
+"""The faulty line applies the configured faults, reproducibly."""
 
 from __future__ import annotations
 
@@ -59,5 +59,5 @@ def test_a_delay_is_bounded_and_nothing_overtakes(seed: int, delay_ns: int) -> N
 
 @pytest.mark.parametrize("faults", [{"lost": 1.1}, {"corrupted": -0.1}, {"delayed": float("nan")}, {"delay_ns": -1}])
 def test_what_is_no_share_is_refused(faults: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r"give a share of 0 to 1|cannot be early"):
+    with pytest.raises(ValueError, match=r"give a share of 0 to 1|must not be negative"):
         LineFaults(**faults)  # type: ignore[arg-type]

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
-from hapticd.sim.fingers.hands import GLIDE_S, MAX_HANDS, SILENT_S, Hands, Held, Yielding, decode_hands
+from hapticd.sim.fingers.hands import GLIDE_S, MAX_HANDS, TIMEOUT_S, Hands, HeldFinger, YieldingPath, decode_hands
 from hapticd.sim.fingers.paths import Rest
 
 
-def at(finger: Held | Yielding, *t_s: float) -> list[list[float]]:
+def at(finger: HeldFinger | YieldingPath, *t_s: float) -> list[list[float]]:
     return finger.position_mm(np.array(t_s)).tolist()
 
 
@@ -24,7 +24,7 @@ def down(hands: Hands, t_s: float) -> list[list[float]]:
     return [place for place in places if math.isfinite(place[0])]
 
 
-def test_a_finger_lands_where_it_is_told_and_glides_from_there() -> None:
+def test_a_finger_lands_at_the_first_position_and_glides_to_the_next() -> None:
     hands = Hands()
     hands.hold({"1": (5.0, -5.0)}, 1.0)
     assert down(hands, 0.999) == []
@@ -65,14 +65,14 @@ def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> No
     assert [math.isfinite(at(finger, 2.0)[0][0]) for finger in hands.fingers] == [False, True, True, False, False]
 
 
-def test_a_sender_that_falls_silent_has_let_go() -> None:
+def test_fingers_lift_after_a_timeout_of_their_sender() -> None:
     hands = Hands()
     hands.hold({"1": (0.0, 0.0)}, 0.0)
-    hands.expire(SILENT_S)
-    assert len(down(hands, SILENT_S)) == 1
-    hands.expire(SILENT_S + 0.01)
-    assert down(hands, SILENT_S + 0.01) == []
-    hands.expire(SILENT_S + 9.0)
+    hands.expire(TIMEOUT_S)
+    assert len(down(hands, TIMEOUT_S)) == 1
+    hands.expire(TIMEOUT_S + 0.01)
+    assert down(hands, TIMEOUT_S + 0.01) == []
+    hands.expire(TIMEOUT_S + 9.0)
 
 
 def test_all_fingers_of_a_hand_can_be_down_and_again() -> None:
@@ -87,7 +87,7 @@ def test_all_fingers_of_a_hand_can_be_down_and_again() -> None:
 
 def test_the_scenarios_fingers_leave_when_a_person_comes_and_do_not_return() -> None:
     hands = Hands()
-    scripted = Yielding(Rest((3.0, 4.0)), hands)
+    scripted = YieldingPath(Rest((3.0, 4.0)), hands)
     assert at(scripted, 0.0, 5.0) == [[3.0, 4.0]] * 2
     hands.hold({}, 2.0)
     hands.hold({}, 3.0)

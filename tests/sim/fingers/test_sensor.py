@@ -117,7 +117,7 @@ def test_reports_arrive_a_latency_after_they_were_sampled_at_88_9_hz() -> None:
     np.testing.assert_allclose(np.diff([r.t_sample_s for r in reports]), 0.01125)
 
 
-def test_the_device_clock_wraps_early_on_or_starts_where_it_is_told() -> None:
+def test_the_device_clock_wraps_early_or_starts_as_configured() -> None:
     def stamps_ms(settings: SensorSettings, seed: int) -> list[int]:
         reports = SensorModel(settings, seed).reports([Rest((0.0, 0.0))], 11.0)
         return [r.data[9] >> 3 | r.data[10] << 5 | r.data[11] << 13 for r in reports]
@@ -157,7 +157,7 @@ def test_an_id_is_used_again_once_its_contact_has_ended_and_not_before() -> None
     assert in_turn == [{1}, set(), {2}, {1, 2}, {1}, set()]
 
 
-def test_a_finger_beside_the_pad_is_not_felt() -> None:
+def test_a_finger_outside_the_pad_is_not_sensed() -> None:
     frames = contacts_of([Rest((0.0, 61.0)), Rest((0.0, 59.0))], t_end_s=0.1)
     assert frames
     assert all(len(frame) == 1 for frame in frames)
@@ -190,7 +190,7 @@ def test_the_stream_goes_on_where_the_reports_end() -> None:
     assert times == sorted(times)
 
 
-def test_scans_keep_time_while_nobody_touches() -> None:
+def test_scans_continue_without_touch() -> None:
     scans = list(islice(SensorModel().scans([]), 200))
     np.testing.assert_allclose(np.diff([scan.t_sample_s for scan in scans]), 0.01125)
     assert not any(scan.reports for scan in scans)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.sim.plate import shapes as plate_shapes
-from hapticd.sim.plate.truth import DRIVEN_MODES, MODES, PlateSettings, PlateTruth
+from hapticd.sim.plate.ground_truth import DRIVEN_MODES, MODES, GroundTruth, PlateSettings
 
 EDGE_MM = 68.75
 REACH_MM = EDGE_MM - plate_shapes.BEYOND_REACH_MM
@@ -39,7 +39,7 @@ def test_cosines_are_standing_waves_of_the_paper_s_length() -> None:
 
 
 def test_other_units_are_of_the_same_plate_so_a_finger_damps_it_as_much() -> None:
-    free, scaled = PlateTruth(), PlateTruth(PlateSettings(shapes=plate_shapes.PEAK_AT_FINGERS))
+    free, scaled = GroundTruth(), GroundTruth(PlateSettings(shapes=plate_shapes.PEAK_AT_FINGERS))
     points_mm = np.random.default_rng(2).uniform(-REACH_MM, REACH_MM, (50, 2))
 
     added = [truth.finger_decay_1_s * truth.shapes(points_mm) ** 2 for truth in (free, scaled)]
@@ -48,14 +48,14 @@ def test_other_units_are_of_the_same_plate_so_a_finger_damps_it_as_much() -> Non
 
 @pytest.mark.parametrize("kind", plate_shapes.KINDS)
 def test_a_third_mode_has_an_amplifier_a_sensor_and_a_place_on_the_map(kind: str) -> None:
-    truth = PlateTruth(PlateSettings(shapes=kind, driven_modes=3))
+    truth = GroundTruth(PlateSettings(shapes=kind, driven_modes=3))
 
     assert truth.gain_um_per_v_s.shape == truth.sensor.T.shape == (4, 3)
     np.testing.assert_array_equal(np.diag(truth.sensor), 1.0)
     driven = -1j * np.diag(truth.gain_um_per_v_s) * 150.0
     held_um = driven / (1.5 * truth.nominal_decay_1_s - 1j * truth.nominal_detuning_rad_s)
     np.testing.assert_allclose(np.abs(held_um), 4.0)
-    assert truth.cartography(1).M == 3
+    assert truth.measured_mode_map(1).M == 3
     assert truth.parasitic_modes(1).modes.M == 1
 
 

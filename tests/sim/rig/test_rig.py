@@ -1,4 +1,4 @@
-"""The simulated rig as hardware: what can be opened, pulled and put back, and that it ends with whoever owns it."""
+"""The simulated rig: its endpoints, unplugging, and its end with its owner."""
 
 from __future__ import annotations
 
@@ -65,16 +65,16 @@ def connected(directory: Path) -> Iterator[socket.socket]:
         yield pad
 
 
-def hear(fd: int, wanted: Callable[[BoardMessage], bool]) -> BoardMessage:
-    """Read the board until it says what is wanted."""
+def receive_message(fd: int, is_expected: Callable[[BoardMessage], bool]) -> BoardMessage:
+    """Read the board's messages up to an expected one."""
     decoder = device.Decoder()
     with selectors.DefaultSelector() as selector:
         selector.register(fd, selectors.EVENT_READ)
         while selector.select(PATIENCE_S):
             for message in decoder.feed(os.read(fd, 4096)):
-                if wanted(message):
+                if is_expected(message):
                     return message
-    raise AssertionError("the board did not say it")
+    raise AssertionError("the expected message did not arrive")
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -90,7 +90,7 @@ def until(condition: Callable[[], bool]) -> None:
 def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
     with opened(rig[1]) as fd:
         os.write(fd, device.encode_hello_request())
-        hello = hear(fd, lambda message: isinstance(message, BoardHello))
+        hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
     assert isinstance(hello, BoardHello)
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
 
@@ -122,7 +122,7 @@ def test_the_boards_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> No
     made.replug_board()
     until(lambda: (directory / "board").exists())
     with opened(directory) as fd:
-        hear(fd, lambda _: True)
+        receive_message(fd, lambda _: True)
 
 
 def test_the_trackpads_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> None:
@@ -162,7 +162,7 @@ def truth_where(end: zmq.Socket[bytes], condition: Callable[[dict[str, Any]], bo
     raise AssertionError(f"still {truth}")
 
 
-def test_the_truth_is_told_to_who_listens(rig: tuple[Rig, Path]) -> None:
+def test_the_truth_is_published_to_subscribers(rig: tuple[Rig, Path]) -> None:
     made, directory = rig
     with socket_of(directory, zmq.SUB, "truth") as end:
         first, second = (truth_where(end, lambda truth: len(truth["fingers"]) == 2) for _ in range(2))
@@ -172,20 +172,20 @@ def test_the_truth_is_told_to_who_listens(rig: tuple[Rig, Path]) -> None:
     until(lambda: not made._sockets._is_subscribed)
 
 
-def test_a_persons_fingers_take_the_scenarios_place_until_they_let_go() -> None:
+def test_a_users_fingers_replace_the_scenarios_until_they_lift() -> None:
     with RigProcess("rest", 1) as running, socket_of(running.directory, zmq.SUB, "truth") as truth:
-        truth_where(truth, lambda told: len(told["fingers"]) == 2)
+        truth_where(truth, lambda state: len(state["fingers"]) == 2)
         with socket_of(running.directory, zmq.PUSH, "fingers") as fingers:
             for message in (b"no fingers", msgpack.packb({"fingers": {"1": [7.0, -3.0]}})):
                 fingers.send(message)
-            truth_where(truth, lambda told: told["fingers"] == [[7.0, -3.0]])
-        truth_where(truth, lambda told: told["fingers"] == [])
+            truth_where(truth, lambda state: state["fingers"] == [[7.0, -3.0]])
+        truth_where(truth, lambda state: state["fingers"] == [])
 
 
 def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None:
     made = Rig(tmp_path, "hands", 1, keep=True)
     sensed: list[bytes] = []
-    made._pad.tell = sensed.append  # type: ignore[method-assign]
+    made._pad.send = sensed.append  # type: ignore[method-assign]
     made.hands.hold({"1": (7.0, -3.0)}, 0.05)
     made._advance(0.4)
     made._sockets.close()
@@ -246,9 +246,11 @@ def test_a_rig_ends_with_its_owner_however_that_dies(tmp_path: Path) -> None:
         "print(rig.process.pid, rig.directory, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
     environ = {**os.environ, "TMPDIR": str(tmp_path)}
-    said = subprocess.run([sys.executable, "-c", owner], env=environ, stdout=subprocess.PIPE, text=True, check=False)
-    assert said.returncode == -9
-    pid, directory = said.stdout.split()
+    owner_run = subprocess.run(
+        [sys.executable, "-c", owner], env=environ, stdout=subprocess.PIPE, text=True, check=False
+    )
+    assert owner_run.returncode == -9
+    pid, directory = owner_run.stdout.split()
     until(lambda: not Path(f"/proc/{pid}").exists() or not Path(directory).exists())
 
 

@@ -13,7 +13,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.errors import CalibrationError
 from hapticd.files.mode_map import Scan
-from hapticd.sim.plate.truth import DRIVEN_MODES, PlateTruth
+from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from hapticd.tools.calibrate import folder, modes, simulated
 from hapticd.tools.calibrate.modes import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, fit_map, solved_um
 from hapticd.tools.calibrate.verdict import Outcome
@@ -28,7 +28,7 @@ def found() -> modes.FittedMap:
 
 
 def test_the_map_is_the_plate_within_one_percent_from_readings_with_two(found: modes.FittedMap) -> None:
-    truth = PlateTruth().shapes(POINTS_MM)[:, :2]
+    truth = GroundTruth().shapes(POINTS_MM)[:, :2]
     error = found.fit.modes.evaluate(POINTS_MM) - truth
     assert np.sqrt((error**2).mean(axis=0)).max() < 0.01 * np.abs(truth).max()
     assert found.fit.noise_rms == pytest.approx([simulated.SCAN_NOISE_FRAC] * 2, rel=0.1)
@@ -39,7 +39,7 @@ def test_the_map_is_the_plate_within_one_percent_from_readings_with_two(found: m
 def test_the_expected_leak_is_what_the_true_plate_gives_the_sticky_finger(found: modes.FittedMap) -> None:
     fitted = found.fit.modes
     pairs_mm = finger_pairs_mm(fitted, 600, seed=9)
-    sticky = PlateTruth().shapes(pairs_mm[:, TARGETS_UM.index(0.0)])[:, :2]
+    sticky = GroundTruth().shapes(pairs_mm[:, TARGETS_UM.index(0.0)])[:, :2]
     leaked_um = np.einsum("nm,nm->n", sticky, solved_um(fitted, pairs_mm))
     true_um = float(np.sqrt((leaked_um**2).mean()))
     assert 0.4 * true_um < found.leak.rms_um < 2.5 * true_um

@@ -20,9 +20,9 @@ from hapticd.daemon.machine import Machine
 from hapticd.daemon.service import ConfigLoader
 from hapticd.errors import CalibrationError
 from hapticd.files import calibration
+from hapticd.sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from hapticd.sim.lockstep import Settings, Simulation
-from hapticd.sim.plate.truth import PlateTruth
-from hapticd.sim.scenarios import SCENARIOS, SPEED_MM_S
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.tools import latency
 from hapticd.tools.calibrate import folder, resonance
 from hapticd.tools.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
@@ -35,7 +35,7 @@ Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
 
 async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespace) -> Swept:
     del port, baud
-    async with Conversation(PlateLink(PlateTruth()), "the bench") as board:  # type: ignore[arg-type]
+    async with Conversation(PlateLink(GroundTruth()), "the bench") as board:  # type: ignore[arg-type]
         return board.hello, await resonance.sweep_modes(board, sweep.planned(board.hello, options))
 
 

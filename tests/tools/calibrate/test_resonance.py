@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from virtual_board import PlateLink, in_virtual_time
 
-from hapticd.board_values import BoardHello
+from hapticd.board_values import BoardHello, Sweep, SweepPoint
 from hapticd.design.resonance import Resonance
 from hapticd.errors import SweepEndedError
-from hapticd.sim.plate.truth import PlateSettings, PlateTruth
-from hapticd.tool_values import Sweep, SweepPoint
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools.calibrate import resonance
 from hapticd.tools.calibrate.resonance import refined, sweep_modes
 from hapticd.tools.calibrate.verdict import Outcome, Verdict
@@ -25,7 +24,7 @@ HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)
 
 def swept(settings: PlateSettings) -> tuple[ModeSweep, ...]:
     async def sweep() -> tuple[ModeSweep, ...]:
-        async with Conversation(PlateLink(PlateTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
+        async with Conversation(PlateLink(GroundTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
             return await sweep_modes(board, PLAN)
 
     found: tuple[ModeSweep, ...] = in_virtual_time(sweep())
@@ -42,7 +41,7 @@ def swept(settings: PlateSettings) -> tuple[ModeSweep, ...]:
     ids=["reference", "warm and damped", "sharp"],
 )
 def test_every_mode_is_found_within_half_a_hertz_and_three_percent_of_quality(settings: PlateSettings) -> None:
-    truth = PlateTruth(settings)
+    truth = GroundTruth(settings)
     sweeps = swept(settings)
     assert [one.mode for one in sweeps] == [0, 1]
     for one in sweeps:

@@ -13,7 +13,7 @@ from hapticd.__main__ import main
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.errors import RecordingError
-from hapticd.io import keys
+from hapticd.io.clients import keys
 from hapticd.tools.doctor.bundle import collect, versions
 from hapticd.tools.doctor.finding import PASS, Finding, System
 

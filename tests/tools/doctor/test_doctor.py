@@ -28,7 +28,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import status
 from hapticd.errors import DeviceError, HapticdError
 from hapticd.files import calibration
-from hapticd.io.realtime import Granted
+from hapticd.io.host.realtime import Granted
 from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.sensor import SensorModel
 from hapticd.tools import install_service

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardState, BoardStatus
+from hapticd.board_values import BoardState, BoardStatus, RawVoltage, SetGains, SweepPoint
 from hapticd.errors import ConfigError, DeviceError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.board.board import BoardConfig
-from hapticd.tool_values import RawVoltage, SetGains, SweepPoint
 from hapticd.tools.firmware.conversation import Conversation
 from hapticd.wire.device import Decoder
 
@@ -205,8 +204,8 @@ def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: Type
     [
         ({"mute": True}, "No board answers on the bench"),
         (
-            {"refuses": "ttyX cannot be opened: another program holds it"},
-            "ttyX cannot be opened: another program holds it: stop the service first",
+            {"refuses": "ttyX cannot be opened: another program has it open"},
+            "ttyX cannot be opened: another program has it open: stop the service first",
         ),
         ({"refuses": "ttyX cannot be opened: No such file or directory"}, "No such file or directory: check --port"),
     ],

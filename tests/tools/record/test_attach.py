@@ -18,7 +18,7 @@ from hapticd.daemon.recorder import RESTART_EVERY_NS, Recorders, header_of
 from hapticd.errors import RecordingError
 from hapticd.files.recording.header import Header, header_from
 from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.io.record_socket import NOW, WAITS, WHOLE, RecordSocket
+from hapticd.io.clients.record_socket import NOW, WAITS, WHOLE, RecordSocket
 from hapticd.tools.record.attach import _decoded, record
 from hapticd.tools.record.replay import replay
 

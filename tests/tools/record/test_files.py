@@ -37,7 +37,7 @@ from hapticd.files.recording.kinds import (
 )
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
-from hapticd.sim.plate.truth import PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
 from hapticd.wire.client import decode_targets
 
@@ -273,7 +273,7 @@ def test_the_body_of_every_kind_is_read_back(eventful: Path, tmp_path: Path) -> 
 def test_the_header_is_read_back_to_the_last_bit(strokes: Path) -> None:
     header = open_recording(strokes).header
     again = header_from(msgpack.unpackb(encode(HEADER, header_fields(header))))
-    known = PlateTruth().parasitic_modes(3)  # the seed that it was recorded with
+    known = GroundTruth().parasitic_modes(3)  # the seed that it was recorded with
 
     assert again.config == header.config
     assert again.modes.shapes.tobytes() == header.modes.shapes.tobytes()

@@ -29,7 +29,7 @@ from hapticd.daemon import recorder as recorders
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader
 from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.io.systemd import Notifier
+from hapticd.io.host.systemd import Notifier
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.record.attach import BEGUN, LATE, WAITING, record
 from hapticd.tools.record.replay import replay

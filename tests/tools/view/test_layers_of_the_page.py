@@ -8,11 +8,11 @@ import pytest
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
 from hapticd.errors import RequestError
-from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools.view import layers, messages
 from hapticd.tools.view.layers import LAYERS, POINTS, LayerFinger
 
-MODES = PlateTruth(PlateSettings()).cartography(1)
+MODES = GroundTruth(PlateSettings()).measured_mode_map(1)
 SIZE_MM = (137.5, 137.5)
 
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.errors import HapticdError, RequestError
-from hapticd.sim.plate.truth import PlateSettings, PlateTruth
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, modes_of, picture_grid
 from hapticd.tools.view.messages import ClearFault, Hold, SetTarget
@@ -119,7 +119,7 @@ def test_any_bytes_are_a_truth_or_none(payload: bytes) -> None:
 
 
 def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
-    modes = PlateTruth(PlateSettings()).cartography(1)
+    modes = GroundTruth(PlateSettings()).measured_mode_map(1)
     body = {
         "x_mm": modes.x_mm.tolist(),
         "y_mm": modes.y_mm.tolist(),

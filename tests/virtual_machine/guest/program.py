@@ -22,7 +22,7 @@ from daemon import LOG
 from kernel import EventDevice, Hidraw, Node, touch_node, wait_for
 from story import Story
 
-from hapticd.io.trackpad import find_pads, load_hid
+from hapticd.io.devices.hid_trackpad import find_pads, load_hid
 
 ROOT = Path(__file__).parents[3]
 PORT = Path("/dev/ttyACM0")

@@ -1,0 +1,94 @@
+"""All targets of one client, sent as one message that replaces the previous one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import msgpack
+
+from .errors import RefusedError
+from .messages import PROTOCOL_VERSION
+from .targets import Fields
+
+Key = int | str
+
+# --- message order ----------------------------------------------------------------------------------------------
+
+
+def stamp_now() -> Fields:
+    """Return a new stamp, by which the daemon drops older messages; refreshes repeat the stamp of their targets."""
+    return {"stamp": time.monotonic_ns()}
+
+
+def no_stamp() -> Fields:
+    """Return no stamp, for an older daemon."""
+    return {}
+
+
+# --- targets ----------------------------------------------------------------------------------------------------
+
+MAX_TARGETS = 16
+MAX_VIRTUALS = 16
+MAX_MESSAGE_BYTES = 65536
+DEFAULT_TTL_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TargetSet:
+    """Targets by finger and paths by name, as message fields, with the time to live of each."""
+
+    targets: Mapping[Key, Fields] = field(default_factory=dict)
+    virtuals: Mapping[str, Fields] = field(default_factory=dict)
+    ttls_s: Mapping[Key, float] = field(default_factory=dict)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no target and no path."""
+        return not self.targets and not self.virtuals
+
+    @property
+    def ttl_s(self) -> float:
+        """Time to live of the message: the shortest of all."""
+        return min(self.ttls_s.values(), default=DEFAULT_TTL_S)
+
+    def with_target(self, key: Key, target: Fields, ttl_s: float) -> TargetSet:
+        """Return a copy with a new target for one finger."""
+        if key not in self.targets and len(self.targets) >= MAX_TARGETS:
+            raise RefusedError(f"set: a client may own {MAX_TARGETS} fingers at once: release one first.")
+        return replace(self, targets={**self.targets, key: target}, ttls_s={**self.ttls_s, key: ttl_s})
+
+    def with_virtual(self, name: str, path: Fields, ttl_s: float) -> TargetSet:
+        """Return a copy with a new path for one virtual finger."""
+        if name not in self.virtuals and len(self.virtuals) >= MAX_VIRTUALS:
+            raise RefusedError(f"virtual: a client may have {MAX_VIRTUALS} virtual fingers: release one first.")
+        return replace(self, virtuals={**self.virtuals, name: path}, ttls_s={**self.ttls_s, name: ttl_s})
+
+    def without(self, *keys: Key) -> TargetSet:
+        """Return a copy without these fingers."""
+        return TargetSet(
+            {key: target for key, target in self.targets.items() if key not in keys},
+            {name: path for name, path in self.virtuals.items() if name not in keys},
+            {key: ttl_s for key, ttl_s in self.ttls_s.items() if key not in keys},
+        )
+
+    def fields(self, client: str, stamp: Fields) -> Fields:
+        """Return the message's fields except its version; `stamp` is the stamp's field, or empty."""
+        return {
+            "client": client,
+            **stamp,
+            "ttl_s": self.ttl_s,
+            "targets": [{"finger": key, **target} for key, target in self.targets.items()],
+            "virtuals": [{"name": name, **path} for name, path in self.virtuals.items()],
+        }
+
+    def payload(self, client: str, stamp: Fields) -> bytes:
+        """Encode the message for the `targets` socket. Raises RefusedError if it is too large for the daemon."""
+        payload = bytes(msgpack.packb({"v": PROTOCOL_VERSION, **self.fields(client, stamp)}))
+        # A request wraps the same fields in an envelope of less than a hundred bytes.
+        if len(payload) > MAX_MESSAGE_BYTES - 100:
+            raise RefusedError(
+                f"All targets together take {len(payload)} of {MAX_MESSAGE_BYTES} bytes: use smaller maps."
+            )
+        return payload

@@ -1,0 +1,1 @@
+"""Touch and board devices: trackpad over HID, simulated trackpad, replayed reports, serial link."""

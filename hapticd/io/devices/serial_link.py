@@ -1,0 +1,171 @@
+"""Serial link to the board: opens the port, transfers bytes, detects loss and reopens.
+
+pyserial configures the port and opens it exclusively. The descriptor is then non-blocking and watched by the loop,
+which halves the cost of a write. A write that the port does not accept at once is dropped and the output flushed, so
+that a stalled board never receives a queue of stale frames.
+
+An idle board sends a status ten times a second. To let the loop sleep, bytes then wait for the next `read` or `write`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import termios
+from collections.abc import Callable
+
+import serial
+
+FIRST_RETRY_S = 0.25
+LAST_RETRY_S = 2.0
+READ_SIZE = 4096
+FRAME_END = b"\0"  # see firmware/PROTOCOL.md; empty frames are ignored
+
+
+class SerialLink:
+    """One serial port, reopened until closed. Callbacks run on the loop."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        self.port = port
+        self.dropped_writes = 0
+        self._baud = baud
+        self._serial: serial.Serial | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._retry_s = FIRST_RETRY_S
+        self._is_reported_missing = False
+        self._is_torn = False
+        self._is_watched = False
+        self._is_resting = False
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_bytes: Callable[[bytes], None],
+        on_link: Callable[[bool, str], None],
+    ) -> None:
+        """Open the port now or once it exists. `on_link(up, reason)` reports each change once."""
+        self._loop, self._on_bytes, self._on_link = loop, on_bytes, on_link
+        self._open()
+
+    def write(self, data: bytes) -> bool:
+        """Write `data` whole or drop it; returns whether it was written."""
+        if self._serial is None:
+            return False
+        self._watch(True)
+        if self._is_torn:
+            data = FRAME_END + data  # ends the partial frame that a dropped write left
+        try:
+            written = os.write(self._serial.fd, data)
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            self._lost(f"write failed: {error.strerror}")
+            return False
+        self._is_torn = written != len(data)
+        if not self._is_torn:
+            return True
+        self.dropped_writes += 1
+        with contextlib.suppress(termios.error):
+            termios.tcflush(self._serial.fd, termios.TCOFLUSH)
+        return False
+
+    def rest(self, is_resting: bool) -> None:
+        """Set whether received bytes may wait for the next `read`."""
+        self._is_resting = is_resting
+        self._watch(not is_resting)
+
+    def read(self) -> None:
+        """Read what has arrived, if anything."""
+        if self._serial is not None:
+            self._readable()
+
+    async def drained(self, within_s: float) -> None:
+        """Wait until the port has sent all written bytes, at most `within_s`."""
+        if self._serial is None:
+            return
+        deadline_s = self._loop.time() + within_s
+        while self._serial is not None and self._loop.time() < deadline_s:
+            try:
+                if self._serial.out_waiting == 0:
+                    return
+            except OSError:
+                return
+            await asyncio.sleep(0.002)
+
+    def close(self) -> None:
+        """Close for good."""
+        if self._retry is not None:
+            self._retry.cancel()
+            self._retry = None
+        self._release()
+
+    def _open(self) -> None:
+        self._retry = None
+        try:
+            # Without an inter-byte timeout VMIN is 1: otherwise a read of an idle terminal looks like end of file.
+            self._serial = serial.Serial(self.port, self._baud, timeout=0, inter_byte_timeout=0, exclusive=True)
+        except (OSError, ValueError, termios.error) as error:
+            if not self._is_reported_missing:
+                self._on_link(False, f"{self.port} cannot be opened: {_cause(error)}")
+                self._is_reported_missing = True
+            self._retry_later()
+            return
+        self._is_reported_missing = self._is_torn = False
+        self._retry_s = FIRST_RETRY_S
+        os.set_blocking(self._serial.fd, False)
+        self._watch(True)
+        self._on_link(True, f"{self.port} open at {self._baud} baud")
+
+    def _readable(self) -> None:
+        assert self._serial is not None
+        try:
+            data = os.read(self._serial.fd, READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(f"read failed: {error.strerror}")
+            return
+        if not data:
+            self._lost("end of file")
+            return
+        if self._is_resting:
+            self._watch(False)
+        self._on_bytes(data)
+
+    def _watch(self, is_watched: bool) -> None:
+        """Register or remove `_readable` with the loop."""
+        if self._serial is None or is_watched is self._is_watched:
+            return
+        self._is_watched = is_watched
+        if is_watched:
+            self._loop.add_reader(self._serial.fd, self._readable)
+        else:
+            self._loop.remove_reader(self._serial.fd)
+
+    def _lost(self, reason: str) -> None:
+        self._release()
+        self._is_reported_missing = True
+        self._on_link(False, f"{self.port} lost: {reason}")
+        self._retry_later()
+
+    def _release(self) -> None:
+        if self._serial is None:
+            return
+        self._watch(False)
+        with contextlib.suppress(OSError):
+            self._serial.close()
+        self._serial = None
+
+    def _retry_later(self) -> None:
+        self._retry = self._loop.call_later(self._retry_s, self._open)
+        self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
+
+
+def _cause(error: Exception) -> str:
+    """Return the operating system's message where pyserial wraps it."""
+    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
+    if number == errno.EWOULDBLOCK:
+        return "another program has it open"
+    return os.strerror(number) if isinstance(number, int) else str(error)

@@ -1,0 +1,1 @@
+"""Operating-system services: real-time scheduling, CPU latency, systemd, the journal."""

@@ -1,0 +1,187 @@
+"""Scenarios: motion and targets of the simulated fingers, built from a seed.
+
+`hapticd simulate` and the simulated rig of `hapticd run` and `hapticd demo` play the same scenarios.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...values import VirtualPath
+from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
+
+SLIPPERY_UM = 1.0  # the paper's W1
+STICKY_UM = 0.0
+LAND_S = 0.4  # fingers land, and virtual ones get targets, after the handshake
+LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is lifted in between
+SWAP_S = 4.0  # when the fingers of "swap" exchange their targets
+SPEED_MM_S = 100.0  # the paper's 10 cm/s
+STEP_S = 1.0
+STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
+STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps to 1 um
+
+
+@dataclass(frozen=True, slots=True)
+class Actor:
+    """One finger: its path (or that of a virtual finger) and its targets.
+
+    `steps_um` holds (start_s, amplitude_um) in order of time.
+    """
+
+    steps_um: tuple[tuple[float, float], ...]
+    path: Path | None = None
+    virtual: VirtualPath | None = None
+
+    def target_um(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the target at each instant (T,); NaN before the first."""
+        starts = np.array([start_s for start_s, _ in self.steps_um])
+        levels = np.array([np.nan, *(level_um for _, level_um in self.steps_um)])
+        return levels[np.searchsorted(starts, t_s, side="right")]
+
+    def target_at_um(self, t_s: float) -> float | None:
+        """Return the target at one instant; None before the first."""
+        target_um = None
+        for start_s, level_um in self.steps_um:
+            if start_s <= t_s:
+                target_um = level_um
+        return target_um
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A named set of actors, made by `build(seed, speed_mm_s)`."""
+
+    name: str
+    summary: str
+    seconds: float
+    build: Callable[[int, float], tuple[Actor, ...]]
+
+
+def paths_of(actors: Sequence[Actor]) -> list[Path]:
+    """Return the paths of the actors that touch the plate."""
+    return [actor.path for actor in actors if actor.path is not None]
+
+
+def _always(amplitude_um: float) -> tuple[tuple[float, float], ...]:
+    return ((LAND_S, amplitude_um),)
+
+
+def _landed(path: Path) -> Touch:
+    return Touch(path, LAND_S)
+
+
+def _strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """The finger that lands further left is the slippery one, as in the examples in `clients/`."""
+    landing_s = np.array([LAND_S])
+    pair = strokes_pair(seed, speed_mm_s=speed_mm_s)
+    slippery, sticky = sorted(pair, key=lambda path: float(path.position_mm(landing_s)[0, 0]))
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(slippery)),
+        Actor(_always(STICKY_UM), path=_landed(sticky)),
+    )
+
+
+def _circles(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    phase_rad = 0.7 * seed
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(Circle((-28.0, 4.0), 20.0, speed_mm_s, phase_rad))),
+        Actor(_always(STICKY_UM), path=_landed(Circle((30.0, -6.0), 15.0, -speed_mm_s, 2 * phase_rad))),
+    )
+
+
+def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    del speed_mm_s
+    x_mm, y_mm = np.random.default_rng(seed).uniform(-50, 50, (2, 2))
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(Rest((-abs(x_mm[0]) - 5.0, y_mm[0])))),
+        Actor(_always(STICKY_UM), path=_landed(Rest((abs(x_mm[1]) + 5.0, y_mm[1])))),
+    )
+
+
+def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """The fingers pass each other as closely as fingertips can; one lifts and lands again; targets are exchanged."""
+    del seed
+    over = Line((-45.0, -12.0), (45.0, -9.0), speed_mm_s)
+    under = Line((45.0, -30.0), (-45.0, -27.0), speed_mm_s)
+    return (
+        Actor(((LAND_S, SLIPPERY_UM), (SWAP_S, STICKY_UM)), path=_landed(over)),
+        Actor(
+            ((LAND_S, STICKY_UM), (SWAP_S, SLIPPERY_UM)),
+            path=Touches((Touch(under, LAND_S, LIFT_S), Touch(under, LAND_AGAIN_S))),
+        ),
+    )
+
+
+def _virtual_finger(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """The paper's study: one finger explores, a virtual one moves along a line."""
+    slippery, _ = strokes_pair(seed, speed_mm_s=speed_mm_s)
+    line = VirtualPath(((-40.0, 25.0), (40.0, -15.0)), 40.0, loop=True)
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(slippery)),
+        Actor(_always(STICKY_UM), virtual=line),
+    )
+
+
+def _two_virtual(
+    first: tuple[tuple[float, float], ...], second: tuple[tuple[float, float], ...], speed_mm_s: float
+) -> tuple[Actor, ...]:
+    return (
+        Actor(_always(SLIPPERY_UM), virtual=VirtualPath(first, speed_mm_s, loop=True)),
+        Actor(_always(STICKY_UM), virtual=VirtualPath(second, speed_mm_s, loop=True)),
+    )
+
+
+def _paper_figure_10(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Two imposed paths that avoid singular positions: no reference approaches its limit."""
+    del seed
+    return _two_virtual(((6.0, -47.0), (-47.0, -1.0)), ((36.0, 17.0), (-14.0, -32.0)), 0.3 * speed_mm_s)
+
+
+def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Two imposed paths through seven singular positions each way, a quarter of the time at the limits."""
+    del seed
+    return _two_virtual(((-46.0, 9.0), (21.0, -24.0)), ((-41.0, 30.0), (-40.0, -45.0)), 0.3 * speed_mm_s)
+
+
+def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Figure 7: no load; at 1 s a virtual finger where only mode X moves gets the target that makes W_X 1 um."""
+    del seed, speed_mm_s
+    steps = ((0.0, 0.0), (STEP_S, STEP_TARGET_UM))
+    return (Actor(steps, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
+
+
+def _both_slip(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """Two slippery fingers on independent strokes, which pass singular positions often."""
+    first, second = strokes_pair(seed, speed_mm_s=speed_mm_s)
+    return (
+        Actor(_always(SLIPPERY_UM), path=_landed(first)),
+        Actor(_always(SLIPPERY_UM), path=_landed(second)),
+    )
+
+
+def _hands(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    del seed, speed_mm_s
+    return ()
+
+
+SCENARIOS: dict[str, Scenario] = {
+    scenario.name: scenario
+    for scenario in (
+        Scenario("strokes", "two fingers on random strokes, one slippery, one sticky", 10.0, _strokes),
+        Scenario("circles", "the same on circles", 10.0, _circles),
+        Scenario("rest", "the same at rest", 5.0, _rest),
+        Scenario("swap", "fingers cross, lift, land again and exchange targets", 8.0, _swap),
+        Scenario(
+            "virtual-finger", "the paper's study: a finger explores, a virtual one is sticky", 10.0, _virtual_finger
+        ),
+        Scenario("paper-figure-10", "two virtual fingers, references within the limits", 5.0, _paper_figure_10),
+        Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
+        Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
+        Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
+        Scenario("hands", "no fingers until a user moves some in `hapticd view --sim`", 1.0, _hands),
+    )
+}

@@ -1,0 +1,201 @@
+"""Ground truth of the simulated plate: its true dynamics, in contrast to the daemon's measurements.
+
+Its P = 4 modes, in this order: the driven modes X and Y, and a parasitic pair, in theory 84 Hz above them (9 x 6 nodal
+lines), of which the first may be driven as a third mode. In the rotating frame of the drive each follows
+
+    dW/dt = (-decay + j detuning) W - j gain V - (damping by fingers)
+
+with V (M,) the complex actuator voltages. The daemon gets only `measured_mode_map`, a noisy measurement of the driven
+modes with the usual fit, and the sensor signals, which differ from W by crosstalk and noise.
+
+Not modelled: all other modes (the nearest is 154 Hz above: 11 x 1 lines) and their share in the measurement of X and
+Y, the influence of glued actuators and supports on the shapes, hysteresis and heating of the actuators, inertia and
+stiffness of fingers (they damp and couple modes but do not detune them).
+
+Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.free_plate` for the shapes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
+from hapticd.core.plate.parasitic_modes import ParasiticModes
+from hapticd.design import fit_cartography, sample_cartography
+
+from . import shapes as plate_shapes
+
+FloatArray = npt.NDArray[np.float64]
+
+DRIVEN_MODES = ("11x0", "0x11")  # X and Y: the shapes vary along x and along y
+PARASITIC_MODES = ("9x6", "6x9")
+MODES: tuple[str, ...] = (*DRIVEN_MODES, *PARASITIC_MODES)
+_PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
+_MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
+_TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
+_POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
+_POSITIVE |= {"map_step_mm", "sized_for_damping"}
+_NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "map_noise_frac"}
+
+
+@dataclass(frozen=True, slots=True)
+class PlateSettings:
+    """Parameters of the simulated plate: as built (first two groups) and its drift (third).
+
+    `finger_decay_1_s` times the square of the shape under a finger is the decay rate that it adds to a mode. At 115 1/s
+    two fingers, both on antinodes inside the plate (phi^2 about 0.4), raise the reference decay of 183 1/s to 1.5
+    times, the limit of the firmware's control; two fingers anywhere (phi^2 = 0.124 on average) to 1.16 times. No
+    measurement of this plate exists.
+    `sized_for_damping` follows the paper, whose amplifiers reach W_LIM = 4 um *in use*, with a finger on the plate; 1
+    sizes them for the bare plate.
+    `parasitic_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
+    `shapes` is one of `plate_shapes.KINDS`: shape and normalisation of the modes.
+    `driven_modes` is 2, or 3 if the first of the parasitic pair has an amplifier and a sensor too.
+    """
+
+    f_x_hz: float = 29195.0
+    f_y_hz: float = 29215.0
+    drive_hz: float = 29205.0
+    q_factor: float = 500.0
+    parasitic_offset_hz: float | None = None
+    finger_decay_1_s: float = 115.0
+    shapes: str = plate_shapes.FREE_PLATE
+    driven_modes: int = 2
+
+    w_limit_um: float = 4.0
+    v_limit_v: float = 150.0
+    sized_for_damping: float = 1.5  # `v_limit_v` holds `w_limit_um` at this many times the undamped plate's decay
+    parasitic_coupling: float = 0.02  # of each actuator into each parasitic mode, as a share of its own mode's gain
+    sensor_crosstalk: float = 0.01  # of Y in the sensor of X, and vice versa
+    parasitic_pickup: float = 0.01  # of each parasitic mode in each sensor
+    sensor_noise_um: float = 0.0006
+    loop_phase_rad: float = 0.0  # phase of amplifiers, electrodes and sensors, the same in both loops
+
+    detune_hz: float = 0.0  # all modes drift together, as with temperature
+    damping_factor: float = 1.0
+
+    map_step_mm: float = 4.5
+    map_noise_frac: float = 0.02
+
+    def __post_init__(self) -> None:
+        if self.shapes not in plate_shapes.KINDS:
+            raise ValueError(f"PlateSettings.shapes is {self.shapes!r}; choose from {', '.join(plate_shapes.KINDS)}.")
+        if self.driven_modes not in (2, 3):
+            raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 or 3.")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, str) or (value is None and field.name == "parasitic_offset_hz"):
+                continue
+            if not math.isfinite(value):
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give a finite number.")
+            if field.name in _POSITIVE and not value > 0.0:
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give a positive number.")
+            if field.name in _NOT_NEGATIVE and not value >= 0.0:
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give zero or a positive number.")
+
+
+class GroundTruth:
+    """True parameters of the plate for the board model: read-only arrays for P = 4 modes, M actuators and sensors.
+
+    `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
+    `gain_um_per_v_s` (P, M): such that at the design damping and without drift `v_limit_v` just holds `w_limit_um`.
+    `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): result of a sweep of
+    the bare plate's driven modes, set in the board's firmware.
+    `sensor` (M, P): gain of each mode in each sensor. `loop_phase_rad` (M,): the constant phase of each loop.
+    `finger_decay_1_s`: decay rate added by a finger, per square of the shape under it.
+    """
+
+    def __init__(self, settings: PlateSettings | None = None) -> None:
+        self.settings = settings = PlateSettings() if settings is None else settings
+        offset_hz = settings.parasitic_offset_hz
+        offset_hz = _theory_offset_hz() if offset_hz is None else offset_hz
+        # The plate is not quite square, which splits both pairs alike.
+        pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
+        built_hz = np.concatenate((pair_hz, pair_hz + offset_hz))
+        driven_hz = built_hz[: settings.driven_modes]
+        self.frequency_hz = _read_only(built_hz + settings.detune_hz)
+        self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
+        self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
+        self.gain_um_per_v_s = _read_only(_gain_um_per_v_s(settings, driven_hz, len(built_hz)))
+        self.sensor = _read_only(_sensor(settings, len(built_hz)))
+        self.loop_phase_rad = (settings.loop_phase_rad,) * settings.driven_modes
+        self.nominal_decay_1_s = _read_only(math.pi * driven_hz / settings.q_factor)
+        self.nominal_detuning_rad_s = _read_only(2.0 * math.pi * (driven_hz - settings.drive_hz))
+        self.nominal_gain_um_per_v_s = _read_only(np.diag(self.gain_um_per_v_s).copy())
+        peak = 1.0 if settings.shapes == plate_shapes.FREE_PLATE else plate_shapes.peak_at_fingers()
+        self.finger_decay_1_s = peak**2 * settings.finger_decay_1_s
+        self._surfaces = _true_surfaces(settings.shapes)
+
+    def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """Return all modes (..., P) at points (..., 2); clamped to the plate's edge, zero where a coordinate is NaN."""
+        points = np.asarray(points_mm, np.float64)
+        return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
+
+    def parasitic_modes(self, seed: int) -> ParasiticModes:
+        """Return the measured parasitic pair: mode map, sweep, and the damping of a finger to within an eighth.
+
+        Its mode map has three times the noise, as the actuators hardly drive it.
+        """
+        settings = self.settings
+        parasitic = slice(settings.driven_modes, None)
+        return ParasiticModes(
+            self._measured(MODES[parasitic], _PARASITIC_NOISE * settings.map_noise_frac, seed),
+            self.decay_1_s[parasitic].tolist(),
+            self.detuning_rad_s[parasitic].tolist(),
+            _MEASURED_FINGER_DECAY * self.finger_decay_1_s,
+        )
+
+    def measured_mode_map(self, seed: int) -> ModeShapes:
+        """Return the mode map of the driven modes: measured with the noise of `seed`, then fitted by `design`.
+
+        Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape.
+        """
+        return self._measured(MODES[: self.settings.driven_modes], self.settings.map_noise_frac, seed)
+
+    def _measured(self, names: tuple[str, ...], noise_frac: float, seed: int) -> ModeShapes:
+        return _mode_map(self.settings.shapes, names, self.settings.map_step_mm, noise_frac, seed)
+
+
+def _gain_um_per_v_s(settings: PlateSettings, driven_hz: FloatArray, modes: int) -> FloatArray:
+    """g = w_limit |decay - j detuning| / v_limit on the driven modes; a share of it drives the parasitic modes."""
+    decay_1_s = settings.sized_for_damping * math.pi * driven_hz / settings.q_factor
+    detuning_rad_s = 2.0 * math.pi * (driven_hz - settings.drive_hz)
+    own = settings.w_limit_um * np.hypot(decay_1_s, detuning_rad_s) / settings.v_limit_v
+    coupled = settings.parasitic_coupling * own
+    return np.vstack((np.diag(own), *[coupled] * (modes - len(own))))
+
+
+def _sensor(settings: PlateSettings, modes: int) -> FloatArray:
+    sensor = np.full((settings.driven_modes, modes), settings.parasitic_pickup)
+    sensor[:, : settings.driven_modes] = settings.sensor_crosstalk
+    np.fill_diagonal(sensor, 1.0)
+    return sensor
+
+
+def _theory_offset_hz() -> float:
+    return plate_shapes.theory(PARASITIC_MODES[0])[0] - plate_shapes.theory(DRIVEN_MODES[0])[0]
+
+
+@lru_cache(maxsize=len(plate_shapes.KINDS))
+def _true_surfaces(kind: str) -> BicubicSurfaces:
+    """Tabulate the four shapes: summing their Legendre series at every point takes several times as long."""
+    shapes = plate_shapes.shapes(kind, MODES)
+    x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
+    return BicubicSurfaces(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]))
+
+
+@lru_cache(maxsize=16)
+def _mode_map(kind: str, names: tuple[str, ...], step_mm: float, noise_frac: float, seed: int) -> ModeShapes:
+    true_shapes = plate_shapes.shapes(kind, names)
+    x_mm, y_mm, shapes = sample_cartography(true_shapes, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
+    return fit_cartography(x_mm, y_mm, shapes, size_mm=true_shapes[0].size_mm, normalise=False).modes
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,13 @@
+"""Apple trackpad reports to TouchFrames: bytes in, values out, no I/O.
+
+Layouts, ranges and the meaning of states are those of the Linux driver `drivers/hid/hid-magicmouse.c`: report 0x02
+(Magic Trackpad 2 and USB-C over USB), 0x31 (the same over Bluetooth) and 0x28, alone or two in a 0xF7 (Magic
+Trackpad 1). `tests/data/trackpad-golden.jsonl` holds that driver's own output for 121 reports.
+"""
+
+from .decoder import Decoder
+from .device_clock import STAMP_WRAP_MS
+from .geometry import GEOMETRY, MODELS, PadGeometry
+from .records import MAX_RECORDS, RECORD
+
+__all__ = ["GEOMETRY", "MAX_RECORDS", "MODELS", "RECORD", "STAMP_WRAP_MS", "Decoder", "PadGeometry"]

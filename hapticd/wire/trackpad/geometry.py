@@ -1,0 +1,78 @@
+"""Size and position range of each trackpad model, and the map from its raw units to plate millimetres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ...values import AffineMap
+
+
+@dataclass(frozen=True, slots=True)
+class PadGeometry:
+    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it."""
+
+    x_min_raw: int
+    x_max_raw: int
+    y_min_raw: int
+    y_max_raw: int
+    width_mm: float
+    height_mm: float
+
+    @property
+    def units_per_mm(self) -> tuple[float, float]:
+        """Raw units per mm along x and y."""
+        return (self.x_max_raw - self.x_min_raw) / self.width_mm, (self.y_max_raw - self.y_min_raw) / self.height_mm
+
+    @property
+    def centre_raw(self) -> tuple[float, float]:
+        """The raw position of pad (0, 0) mm: the middle of the declared range."""
+        return (self.x_min_raw + self.x_max_raw) / 2, (self.y_min_raw + self.y_max_raw) / 2
+
+
+_PAD_1 = PadGeometry(-2909, 3167, -2565, 2456, 130.0, 110.0)
+_PAD_2 = PadGeometry(-3678, 3934, -2587, 2478, 160.0, 114.9)
+
+GEOMETRY = {"mt1": _PAD_1, "mt2-usb": _PAD_2, "mt2-bt": _PAD_2, "usbc-usb": _PAD_2, "usbc-bt": _PAD_2}
+MODELS = tuple(GEOMETRY)
+
+
+class PlateMap:
+    """Raw units to plate mm in one step, and for each orientation code the ellipse's angle and mm per raw count.
+
+    The driver's orientation (its codes negated) turns clockwise from +y by 180 degrees over all codes; anticlockwise
+    from +x that is code x 180 degrees / codes. Under a map that shears, the ellipse is taken along the mapped axis.
+    """
+
+    def __init__(self, geometry: PadGeometry, affine: AffineMap, *, orientations: int) -> None:
+        (units_x, units_y), (centre_x, centre_y) = geometry.units_per_mm, geometry.centre_raw
+        self._x_x, self._x_y = affine.xx / units_x, affine.xy / units_y
+        self._y_x, self._y_y = affine.yx / units_x, affine.yy / units_y
+        self._x_0 = affine.offset_x_mm - self._x_x * centre_x - self._x_y * centre_y
+        self._y_0 = affine.offset_y_mm - self._y_x * centre_x - self._y_y * centre_y
+        mm_per_count = 4 / ((units_x + units_y) / 2)
+        angles_rad = (code * math.pi / orientations for code in range(orientations))
+        self.axes = tuple(_mapped_axis(affine, angle_rad, mm_per_count) for angle_rad in angles_rad)
+
+    def position(self, word: int) -> tuple[float, float, int, int]:
+        """Decode a record's first word, two 13-bit two's complement numbers: plate x, y in mm, and both raw."""
+        raw_x, raw_y = ((word & 0x1FFF) ^ 0x1000) - 0x1000, ((word >> 13 & 0x1FFF) ^ 0x1000) - 0x1000
+        return (
+            self._x_x * raw_x + self._x_y * raw_y + self._x_0,
+            self._y_x * raw_x + self._y_y * raw_y + self._y_0,
+            raw_x,
+            raw_y,
+        )
+
+
+def _mapped_axis(affine: AffineMap, angle_rad: float, mm_per_count: float) -> tuple[float, float, float]:
+    """Angle on the plate, and mm per raw count along the major axis and along the minor."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    major_x, major_y = affine.xx * cos + affine.xy * sin, affine.yx * cos + affine.yy * sin
+    minor_x, minor_y = affine.xy * cos - affine.xx * sin, affine.yy * cos - affine.yx * sin
+    folded = math.atan2(major_y, major_x) % math.pi
+    return (
+        folded if folded < math.pi else 0.0,  # a tiny negative angle rounds up to pi itself
+        math.hypot(major_x, major_y) * mm_per_count,
+        math.hypot(minor_x, minor_y) * mm_per_count,
+    )

@@ -1,0 +1,315 @@
+"""The worst that clients can do to the sockets: floods, deaf ears, lies in the handshake. The others are served on."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+from asynchronous import asynchronous
+
+from hapticd.io.clients import server as server_module
+from hapticd.io.clients.senders import BURST
+from hapticd.io.clients.server import BUDGET_S, MAX_READS, ClientServer
+from hapticd.io.clients.sockets import MAX_SUBSCRIPTION_BYTES
+
+PATIENCE_S = 10.0
+STATE = bytes(400)
+
+# Sends as fast as the machine can: what the daemon does not take is thrown away by its sender.
+FLOODER = """
+import sys, zmq
+with zmq.Context() as context, context.socket(zmq.PUSH) as socket:
+    socket.linger = 0
+    socket.connect("ipc://" + sys.argv[1])
+    print("ready", flush=True)
+    while True:
+        socket.poll(100, zmq.POLLOUT)
+        try:
+            while True:
+                socket.send(b"spam", zmq.NOBLOCK)
+        except zmq.Again:
+            pass
+"""
+SUBSCRIBER = """
+import sys, zmq
+with zmq.Context() as context, context.socket(zmq.SUB) as socket:
+    socket.subscribe(b"")
+    socket.connect("ipc://" + sys.argv[1])
+    socket.recv()
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+Seen = list[tuple[bytes, str]]
+
+
+@asynccontextmanager
+async def served(directory: Path) -> AsyncIterator[tuple[ClientServer, Seen]]:
+    seen: Seen = []
+    running = ClientServer(directory)
+    running.start(
+        asyncio.get_running_loop(),
+        lambda payload, user: seen.append((payload, user)),
+        lambda payload, _: b"answer to " + payload,
+    )
+    try:
+        yield running, seen
+    finally:
+        running.close()
+
+
+@contextmanager
+def connected(directory: Path, kind: int, name: str) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(kind) as client:
+        client.linger = 0
+        client.rcvtimeo = int(1000 * PATIENCE_S)
+        client.connect(f"ipc://{directory / name}")
+        yield client
+
+
+@contextmanager
+def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subprocess.Popen[str]]]:
+    """Client processes, from their start to the end of the test."""
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", source, str(endpoint)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(count)
+    ]
+    try:
+        yield running
+    finally:
+        for process in running:
+            process.kill()
+            process.communicate()
+
+
+@contextmanager
+def greeted(path: Path, properties: dict[bytes, bytes]) -> Iterator[socket.socket]:
+    """A raw ZMTP 3.0 client after its handshake."""
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(PATIENCE_S)
+        client.connect(str(path))
+        greeting = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
+        client.sendall(greeting)
+        answered = b""
+        while len(answered) < len(greeting):  # who goes on before has broken the protocol
+            answered += client.recv(len(greeting) - len(answered))
+        ready = b"\x05READY" + b"".join(
+            bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in properties.items()
+        )
+        client.sendall(b"\x04" + bytes([len(ready)]) + ready)
+        yield client
+
+
+async def until(server: ClientServer, is_true: Callable[[], bool]) -> None:
+    """Turn the loop, tick by tick as the daemon does, until something holds."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not is_true():
+            await asyncio.sleep(0.005)
+            server.sweep()
+
+
+async def in_thread(function: Callable[[], Any]) -> Any:
+    return await asyncio.wait_for(asyncio.to_thread(function), PATIENCE_S)
+
+
+# --- floods ------------------------------------------------------------------------------------------------------
+
+
+def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scenario() -> None:
+        async with served(tmp_path) as (server, seen):
+            with programs(FLOODER, tmp_path / "targets", count=4) as flooders:
+                for flooder in flooders:
+                    assert flooder.stdout is not None
+                    assert await in_thread(flooder.stdout.readline) == "ready\n"
+                await until(server, lambda: server.counters["too_fast"] > 4 * BURST)
+                with (
+                    connected(tmp_path, zmq.PUSH, "targets") as polite,
+                    connected(tmp_path, zmq.DEALER, "control") as requester,
+                ):
+                    for n in range(10):
+                        message = b"please %d" % n
+                        polite.send(message)
+                        await until(server, lambda message=message: message in [payload for payload, _ in seen])
+                        requester.send(b"%d" % n)
+                        assert await in_thread(requester.recv) == b"answer to %d" % n
+            assert len({user for _, user in seen}) == 1  # this test is one user, whatever its processes
+
+    with caplog.at_level(logging.WARNING, "hapticd"):
+        asyncio.run(scenario())
+    assert "too fast" in caplog.text
+    assert len(caplog.records) <= 2  # logged, but not at each loss
+
+
+@asynchronous
+async def test_the_newest_message_of_a_flood_is_the_one_that_stays(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, seen):
+        with connected(tmp_path, zmq.PUSH, "targets") as streaming:
+            for n in range(10 * BURST):
+                await in_thread(lambda n=n: streaming.send(b"%d" % n))
+            await until(server, lambda: (b"%d" % (10 * BURST - 1)) in [payload for payload, _ in seen])
+            numbers = [int(payload) for payload, _ in seen]
+            assert numbers == sorted(numbers)
+            assert len(numbers) + server.counters["too_fast"] == 10 * BURST
+
+
+def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a clock of its own, where each message takes 0.4 of the budget: three begin within it."""
+
+    async def scenario() -> None:
+        clock = 0.0
+        handled = 0
+
+        def slow(_payload: bytes, _user: str) -> None:
+            nonlocal clock, handled
+            clock += 0.4 * BUDGET_S
+            handled += 1
+
+        running = ClientServer(tmp_path)
+        loop = asyncio.get_running_loop()
+        running.start(loop, slow, lambda payload, _: payload)
+        try:
+            with connected(tmp_path, zmq.PUSH, "targets") as client:
+                for n in range(12):
+                    client.send(b"%d" % n)
+                monkeypatch.setattr(loop, "time", lambda: clock)
+                service = running._service
+                assert service is not None
+                per_wake_up: list[int] = []
+                while handled < 12:  # the loop stands still meanwhile: these are all the wake-ups there are
+                    assert service.sockets.targets.poll(1000) == zmq.POLLIN
+                    before = handled
+                    running._read_targets(service)
+                    per_wake_up.append(handled - before)
+                monkeypatch.undo()
+                assert max(per_wake_up) <= 3
+        finally:
+            running.close()
+
+    asyncio.run(scenario())
+
+
+@asynchronous
+async def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_order(tmp_path: Path) -> None:
+    async with served(tmp_path):
+        with connected(tmp_path, zmq.DEALER, "control") as client:
+
+            def ask_and_hear() -> list[bytes]:
+                replies = []
+                for n in range(2 * BURST):
+                    client.send(b"%d" % n)
+                    replies.append(client.recv())
+                return replies
+
+            assert await in_thread(ask_and_hear) == [b"answer to %d" % n for n in range(2 * BURST)]
+
+
+# --- deaf ears ---------------------------------------------------------------------------------------------------
+
+
+@asynchronous
+async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_of_states(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, _):
+        with (
+            programs(SUBSCRIBER, tmp_path / "telemetry") as (deaf,),
+            connected(tmp_path, zmq.SUB, "telemetry") as listening,
+        ):
+            assert deaf.stdout is not None
+            ready = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
+            while not ready.done():
+                server.publish(STATE)
+                await until(server, lambda: True)
+                await asyncio.sleep(0)
+            assert await ready == "ready\n"
+            deaf.send_signal(signal.SIGSTOP)
+            listening.subscribe(b"")
+            listening.conflate = False
+            await until(server, lambda: server.has_subscribers)
+            for n in range(5000):  # far more than the stopped process's buffers hold: none of it waits
+                server.publish(b"%d" % n + STATE)
+            last = 5000
+            while True:  # a new subscription may take a moment: the next states come through
+                last += 1
+                server.publish(b"%d" % last)
+                server.sweep()
+                if await in_thread(lambda: listening.poll(20)):
+                    break
+            assert await in_thread(listening.recv)
+            deaf.send_signal(signal.SIGCONT)
+
+
+@asynchronous
+async def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connection(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, _):
+        with (
+            greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy,
+            connected(tmp_path, zmq.SUB, "telemetry") as modest,
+        ):
+            modest.subscribe(b"")
+            await until(server, lambda: server.has_subscribers)
+            greedy.sendall(b"\x02" + struct.pack(">Q", MAX_SUBSCRIPTION_BYTES + 1) + b"\x01")
+            assert await in_thread(lambda: all_received(greedy)) is not None
+            server.publish(STATE)
+            assert await in_thread(modest.recv) == STATE
+
+
+def all_received(rude: socket.socket) -> bytes:
+    """What came until the other side closed."""
+    received = b""
+    with contextlib.suppress(ConnectionResetError):
+        while part := rude.recv(4096):
+            received += part
+    return received
+
+
+# --- lies --------------------------------------------------------------------------------------------------------
+
+
+@asynchronous
+async def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_by_its_own(tmp_path: Path) -> None:
+    """On ipc the handshake's properties are not authenticated, so they must not be trusted."""
+
+    async with served(tmp_path) as (server, seen):
+        server._key_names = {"Z" * 40: "the boss"}
+        lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"Peer-Address": b"localhost:12345:1:1"}
+        with greeted(tmp_path / "targets", lies) as liar:
+            liar.sendall(b"\x00\x04lies")
+            await until(server, lambda: len(seen) == 1)
+        assert seen == [(b"lies", f"uid {os.getuid()}")]
+
+
+@asynchronous
+async def test_garbage_instead_of_a_handshake_costs_only_its_sender(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, seen):
+        for name in ("targets", "control", "telemetry"):
+            with socket.socket(socket.AF_UNIX) as rude:
+                rude.connect(str(tmp_path / name))
+                rude.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
+        with connected(tmp_path, zmq.PUSH, "targets") as polite:
+            polite.send(b"polite")
+            await until(server, lambda: [payload for payload, _ in seen] == [b"polite"])
+
+
+def test_the_share_of_one_wake_up_is_less_than_half_of_the_time() -> None:
+    sockets_read_by_time = 2
+    assert sockets_read_by_time * BUDGET_S < 0.5 * server_module.BREAK_S
+    assert MAX_READS <= BURST

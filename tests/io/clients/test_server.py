@@ -1,0 +1,349 @@
+"""The daemon's sockets: who gets in, that nothing is left unread, and that two daemons never share a directory."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import stat
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+from asynchronous import asynchronous
+
+from hapticd.errors import AlreadyRunningError, HapticdError
+from hapticd.io.clients.runtime_dir import own_directory
+from hapticd.io.clients.senders import BURST
+from hapticd.io.clients.server import MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
+from hapticd.wire.fields import MAX_PAYLOAD_BYTES
+
+PATIENCE_S = 5.0
+
+
+@dataclass
+class Served:
+    """A running server, what it received, and a way to wait for more of it."""
+
+    server: ClientServer
+    directory: Path
+    messages: list[bytes] = field(default_factory=list)
+    arrived: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def on_message(self, payload: bytes, _user: str) -> None:
+        self.messages.append(payload)
+        self.arrived.set()
+
+    async def until(self, is_true: Callable[[], bool]) -> None:
+        """Wait for arriving messages, or at most a tick at a time, until something holds."""
+        async with asyncio.timeout(PATIENCE_S):
+            while not is_true():
+                self.arrived.clear()
+                try:
+                    await asyncio.wait_for(self.arrived.wait(), 0.01)
+                except TimeoutError:
+                    self.server.sweep()
+
+
+@asynccontextmanager
+async def served(directory: Path) -> AsyncIterator[Served]:
+    running = Served(ClientServer(directory), directory)
+    running.server.start(asyncio.get_running_loop(), running.on_message, lambda payload, _: b"answer to " + payload)
+    try:
+        yield running
+    finally:
+        running.server.close()
+
+
+@contextmanager
+def connected(directory: Path, kind: int, name: str, **options: Any) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(kind) as socket:
+        socket.linger = 0
+        for option, value in options.items():
+            setattr(socket, option, value)
+        socket.connect(f"ipc://{directory / name}")
+        yield socket
+
+
+def run(scenario: Callable[[Path], Coroutine[Any, Any, None]], directory: Path) -> None:
+    asyncio.run(scenario(directory))
+
+
+async def in_thread(function: Callable[[], Any]) -> Any:
+    """Run a blocking client call in a thread."""
+    return await asyncio.wait_for(asyncio.to_thread(function), PATIENCE_S)
+
+
+# --- targets ----------------------------------------------------------------------------------------------------
+
+
+@asynchronous
+async def test_every_message_arrives_in_order_without_a_sweep(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            sent = [b"message %d" % n for n in range(BURST)]
+            await in_thread(lambda: [client.send(message) for message in sent])
+            async with asyncio.timeout(PATIENCE_S):
+                while len(running.messages) < len(sent):
+                    running.arrived.clear()
+                    await running.arrived.wait()
+            assert running.messages == sent
+
+
+@asynchronous
+async def test_one_wake_up_reads_no_more_than_its_share_and_the_rest_follows_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            per_wake_up: list[int] = []
+            read = running.server._read_targets
+
+            def counted(service: Any) -> bool:
+                before = len(running.messages)
+                more = read(service)
+                per_wake_up.append(len(running.messages) - before)
+                return more
+
+            monkeypatch.setattr(running.server, "_read_targets", counted)
+            for n in range(BURST):  # while the loop does not run: a flood that is all there at once
+                client.send(b"%d" % n)
+            async with asyncio.timeout(PATIENCE_S):
+                while len(running.messages) < BURST:
+                    running.arrived.clear()
+                    await running.arrived.wait()
+            assert max(per_wake_up) <= MAX_READS
+            assert len([count for count in per_wake_up if count > 0]) > 1
+
+
+@asynchronous
+async def test_a_message_in_parts_is_dropped_and_counted(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            client.send_multipart([b"a", b"b"])
+            client.send_multipart([b"x"] * 1000)
+            client.send(b"whole")
+            await running.until(lambda: running.messages == [b"whole"])
+            assert running.server.misshapen == 2
+
+
+@asynchronous
+async def test_an_oversize_message_costs_its_sender_only_that_message(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with (
+            connected(tmp_path, zmq.PUSH, "targets", reconnect_ivl=10) as rude,
+            connected(tmp_path, zmq.PUSH, "targets") as polite,
+        ):
+            rude.send(bytes(MAX_MESSAGE_BYTES + 1))
+            polite.send(b"polite")
+            await running.until(lambda: b"polite" in running.messages)
+            assert await in_thread(lambda: rude.poll(4000, zmq.POLLOUT))
+            rude.send(bytes(MAX_MESSAGE_BYTES))
+            await running.until(lambda: bytes(MAX_MESSAGE_BYTES) in running.messages)
+            assert len(running.messages) == 2
+
+
+# --- control ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
+@asynchronous
+async def test_a_reply_goes_to_the_requester(tmp_path: Path, kind: int) -> None:
+    async with served(tmp_path):
+        with connected(tmp_path, kind, "control") as one, connected(tmp_path, kind, "control") as other:
+            one.send(b"one")
+            other.send(b"other")
+            assert await in_thread(one.recv) == b"answer to one"
+            assert await in_thread(other.recv) == b"answer to other"
+            one.send(b"again")
+            assert await in_thread(one.recv) == b"answer to again"
+
+
+@asynchronous
+async def test_a_request_in_strange_parts_is_dropped_and_the_next_is_answered(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with connected(tmp_path, zmq.DEALER, "control") as client:
+            client.send_multipart([b"a", b"b"])
+            client.send_multipart([b""] * 100)
+            client.send(b"fine")
+            assert await in_thread(client.recv) == b"answer to fine"
+            assert running.server.misshapen == 2
+
+
+# --- telemetry --------------------------------------------------------------------------------------------------
+
+
+@asynchronous
+async def test_the_server_tracks_subscribers(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        server = running.server
+        assert not server.has_subscribers
+        server.publish(b"not subscribed")
+        with connected(tmp_path, zmq.SUB, "telemetry") as listener:
+            listener.subscribe(b"")
+            await running.until(lambda: server.has_subscribers)
+            server.publish(b"state")
+            assert await in_thread(listener.recv) == b"state"
+        await running.until(lambda: not server.has_subscribers)
+
+
+def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) -> None:
+    async def scenario(directory: Path) -> None:
+        async with served(directory) as running:
+            server = running.server
+            with connected(directory, zmq.SUB, "telemetry") as stays:
+                stays.subscribe(b"")
+                await running.until(lambda: server.has_subscribers)
+                with connected(directory, zmq.SUB, "telemetry") as leaves:
+                    leaves.subscribe(b"")
+                    await in_thread(lambda: received_while(server, leaves))
+                await in_thread(lambda: received_while(server, stays))
+                assert server.has_subscribers
+            await running.until(lambda: not server.has_subscribers)
+
+    def received_while(server: ClientServer, listener: zmq.Socket[bytes]) -> bytes:
+        while listener.poll(10) == 0:
+            loop.call_soon_threadsafe(server.publish, b"state")
+        return listener.recv()
+
+    loop = asyncio.new_event_loop()
+    try:
+        loop.run_until_complete(scenario(tmp_path))
+    finally:
+        loop.close()
+
+
+@asynchronous
+async def test_subscribing_to_something_else_costs_nothing(tmp_path: Path) -> None:
+    async with served(tmp_path) as running:
+        with (
+            connected(tmp_path, zmq.SUB, "telemetry") as odd,
+            connected(tmp_path, zmq.DEALER, "control") as client,
+        ):
+            odd.subscribe(b"no state begins so")
+            client.send(b"sync")
+            await in_thread(client.recv)
+            for _ in range(5):
+                running.server.sweep()
+            assert not running.server.has_subscribers
+
+
+# --- the directory ----------------------------------------------------------------------------------------------
+
+
+@asynchronous
+async def test_only_owner_and_group_may_connect_and_the_umask_is_as_before(tmp_path: Path) -> None:
+    umask = os.umask(0o022)
+    try:
+        async with served(tmp_path):
+            for name in ("targets", "control", "telemetry"):
+                mode = (tmp_path / name).stat().st_mode
+                assert stat.S_ISSOCK(mode)
+                assert stat.S_IMODE(mode) == 0o660
+            assert stat.S_IMODE((tmp_path / "lock").stat().st_mode) == 0o600
+        assert os.umask(0o022) == 0o022
+    finally:
+        os.umask(umask)
+
+
+@asynchronous
+async def test_a_second_daemon_is_refused_and_the_first_keeps_its_sockets(tmp_path: Path) -> None:
+    async with served(tmp_path):
+        second = ClientServer(tmp_path)
+        with pytest.raises(AlreadyRunningError, match=f"Another hapticd serves {tmp_path}"):
+            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, _: payload)
+        second.close()
+        with connected(tmp_path, zmq.DEALER, "control") as client:
+            client.send(b"still there?")
+            assert await in_thread(client.recv) == b"answer to still there?"
+
+
+@asynchronous
+async def test_closing_removes_the_sockets_and_frees_the_directory_for_the_next(tmp_path: Path) -> None:
+    for _ in range(3):
+        async with served(tmp_path) as running:
+            assert (tmp_path / "control").is_socket()
+        assert [path.name for path in tmp_path.iterdir()] == ["lock"]
+        running.server.close()
+        running.server.publish(b"into the void")
+        running.server.sweep()
+
+
+@asynchronous
+async def test_sockets_left_by_a_killed_daemon_are_taken_over(tmp_path: Path) -> None:
+    with zmq.Context() as context, context.socket(zmq.PULL) as corpse:
+        corpse.bind(f"ipc://{tmp_path / 'targets'}")
+        async with served(tmp_path) as running:
+            with connected(tmp_path, zmq.PUSH, "targets") as client:
+                client.send(b"for the living")
+                await running.until(lambda: running.messages == [b"for the living"])
+
+
+def test_a_directory_too_deep_for_a_socket_is_refused_before_anything_is_touched(tmp_path: Path) -> None:
+    deep = tmp_path / ("d" * 100)
+    with pytest.raises(HapticdError, match="a socket allows 107"):
+        run(lambda directory: _start_and_stop(directory), deep)
+    assert list(deep.iterdir()) == []
+
+
+def test_a_directory_where_nothing_can_be_bound_is_refused_and_left_unlocked(tmp_path: Path) -> None:
+    (tmp_path / "control").mkdir()
+    with pytest.raises(HapticdError, match="clients cannot be served here"):
+        run(lambda directory: _start_and_stop(directory), tmp_path)
+    (tmp_path / "control").rmdir()
+    run(lambda directory: _start_and_stop(directory), tmp_path)
+
+
+async def _start_and_stop(directory: Path) -> None:
+    async with served(directory):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("environ", "directory"),
+    [
+        ({"HAPTICD_RUNTIME_DIR": "/a/b", "RUNTIME_DIRECTORY": "/run/x", "XDG_RUNTIME_DIR": "/run/user/7"}, "/a/b"),
+        ({"RUNTIME_DIRECTORY": "/run/hapticd:/run/other", "XDG_RUNTIME_DIR": "/run/user/7"}, "/run/hapticd"),
+        ({"XDG_RUNTIME_DIR": "/run/user/7", "HAPTICD_RUNTIME_DIR": ""}, "/run/user/7/hapticd"),
+        ({}, f"/tmp/hapticd-{os.getuid()}"),
+    ],
+)
+def test_the_runtime_directory_is_the_nearest_that_is_named(environ: dict[str, str], directory: str) -> None:
+    assert runtime_directory(environ) == Path(directory)
+
+
+def test_a_missing_directory_is_made_for_owner_and_group_only(tmp_path: Path) -> None:
+    own_directory(tmp_path / "run")
+    assert stat.S_IMODE((tmp_path / "run").stat().st_mode) & 0o027 == 0
+    own_directory(tmp_path / "run")
+
+
+def test_a_directory_that_anybody_may_write_to_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o777)
+    with pytest.raises(HapticdError, match="all users may write to it"):
+        own_directory(tmp_path)
+
+
+def test_another_users_directory_or_link_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path)
+    own_directory(link)
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    for path in (tmp_path, link):
+        with pytest.raises(HapticdError, match="belongs to another user"):
+            own_directory(path)
+
+
+def test_what_cannot_be_a_directory_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(HapticdError, match="file: cannot be used as runtime directory"):
+        own_directory(tmp_path / "file")
+    with pytest.raises(HapticdError, match="does not exist"):
+        own_directory(tmp_path / "none" / "run")
+
+
+def test_the_server_reads_as_much_as_the_decoder() -> None:
+    assert MAX_MESSAGE_BYTES == MAX_PAYLOAD_BYTES

@@ -1,0 +1,265 @@
+"""The serial link over a pseudo-terminal: open, lose, find again, and never queue what is stale."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import functools
+import os
+import pty
+import struct
+import termios
+import tty
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapticd.io.devices import serial_link
+from hapticd.io.devices.serial_link import SerialLink
+
+PATIENCE_S = 5.0
+
+
+class Port:
+    """A board's port: a link in the file system to a pseudo-terminal that can be pulled and put back."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.ends: tuple[int, int] | None = None
+
+    def plug(self) -> None:
+        master, slave = self.ends = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(slave))
+
+    def pull(self) -> None:
+        if self.ends is not None:
+            for end in self.ends:
+                os.close(end)
+            self.ends = None
+        self.path.unlink(missing_ok=True)
+
+    @property
+    def master(self) -> int:
+        assert self.ends is not None
+        return self.ends[0]
+
+    @property
+    def lying(self) -> int:
+        """How many bytes the link could read: a pseudo-terminal hands them over in its own time."""
+        assert self.ends is not None
+        (count,) = struct.unpack("i", fcntl.ioctl(self.ends[1], termios.FIONREAD, bytes(4)))
+        return int(count)
+
+    def taken(self) -> bytes:
+        """What another program reads in the link's place."""
+        assert self.ends is not None
+        return os.read(self.ends[1], 1 << 16)
+
+    def received(self) -> bytes:
+        try:
+            return os.read(self.master, 1 << 16)
+        except BlockingIOError:
+            return b""
+
+
+class Bench:
+    """A link on a port, with its events."""
+
+    def __init__(self, path: Path) -> None:
+        self.port = Port(path)
+        self.link = SerialLink(str(path), 921600)
+        self.links: list[tuple[bool, str]] = []
+        self.data = b""
+
+    def start(self) -> None:
+        self.link.start(asyncio.get_running_loop(), self._on_bytes, lambda up, reason: self.links.append((up, reason)))
+
+    def _on_bytes(self, data: bytes) -> None:
+        self.data += data
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while not condition():
+                await asyncio.sleep(0.002)
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(serial_link, "FIRST_RETRY_S", 0.01)
+    monkeypatch.setattr(serial_link, "LAST_RETRY_S", 0.02)
+    bench = Bench(tmp_path / "board")
+    bench.link._retry_s = 0.01
+    yield bench
+    bench.port.pull()
+
+
+def played(story: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run a test coroutine on an event loop, and close the link on that loop."""
+
+    @functools.wraps(story)
+    def test(bench: Bench, **fixtures: Any) -> None:
+        async def run() -> None:
+            try:
+                await story(bench, **fixtures)
+            finally:
+                bench.link.close()
+
+        asyncio.run(run())
+
+    return test
+
+
+@played
+async def test_bytes_go_both_ways(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    assert bench.links == [(True, f"{bench.port.path} open at 921600 baud")]
+    assert bench.link.write(bytes(range(256)))
+    assert bench.port.received() == bytes(range(256))
+    os.write(bench.port.master, b"\x00\xff\r\n\x03")
+    await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
+
+
+@played
+async def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench: Bench) -> None:
+    bench.start()
+    assert bench.links == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
+    assert not bench.link.write(b"not open")
+    await bench.until(lambda: bench.link._retry_s == 0.02)  # it was tried again
+    bench.port.plug()
+    await bench.until(lambda: len(bench.links) == 2)
+    assert bench.links[1][0]
+
+
+@played
+async def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.port.pull()
+    await bench.until(lambda: len(bench.links) == 2)
+    assert not bench.links[1][0]
+    assert bench.links[1][1].startswith(f"{bench.port.path} lost: ")
+    await bench.until(lambda: bench.link._retry_s == 0.02)
+    assert len(bench.links) == 2
+    bench.port.plug()
+    await bench.until(lambda: len(bench.links) == 3)
+    assert bench.link.write(b"again")
+    assert bench.port.received() == b"again"
+
+
+@played
+async def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.port.pull()
+    assert not bench.link.write(b"too late")  # before the loop could see it
+    assert [up for up, _ in bench.links] == [True, False]
+    await bench.until(lambda: bench.link._retry_s == 0.02)
+    assert len(bench.links) == 2
+
+
+@played
+async def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    frame = bytes(4000)
+    written = [bench.link.write(frame) for _ in range(64)]
+    assert written[0]
+    assert False in written
+    assert bench.link.dropped_writes == written.count(False)
+    while bench.port.received():
+        pass
+    bench.link.write(bytes(70_000))  # more than a pty takes: torn
+    while bench.port.received():
+        pass
+    assert bench.link.write(b"fresh")
+    assert bench.port.received() == b"\0fresh"
+    assert bench.link.write(b"whole")
+    assert bench.port.received() == b"whole"
+
+
+@played
+async def test_a_port_in_use_is_reported(bench: Bench) -> None:
+    bench.port.plug()
+    other = SerialLink(str(bench.port.path), 921600)
+    other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
+    try:
+        bench.start()
+        assert bench.links == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
+    finally:
+        other.close()
+
+
+@played
+async def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port(bench: Bench) -> None:
+    await bench.link.drained(PATIENCE_S)  # never started
+    bench.start()
+    await bench.link.drained(PATIENCE_S)  # no port
+    bench.port.plug()
+    await bench.until(lambda: len(bench.links) == 2)
+    assert bench.link.write(b"the last word")
+    async with asyncio.timeout(PATIENCE_S / 2):
+        await bench.link.drained(PATIENCE_S)
+    assert bench.port.received() == b"the last word"
+
+
+@played
+async def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.link.close()
+    bench.link.close()
+    assert not bench.link.write(b"gone")
+    bench.port.pull()
+    await asyncio.sleep(0)
+    assert [up for up, _ in bench.links] == [True]
+
+
+@played
+async def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.link.rest(True)
+    for data in (b"one", b"two"):
+        os.write(bench.port.master, data)
+    await bench.until(lambda: bench.port.lying == len(b"onetwo"))
+    for _ in range(3):
+        await asyncio.sleep(0)  # the loop looks at its descriptors each time
+    assert bench.data == b""
+    bench.link.read()
+    assert bench.data == b"onetwo"
+    bench.link.read()  # there is nothing
+    bench.link.write(b"what time is it?")
+    os.write(bench.port.master, b"late")
+    await bench.until(lambda: bench.data == b"onetwolate")
+    os.write(bench.port.master, b"!")
+    bench.link.rest(False)
+    await bench.until(lambda: bench.data == b"onetwolate!")
+
+
+@played
+async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    os.write(bench.port.master, b"taken")
+    assert bench.port.taken() == b"taken"
+    bench.link._readable()  # as if the loop had seen them first
+    assert [up for up, _ in bench.links] == [True]
+    os.write(bench.port.master, b"ours")
+    await bench.until(lambda: bench.data == b"ours")
+
+
+@played
+async def test_unplugging_while_idle_is_reported_at_the_next_read(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    bench.link.rest(True)
+    bench.port.pull()
+    bench.link.read()
+    assert [up for up, _ in bench.links] == [True, False]
+    bench.link.read()  # not open

@@ -1,0 +1,581 @@
+"""The sources of touch reports: over a hidapi that behaves as documented, a unix socket, and a recording."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import json
+import os
+import queue
+import selectors
+import socket
+import threading
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asynchronous import asynchronous
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.errors import TrackpadError
+from hapticd.io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
+from hapticd.io.devices.replay import ReplayTrackpad, read_recording, write_recording
+from hapticd.io.devices.socket_trackpad import SocketTrackpad
+from hapticd.io.devices.trackpad_source import MODELS, PADS, TrackpadSource
+from hapticd.values import RawReport
+
+MS = 1_000_000
+
+
+class Listener:
+    """What a source events, in order, and a way to wait for the next thing."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[bool, str] | list[bytes]] = []
+        self.reports: list[RawReport] = []
+        self._news: asyncio.Queue[None] = asyncio.Queue()
+
+    def on_reports(self, reports: Sequence[RawReport]) -> None:
+        self.reports.extend(reports)
+        self.events.append([report.data for report in reports])
+        self._news.put_nowait(None)
+
+    def on_link(self, is_up: bool, reason: str) -> None:
+        self.events.append((is_up, reason))
+        self._news.put_nowait(None)
+
+    @property
+    def links(self) -> list[tuple[bool, str]]:
+        return [item for item in self.events if isinstance(item, tuple)]
+
+    def listen(self, source: TrackpadSource) -> None:
+        source.start(asyncio.get_running_loop(), self.on_reports, self.on_link)
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(5):
+            while not condition():
+                await self._news.get()
+
+
+# --- hidapi -------------------------------------------------------------------------------------------------------
+
+
+class FakeHid:
+    """The `hidraw` module as far as it is used: nodes come and go, reads wait, and errors carry no errno."""
+
+    def __init__(self, *nodes: dict[str, object]) -> None:
+        self.nodes = list(nodes)
+        self.waiting: queue.Queue[bytes] = queue.Queue()
+        self.unplugged, self.idle = threading.Event(), threading.Event()
+        self.refuse_open = self.refuse_feature = False
+        self.opens_refused, self.granted_after = 0, -1
+        self.features: queue.Queue[bytes] = queue.Queue()
+        self.open_now = 0
+        self.threads: set[int] = set()
+
+    def plug(self, node: dict[str, object]) -> None:
+        self.unplugged.clear()
+        self.nodes = [node]
+
+    def unplug(self) -> None:
+        self.nodes = []
+        self.unplugged.set()
+
+    def enumerate(self, vendor_id: int, product_id: int) -> list[dict[str, object]]:
+        return [node for node in self.nodes if (node["vendor_id"], node["product_id"]) == (vendor_id, product_id)]
+
+    def device(self) -> FakeDevice:
+        return FakeDevice(self)
+
+
+class FakeDevice:
+    def __init__(self, hid: FakeHid) -> None:
+        self.hid = hid
+        self.is_open = self.nonblocking = False
+
+    def open_path(self, path: bytes) -> None:
+        if self.hid.refuse_open or path not in [node["path"] for node in self.hid.nodes]:
+            self.hid.opens_refused += 1
+            self.hid.refuse_open = self.hid.refuse_open and self.hid.opens_refused != self.hid.granted_after
+            raise OSError("open failed")
+        self.is_open = True
+        self.hid.open_now += 1
+
+    def set_nonblocking(self, flag: bool) -> int:
+        self.nonblocking = flag
+        return 0
+
+    def send_feature_report(self, data: list[int]) -> int:
+        self._touch()
+        if self.hid.refuse_feature:
+            return -1
+        self.hid.features.put(bytes(data))
+        return len(data)
+
+    def read(self, max_length: int, timeout_ms: int = 0) -> list[int]:
+        self._touch()
+        assert max_length >= 256, "a short read loses the rest of a report"
+        assert self.nonblocking or timeout_ms > 0, "this read blocks for ever"
+        if timeout_ms > 0 and self.hid.waiting.empty():
+            self.hid.idle.set()
+        try:
+            return list(self.hid.waiting.get(timeout_ms > 0, timeout_ms / 1000 if timeout_ms else None))
+        except queue.Empty:
+            if self.hid.unplugged.is_set():
+                raise OSError("read error") from None
+            return []
+
+    def close(self) -> None:
+        if self.is_open:
+            self._touch()
+            self.is_open = False
+            self.hid.open_now -= 1
+
+    def _touch(self) -> None:
+        if not self.is_open:
+            raise ValueError("not open")
+        self.hid.threads.add(threading.get_ident())
+
+
+def node(model: str, path: bytes = b"/dev/hidraw3", **changes: object) -> dict[str, object]:
+    pad = next(pad for pad in PADS if pad.model == model)
+    return {
+        "path": path,
+        "vendor_id": pad.vendor_id,
+        "product_id": pad.product_id,
+        "interface_number": pad.interface,
+        "bus_type": pad.bus,
+        "usage_page": 1,
+        "usage": 2,
+    } | changes
+
+
+def hid_source(hid: FakeHid, model: str = "auto", **changes: object) -> HidTrackpad:
+    return HidTrackpad(model, hid=hid, rescan_s=0.005, **changes)
+
+
+@pytest.mark.parametrize(
+    ("model", "ids", "enable"),
+    [
+        ("mt1", {"vendor_id": 0x05AC, "product_id": 0x030E, "interface_number": -1, "bus_type": 2}, "d701"),
+        ("mt2-usb", {"vendor_id": 0x05AC, "product_id": 0x0265, "interface_number": 1, "bus_type": 1}, "0201"),
+        ("mt2-bt", {"vendor_id": 0x004C, "product_id": 0x0265, "interface_number": -1, "bus_type": 2}, "f10201"),
+        ("usbc-usb", {"vendor_id": 0x05AC, "product_id": 0x0324, "interface_number": 1, "bus_type": 1}, "0201"),
+        ("usbc-bt", {"vendor_id": 0x004C, "product_id": 0x0324, "interface_number": -1, "bus_type": 2}, "f10201"),
+    ],
+)
+@asynchronous
+async def test_each_trackpad_is_known_by_its_ids_and_gets_its_enable(
+    model: str, ids: dict[str, object], enable: str
+) -> None:
+    hid, listener = FakeHid({"path": b"/dev/hidraw7", "usage_page": 1, "usage": 2} | ids), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    assert source.model == model
+    assert listener.links[0][0]
+    assert "/dev/hidraw7" in listener.links[0][1]
+    assert hid.features.get_nowait() == bytes.fromhex(enable)
+    await source.close()
+
+
+def test_of_a_pads_nodes_only_the_touch_interface_counts_and_each_path_once() -> None:
+    hid = FakeHid(
+        node("mt2-usb", b"wrong interface", interface_number=0),
+        node("mt2-usb", b"wrong usage", usage=1),
+        node("mt2-usb", b"wrong bus", bus_type=2),
+        node("mt2-bt", b"bluetooth"),
+        node("mt2-usb", b"usb"),
+        node("mt2-usb", b"usb"),
+        node("mt1", b"usage unknown", usage_page=0, usage=0),
+    )
+    assert [(pad.model, path) for pad, path in find_pads(hid)] == [
+        ("mt2-usb", b"usb"),
+        ("mt2-bt", b"bluetooth"),
+        ("mt1", b"usage unknown"),
+    ]
+    assert [path for _, path in find_pads(hid, "mt2-bt")] == [b"bluetooth"]
+
+
+@asynchronous
+async def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they_were_read() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    ticks = iter(range(0, 10**12, 1000))
+    source = hid_source(hid, clock_ns=lambda: next(ticks))
+    waiting = [bytes((2, i)) for i in range(40)]
+    for report in waiting:
+        hid.waiting.put(report)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.reports) == 40)
+    assert listener.events[0] == (True, "Magic Trackpad 2 on USB at /dev/hidraw3")
+    assert [report.data for report in listener.reports] == waiting
+    times = [report.t_host_ns for report in listener.reports]
+    assert times == sorted(set(times))
+    assert len(listener.events) == 2
+    await source.close()
+
+
+@asynchronous
+async def test_reports_that_come_while_the_loop_is_busy_wait_as_one_batch() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    for i in range(100):
+        hid.waiting.put(bytes((2, i)))
+    hid.idle.clear()
+    assert hid.idle.wait(5)  # the loop is busy here until the thread has read everything
+    await listener.until(lambda: bool(listener.reports))
+    assert [report.data[1] for report in listener.reports] == list(range(36, 100))
+    assert len(listener.events) == 2
+    await source.close()
+
+
+@asynchronous
+async def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconnecting() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.links) == 1)
+    hid.unplug()
+    await listener.until(lambda: len(listener.links) == 2)
+    assert listener.links[1] == (False, "Magic Trackpad 2 on USB was lost (read error): searching for it")
+    hid.plug(node("mt2-bt", b"/dev/hidraw9"))
+    await listener.until(lambda: len(listener.links) == 3)
+    assert listener.links[2] == (True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw9")
+    assert source.model == "mt2-bt"
+    assert [hid.features.get_nowait() for _ in range(2)] == [b"\x02\x01", b"\xf1\x02\x01"]
+    await source.close()
+    assert hid.open_now == 0
+
+
+@asynchronous
+async def test_a_missing_pad_is_reported_once_and_an_inaccessible_one_with_a_remedy() -> None:
+    hid, listener = FakeHid(), Listener()
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.links) == 1)
+    assert listener.links == [(False, "no trackpad is connected: plug one in or pair it")]
+    hid.refuse_open = True
+    hid.plug(node("mt2-usb"))
+    await listener.until(lambda: len(listener.links) == 2)
+    assert listener.links[1] == (
+        False,
+        "Magic Trackpad 2 on USB at /dev/hidraw3 cannot be opened (open failed): give this user read and write access",
+    )
+    hid.refuse_open = False
+    await listener.until(lambda: len(listener.links) == 3)
+    assert listener.links[2][0]
+    await source.close()
+
+
+@asynchronous
+async def test_a_new_pad_to_which_udev_gives_access_a_moment_later_is_no_complaint() -> None:
+    hid, listener = FakeHid(node("mt2-bt")), Listener()
+    hid.refuse_open, hid.granted_after = True, 1
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.links) == 1)
+    assert listener.links == [(True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw3")]
+    assert hid.opens_refused == 1
+    await source.close()
+
+
+@asynchronous
+async def test_a_refused_enable_is_reported_and_reports_are_still_read() -> None:
+    hid, listener = FakeHid(node("mt2-usb")), Listener()
+    hid.refuse_feature = True
+    hid.waiting.put(b"\x02\x00")
+    source = hid_source(hid)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.reports))
+    assert listener.links[0] == (
+        True,
+        "Magic Trackpad 2 on USB at /dev/hidraw3, which refused the multitouch enable",
+    )
+    await source.close()
+
+
+@asynchronous
+async def test_a_pad_that_fell_back_to_mouse_mode_is_enabled_again_but_not_faster_than_twice_a_second() -> None:
+    hid, listener, now_ns = FakeHid(node("mt2-usb")), Listener(), 0
+    source = hid_source(hid, clock_ns=lambda: now_ns)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    hid.features.get_nowait()
+    source.request_enable()
+    hid.waiting.put(b"\x02\x00\x01")
+    await listener.until(lambda: len(listener.reports) == 1)
+    hid.waiting.put(b"\x02\x00\x02")
+    await listener.until(lambda: len(listener.reports) == 2)
+    assert hid.features.empty()
+    now_ns = 500 * MS
+    assert hid.features.get(timeout=5) == b"\x02\x01"
+    await source.close()
+
+
+def test_the_thread_that_reads_is_the_one_that_closes_and_nothing_is_left() -> None:
+    threads_before = set(threading.enumerate())
+
+    async def main() -> None:
+        hid, listener = FakeHid(node("mt2-usb")), Listener()
+        source = hid_source(hid)
+        listener.listen(source)
+        await listener.until(lambda: bool(listener.links))
+        events = list(listener.events)
+        await source.close()
+        await source.close()
+        hid.waiting.put(b"\x02\x00")
+        await asyncio.sleep(0)
+        assert listener.events == events
+        assert hid.open_now == 0
+        assert len(hid.threads) == 1
+        assert len(asyncio.all_tasks()) == 1
+
+    asyncio.run(main())
+    assert set(threading.enumerate()) == threads_before
+
+
+def test_a_source_that_was_never_started_can_be_closed(tmp_path: Path) -> None:
+    recording = tmp_path / "empty.jsonl"
+    write_recording(recording, "mt2-usb", [])
+    for source in (hid_source(FakeHid()), SocketTrackpad(tmp_path / "none"), ReplayTrackpad(recording)):
+        checked: TrackpadSource = source
+        checked.request_enable()
+        asyncio.run(checked.close())
+
+
+@pytest.mark.parametrize("make", [lambda: hid_source(FakeHid(), "mt3"), lambda: SocketTrackpad("x", "auto")])
+def test_an_unknown_model_is_refused_with_the_names_that_exist(make: Callable[[], TrackpadSource]) -> None:
+    with pytest.raises(ValueError, match=r"unknown trackpad model.*mt2-usb"):
+        make()
+
+
+def test_the_real_hidapi_is_there_and_can_list() -> None:
+    assert isinstance(load_hid().enumerate(0x05AC, 0x0265), list)
+
+
+# --- a unix socket, and time that only passes when nothing else can happen ------------------------------------------
+
+
+class EagerSelector(selectors.DefaultSelector):
+    """Instead of waiting, moves the clock."""
+
+    t_s = 0.0
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        events = super().select(0)
+        if not events:
+            assert timeout is not None, "nothing is left that could wake the loop"
+            self.t_s += timeout
+        return events
+
+
+class VirtualTimeLoop(asyncio.SelectorEventLoop):
+    def __init__(self) -> None:
+        self.selector = EagerSelector()
+        super().__init__(self.selector)
+
+    def time(self) -> float:
+        return self.selector.t_s
+
+
+def in_virtual_time(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run a test coroutine on a VirtualTimeLoop."""
+
+    @functools.wraps(test)
+    def run(**fixtures: Any) -> None:
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            runner.run(test(**fixtures))
+
+    return run
+
+
+@pytest.fixture
+def rig_path(tmp_path: Path) -> Iterator[Path]:
+    fds_before = set(os.listdir("/proc/self/fd"))
+    yield tmp_path / "trackpad.sock"
+    assert len(os.listdir("/proc/self/fd")) == len(fds_before)
+
+
+def listening(path: Path) -> socket.socket:
+    path.unlink(missing_ok=True)
+    server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    server.bind(str(path))
+    server.listen()
+    return server
+
+
+@in_virtual_time
+async def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_path: Path) -> None:
+    listener, source = Listener(), SocketTrackpad(rig_path, "mt2-bt", clock_ns=lambda: 77)
+    with listening(rig_path) as server:
+        listener.listen(source)
+        await listener.until(lambda: bool(listener.links))
+        rig, _ = server.accept()
+    with rig:
+        assert rig.recv(64) == b"\xf1\x02\x01"
+        source.request_enable()
+        assert rig.recv(64) == b"\xf1\x02\x01"
+        for i in range(70):
+            rig.send(bytes((0x31, i)))
+        await listener.until(lambda: len(listener.reports) == 70)
+        assert [len(item) for item in listener.events if isinstance(item, list)] == [64, 6]
+        assert listener.reports == [RawReport(77, bytes((0x31, i))) for i in range(70)]
+        rig.send(b"\x31last")
+    await listener.until(lambda: len(listener.links) == 2)
+    assert listener.events[-2:-1] == [[b"\x31last"]]
+    assert listener.links[1] == (
+        False,
+        f"the simulated trackpad at {rig_path} was lost (closed by the rig): reconnecting",
+    )
+    await source.close()
+
+
+@in_virtual_time
+async def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_path: Path) -> None:
+    loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
+    source.start(loop, listener.on_reports, listener.on_link)
+    await asyncio.sleep(10)
+    assert len(listener.links) == 1
+    assert not listener.links[0][0]
+    assert str(rig_path) in listener.links[0][1]
+    with listening(rig_path) as server:
+        t_listening_s = loop.time()
+        await listener.until(lambda: len(listener.links) == 2)
+        assert loop.time() - t_listening_s <= 1.0
+        server.accept()[0].close()
+    await listener.until(lambda: len(listener.links) == 3)
+    assert [is_up for is_up, _ in listener.links] == [False, True, False]
+    await source.close()
+    events = list(listener.events)
+    await asyncio.sleep(10)
+    assert listener.events == events
+
+
+@in_virtual_time
+async def test_the_rig_is_tried_again_after_a_quarter_a_half_and_then_every_second(
+    rig_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried_s: list[float] = []
+    loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
+    connect = source._connect
+    monkeypatch.setattr(source, "_connect", lambda: (tried_s.append(loop.time()), connect()))
+    source.start(loop, listener.on_reports, listener.on_link)
+    await asyncio.sleep(4)
+    await source.close()
+    assert tried_s == pytest.approx([0, 0.25, 0.75, 1.75, 2.75, 3.75])
+
+
+# --- recordings ---------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.sampled_from(MODELS),
+    st.lists(st.builds(RawReport, st.integers(0, 10**15), st.binary(max_size=150)), max_size=10),
+)
+@settings(deadline=None, max_examples=30)
+def test_a_recording_reads_back_as_it_was_written(
+    tmp_path_factory: pytest.TempPathFactory, model: str, reports: list[RawReport]
+) -> None:
+    path = tmp_path_factory.mktemp("recordings") / "touch.jsonl"
+    reports.sort(key=lambda report: report.t_host_ns)
+    write_recording(path, model, reports)
+    assert read_recording(path) == (model, reports)
+
+
+@in_virtual_time
+async def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path) -> None:
+    path = tmp_path / "touch.jsonl"
+    t_recorded_ns = [5_000_000_000 + n for n in (0, 11_249_999, 11_250_000, 500_000_001)]
+    write_recording(path, "mt2-bt", [RawReport(t, bytes((0x31, i))) for i, t in enumerate(t_recorded_ns)])
+
+    loop, listener = asyncio.get_running_loop(), Listener()
+    source = ReplayTrackpad(path, clock_ns=lambda: 900 + round(loop.time() * 1e9))
+    assert source.model == "mt2-bt"
+    arrived_s: list[float] = []
+
+    def on_reports(reports: Sequence[RawReport]) -> None:
+        arrived_s.extend(loop.time() for _ in reports)
+        listener.on_reports(reports)
+
+    source.start(loop, on_reports, listener.on_link)
+    await listener.until(lambda: len(listener.links) == 2)
+    assert [report.t_host_ns - 900 for report in listener.reports] == [t - 5_000_000_000 for t in t_recorded_ns]
+    assert arrived_s == pytest.approx([0, 0.01125, 0.01125, 0.5], abs=1e-6)
+    assert listener.events[0] == (True, f"replay of 4 reports from {path}")
+    assert listener.events[-1] == (False, "replay ended")
+    await source.close()
+
+
+@in_virtual_time
+async def test_what_fell_due_while_the_loop_was_busy_is_replayed_as_one_batch_and_speed_divides_time(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "touch.jsonl"
+    write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, bytes((2, n))) for n in range(10)])
+
+    loop, listener = asyncio.get_running_loop(), Listener()
+    assert isinstance(loop, VirtualTimeLoop)
+    source = ReplayTrackpad(path, speed=2.0, clock_ns=lambda: 0)
+    source.start(loop, listener.on_reports, listener.on_link)
+    await listener.until(lambda: len(listener.reports) == 1)
+    loop.selector.t_s = 0.0351
+    await listener.until(lambda: len(listener.links) == 2)
+    batches = [len(item) for item in listener.events if isinstance(item, list)]
+    assert batches == [1, 7, 1, 1]
+    assert [report.t_host_ns for report in listener.reports] == [n * 5 * MS for n in range(10)]
+
+
+@in_virtual_time
+async def test_a_closed_replay_sends_nothing_more(tmp_path: Path) -> None:
+    path = tmp_path / "touch.jsonl"
+    write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, b"\x02") for n in range(10)])
+
+    listener, source = Listener(), ReplayTrackpad(path)
+    listener.listen(source)
+    await listener.until(lambda: len(listener.reports) == 2)
+    await source.close()
+    await asyncio.sleep(1)
+    assert len(listener.reports) == 2
+    assert len(listener.links) == 1
+
+
+HEADER = '{"model": "mt2-usb"}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "reason"),
+    [
+        ("", 1, "first line"),
+        ("[]", 1, "first line"),
+        ('{"model": "mt9"}', 1, "mt2-usb"),
+        ('{"model": ["mt2-usb"]}', 1, "mt2-usb"),
+        (HEADER + "garbage", 2, "not JSON"),
+        (HEADER + "[" * 100_000, 2, "not JSON"),
+        (HEADER + "\ud800", 2, "not JSON"),
+        (HEADER + '{"t_ns": 1, "report": "02"}\n{"t_ns": true, "report": "02"}', 3, "t_ns"),
+        (HEADER + '{"t_ns": 1.5, "report": "02"}', 2, "t_ns"),
+        (HEADER + json.dumps({"t_ns": 1 << 63, "report": "02"}), 2, "64 bits"),
+        (HEADER + '{"t_ns": 1, "report": "021"}', 2, "hex"),
+        (HEADER + '{"t_ns": 1, "report": 2}', 2, "hex"),
+        (HEADER + json.dumps({"t_ns": 1, "report": "02" * 513}), 2, "513 bytes"),
+        (HEADER + '{"t_ns": 2, "report": "02"}\n{"t_ns": 1, "report": "02"}', 3, "sort"),
+    ],
+)
+def test_a_bad_line_is_named_with_what_is_wrong(tmp_path: Path, text: str, line: int, reason: str) -> None:
+    path = tmp_path / "bad.jsonl"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    with pytest.raises(TrackpadError, match=rf"bad\.jsonl, line {line}: .*{reason}"):
+        ReplayTrackpad(path)
+
+
+def test_a_missing_recording_and_a_senseless_speed_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TrackpadError, match="cannot be read: No such file"):
+        ReplayTrackpad(tmp_path / "none.jsonl")
+    write_recording(tmp_path / "touch.jsonl", "mt2-usb", [])
+    for speed in (0.0, -1.0, float("inf"), float("nan")):
+        with pytest.raises(ValueError, match="above 0"):
+            ReplayTrackpad(tmp_path / "touch.jsonl", speed)

@@ -1,0 +1,95 @@
+"""Log lines never block, for any kind of standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import pty
+import socket
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hapticd.io.host.journal import JournalHandler
+
+
+def pipe() -> tuple[int, int]:
+    return os.pipe()
+
+
+def terminal() -> tuple[int, int]:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    return master, slave
+
+
+def stream() -> tuple[int, int]:
+    reader, writer = socket.socketpair()
+    return reader.detach(), writer.detach()
+
+
+@pytest.fixture(params=[pipe, terminal, stream])
+def ends(request: pytest.FixtureRequest) -> Iterator[tuple[int, int]]:
+    reader, writer = request.param()
+    yield reader, writer
+    os.close(reader)
+    os.close(writer)
+
+
+def record(text: str) -> logging.LogRecord:
+    return logging.LogRecord("hapticd", logging.INFO, __file__, 1, text, None, None)
+
+
+def drain(reader: int) -> bytes:
+    os.set_blocking(reader, False)
+    read = b""
+    with contextlib.suppress(BlockingIOError):
+        while piece := os.read(reader, 65536):
+            read += piece
+    return read
+
+
+def test_a_line_passes(ends: tuple[int, int]) -> None:
+    journal = JournalHandler(ends[1])
+    journal.emit(record("a plate"))
+    journal.close()
+    assert drain(ends[0]) == b"a plate\n"
+
+
+def test_a_stalled_reader_loses_lines_and_gets_their_number(ends: tuple[int, int]) -> None:
+    reader, writer = ends
+    journal = JournalHandler(writer)
+    emitted = 0
+    while journal.dropped < 5:  # had it waited, this would never end
+        journal.emit(record("x" * 500))
+        emitted += 1
+        assert emitted < 10_000
+    assert os.get_blocking(writer)  # others write there too
+    drain(reader)
+    journal.emit(record("again"))
+    journal.emit(record("and again"))
+    journal.close()
+    assert drain(reader) == b"again (5 earlier lines were dropped: the output was not read)\nand again\n"
+
+
+def test_a_reader_that_is_gone_is_no_error() -> None:
+    reader, writer = os.pipe()
+    journal = JournalHandler(writer)
+    os.close(reader)
+    journal.emit(record("no reader"))
+    assert journal.dropped == 1
+    journal.close()
+    os.close(writer)
+
+
+def test_a_file_gets_every_line_behind_what_others_wrote(tmp_path: Path) -> None:
+    with (tmp_path / "log").open("wb", buffering=0) as file:
+        journal = JournalHandler(file.fileno())
+        file.write(b"first\n")
+        journal.emit(record("second \udcff"))
+        journal.close()
+        file.write(b"third\n")
+    assert (tmp_path / "log").read_bytes() == b"first\nsecond \\udcff\nthird\n"

@@ -1,0 +1,175 @@
+"""Periodic timer, garbage collector and real-time settings."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import os
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+from asynchronous import asynchronous
+
+from hapticd.io.host import realtime
+from hapticd.io.host.realtime import Granted, Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
+
+MS = 1_000_000
+PATIENCE_S = 10.0
+
+needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="the scheduler's calls are Linux's")
+
+
+@pytest.fixture(params=["timerfd", "the loop's own"])
+def _each_timer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param != "timerfd":
+        monkeypatch.setattr(realtime, "_timerfd", lambda: None)
+
+
+@pytest.fixture
+def _collector_left_as_it_was() -> Iterator[None]:
+    thresholds, interval_s = gc.get_threshold(), sys.getswitchinterval()
+    yield
+    gc.unfreeze()
+    gc.set_threshold(*thresholds)
+    sys.setswitchinterval(interval_s)
+
+
+async def ticks(count: int, *, period_ns: int, stall_ns: int = 0) -> list[tuple[int, int]]:
+    """(late_ns, missed) of the first `count` ticks, the loop being held for `stall_ns` before the first."""
+    calls: list[tuple[int, int]] = []
+    enough = asyncio.Event()
+
+    def on_due(late_ns: int, missed: int) -> None:
+        calls.append((late_ns, missed))
+        if len(calls) >= count:
+            enough.set()
+
+    timer = PeriodicTimer(asyncio.get_running_loop(), period_ns, on_due)
+    t_free_ns = time.monotonic_ns() + stall_ns
+    while time.monotonic_ns() < t_free_ns:
+        pass
+    await asyncio.wait_for(enough.wait(), PATIENCE_S)
+    timer.close()
+    return calls
+
+
+@pytest.mark.usefixtures("_each_timer")
+def test_ticks_never_come_before_they_are_due() -> None:
+    assert all(late_ns >= 0 for late_ns, _ in asyncio.run(ticks(10, period_ns=MS)))
+
+
+@pytest.mark.usefixtures("_each_timer")
+def test_what_fell_due_while_the_loop_was_busy_is_skipped_and_counted() -> None:
+    (late_ns, missed), *_ = asyncio.run(ticks(2, period_ns=2 * MS, stall_ns=11 * MS))
+    assert missed >= 4
+    assert late_ns >= 0
+
+
+@pytest.mark.usefixtures("_each_timer")
+def test_a_period_can_be_changed_from_within_a_tick() -> None:
+    async def story() -> list[int]:
+        periods: list[int] = []
+        enough = asyncio.Event()
+
+        def on_due(_late_ns: int, _missed: int) -> None:
+            periods.append(timer.period_ns)
+            timer.set_period(timer.period_ns // 2)
+            if len(periods) == 3:
+                enough.set()
+
+        timer = PeriodicTimer(asyncio.get_running_loop(), 4 * MS, on_due)
+        await asyncio.wait_for(enough.wait(), PATIENCE_S)
+        timer.close()
+        return periods
+
+    assert asyncio.run(story()) == [4 * MS, 2 * MS, MS]
+
+
+@pytest.mark.usefixtures("_each_timer")
+@asynchronous
+async def test_a_closed_timer_ticks_no_more_and_holds_no_file() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: pytest.fail("it ticked"))
+    timer.close()
+    timer.close()
+    assert len(os.listdir("/proc/self/fd")) == before
+    await asyncio.sleep(0)
+
+
+@pytest.mark.usefixtures("_collector_left_as_it_was")
+def test_after_the_start_nothing_old_is_looked_at_again() -> None:
+    quiet_collector()
+    assert gc.get_freeze_count() > 10_000
+    assert gc.get_threshold()[0] == realtime.EMERGENCY_ALLOCATIONS
+
+
+@pytest.mark.usefixtures("_collector_left_as_it_was")
+def test_idle_time_takes_the_rings_that_touches_left() -> None:
+    quiet_collector()
+    for _ in range(100):
+        ring: list[object] = []
+        ring.append(ring)
+    del ring
+    assert collect_when_idle() >= 100
+
+
+@needs_linux
+def test_default_settings_change_nothing() -> None:
+    before = os.sched_getscheduler(0), os.sched_getaffinity(0)
+    granted = go_real_time()
+    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
+    assert (granted.memory_locked, granted.refused) == (False, ())
+
+
+@needs_linux
+def test_refusals_of_the_kernel_are_returned_as_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    monkeypatch.setattr(realtime, "_lock_memory", lambda refused: refused.append("mlockall: no") or False)
+    granted = go_real_time(fifo_priority=20, processor=0, lock_memory=True)
+    assert granted == Granted(
+        0,
+        tuple(sorted(os.sched_getaffinity(0))),
+        False,
+        ("processor 0: Operation not permitted", "SCHED_FIFO at 20: Operation not permitted", "mlockall: no"),
+    )
+
+
+@needs_linux
+def test_settings_apply_to_this_thread_and_not_to_later_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    requests: list[tuple[int, int]] = []
+    monkeypatch.setattr(
+        os, "sched_setscheduler", lambda _, policy, param: requests.append((policy, param.sched_priority))
+    )
+    go_real_time(fifo_priority=20)
+    assert requests == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 20)]
+
+
+def test_each_collection_is_timed_until_it_is_closed() -> None:
+    calls: list[int] = []
+    clock_ns = iter((0, 1000, 1700, 5000, 5900))
+    pauses = Pauses(calls.append, clock_ns=lambda: next(clock_ns))
+    gc.collect()
+    gc.collect()
+    pauses.close()
+    pauses.close()
+    gc.collect()
+    assert calls == [700, 900]
+
+
+@pytest.mark.usefixtures("_each_timer")
+@asynchronous
+async def test_the_first_tick_may_be_put_off() -> None:
+    calls = asyncio.Event()
+    timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: calls.set())
+    t_begin_ns = time.monotonic_ns()
+    timer.set_period(MS, 30 * MS)
+    await asyncio.wait_for(calls.wait(), PATIENCE_S)
+    assert time.monotonic_ns() - t_begin_ns >= 30 * MS
+    assert timer.period_ns == MS
+    timer.close()

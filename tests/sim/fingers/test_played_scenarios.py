@@ -1,0 +1,141 @@
+"""The scenarios as they are played: figures 7, 10 and 11 of the paper, roles that follow fingers, and rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hapticd.config.sections import Config
+from hapticd.sim import lockstep
+from hapticd.sim.fingers.scenarios import LAND_AGAIN_S, LAND_S, LIFT_S, STEP_S, SWAP_S
+from hapticd.sim.lockstep import Run
+from hapticd.sim.report import step_response
+
+W_LIM_UM = 4.0
+
+
+@cache
+def played(scenario: str, seed: int = 1) -> Run:
+    return lockstep.run(scenario, seed=seed)
+
+
+def got_um(run: Run, start_s: float, end_s: float) -> np.ndarray:
+    """What the fingers got (T, N) from `start_s` until `end_s`."""
+    return np.abs(run.truth_um[(run.t_s >= start_s) & (run.t_s < end_s)])
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize("controller", ["deadbeat", "pi_ff", "pi"])
+def test_figure_7_a_step_settles_within_10_ms_and_leaves_the_quadrature_alone(controller: str) -> None:
+    config = Config()
+    run = lockstep.run(
+        "step", settings={"config": replace(config, device=replace(config.device, controller=controller))}
+    )
+
+    response = step_response(run.t_s, run.modal_um[:, 0], t_step_s=STEP_S)
+
+    assert response["final_um"] == pytest.approx(1.0, abs=0.02)
+    assert response["settling_ms"] <= 10.0
+    assert response["overshoot_frac"] < 0.05
+    assert response["largest_q_um"] < (0.1 if controller == "pi" else 0.01)
+    assert np.abs(run.modal_um[:, 1]).max() < 0.05  # the other mode stays out of it
+    assert np.abs(run.modal_um[run.t_s < STEP_S]).max() < 0.01
+    assert Config().device.controller == "deadbeat"
+
+
+def test_figure_10_the_references_stay_within_the_limits_and_both_fingers_are_served() -> None:
+    run = played("paper-figure-10")
+
+    assert run.score.largest_reference_um < 0.9 * W_LIM_UM
+    assert run.score.limited_frac == 0.0
+    assert run.score.leak_um < 0.03
+    assert run.score.slip_error_um < 0.03
+    assert np.abs(run.modal_um.imag).max() < 0.1  # W_kq = 0, but for what the neighbouring modes are paid back
+    settled = run.t_s > LAND_S + 0.05
+    assert rms(np.abs(run.modal_um - run.reference_um)[settled]) < 0.05  # measurement and reference are one line
+    assert np.ptp(run.reference_um[settled].real, axis=0).min() > 4.0
+
+
+def test_figure_11_the_references_reach_the_limits_w2_stays_nothing_and_w1_dips() -> None:
+    run = played("paper-figure-11")
+    settled = run.t_s > LAND_S + 0.1
+    slippery_um = np.abs(run.truth_um[settled, 0])
+
+    assert (np.abs(run.reference_um).max(axis=0) > 0.85 * W_LIM_UM).all()
+    assert run.score.largest_reference_um <= W_LIM_UM
+    assert 0.15 < run.score.limited_frac < 0.45
+    assert run.score.leak_um < 0.03
+    dips = np.flatnonzero((slippery_um[1:] < 0.5) & (slippery_um[:-1] >= 0.5))
+    assert len(dips) >= 8
+    assert np.median(slippery_um) == pytest.approx(1.0, abs=0.03)
+    assert slippery_um.max() < 1.2
+
+
+def test_swap_the_roles_follow_the_fingers_through_crossing_and_landing_again() -> None:
+    run = played("swap")
+
+    for start_s, end_s, still in (
+        (LAND_S + 0.1, LIFT_S, 1),  # they pass each other
+        (LAND_AGAIN_S + 0.1, SWAP_S, 1),  # one of them is back, with a new id
+        (SWAP_S + 0.1, 8.0, 0),  # the roles are changed
+    ):
+        got = got_um(run, start_s, end_s)
+        assert rms(got[:, still]) < 0.08
+        assert np.median(got[:, 1 - still]) > 0.9
+    alone_um = got_um(run, LIFT_S + 0.1, LAND_AGAIN_S)
+    assert np.isnan(alone_um[:, 1]).all()
+    assert np.median(alone_um[:, 0]) == pytest.approx(1.0, abs=0.05)
+    assert np.hypot(*np.moveaxis(run.finger_predicted_mm - run.finger_true_mm, -1, 0))[run.t_s > 3.2].max() < 5.0
+
+
+def test_a_virtual_finger_is_held_still_where_it_walks_and_the_real_one_slips() -> None:
+    run = played("virtual-finger")
+
+    assert run.score.leak_um < 0.05
+    assert run.score.slip_frac > 0.6
+    assert run.status["fingers"] == 1
+    assert run.status["virtual_fingers"] == 1
+    later = run.t_s > 1.0
+    speeds_mm_s = np.hypot(*np.diff(run.finger_true_mm[later, 1], axis=0).T) * 2000.0
+    assert np.median(speeds_mm_s) == pytest.approx(40.0, rel=1e-3)
+    # Nothing measures a virtual finger, so where it will be is known; only where it turns is a corner cut.
+    miss_mm = np.hypot(*(run.finger_predicted_mm[later, 1] - run.finger_true_mm[later, 1]).T)
+    assert np.quantile(miss_mm, 0.98) < 0.05
+    assert miss_mm.max() < 40.0 * 0.017
+
+
+def test_circles_are_served_as_strokes_are() -> None:
+    run = played("circles")
+
+    assert run.score.leak_um < 0.07
+    assert run.score.slip_frac > 0.6
+
+
+def test_at_rest_without_noise_one_frame_serves_for_ever() -> None:
+    run = lockstep.run("rest", settings={"noise_mm": 0.0, "stamp_jitter_ms": 0.0}, seconds=3.0)
+    touch = run.status["touch"]
+    after = run.t_s > LAND_S + 0.1
+
+    assert touch["solves"] <= 4
+    assert touch["skipped_standing"] > 200  # a pass for each report
+    assert (run.reference_um[after] == run.reference_um[-1]).all()
+    assert run.score.leak_um < 0.03
+
+
+def test_at_rest_with_noise_most_passes_send_nothing_and_the_skipped_frames_cost_nothing() -> None:
+    skipping = played("rest")
+    config = Config()
+    always = lockstep.run(
+        "rest", settings={"config": replace(config, solver=replace(config.solver, tolerance_um=1e-4))}
+    )
+
+    touch = skipping.status["touch"]
+    assert touch["skipped_standing"] > 0.6 * touch["passes"]
+    assert touch["solves"] < always.status["touch"]["solves"] / 2
+    assert skipping.score.leak_um < always.score.leak_um + config.solver.tolerance_um

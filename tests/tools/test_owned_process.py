@@ -1,0 +1,91 @@
+"""What a command started for itself ends with it, however it dies, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hapticd.tools import owned_process
+from hapticd.tools.daemon_process import DaemonProcess
+
+PATIENCE_S = 60.0
+OWNER = """
+import os, signal
+from hapticd.tools.daemon_process import DaemonProcess
+from hapticd.sim.rig.process import RigProcess
+with RigProcess("rest", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
+    print(daemon.process.pid, rig.process.pid, flush=True)
+    signal.pause()
+"""
+
+
+def until(holds: Callable[[], bool]) -> None:
+    t_end_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < t_end_s
+        time.sleep(0.05)
+
+
+def is_gone(pid: int) -> bool:
+    """No such process, or one that only waits for somebody to ask how it ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+@pytest.fixture
+def owner(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    environ = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", OWNER], env=environ, stdout=subprocess.PIPE, text=True) as process:
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGHUP, signal.SIGTERM])
+def test_a_service_and_its_rig_end_with_their_owner_however_that_dies(
+    owner: subprocess.Popen[str], sign: signal.Signals, tmp_path: Path
+) -> None:
+    assert owner.stdout is not None
+    pids = [int(pid) for pid in owner.stdout.readline().split()]
+    assert len(pids) == 2
+    until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))  # at work, or on its way there
+
+    owner.send_signal(sign)
+
+    assert owner.wait(PATIENCE_S) == -sign
+    until(lambda: all(is_gone(pid) for pid in pids))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_service_that_is_only_beginning_ends_with_its_owner_too(owner: subprocess.Popen[str], tmp_path: Path) -> None:
+    assert owner.stdout is not None
+    pids = [int(pid) for pid in owner.stdout.readline().split()]
+
+    owner.kill()
+
+    until(lambda: all(is_gone(pid) for pid in pids))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_service_that_its_owner_ends_says_nothing_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with DaemonProcess('scenario = "rest"') as running:
+        until(lambda: (running.runtime_dir / "control").exists())
+    assert running.process.returncode == 0
+    assert capfd.readouterr().err == ""
+    assert [path.name for path in tmp_path.iterdir()] == []
+
+
+def test_its_exit_code_is_the_command_s() -> None:
+    with owned_process.start(["run", "--config", "/no/such.toml"]) as process:
+        assert process.wait(PATIENCE_S) == 78
