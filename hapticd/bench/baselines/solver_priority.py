@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...core.solver.arithmetic import EQUAL_NORM, NOISE, Row, Rows, clamped
-from ...core.solver.polytope import descend
+from ...core.solver.polytope import RANK, descend, shortest
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -76,4 +76,5 @@ def _descended(one: Slice, a: FloatArray, b: FloatArray, box: FloatArray) -> Flo
     if one.free.shape[1] == 0:
         return one.modal
     bounds = np.maximum(np.concatenate([box - one.modal, box + one.modal]), 0.0)
-    return one.modal + one.free @ descend(a, b, np.vstack([one.free, -one.free]), bounds)
+    free = shortest(a, b, RANK * float(np.linalg.norm(a)))
+    return one.modal + one.free @ descend(a, b, np.vstack([one.free, -one.free]), bounds, free)

@@ -156,7 +156,7 @@ def best_solution(problem: Problem, previous: Row | None) -> Candidate:
     near = np.array([0.0 if previous is None else clamped(previous[k] / problem.reach, SAFE) for k in range(modes)])
     moved = np.flatnonzero(problem.gains.any(axis=1))
     if len(moved) <= _MOST_ENUMERATED:
-        return _nearest(problem, _solved(problem, _every_pattern(moved, len(problem.gains))), near)
+        return _nearest(problem, _solved(problem, _every_pattern(problem.gains, moved)), near)
     candidates = _solved(problem, _locally_best(problem, near))
     best, signs = _best(candidates), np.zeros(len(problem.gains))
     while not np.array_equal(best.signs, signs):
@@ -201,7 +201,7 @@ def _bent(problem: Problem, signs: FloatArray, free: FloatArray) -> Candidate:
         top = float(np.min(problem.box[line > NOISE] / line[line > NOISE]))
         z = np.clip(free, -top, top)
     else:
-        z = least_norm_in_polytope(problem.factored, signs * problem.targets, problem.basis, problem.box)
+        z = least_norm_in_polytope(problem.factored, signs * problem.targets, free, problem.basis, problem.box)
     modal, got = problem.basis @ z, np.abs(problem.gains @ z)
     return Candidate(modal, got, signs, float(got @ (got - 2.0 * problem.targets)), float(modal @ modal), True)
 
@@ -226,10 +226,12 @@ def _nearest(problem: Problem, candidates: Sequence[Candidate], near: FloatArray
     return min(equal, key=lambda one: float(np.sum((one.modal - near) ** 2)))
 
 
-def _every_pattern(moved: npt.NDArray[np.intp], fingers: int) -> FloatArray:
-    """All signs (count, fingers) of the fingers that can be moved, up to a common one; 1 for the others."""
+def _every_pattern(gains: FloatArray, moved: npt.NDArray[np.intp]) -> FloatArray:
+    """All signs (count, n) of the fingers that can be moved, up to a common one; 1 for the others."""
+    if gains.shape[1] == 1:  # a line: the fingers' signs are those of their gains
+        return np.where(gains < 0.0, -1.0, 1.0).T
     free = max(len(moved) - 1, 0)
-    patterns = np.ones((2**free, fingers))
+    patterns = np.ones((2**free, len(gains)))
     patterns[:, moved[1:]] = 1.0 - 2.0 * ((np.arange(2**free)[:, None] >> np.arange(free)) & 1)
     return patterns
 

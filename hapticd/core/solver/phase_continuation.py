@@ -38,6 +38,8 @@ def turn_patterns(rows: Rows, targets: Row, limits: Row, previous: Phasors, turn
     if problem is None:
         return (0j,) * len(limits), False
     best = best_solution(problem, None)
+    if problem.basis.shape[1] == 1:  # a line: all that can turn is the common phase
+        return in_phase(unscaled(problem, best.modal, limits), limits, previous), is_limited(problem, best)
     turn = turn_of((problem.phi @ np.array(previous)).tolist())
     if turn.tau_rad < _REAL_RAD:
         turn = turn._replace(changes=_changed(turn.signs, np.copysign(1.0, problem.phi @ best.modal).tolist()))

@@ -8,6 +8,7 @@ limits, so the result is safe however many steps it takes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,25 +45,32 @@ class Factored:
         return z
 
 
-def least_norm_in_polytope(factored: Factored, b: FloatArray, c: FloatArray, h: FloatArray) -> FloatArray:
-    """The z (r,) with |C z| <= h that minimises |A z - b|, then |z|; C (M, r), h (M,) > 0."""
+def least_norm_in_polytope(
+    factored: Factored, b: FloatArray, free: FloatArray, c: FloatArray, h: FloatArray
+) -> FloatArray:
+    """The z (r,) with |C z| <= h that minimises |A z - b|, then |z|; C (M, r), h (M,). `free` is z without limits."""
     normals, bounds = np.vstack([c, -c]), np.concatenate([h, h])
-    z = descend(factored.matrix, b, normals, bounds)
+    z = descend(factored.matrix, b, normals, bounds, free)
     unseen = factored.unseen
     if unseen.shape[1] == 0:
         return z
     slack = np.maximum(bounds - normals @ z, 0.0)
-    x = descend(np.eye(unseen.shape[1]), -(unseen.T @ z), normals @ unseen, slack)
+    inward = -(unseen.T @ z)
+    x = descend(np.eye(len(inward)), inward, normals @ unseen, slack, inward)
     return z + unseen @ x
 
 
-def descend(a: FloatArray, b: FloatArray, normals: FloatArray, bounds: FloatArray) -> FloatArray:
-    """argmin |A z - b| subject to normals z <= bounds (bounds >= 0), from z = 0, by the shortest way."""
-    seen = RANK * float(np.linalg.norm(a))
-    z = np.zeros(a.shape[1])
+def descend(a: FloatArray, b: FloatArray, normals: FloatArray, bounds: FloatArray, free: FloatArray) -> FloatArray:
+    """argmin |A z - b| subject to normals z <= bounds (bounds >= 0), from z = 0, by the shortest way.
+
+    `free` is the least-norm minimum without bounds: the first step.
+    """
+    seen = RANK * math.sqrt(float(np.sum(a * a)))
+    z, step = np.zeros(a.shape[1]), free
     face: list[int] = []
-    for _ in range(_STEPS_PER_LIMIT * len(bounds)):
-        step = _step_on_face(a, b - a @ z, normals[face], seen)
+    for count in range(_STEPS_PER_LIMIT * len(bounds)):
+        if count > 0:
+            step = _step_on_face(a, b - a @ z, normals[face], seen)
         blocking, share = _first_limit(normals, bounds, face, z, step)
         z = z + share * step
         if blocking is not None:
@@ -78,15 +86,15 @@ def descend(a: FloatArray, b: FloatArray, normals: FloatArray, bounds: FloatArra
 def _step_on_face(a: FloatArray, residual: FloatArray, held: FloatArray, seen: float) -> FloatArray:
     """From here to the minimum of the face, by the shortest way."""
     if len(held) == 0:
-        return _shortest(a, residual, seen)
+        return shortest(a, residual, seen)
     _, singular, right = np.linalg.svd(held)
     free = right[np.count_nonzero(singular > _ALONG_FACE * singular[0]) :].T
     if free.shape[1] == 0:
         return np.zeros(a.shape[1])
-    return free @ _shortest(a @ free, residual, seen)
+    return free @ shortest(a @ free, residual, seen)
 
 
-def _shortest(a: FloatArray, b: FloatArray, seen: float) -> FloatArray:
+def shortest(a: FloatArray, b: FloatArray, seen: float) -> FloatArray:
     """The least-norm minimum of |A x - b|, moving only in directions with a singular value above `seen`."""
     left, singular, right = np.linalg.svd(a, full_matrices=False)
     rank = int(np.count_nonzero(singular > seen))
@@ -114,7 +122,7 @@ def _inward_pull(a: FloatArray, residual: FloatArray, held: FloatArray, b: Float
     if len(held) == 0:
         return None
     force = a.T @ residual
-    multipliers = _shortest(held.T, force, RANK * float(np.linalg.norm(held)))
+    multipliers = shortest(held.T, force, RANK * math.sqrt(float(np.sum(held * held))))
     largest = np.max(np.abs(a))
     noise = _PULL * largest * float(np.max(np.abs(residual))) + 1e-15 * largest * float(np.max(np.abs(b)))
     leaving = int(np.argmin(multipliers))

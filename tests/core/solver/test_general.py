@@ -115,7 +115,9 @@ def test_the_active_set_agrees_with_bounded_variable_least_squares() -> None:
     for _ in range(60):
         rows, columns = random.integers(1, 7, 2)
         a, b = random.uniform(-1, 1, (rows, columns)), random.uniform(-3, 3, rows)
-        z = least_norm_in_polytope(Factored.of(a), b, np.eye(columns), np.ones(columns))
+        factored = Factored.of(a)
+        free = factored.least_norm(b[None])[0]
+        z = least_norm_in_polytope(factored, b, free, np.eye(columns), np.ones(columns))
         oracle = lsq_linear(a, b, (-1.0, 1.0), method="bvls").x
         assert np.max(np.abs(z)) <= 1.0 + 1e-12
         assert np.linalg.norm(a @ z - b) <= np.linalg.norm(a @ oracle - b) + 1e-10
