@@ -55,7 +55,7 @@ def alternatives() -> dict[str, Alternative]:
     changes: dict[str, dict[str, dict[str, Any]]] = {
         "a single knot": {"solver": {"max_knots": 1}},
         "controller pi": {"device": {"controller": "pi"}},
-        "no derating": {"solver": {"fade": 0.0}},
+        "no derating": {"solver": {"derating_mm2_um2": 0.0}},
     }
     found |= {name: Alternative(replace(ours, config=changed(ours.config, one))) for name, one in changes.items()}
     found["parasitic modes unknown"] = Alternative(replace(ours, parasitic_modes_known=False))

@@ -37,7 +37,7 @@ _MAP_POINTS = 138  # a millimetre apart
 
 def run(*, strokes: int = 40) -> Table:
     """Steps, share and price of the reference on `strokes` strokes: hapticd, without derating, and the paper."""
-    price = Config().solver.fade
+    price = Config().solver.derating_mm2_um2
     points_mm = strokes_mm(strokes)
     modes = _true_map()
     ways: dict[str, tuple[PointSolver, float]] = {
@@ -69,7 +69,7 @@ def _true_map() -> ModeShapes:
 
 def _walked(modes: ModeShapes, points_mm: FloatArray, solve: PointSolver, price: float) -> FloatArray:
     """Modal amplitudes (strokes, KNOTS, M), each stroke from a plate at rest."""
-    solver = InstantSolver(modes, W_LIMIT_UM, fade=price, phase_rotation=solve is not invert, solve=solve)
+    solver = InstantSolver(modes, W_LIMIT_UM, derating_mm2_um2=price, phase_rotation=solve is not invert, solve=solve)
     return np.array([_stroke(solver, stroke) for stroke in points_mm.tolist()])
 
 

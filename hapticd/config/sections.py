@@ -125,7 +125,7 @@ class PredictionConfig:
 class SolverConfig:
     """Solution for the modal amplitudes."""
 
-    fade: float = key(
+    derating_mm2_um2: float = key(
         5.0,
         "derating in mm2/um2: least share of its target for a limited slipping finger, per slope of 1 um/mm under "
         "a still one, before amplitude is derated; 0: no derating",

@@ -41,16 +41,16 @@ from .trajectory.knots import SHORTEST_NS, refine
 class PipelineSettings:
     """Pipeline settings.
 
-    `fade` is how far amplitude gives way where a limit keeps a slippery finger from its target anyway (see `fade`;
-    0 also takes the bound off the reference's slope), and `phase_rotation` whether two slipping fingers change their
-    signs by turning their phase (see `moment`). `contact_radius_mm` above 0 makes still fingers discs.
-    `cover_ns` is how long one frame must carry the plate: one and a half report periods, so that one lost report
-    leaves it on known ground. `loop_delay_ns` is by how much the plate follows its reference late.
+    `derating_mm2_um2` is how far amplitude is derated where a limit keeps a slippery finger from its target anyway (see
+    `core.solver.derating`; 0 also removes the bound on the reference's slope). `phase_rotation`: two slipping fingers
+    change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes still
+    fingers discs. `cover_ns` is how long one frame must last: one and a half report periods, to bridge a lost report.
+    `loop_delay_ns` is by how much the plate follows its reference late.
     """
 
     w_limit_um: tuple[float, ...]
     make_predictor: Callable[[], Predictor]
-    fade: float = 0.0
+    derating_mm2_um2: float = 0.0
     phase_rotation: bool = True
     contact_radius_mm: float = 0.0
     tolerance_um: float = 0.02
@@ -96,7 +96,7 @@ class Pipeline:
         self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
-            fade=settings.fade,
+            derating_mm2_um2=settings.derating_mm2_um2,
             phase_rotation=settings.phase_rotation,
             parasitic_modes=parasitic_modes,
             contact_radius_mm=settings.contact_radius_mm,

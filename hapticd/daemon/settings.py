@@ -22,7 +22,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     return PipelineSettings(
         w_limit_um=config.limits.reference_limit_um,
         make_predictor=partial(DEFAULT.for_touch, period_ms=prediction.period_ms, noise_mm=prediction.noise_mm),
-        fade=config.solver.fade,
+        derating_mm2_um2=config.solver.derating_mm2_um2,
         phase_rotation=config.solver.phase_rotation,
         contact_radius_mm=config.solver.contact_radius_mm,
         tolerance_um=config.solver.tolerance_um,

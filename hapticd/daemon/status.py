@@ -89,7 +89,6 @@ class Status:
                 fingers=tuple(fingers),
                 modal_um=self._pipeline.modal_um,
                 limited=tick.limited,
-                condition=None,
                 age_ms=tick.age_ns * 1e-6,
                 horizon_ms=tick.horizon_ns * 1e-6,
                 markers=tuple(self._clients.markers),

@@ -103,8 +103,8 @@ class FingerState(NamedTuple):
 class PlateState(NamedTuple):
     """One telemetry message. `instance` changes with every start of the daemon; `seq` counts its messages.
 
-    `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `condition` the
-    mode matrix's condition number (infinite where it is singular, None: not computed), `state` the supervisor's.
+    `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `state` the
+    supervisor's state.
     `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` arrived since the
     previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of Python's
     collector, above 1 ms) count since the start.
@@ -117,7 +117,6 @@ class PlateState(NamedTuple):
     fingers: tuple[FingerState, ...]
     modal_um: tuple[complex, ...]
     limited: bool
-    condition: float | None
     age_ms: float
     horizon_ms: float
     markers: tuple[Marker, ...] = ()
@@ -223,7 +222,6 @@ def encode_state(state: PlateState) -> bytes:
                 "modal_q_um": [_finite(w_um.imag) for w_um in state.modal_um],
                 "measured_um": [[_finite(w_um.real), _finite(w_um.imag)] for w_um in state.measured_um],
                 "limited": state.limited,
-                "condition": _finite(state.condition),
                 "age_ms": _finite(state.age_ms),
                 "horizon_ms": _finite(state.horizon_ms),
                 "tick_late_ms": _finite(state.tick_late_ms),

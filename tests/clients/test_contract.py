@@ -210,7 +210,7 @@ def test_a_stranger_on_the_endpoint_is_an_error_of_ours(payload: bytes) -> None:
             read(payload)
 
 
-@pytest.mark.parametrize("change", [{"fingers": 3}, {"fingers": [3]}, {"modal_um": None}, {"condition": ...}, {"v": 2}])
+@pytest.mark.parametrize("change", [{"fingers": 3}, {"fingers": [3]}, {"modal_um": None}, {"age_ms": ...}, {"v": 2}])
 def test_a_state_that_is_not_of_this_version_is_an_error(change: dict[str, Any]) -> None:
     (example,) = examples("telemetry")
     changed = {name: value for name, value in (example | change).items() if value is not ...}

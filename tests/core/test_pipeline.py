@@ -274,12 +274,12 @@ def test_the_same_calls_give_the_same_drives() -> None:
     assert play() == play()
 
 
-@pytest.mark.parametrize("fade", [0.0, 5.0, 20.0])
-def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_fades_and_the_zero_stays(fade: float) -> None:
-    riding, fading = Bench(max_knots=2), Bench(max_knots=2, fade=fade)
+@pytest.mark.parametrize("price", [0.0, 5.0, 20.0])
+def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and_the_zero_stays(price: float) -> None:
+    riding, derated = Bench(max_knots=2), Bench(max_knots=2, derating_mm2_um2=price)
     nearly_singular = (STICKY[0] - 27.3, STICKY[1])  # a wavelength on: nearly the same shapes
     ticks = []
-    for bench in (riding, fading):
+    for bench in (riding, derated):
         bench.report(nearly_singular, STICKY)
         bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
         ticks.append(bench.report(nearly_singular, STICKY))
@@ -290,8 +290,8 @@ def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_fades_and_the_
     assert ticks[0].drive is not None
     slopes = PLATE.gradient([STICKY])[0]
     slope_um_mm = np.linalg.norm(np.real(ticks[0].drive.knots[0].modal_um) @ slopes)
-    scale = min(1.0, math.hypot(share, LEAST_SHARE) / max(fade * slope_um_mm**2, 1e-12))
-    assert (scale < 1.0) == (fade > 0.0)
+    scale = min(1.0, math.hypot(share, LEAST_SHARE) / max(price * slope_um_mm**2, 1e-12))
+    assert (scale < 1.0) == (price > 0.0)
     assert amplitude_um(ticks[1], 0, nearly_singular) == pytest.approx(share * scale, rel=1e-9)
     assert amplitude_um(ticks[1], 0, STICKY) < 1e-12
 
@@ -299,8 +299,8 @@ def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_fades_and_the_
 def test_fading_changes_nothing_where_targets_are_met_or_nobody_sticks() -> None:
     for targets in ((1.0, 0.0), (4.0, 4.0)):
         ticks = []
-        for fade in (0.0, 5.0):
-            bench = Bench(max_knots=2, fade=fade)
+        for price in (0.0, 5.0):
+            bench = Bench(max_knots=2, derating_mm2_um2=price)
             bench.report(SLIPPERY, STICKY)
             bench.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(targets)})
             ticks.append(bench.report(SLIPPERY, STICKY))

@@ -50,8 +50,8 @@ class PlateState:
     """The state of the plate and all fingers at one instant.
 
     `t_ns` is the host's monotonic clock and `seq` counts the messages of one daemon; `instance` changes when the
-    daemon restarts. `limited`: a mode reached its limit, so that some target was missed. `condition` is the
-    mode matrix's condition number (None: not computed, or singular). `age_ms` is the age of the newest touch sample,
+    daemon restarts. `limited`: a mode reached its limit, so that some target was missed. `age_ms` is
+    the age of the newest touch sample,
     `horizon_ms` how far ahead of it the plate was driven. `modal_um` and `modal_q_um` are the real and imaginary parts
     of the modes' phasors, `measured_um` the board's last measurement; an older daemon sends neither of the two.
     `markers` arrived since the previous message: a reader that skips messages misses them.
@@ -64,7 +64,6 @@ class PlateState:
     fingers: tuple[FingerState, ...]
     modal_um: tuple[float, ...]
     limited: bool
-    condition: float | None
     age_ms: float
     horizon_ms: float
     markers: tuple[Marker, ...] = ()
@@ -114,7 +113,6 @@ def decode_state(payload: bytes) -> PlateState:
             fingers=tuple(_finger_state(finger) for finger in fields["fingers"]),
             modal_um=tuple(_number(w_um) for w_um in fields["modal_um"]),
             limited=fields["limited"],
-            condition=fields["condition"],
             age_ms=_number(fields["age_ms"]),
             horizon_ms=_number(fields["horizon_ms"]),
             markers=tuple(Marker(one["t_ns"], one["client"], one["text"]) for one in fields.get("markers", ())),

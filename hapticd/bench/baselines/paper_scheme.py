@@ -22,7 +22,7 @@ def paper_pipeline(config: Config) -> PipelineSettings:
         pipeline_settings(config),
         make_predictor=PREDICTORS["hold"].for_touch,
         solve=invert,
-        fade=0.0,
+        derating_mm2_um2=0.0,
         phase_rotation=False,
         max_knots=1,
     )

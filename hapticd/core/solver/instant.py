@@ -47,8 +47,8 @@ class ModalSolution:
 
 
 class InstantSolver:
-    """Solver of one plate. `fade`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
-    `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0: a
+    """Solver of one plate. `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may
+    turn; `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0: a
     still finger is a disc, and its mean square is least."""
 
     def __init__(
@@ -56,7 +56,7 @@ class InstantSolver:
         modes: ModeShapes,
         w_limit_um: tuple[float, ...],
         *,
-        fade: float,
+        derating_mm2_um2: float,
         phase_rotation: bool,
         parasitic_modes: ParasiticModes | None = None,
         contact_radius_mm: float = 0.0,
@@ -66,7 +66,7 @@ class InstantSolver:
         self._steepest_1_mm = modes.steepest_1_mm()
         self._w_limit_um = w_limit_um
         self._solve = solve
-        self._derating_mm2_um2 = fade
+        self._derating_mm2_um2 = derating_mm2_um2
         self._rotates = phase_rotation
         is_point = contact_radius_mm == 0.0  # a disc has no zero to which parasitic modes could be compensated
         self._parasitic_modes = parasitic_modes if is_point else None

@@ -28,9 +28,7 @@ def _record(options: argparse.Namespace) -> None:
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `replay`."""
-    parser.epilog = (
-        f"{parser.epilog}\n         hapticd replay session.mcap --set prediction.noise_mm=0.1 --set solver.fade=0"
-    )
+    parser.epilog = f"{parser.epilog}\n         hapticd replay session.mcap --set prediction.noise_mm=0.1"
     _add_files(parser)
     parser.add_argument(
         "--set",

@@ -27,7 +27,7 @@ NEIGHBOURS = ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, FINGER_DECAY_1_S)
 
 
 def solver(parasitic_modes: ParasiticModes | None) -> InstantSolver:
-    return InstantSolver(DRIVEN, LIMIT_UM, fade=0.0, phase_rotation=True, parasitic_modes=parasitic_modes)
+    return InstantSolver(DRIVEN, LIMIT_UM, derating_mm2_um2=0.0, phase_rotation=True, parasitic_modes=parasitic_modes)
 
 
 def felt_um(places: list[Place], modal_um: tuple[complex, ...]) -> np.ndarray:

@@ -33,7 +33,7 @@ PLATE = sine_plate()
 
 
 def solver(*, phase_rotation: bool = True) -> InstantSolver:
-    return InstantSolver(PLATE, W_LIMIT_UM, fade=5.0, phase_rotation=phase_rotation)
+    return InstantSolver(PLATE, W_LIMIT_UM, derating_mm2_um2=5.0, phase_rotation=phase_rotation)
 
 
 def walked(chosen: InstantSolver, first_um: float, second_um: float) -> list[ModalSolution]:
@@ -120,7 +120,7 @@ def test_a_disc_moves_less_on_the_whole_than_when_its_centre_alone_is_still() ->
         chosen = InstantSolver(
             PLATE,
             W_LIMIT_UM,
-            fade=0.0,
+            derating_mm2_um2=0.0,
             phase_rotation=True,
             contact_radius_mm=radius_mm,
         )

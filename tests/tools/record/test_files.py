@@ -289,7 +289,7 @@ def test_the_header_is_read_back_to_the_last_bit(strokes: Path) -> None:
     [
         {"format": FORMAT + 1},
         {"format": None},
-        {"config_toml": "[solver]\nfade = -1\n"},
+        {"config_toml": "[solver]\nderating_mm2_um2 = -1\n"},
         {"config_toml": "x" * 70_000},
         {"config_toml": "[limits]\nw_limit_um = [4.0]\n"},
         {"modes_float64_le": {}},

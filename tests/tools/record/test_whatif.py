@@ -25,18 +25,18 @@ def test_unchanged_settings_make_the_recorded_references(strokes: Path) -> None:
 
 
 def test_a_worse_predictor_leaks_more_at_the_true_positions(strokes: Path) -> None:
-    fingers, judged = compare(open_recording(strokes), ["prediction.noise_mm=1.0", "solver.fade=0"])
+    fingers, judged = compare(open_recording(strokes), ["prediction.noise_mm=1.0", "solver.derating_mm2_um2=0"])
     leak_um = {one.name: one.score.leak_um for one in judged}
 
     assert fingers.is_true
-    assert list(leak_um) == ["as recorded", "prediction.noise_mm=1.0", "solver.fade=0", "all of these"]
+    assert list(leak_um) == ["as recorded", "prediction.noise_mm=1.0", "solver.derating_mm2_um2=0", "all of these"]
     assert leak_um["prediction.noise_mm=1.0"] > 3 * leak_um["as recorded"]
     assert leak_um["as recorded"] < 0.1
 
 
 def test_the_ideal_loop_is_near_what_the_plate_did(strokes: Path) -> None:
     recording = open_recording(strokes)
-    fingers, judged = compare(recording, ["solver.fade=5"])
+    fingers, judged = compare(recording, ["solver.derating_mm2_um2=5"])
     assert fingers.got_um is not None
     still = (fingers.target_um == 0.0) & (fingers.t_ns > fingers.t_ns[0] + 800_000_000)[:, None]
     got_um = float(np.sqrt(np.nanmean(np.abs(fingers.got_um[still]) ** 2)))
@@ -85,18 +85,24 @@ def test_a_polyline_holds_its_last_knot_until_the_next_begins() -> None:
 
 
 def test_a_change_is_a_key_of_the_configuration() -> None:
-    config = changed(Config(), ["prediction.noise_mm = 0.5", "solver.fade=0", "limits.w_limit_um=[3.0, 2.0]"])
+    config = changed(
+        Config(), ["prediction.noise_mm = 0.5", "solver.derating_mm2_um2=0", "limits.w_limit_um=[3.0, 2.0]"]
+    )
 
-    assert (config.prediction.noise_mm, config.solver.fade, config.limits.w_limit_um) == (0.5, 0.0, (3.0, 2.0))
+    assert (config.prediction.noise_mm, config.solver.derating_mm2_um2, config.limits.w_limit_um) == (
+        0.5,
+        0.0,
+        (3.0, 2.0),
+    )
 
 
 @pytest.mark.parametrize(
     "change",
     [
         "",
-        "fade=1",
-        "solver.fade",
-        "solver.fade=-1",
+        "derating_mm2_um2=1",
+        "solver.derating_mm2_um2",
+        "solver.derating_mm2_um2=-1",
         "solver.fad=1",
         "solver.policy=x",
         "=.=",

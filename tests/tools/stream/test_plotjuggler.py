@@ -18,13 +18,12 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de0019"  # 25 pairs
+    "de0018"  # 24 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
     "a57374617465" "02"  # state ACTIVE
     "a76c696d69746564" "c2"  # limited false
-    "a9636f6e646974696f6e" "c0"  # condition nil
     "a66167655f6d73" "cb4024000000000000"  # age_ms 10
     "aa686f72697a6f6e5f6d73" "cb4030800000000000"  # horizon_ms 16.5
     "a766696e67657273" "01"

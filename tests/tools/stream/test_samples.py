@@ -70,7 +70,6 @@ def test_a_value_that_is_not_finite_is_none() -> None:
     row = Sampler(1).row(plate_state(finger(3, math.nan, target_um=math.inf)), 0)
     assert row["finger_1_x_mm"] is None
     assert row["finger_1_target_um"] is None
-    assert row["condition"] is None
 
 
 def test_a_mode_has_what_is_asked_of_it_and_what_was_measured() -> None:

@@ -31,7 +31,6 @@ STATE = PlateState(
     ),
     modal_um=(1.5, -2.0),
     limited=True,
-    condition=None,
     age_ms=10.0,
     horizon_ms=math.nan,
     modal_q_um=(0.25, 0.0),
