@@ -32,7 +32,7 @@ def run(*, seconds: float = 2.0, rounds: int = ROUNDS, wait_until: WaitUntil = s
             passes[TO_FILE] += _round(situation, limit, wait_until, Path(folder, f"{number}.mcap"))
     return Table(
         name="recording",
-        title="recording: passes of two moving fingers at 88.9 Hz, beside the thread that writes them",
+        title="recording: passes of two moving fingers at 88.9 Hz, and the thread that writes them",
         default=NONE,
         rows=finite_rows([(name, _figures(found)) for name, found in passes.items()]),
         compared=("paced_us", "paced_p99_us", "late_p99_us"),

@@ -28,7 +28,7 @@ HEADER_WITHIN_S = 3.0
 SOON_S = 0.5  # an idle daemon begins within 0.1 s: no need to ask for hands off the plate
 POLL_MS = 100
 SYNC_EVERY_S = 1.0  # that much is lost where this process is killed
-WAITING = "Hands off the plate, please: the recording begins when nobody touches and no target stands (--now: at once)."
+WAITING = "Hands off the plate, please: the recording begins without fingers and targets (--now: at once)."
 BEGUN = "The recording has begun."
 LATE = "Something is recorded already: this recording begins in mid-session, and so it cannot be replayed bit for bit."
 

@@ -110,7 +110,7 @@ def test_a_damaged_chunk_is_lost_alone_and_counted(tmp_path: Path, small: tuple[
 
         assert [record.seq for record in recording.records()] == kept
         assert recording.losses.skipped_bytes > 0
-        if chunk < CHUNKS - 1:  # behind the last one no number tells
+        if chunk < CHUNKS - 1:  # no number follows the last one
             assert (recording.losses.missing, recording.losses.gaps) == (IN_EACH, 1)
             assert f"{IN_EACH} records are missing in 1 places" in recording.losses.report()
 
