@@ -1,4 +1,4 @@
-"""What the daemon's machine hears in a lock-step run, to be played to other machines as often as one likes.
+"""The inputs of a lock-step run's machine, to be played to other machines as often as needed.
 
 The machine takes time as an argument, so the same calls make it do the same work: alternatives are timed on exactly
 the same reports, board messages and targets, without the simulated plate between them.
@@ -38,7 +38,7 @@ class Call(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """A run as its machine heard it; `timed` is the call that makes the passes to be timed."""
+    """The inputs of a run's machine; `timed` is the call that makes the passes to be timed."""
 
     calls: tuple[Call, ...]
     timed: str
@@ -58,7 +58,7 @@ def record(
     seconds: float,
     timed: str = "reports",
 ) -> Recording:
-    """Play the actors in virtual time, and keep what the machine was told."""
+    """Play the actors in virtual time, and keep the machine's inputs."""
     settings = Settings() if settings is None else settings
     simulation = Simulation(actors, settings, seed)
     calls: list[Call] = []
@@ -69,7 +69,7 @@ def record(
 
 
 def new_machine(recording: Recording, config: Config | None = None, publish: Publish | None = None) -> Machine:
-    """A machine that has heard nothing yet; what it writes to its board is thrown away."""
+    """A machine without inputs so far; what it writes to its board is discarded."""
     config = Config() if config is None else config
     return Machine(
         config, recording.modes, write_board=lambda _: True, publish=publish, parasitic_modes=recording.parasitic_modes
@@ -85,7 +85,7 @@ def play(
     wait_until: WaitUntil | None = None,
     limit: int | None = None,
 ) -> list[float]:
-    """Let the machine hear it all, or up to `limit` passes that count. Returns how long each of these took, in us.
+    """Play all inputs, or up to `limit` passes that count. Returns how long each of these took, in us.
 
     `before` and `after` are called around each of them; `wait_until` makes each wait for its time of the host's
     clock, at the pace of the recording.
@@ -119,8 +119,8 @@ def sleep_until(t_ns: int) -> None:
 
 
 def _noted(calls: list[Call], name: str, method: Callable[..., Any]) -> Callable[..., Any]:
-    def heard(*arguments: Any) -> Any:
+    def noted(*arguments: Any) -> Any:
         calls.append(Call(name, arguments))
         return method(*arguments)
 
-    return heard
+    return noted

@@ -1,6 +1,6 @@
 """The daemon's own recording: the loop appends to a bounded queue, a thread makes MCAP of it and writes it.
 
-The thread empties the queue ten times a second, nobody wakes it, and it sleeps after each record: so it holds the
+The thread empties the queue ten times a second without being woken, and sleeps after each record: so it holds the
 interpreter for some 0.05 ms at a time, and a pass waits no longer for it. Once a second it ends the chunk and syncs the
 disk: that much is lost where the daemon is killed or the power fails. A disk that is full or too slow ends the
 recording with one line in the log, and the touch goes on.

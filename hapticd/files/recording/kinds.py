@@ -266,13 +266,10 @@ def record_of(kind: str, seq: int, t_ns: int, values: tuple[Any, ...]) -> Record
 
 def encode(kind: str, fields: Fields) -> bytes:
     """A message's bytes. Raises RecordingError for what no reader would take."""
-    if KINDS[kind].encoding == "msgpack":
-        data = bytes(msgpack.packb(fields))
-    else:
-        try:
-            data = _JSON.encode(fields).encode()
-        except ValueError:
-            raise RecordingError(f"A record of kind {kind} with a number that is not finite cannot be kept.") from None
+    try:
+        data = bytes(msgpack.packb(fields)) if KINDS[kind].encoding == "msgpack" else _JSON.encode(fields).encode()
+    except (ValueError, TypeError, OverflowError) as error:  # such as a number that is not finite
+        raise RecordingError(f"A record of kind {kind} cannot be kept: {error}.") from None
     longest = MAX_HEADER_BYTES if kind == HEADER else MAX_MESSAGE_BYTES
     if len(data) > longest:
         raise RecordingError(f"A record of {len(data)} bytes cannot be kept: at most {longest} can.")

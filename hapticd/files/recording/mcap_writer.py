@@ -54,11 +54,13 @@ class RecordingFile:
         self._pending_bytes = self._records = 0
         self._index_bytes = SUMMARY_BYTES
         self._mcap: McapWriter
+        self._output = _Output(-1)
         try:
             if not path.name or path.is_dir():
                 raise RecordingError(f"{path}: is a folder: name a file in it, such as session{SUFFIX}.")
             self._open(seq)
         except OSError as error:
+            self._output.close()
             raise RecordingError(
                 f"{path}: no recording can be written there ({error.strerror}): name a file in a folder of yours."
             ) from None
@@ -104,30 +106,32 @@ class RecordingFile:
         os.fsync(self._output.fd)
 
     def close(self) -> None:
-        """Write the index and close the file; after an error close it as it is."""
+        """Write the index and close the file; after an error close it as it is. Safe to call twice."""
         try:
-            if not self._output.has_failed:
+            if self._output.is_sound:
                 self.flush()
                 with _short_turns():
                     self._mcap.finish()  # type: ignore[no-untyped-call]
         finally:
-            os.close(self._output.fd)
+            self._output.close()
 
     def _follow(self, seq: int) -> None:
-        self.sync()
-        self.close()
-        self._open(seq)
+        with _short_turns():
+            self.sync()
+            self.close()
+            self._open(seq)
         if len(self._paths) > self._max_files:
             self._paths.popleft().unlink(missing_ok=True)
 
     def _open(self, seq: int) -> None:
+        header = encode(HEADER, header_fields(self._header))
         self._output = _Output(self._created())
         self._pending_bytes = self._records = 0
         self._index_bytes = SUMMARY_BYTES
         self._mcap = McapWriter(cast("IO[Any]", self._output), chunk_size=1 << 62, compression=CompressionType.NONE)
         self._mcap.start(profile="hapticd", library=f"hapticd {__version__}")
         self._channels = {name: self._register(name) for name in KINDS}
-        self._add(HEADER, seq, self._header.t_start_ns, encode(HEADER, header_fields(self._header)))
+        self._add(HEADER, seq, self._header.t_start_ns, header)
         self.flush()
         self._mcap.add_metadata("hapticd", texts_of(self._header))
 
@@ -202,7 +206,7 @@ class _Output:
     def __init__(self, fd: int) -> None:
         self.fd = fd
         self.bytes = 0
-        self.has_failed = False
+        self.is_sound = fd >= 0
 
     def write(self, data: bytes) -> int:
         """Append, whole: the kernel may take it in pieces."""
@@ -211,7 +215,7 @@ class _Output:
             while view:
                 view = view[os.write(self.fd, view) :]
         except OSError:
-            self.has_failed = True
+            self.is_sound = False
             raise
         self.bytes += len(data)
         return len(data)
@@ -222,3 +226,9 @@ class _Output:
 
     def flush(self) -> None:
         """Nothing is buffered."""
+
+    def close(self) -> None:
+        """Close the file, once: its number may be another file's later."""
+        fd, self.fd, self.is_sound = self.fd, -1, False
+        if fd >= 0:
+            os.close(fd)

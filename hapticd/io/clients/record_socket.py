@@ -63,7 +63,7 @@ class RecordSocket:
         self._socket.send(message, zmq.NOBLOCK)
 
     def sweep(self) -> None:
-        """Read who attached and detached; also to be called now and then, for a send may eat a socket's wake-up."""
+        """Read subscriptions; also to be called now and then, since a send may consume the socket's wake-up."""
         if self._context is None:
             return
         attached, detached, subscribed = set[bytes](), set[bytes](), set(self._subscribed)

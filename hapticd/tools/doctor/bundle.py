@@ -31,7 +31,7 @@ from .finding import Finding, System, as_document
 RECORD_S = 10.0
 LOG_LINES = 5000
 LOG_WITHIN_S = 20.0
-PACKAGES = ("hapticd", "hapticd-client", "hidapi", "msgpack", "numpy", "pyserial", "pyzmq")
+PACKAGES = ("hapticd", "hapticd-client", "hidapi", "mcap", "msgpack", "numpy", "pyserial", "pyzmq")
 SECRET = re.compile(r'(secret[\w-]*"?\s*[=:]\s*)("[^"\n]*"|\S+)', re.IGNORECASE)  # as ZeroMQ's certificates write it
 
 Record = Callable[[Path, Path | None, float | None], str]

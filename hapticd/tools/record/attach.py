@@ -27,9 +27,8 @@ from .truth import RigTruth
 HEADER_WITHIN_S = 3.0
 SOON_S = 0.5  # an idle daemon begins within 0.1 s: no need to ask for hands off the plate
 POLL_MS = 100
-FLUSH_EVERY_S = 0.2  # that much is lost where this process is killed
-FLUSHES_PER_SYNC = 5
-WAITING = "Hands off the plate, please: the recording begins when nobody touches and no target stands (--now: at once)."
+SYNC_EVERY_S = 1.0  # that much is lost where this process is killed
+WAITING = "Hands off the plate, please: the recording begins without fingers and targets (--now: at once)."
 BEGUN = "The recording has begun."
 LATE = "Something is recorded already: this recording begins in mid-session, and so it cannot be replayed bit for bit."
 
@@ -79,8 +78,7 @@ def _record(
     socket: zmq.Socket[bytes], truth: RigTruth, opening: Record, file: RecordingFile, seconds: float | None
 ) -> str:
     records, lost, next_seq = 0, 0, opening.seq
-    begun_s = flushed_s = time.monotonic()
-    flushes = 0
+    begun_s = synced_s = time.monotonic()
     try:
         try:
             for message in _messages(socket, math.inf if seconds is None else begun_s + seconds):
@@ -97,9 +95,9 @@ def _record(
                 if records:
                     for one in truth.records(next_seq - 1):
                         file.add(one)
-                if time.monotonic() - flushed_s >= FLUSH_EVERY_S:
-                    flushed_s, flushes = time.monotonic(), flushes + 1
-                    (file.flush if flushes % FLUSHES_PER_SYNC else file.sync)()
+                if time.monotonic() - synced_s >= SYNC_EVERY_S:
+                    synced_s = time.monotonic()
+                    file.sync()
         finally:
             file.close()
     except OSError as error:

@@ -18,67 +18,44 @@ from ...files.recording.mcap_reader import Recording
 
 Row = tuple[Any, ...]
 Column = npt.NDArray[Any]
-TIME = ("t_s", "t_ns")
 _STATUS = {name: form for name, form in KINDS["status"].form.items() if isinstance(form, str)}
 _NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
 _TEXTS = np.object_  # of any length: one long message must not make all others as long
 
-# Column names and their types, after those of TIME.
+
+def _wholes(*names: str) -> dict[str, type]:
+    return dict.fromkeys(names, _WHOLES)
+
+
+def _numbers(*names: str) -> dict[str, type]:
+    return dict.fromkeys(names, _NUMBERS)
+
+
+def _texts(*names: str) -> dict[str, type]:
+    return dict.fromkeys(names, _TEXTS)
+
+
+# Column names and their types, after `t_s` and `t_ns`.
 TABLES: dict[str, dict[str, type]] = {
-    "reports": {"t_host_ns": _WHOLES, "data_hex": _TEXTS},
-    "fingers": {
-        "t_sample_ns": _WHOLES,
-        "finger_id": _WHOLES,
-        "contact_id": _WHOLES,
-        "x_mm": _NUMBERS,
-        "y_mm": _NUMBERS,
-    },
-    "predictions": {
-        "t_plate_ns": _WHOLES,
-        "finger": _TEXTS,
-        "x_mm": _NUMBERS,
-        "y_mm": _NUMBERS,
-        "end_x_mm": _NUMBERS,
-        "end_y_mm": _NUMBERS,
-    },
-    "targets": {"finger": _TEXTS, "target_um": _NUMBERS, "achieved_um": _NUMBERS},
-    "references": {
-        "t_knot_ns": _WHOLES,
-        "knot": _WHOLES,
-        "mode": _WHOLES,
-        "reference_d_um": _NUMBERS,
-        "reference_q_um": _NUMBERS,
-    },
+    "reports": _wholes("t_host_ns") | _texts("data_hex"),
+    "fingers": _wholes("t_sample_ns", "finger_id", "contact_id") | _numbers("x_mm", "y_mm"),
+    "predictions": _wholes("t_plate_ns") | _texts("finger") | _numbers("x_mm", "y_mm", "end_x_mm", "end_y_mm"),
+    "targets": _texts("finger") | _numbers("target_um", "achieved_um"),
+    "references": _wholes("t_knot_ns", "knot", "mode") | _numbers("reference_d_um", "reference_q_um"),
     "passes": {
-        "age_ms": _NUMBERS,
-        "horizon_ms": _NUMBERS,
-        "state": _TEXTS,
+        **_numbers("age_ms", "horizon_ms"),
+        **_texts("state"),
         "is_limited": _TRUTHS,
-        "fingers": _WHOLES,
-        "knots": _WHOLES,
-        "gate_reasons": _WHOLES,
+        **_wholes("fingers", "knots", "gate_reasons"),
     },
     "board": {name: {WHOLE: _WHOLES, BOOL: _TRUTHS, TEXT: _TEXTS}[form] for name, form in _STATUS.items()},
-    "modes": {
-        "mode": _WHOLES,
-        "measured_d_um": _NUMBERS,
-        "measured_q_um": _NUMBERS,
-        "voltage_d_v": _NUMBERS,
-        "voltage_q_v": _NUMBERS,
-    },
-    "ledger": dict.fromkeys(LEDGER, _WHOLES),
-    "markers": {"client": _TEXTS, "text": _TEXTS},
-    "messages": {"socket": _TEXTS, "user": _TEXTS, "message_json": _TEXTS},
-    "links": {"device": _TEXTS, "is_up": _TRUTHS, "reason": _TEXTS},
-    "truth": {
-        "finger": _WHOLES,
-        "x_mm": _NUMBERS,
-        "y_mm": _NUMBERS,
-        "target_um": _NUMBERS,
-        "plate_d_um": _NUMBERS,
-        "plate_q_um": _NUMBERS,
-    },
-    "truth_modes": {"mode": _WHOLES, "plate_d_um": _NUMBERS, "plate_q_um": _NUMBERS},
+    "modes": _wholes("mode") | _numbers("measured_d_um", "measured_q_um", "voltage_d_v", "voltage_q_v"),
+    "ledger": _wholes(*LEDGER),
+    "markers": _texts("client", "text"),
+    "messages": _texts("socket", "user", "message_json"),
+    "links": {**_texts("device"), "is_up": _TRUTHS, **_texts("reason")},
+    "truth": _wholes("finger") | _numbers("x_mm", "y_mm", "target_um", "plate_d_um", "plate_q_um"),
+    "truth_modes": _wholes("mode") | _numbers("plate_d_um", "plate_q_um"),
 }
 
 

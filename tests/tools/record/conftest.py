@@ -52,8 +52,8 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     image = {"width": 2, "height": 2, "levels": b"\0\x40\x80\xff", "high_um": 2.0}
     walker = {"name": "walker", "path_mm": [[-30.0, 12.0], [30.0, 15.0]], "speed_mm_s": 70.0}
     bench.machine.watch(lambda _: None, bench.t_ns)
-    for finger, wish in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
-        targets = [{"finger": finger, **wish}, {"finger": "walker", "amplitude_um": 0.5}]
+    for finger, request in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
+        targets = [{"finger": finger, **request}, {"finger": "walker", "amplitude_um": 0.5}]
         message = {"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets, "virtuals": [walker]}
         bench.machine.targets(msgpack.packb(message), bench.t_ns, "uid 7")
         bench.run(120)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import threading
@@ -147,6 +148,30 @@ def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
     assert replay(open_recording(files)).is_identical
     with pytest.raises(RecordingError, match="begins when the daemon ran already"):
         replay(open_recording(files[1:]))
+
+
+def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_others(
+    tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_over, others = threading.Event(), list[int]()
+    file = RecordingFile(tmp_path / "a.mcap", header, max_files=2)
+    file._max_bytes = file.written_bytes + 20_000
+
+    def refuse() -> int:
+        others.append(os.open(os.devnull, os.O_RDONLY))  # takes the number of the file that was closed
+        raise OSError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(file, "_created", refuse)
+    with caplog.at_level(logging.WARNING):
+        writer = BackgroundWriter(file, on_end=is_over.set)
+        for t_ns in range(400):
+            writer.put("timer", t_ns)
+        assert is_over.wait(10.0)
+        writer.close(0, "over")
+
+    assert [line for line in lines(caplog) if "Permission denied" not in line] == []
+    os.close(others[0])  # raises where it was closed
+    assert sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) > 0
 
 
 def test_a_file_that_may_not_be_followed_ends_the_recording_when_it_is_full(

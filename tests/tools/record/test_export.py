@@ -110,9 +110,9 @@ def test_a_missing_library_is_one_sentence_that_says_what_installs_it(
     monkeypatch.setitem(sys.modules, library, None)
 
     assert main(["export", str(strokes), flag, str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert 'pip install "hapticd[export]"' in said
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert 'pip install "hapticd[export]"' in printed
 
 
 @pytest.mark.parametrize("form", ["--csv", "--hdf5", "--parquet"])
@@ -122,9 +122,9 @@ def test_a_place_that_cannot_be_written_is_one_sentence(
     (tmp_path / "file").write_text("", encoding="utf-8")
 
     assert main(["export", str(strokes), form, str(tmp_path / "file" / "below")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "cannot be written" in said
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert "cannot be written" in printed
 
 
 def test_the_picture_is_drawn_with_truth_and_without(tmp_path: Path, strokes: Path, eventful: Path) -> None:

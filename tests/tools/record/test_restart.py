@@ -206,7 +206,7 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
             assert killed.stdout is not None
             assert (await asyncio.to_thread(killed.stdout.readline)).decode().strip() in (WAITING, BEGUN)
             await until(lambda: (tmp_path / "killed.mcap").exists())
-            await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
+            await asyncio.to_thread(work, runtime_dir, rig_dir, 2 * STATES)
             joined = Recorder(tmp_path / "joined.mcap", configuration, 0.2)
             await asyncio.to_thread(ask)
             await until(lambda: not joined.is_alive())

@@ -1,4 +1,4 @@
-"""The simulated plate's truth beside a live recording: each finger with its target; nothing where there is no rig."""
+"""The simulated plate's ground truth in a live recording: each finger with its target; none without a rig."""
 
 from __future__ import annotations
 
