@@ -47,9 +47,12 @@ class ModalSolution:
 
 
 class InstantSolver:
-    """Solver of one plate. `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may
-    turn; `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0: a
-    still finger is a disc, and its mean square is least."""
+    """Solver of one plate.
+
+    `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
+    `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0: a
+    still finger is a disc, and its mean square is least.
+    """
 
     def __init__(
         self,
