@@ -277,7 +277,7 @@ def test_a_missing_image_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.setitem(emulator._PROGRAMS, "qemu", tmp_path / "qemu.elf")
     with pytest.raises(DeviceError, match=r"gcc-arm-none-eabi .* run `make -C firmware`\.$"):
         find_program("qemu")
-    with pytest.raises(DeviceError, match="no-image: there is no such image"):
+    with pytest.raises(DeviceError, match="no-image: there is no such firmware image"):
         find_program("qemu", tmp_path / "no-image")
 
 
