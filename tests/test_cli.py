@@ -167,7 +167,7 @@ def test_an_image_without_a_board_to_run_it_is_refused(capsys: pytest.CaptureFix
 def test_an_image_that_is_missing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--board", "host", "--image", "no-such-image")
     assert code == 1
-    assert "no-such-image: there is no such image" in complaint
+    assert "no-such-image: there is no such firmware image" in complaint
 
 
 def test_the_package_runs_as_a_module() -> None:

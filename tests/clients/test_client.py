@@ -35,6 +35,12 @@ LIBRARY = Path(__file__).parents[2] / "clients" / "python"
 PATIENCE_S = 5.0
 
 
+@pytest.fixture
+def client(daemon: FakeDaemon) -> Iterator[Client]:
+    with Client(daemon.directory) as client:
+        yield client
+
+
 def state_when(client: Client, is_so: Callable[[PlateState], bool]) -> PlateState:
     """The first state for which something holds."""
     give_up_s = time.monotonic() + PATIENCE_S
@@ -57,60 +63,54 @@ def target_um(state: PlateState, finger_id: int | str) -> float | None:
 # --- asking -----------------------------------------------------------------------------------------------------
 
 
-def test_fingers_are_those_on_the_plate_and_not_the_virtual_ones(daemon: FakeDaemon) -> None:
+def test_fingers_are_those_on_the_plate_and_not_the_virtual_ones(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (-20.0, 5.0), 2: (30.0, -5.0)}
-    with Client(daemon.directory) as client:
-        client.virtual("ghost", position_mm=(0, 0))
-        state = state_when(client, lambda state: len(state.fingers) == 3)
-        assert [(finger.id, finger.x_mm, finger.y_mm) for finger in client.fingers()] == [
-            (1, -20.0, 5.0),
-            (2, 30.0, -5.0),
-        ]
-        assert [finger.virtual for finger in state.fingers] == [False, False, True]
+    client.virtual("ghost", position_mm=(0, 0))
+    state = state_when(client, lambda state: len(state.fingers) == 3)
+    assert [(finger.id, finger.x_mm, finger.y_mm) for finger in client.fingers()] == [
+        (1, -20.0, 5.0),
+        (2, 30.0, -5.0),
+    ]
+    assert [finger.virtual for finger in state.fingers] == [False, False, True]
 
 
-def test_an_empty_plate_has_no_fingers(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        assert client.fingers() == []
+def test_an_empty_plate_has_no_fingers(client: Client) -> None:
+    assert client.fingers() == []
 
 
-def test_each_finger_gets_what_was_set_by_the_time_set_returns(daemon: FakeDaemon) -> None:
+def test_each_finger_gets_what_was_set_by_the_time_set_returns(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = dict.fromkeys(range(1, 6), (0.0, 0.0))
-    with Client(daemon.directory) as client:
-        one, *_ = client.fingers()
-        client.set(one, amplitude_um=1.25)
-        client.set(2, friction=1.0)
-        client.set(3, friction=0.0)
-        client.set(4, grating=Grating(period_mm=8.0, high_um=3.0, low_um=1.0))
-        client.set(5, map=Map([[0, 255], [255, 0]], high_um=2.0))
-        at_centre_um = [daemon.scene.amplitude_um(n, 0.0, 0.0) for n in range(1, 6)]
-        assert at_centre_um == [1.25, 0.0, 2.0, 3.0, pytest.approx(1.0)]
+    one, *_ = client.fingers()
+    client.set(one, amplitude_um=1.25)
+    client.set(2, friction=1.0)
+    client.set(3, friction=0.0)
+    client.set(4, grating=Grating(period_mm=8.0, high_um=3.0, low_um=1.0))
+    client.set(5, map=Map([[0, 255], [255, 0]], high_um=2.0))
+    at_centre_um = [daemon.scene.amplitude_um(n, 0.0, 0.0) for n in range(1, 6)]
+    assert at_centre_um == [1.25, 0.0, 2.0, 3.0, pytest.approx(1.0)]
 
 
-def test_a_map_may_be_an_array(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.set(1, map=Map(np.array([[0, 51], [102, 255]], dtype=np.uint8), high_um=2.55))
-        assert daemon.scene.amplitude_um(1, 68.75, 68.75) == pytest.approx(0.51)
-        assert daemon.scene.amplitude_um(1, 68.75, -68.75) == pytest.approx(2.55)
+def test_a_map_may_be_an_array(daemon: FakeDaemon, client: Client) -> None:
+    client.set(1, map=Map(np.array([[0, 51], [102, 255]], dtype=np.uint8), high_um=2.55))
+    assert daemon.scene.amplitude_um(1, 68.75, 68.75) == pytest.approx(0.51)
+    assert daemon.scene.amplitude_um(1, 68.75, -68.75) == pytest.approx(2.55)
 
 
-def test_streaming_ends_with_the_newest(daemon: FakeDaemon) -> None:
+def test_streaming_ends_with_the_newest(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
-    with Client(daemon.directory) as client:
-        for n in range(1000):
-            client.set(1, amplitude_um=n / 1000, wait=False)
-        state_when(client, lambda state: target_um(state, 1) == 0.999)
-        assert daemon.messages < 1000  # what came too fast was never sent
-        assert daemon.refusals == []
+    for n in range(1000):
+        client.set(1, amplitude_um=n / 1000, wait=False)
+    state_when(client, lambda state: target_um(state, 1) == 0.999)
+    assert daemon.messages < 1000  # what came too fast was never sent
+    assert daemon.refusals == []
 
 
-def test_no_refresh_undoes_a_later_request(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        for n in range(150):
-            client.set(1 + n % 15, amplitude_um=n / 100, wait=n % 2 == 0, ttl_s=0.3)
-        client.set(16, friction=1.0)
-        assert [daemon.scene.owner_of(n) for n in range(1, 17)] == [client.name] * 16
-        assert daemon.released == []
+def test_no_refresh_undoes_a_later_request(daemon: FakeDaemon, client: Client) -> None:
+    for n in range(150):
+        client.set(1 + n % 15, amplitude_um=n / 100, wait=n % 2 == 0, ttl_s=0.3)
+    client.set(16, friction=1.0)
+    assert [daemon.scene.owner_of(n) for n in range(1, 17)] == [client.name] * 16
+    assert daemon.released == []
 
 
 def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDaemon) -> None:
@@ -124,16 +124,15 @@ def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDa
         late.linger = 0
 
 
-def test_refreshes_repeat_the_stamp_of_what_they_repeat(daemon: FakeDaemon) -> None:
+def test_refreshes_repeat_the_stamp_of_what_they_repeat(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.0, ttl_s=0.03)
-        state_when(client, lambda _: daemon.messages >= 5)
-        assert len(set(daemon.stamps)) == 1
-        client.set(1, amplitude_um=2.0, ttl_s=0.03)
-        state_when(client, lambda _: daemon.stamps[-1] != daemon.stamps[0])
-        assert daemon.stamps == sorted(daemon.stamps)
-        assert daemon.overtaken == 0
+    client.set(1, amplitude_um=1.0, ttl_s=0.03)
+    state_when(client, lambda _: daemon.messages >= 5)
+    assert len(set(daemon.stamps)) == 1
+    client.set(1, amplitude_um=2.0, ttl_s=0.03)
+    state_when(client, lambda _: daemon.stamps[-1] != daemon.stamps[0])
+    assert daemon.stamps == sorted(daemon.stamps)
+    assert daemon.overtaken == 0
 
 
 def test_a_daemon_without_stamps_gets_none(daemon: FakeDaemon) -> None:
@@ -145,13 +144,12 @@ def test_a_daemon_without_stamps_gets_none(daemon: FakeDaemon) -> None:
     assert set(daemon.stamps) == {None}
 
 
-def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemon: FakeDaemon) -> None:
+def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.0)
-        with pytest.raises(RefusedError, match="finger 1 cannot have 5 um: ask for at most 4 um"):
-            client.set(1, amplitude_um=5.0)
-        state_when(client, lambda state: target_um(state, 1) == 1.0)
+    client.set(1, amplitude_um=1.0)
+    with pytest.raises(RefusedError, match="finger 1 cannot have 5 um: ask for at most 4 um"):
+        client.set(1, amplitude_um=5.0)
+    state_when(client, lambda state: target_um(state, 1) == 1.0)
 
 
 def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None:
@@ -206,49 +204,45 @@ def test_more_maps_than_a_message_holds_are_refused_before_they_cost_the_connect
 # --- virtual fingers --------------------------------------------------------------------------------------------
 
 
-def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.virtual("ghost", path=[(-40, 20), (40, 20)], speed_mm_s=2000)
-        client.set("ghost", amplitude_um=0.0)
-        first = finger_of(state_when(client, lambda state: target_um(state, "ghost") == 0.0), "ghost")
-        assert first is not None
-        state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)  # type: ignore[union-attr]
-        client.release("ghost")
-        state_when(client, lambda state: finger_of(state, "ghost") is None)
+def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(client: Client) -> None:
+    client.virtual("ghost", path=[(-40, 20), (40, 20)], speed_mm_s=2000)
+    client.set("ghost", amplitude_um=0.0)
+    first = finger_of(state_when(client, lambda state: target_um(state, "ghost") == 0.0), "ghost")
+    assert first is not None
+    state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)  # type: ignore[union-attr]
+    client.release("ghost")
+    state_when(client, lambda state: finger_of(state, "ghost") is None)
 
 
-def test_a_target_for_an_unknown_virtual_finger_is_refused(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        with pytest.raises(RefusedError, match="no virtual finger 'nobody'"):
-            client.set("nobody", friction=1.0)
-        client.set(1, friction=1.0)
+def test_a_target_for_an_unknown_virtual_finger_is_refused(client: Client) -> None:
+    with pytest.raises(RefusedError, match="no virtual finger 'nobody'"):
+        client.set("nobody", friction=1.0)
+    client.set(1, friction=1.0)
 
 
-def test_a_virtual_finger_needs_a_place_or_a_path(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        bad: list[dict[str, Any]] = [
-            {},
-            {"position_mm": (0, 0), "path": [(0, 0)]},
-            {"path": []},
-            {"path": [(0, 0)] * 65},
-            {"position_mm": (0, math.nan)},
-            {"position_mm": (0, 0, 0)},
-        ]
-        for arguments in bad:
-            with pytest.raises(RefusedError):
-                client.virtual("ghost", **arguments)
+def test_a_virtual_finger_needs_a_place_or_a_path(client: Client) -> None:
+    bad: list[dict[str, Any]] = [
+        {},
+        {"position_mm": (0, 0), "path": [(0, 0)]},
+        {"path": []},
+        {"path": [(0, 0)] * 65},
+        {"position_mm": (0, math.nan)},
+        {"position_mm": (0, 0, 0)},
+    ]
+    for arguments in bad:
+        with pytest.raises(RefusedError):
+            client.virtual("ghost", **arguments)
 
 
 # --- time to live -----------------------------------------------------------------------------------------------
 
 
-def test_a_target_outlives_its_time_to_live_while_its_client_lives(daemon: FakeDaemon) -> None:
+def test_a_target_outlives_its_time_to_live_while_its_client_lives(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.0, ttl_s=0.15)
-        start = state_when(client, lambda state: target_um(state, 1) == 1.0)
-        state_when(client, lambda state: state.t_ns > start.t_ns + 500_000_000 and target_um(state, 1) == 1.0)
-        assert daemon.messages >= 4
+    client.set(1, amplitude_um=1.0, ttl_s=0.15)
+    start = state_when(client, lambda state: target_um(state, 1) == 1.0)
+    state_when(client, lambda state: state.t_ns > start.t_ns + 500_000_000 and target_um(state, 1) == 1.0)
+    assert daemon.messages >= 4
 
 
 def test_leaving_the_client_releases_its_fingers_at_once(daemon: FakeDaemon) -> None:
@@ -338,33 +332,30 @@ def test_a_client_that_becomes_garbage_on_its_own_thread_releases_its_fingers(
         state_when(watch, lambda _: daemon.scene.next_expiry_ns is None)
 
 
-def test_targets_of_a_lifted_finger_are_dropped(daemon: FakeDaemon) -> None:
+def test_targets_of_a_lifted_finger_are_dropped(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0), 2: (1.0, 1.0)}
-    with Client(daemon.directory) as client:
-        for finger in client.fingers():
-            client.set(finger, amplitude_um=1.0)
-        del daemon.fingers[1]
-        state_when(client, lambda state: finger_of(state, 1) is None)
-        state_when(client, lambda _: daemon.scene.owner_of(1) is None)
-        assert daemon.scene.owner_of(2) == client.name
+    for finger in client.fingers():
+        client.set(finger, amplitude_um=1.0)
+    del daemon.fingers[1]
+    state_when(client, lambda state: finger_of(state, 1) is None)
+    state_when(client, lambda _: daemon.scene.owner_of(1) is None)
+    assert daemon.scene.owner_of(2) == client.name
 
 
-def test_a_day_of_new_fingers_never_fills_the_client(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        for n in range(1, 40):
-            daemon.fingers = {n: (0.0, 0.0)}
-            state_when(client, lambda state, n=n: finger_of(state, n) is not None)  # type: ignore[misc]
-            client.set(n, friction=0.5)
+def test_a_day_of_new_fingers_never_fills_the_client(daemon: FakeDaemon, client: Client) -> None:
+    for n in range(1, 40):
+        daemon.fingers = {n: (0.0, 0.0)}
+        state_when(client, lambda state, n=n: finger_of(state, n) is not None)  # type: ignore[misc]
+        client.set(n, friction=0.5)
 
 
-def test_releasing_everything_leaves_the_client_usable(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.virtual("ghost", position_mm=(1, 2))
-        client.set(1, friction=0.5)
-        client.release()
-        assert daemon.scene.next_expiry_ns is None
-        client.set(1, friction=0.7)
-        assert daemon.scene.owner_of(1) == client.name
+def test_releasing_everything_leaves_the_client_usable(daemon: FakeDaemon, client: Client) -> None:
+    client.virtual("ghost", position_mm=(1, 2))
+    client.set(1, friction=0.5)
+    client.release()
+    assert daemon.scene.next_expiry_ns is None
+    client.set(1, friction=0.7)
+    assert daemon.scene.owner_of(1) == client.name
 
 
 # --- daemons that are not there ---------------------------------------------------------------------------------
@@ -392,17 +383,16 @@ def test_states_end_with_an_error_when_the_daemon_is_gone(daemon: FakeDaemon) ->
             client.fingers(timeout_s=0.1)
 
 
-def test_a_restarted_daemon_gets_every_target_again(daemon: FakeDaemon) -> None:
+def test_a_restarted_daemon_gets_every_target_again(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.0)
-        client.virtual("ghost", position_mm=(3, 4))
-        before = state_when(client, lambda state: target_um(state, 1) == 1.0)
-        daemon.stop()
-        daemon.start()
-        after = state_when(client, lambda state: state.instance != before.instance and target_um(state, 1) == 1.0)
-        assert finger_of(after, "ghost") is not None
-        client.set(1, amplitude_um=2.0)
+    client.set(1, amplitude_um=1.0)
+    client.virtual("ghost", position_mm=(3, 4))
+    before = state_when(client, lambda state: target_um(state, 1) == 1.0)
+    daemon.stop()
+    daemon.start()
+    after = state_when(client, lambda state: state.instance != before.instance and target_um(state, 1) == 1.0)
+    assert finger_of(after, "ghost") is not None
+    client.set(1, amplitude_um=2.0)
 
 
 def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
@@ -411,23 +401,21 @@ def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
         Client(daemon.directory)
 
 
-def test_telemetry_is_only_built_for_those_who_read_it(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.set(1, friction=0.5)
-        client.status()
-        assert not daemon.server.has_subscribers
-        client.fingers()
-        assert daemon.server.has_subscribers
+def test_telemetry_is_only_built_for_those_who_read_it(daemon: FakeDaemon, client: Client) -> None:
+    client.set(1, friction=0.5)
+    client.status()
+    assert not daemon.server.has_subscribers
+    client.fingers()
+    assert daemon.server.has_subscribers
 
 
-def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        assert client.hello["protocol"] == 1
-        assert "grating" in client.capabilities()["targets"]
-        client.set(1, friction=0.5)
-        assert client.status().keys() == {"messages"}
-        client.clear_fault()
-        assert daemon.fault_cleared
+def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDaemon, client: Client) -> None:
+    assert client.hello["protocol"] == 1
+    assert "grating" in client.capabilities()["targets"]
+    client.set(1, friction=0.5)
+    assert client.status().keys() == {"messages"}
+    client.clear_fault()
+    assert daemon.fault_cleared
 
 
 def test_a_closed_client_raises(daemon: FakeDaemon) -> None:

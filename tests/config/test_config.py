@@ -79,6 +79,15 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[solver]\nphase_rotation = 1", "solver.phase_rotation: must be true or false, not 1"),
         ("[solver]\nmax_knots = true", "solver.max_knots: must be a whole number"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is not one of strokes"),
+        ("[sim]\nseed = 9223372036854775808\n", "beyond 64 bits"),
+        ("[limits]\nw_limit_um = [1" + "0" * 400 + "]\n", "beyond 64 bits"),
+        ("[sim]\nseed = " + "9" * 5000, "not valid TOML"),
+        ("a = " + "[" * 5000, "nests too deeply"),
+        ("a" + ".a" * 16 + " = 1", "16 dots or more"),
+        ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
+        ("#" * 65537, "more than 65536 bytes"),
+        ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
+        ('[solver]\ntolerance_um = "much"\n', "must be a number"),
         ("limits = 3", "limits is a section"),
         ("[limits", "is not valid TOML"),
     ],
@@ -91,7 +100,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_p
     assert "hapticd.toml" in message
     assert message.endswith("?" if "did you mean" in message else ".")
     assert "?." not in message
-    assert "\n" not in message
+    assert message.isprintable()
 
 
 def test_the_names_that_it_accepts_are_those_that_exist() -> None:
@@ -132,26 +141,6 @@ def test_the_plate_delay_depends_on_the_control_law() -> None:
         law: DeviceConfig(controller=law, loop_delay_ms=0.5).plate_delay_ms for law in ("pi", "pi_ff", "deadbeat")
     }
     assert delays_ms == {"pi": 1.5, "pi_ff": 0.5, "deadbeat": 0.5}
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("[sim]\nseed = 9223372036854775808\n", "beyond 64 bits"),
-        ("[limits]\nw_limit_um = [1" + "0" * 400 + "]\n", "beyond 64 bits"),
-        ("[sim]\nseed = " + "9" * 5000, "not valid TOML"),
-        ("a = " + "[" * 5000, "nests too deeply"),
-        ("a" + ".a" * 16 + " = 1", "16 dots or more"),
-        ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
-        ("#" * 65537, "more than 65536 bytes"),
-        ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
-        ('[solver]\ntolerance_um = "much"\n', "must be a number"),
-    ],
-)
-def test_a_file_no_person_writes_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=sentence) as refused:
-        load(text, tmp_path)
-    assert str(refused.value).isprintable()
 
 
 def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:

@@ -153,7 +153,7 @@ class Manager(Notifier):
         super().__init__({})
         self.heard: list[str] = []
 
-    def tell(self, **state: str | int) -> bool:
+    def notify(self, **state: str | int) -> bool:
         self.heard += state
         return True
 
@@ -345,7 +345,7 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     config = tmp_path / "hapticd.toml"
     config.write_text('[client]\ntcp = "127.0.0.1:7410"\n', encoding="utf-8")
     assert main(["run", "--config", str(config)]) == 78
-    assert "nobody is served over TCP without keys: make some with `hapticd keys make`" in capsys.readouterr().err
+    assert "client.tcp: needs keys: make them with `hapticd keys make`" in capsys.readouterr().err
     config.write_text('[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "keys"\n', encoding="utf-8")
     assert main(["run", "--config", str(config)]) == 1
     assert f"run `hapticd keys make {tmp_path / 'keys'}`" in capsys.readouterr().err

@@ -65,24 +65,6 @@ def test_a_command_is_one_whole_frame_of_its_type(message_type: int, command: Bo
     assert message[0] == message_type
 
 
-def test_fields_arrive_as_they_were_given() -> None:
-    def payload(command: BoardCommand | ToolCommand) -> bytes:
-        (message,) = FrameSplitter(board_messages.FRAME_MAX).feed(encode(command))
-        return message[1:]
-
-    assert protocol.KEEPALIVE.unpack(payload(KeepAlive(513))) == (513,)
-    assert protocol.TIME_REQUEST.unpack(payload(TimeRequest(10**18))) == (10**18,)
-    assert protocol.SET_CONTROLLER.unpack(payload(SelectController("pi"))) == (protocol.LAWS["pi"], 0.0, 0.0)
-    assert protocol.SET_CONTROLLER.unpack(payload(SetGains("pi", 800.0, 0.5))) == (0, 800.0, 0.5)
-    model = ModeModel(180.5, -60.5, 5.5, -1j)
-    assert protocol.SET_MODEL.unpack(payload(SetModel(1, model))) == (1, 180.5, -60.5, 5.5, 0.0, -1.0)
-    sweep = Sweep(2, 29190.5, 29220.5, 31, 40, 20.5)
-    assert protocol.SWEEP.unpack(payload(sweep)) == (2, 29190.5, 29220.5, 31, 40, 20.5)
-    assert protocol.RAW_VOLTAGE.unpack(payload(RawVoltage(1, 3 - 4j, 100))) == (1, 3.0, -4.0, 100)
-    assert protocol.SET_TELEMETRY.unpack(payload(SetTelemetry(500))) == (500,)
-    assert protocol.REFERENCE.unpack_from(payload(ReferenceFrame(9, 123, silence(0, 3)))) == (9, 123, 1, 3)
-
-
 def test_an_unknown_controller_is_refused_before_it_is_sent() -> None:
     with pytest.raises(ValueError, match="no controller 'pid'"):
         encode(SelectController("pid"))

@@ -167,5 +167,5 @@ def _cause(error: Exception) -> str:
     """Return the operating system's message where pyserial wraps it."""
     number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
     if number == errno.EWOULDBLOCK:
-        return "another program has it open"
+        return "another program holds it"
     return os.strerror(number) if isinstance(number, int) else str(error)

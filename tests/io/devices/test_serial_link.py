@@ -190,7 +190,7 @@ async def test_a_port_in_use_is_reported(bench: Bench) -> None:
     other.start(asyncio.get_running_loop(), lambda _: None, lambda *_: None)
     try:
         bench.start()
-        assert bench.links == [(False, f"{bench.port.path} cannot be opened: another program has it open")]
+        assert bench.links == [(False, f"{bench.port.path} cannot be opened: another program holds it")]
     finally:
         other.close()
 

@@ -204,8 +204,8 @@ def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: Type
     [
         ({"mute": True}, "No board answers on the bench"),
         (
-            {"refuses": "ttyX cannot be opened: another program has it open"},
-            "ttyX cannot be opened: another program has it open: stop the service first",
+            {"refuses": "ttyX cannot be opened: another program holds it"},
+            "ttyX cannot be opened: another program holds it: stop the service first",
         ),
         ({"refuses": "ttyX cannot be opened: No such file or directory"}, "No such file or directory: check --port"),
     ],
@@ -225,7 +225,7 @@ def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: Any, type_in: TypeIn
 
 def test_a_board_with_another_protocol_is_refused(link: Any, type_in: TypeIn, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapticd.wire.protocol.PROTOCOL_HASH", 0x1234)
-    with pytest.raises(DeviceError, match=r"protocol hash is [0-9a-f]{8}, this hapticd's 00001234: flash"):
+    with pytest.raises(DeviceError, match=r"protocol hash [0-9a-f]{8}, this hapticd 00001234: flash"):
         type_in(link, "info")
 
 
