@@ -1,4 +1,4 @@
-"""Step of the reference from knot to knot at singular positions, beside the paper's formula.
+"""Step of the reference from knot to knot at singular positions, compared with the paper's formula.
 
 Two fingers cross the plate on random straight lines at 100 mm/s, one still, one at 1 um, shapes known exactly; a knot
 every 2.8 ms. The measure: of the knots between which the determinant of the mode matrix changes its sign, the largest

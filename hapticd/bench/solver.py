@@ -1,4 +1,4 @@
-"""The solver for two fingers, beside the policies that lost and a general library; and its time for N fingers.
+"""The solver for two fingers against the policies that lost and a general library; and its time for N fingers.
 
 Problems are random pairs of positions on the plate with shapes known exactly: errors are the solver's own. In half of
 them one finger slips at 1 um and one stays still, in the others both slip, at 1 and at 0.6 um.

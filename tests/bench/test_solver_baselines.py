@@ -1,4 +1,4 @@
-"""The policies beside the core's rules: each against what defines it."""
+"""Solver policies of the bench: each against what defines it."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""What a fingertip feels of the modes: the mean of phi phi^T over a contact disc, as a map.
+"""Gram matrices of contact discs: the mean of phi phi^T over a disc, as a map.
 
 A contact is a disc of some 5 mm radius, and a mode varies within it (half a wavelength is 13 mm). The mean square
-amplitude under the contact is W' G W with the Gram matrix G = mean of phi phi^T over the disc; what the disc covers
+amplitude under the contact is W' G W with the Gram matrix G = mean of phi phi^T over the disc; the part of the disc
 beyond the plate's edge does not count. G is a smooth function of the disc's centre, so it is computed once on the
 knots of the shapes' own map and interpolated by the same splines.
 
-The maps hold the symmetric root S of G, not G. Whatever interpolation does to S, its square is a Gram matrix: never
-an eigenvalue below zero, which a solver would take for vibration that it can win by moving the plate.
+The maps hold the symmetric root S of G, not G: the square of an interpolated S is always a Gram matrix, without the
+negative eigenvalues that interpolating G could give.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.plate.bicubic import FloatArray
-from hapticd.core.plate.mode_shapes import ModeShapes, Row
+from .bicubic import FloatArray
+from .mode_shapes import ModeShapes, Row
 
 _NODES = 10  # per panel and direction: 2e-5 of the peak's square for discs of up to 5 mm on the reference plate
-_LEAST_RADIUS_MM, _MOST_RADIUS_MM = 1e-6, 1e6  # wider could overflow, and no finger has it
+_LEAST_RADIUS_MM, _MOST_RADIUS_MM = 1e-6, 1e6  # a wider disc could overflow
 _AT_ONCE = 2000  # discs integrated together: some tens of megabytes
 
 
@@ -41,7 +41,7 @@ class ContactGram:
         rows, columns = np.triu_indices(modes.M)
         upper = roots[:, rows, columns].T.reshape(-1, modes.y_mm.size, modes.x_mm.size)
         self._roots = ModeShapes(modes.x_mm, modes.y_mm, upper)
-        # Where the root's entry (j, k) stands among the maps of its upper triangle.
+        # Index of the root's entry (j, k) among the maps of its upper triangle.
         place = {pair: index for index, pair in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))}
         self._pairs = tuple([tuple([place[min(j, k), max(j, k)] for k in range(self.M)]) for j in range(self.M)])
 
@@ -65,7 +65,7 @@ class ContactGram:
 
 
 def disc_gram(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float, nodes: int = _NODES) -> FloatArray:
-    """G (N, M, M) by Gauss quadrature over each disc's part on the map: what the maps are made of.
+    """G (N, M, M) by Gauss quadrature over each disc's part on the map.
 
     A disc about a point beyond the edge is moved to the edge, as shapes are; NaN gives zeros.
     Raises ValueError for points of another form and for a radius beyond 1e-6 to 1e6 mm.
@@ -116,7 +116,7 @@ def _disc_nodes(modes: ModeShapes, centres: FloatArray, radius_mm: float, nodes:
 
 
 def _cut_rad(room_mm: FloatArray, radius_mm: float) -> FloatArray:
-    """Up to which |t| chords are cut on a side with `room_mm` left; where none is, the disc's end."""
+    """|t| up to which chords are cut on a side with `room_mm` left; the disc's end where none is."""
     return np.where(room_mm < radius_mm, np.arccos(np.minimum(room_mm / radius_mm, 1.0)), math.pi / 2.0)
 
 

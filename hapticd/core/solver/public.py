@@ -34,7 +34,7 @@ from .general import FloatArray, solve_fast
 from .pair import condition
 from .phase import TURN_RAD, solve_phased_fast
 
-__all__ = ["condition_number", "solve", "solve_batch", "solve_fast", "solve_phased", "solve_phased_fast"]
+__all__ = ["solve", "solve_batch", "solve_fast", "solve_phased", "solve_phased_fast"]
 
 
 def solve(
@@ -115,11 +115,6 @@ def solve_phased(
     if gram is not None:
         rows, targets = contact_problem(rows, targets, checked_grams(gram, (len(rows), modes, modes)))
     return np.array(solve_phased_fast(rows, targets, limits, previous, turn_rad)[0])
-
-
-def condition_number(phi: FloatArray) -> float:
-    """The 2-norm condition number of phi (N, M), inf where it is singular to rounding, 1 where it is empty."""
-    return _condition(tuple(map(tuple, phi.tolist())))
 
 
 def _amplitude(row: Row, modal: Row) -> float:

@@ -98,7 +98,7 @@ def test_one_bad_row_silences_a_pair_whichever_finger_it_is(bad: tuple[float, fl
             assert solve_fast(rows, targets, (4.0, 4.0)) == ((0.0, 0.0), False)
 
 
-def test_a_row_of_subnormals_beside_a_plain_one_is_served_without_an_error() -> None:
+def test_a_row_of_subnormals_and_a_plain_one_are_served_without_an_error() -> None:
     modal, _ = solve_fast(((1.0, 1.3), (5e-324, 1e-323)), (1.0, 1.0), (4.0, 4.0))
     assert abs(modal[0] + 1.3 * modal[1]) == pytest.approx(1.0)
 
