@@ -1,4 +1,4 @@
-"""The drive frequency: the least of the largest voltage, wherever the modes lie and whatever they need."""
+"""The drive frequency: it minimises the largest voltage for any modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mode out of a sweep: what was put in is found again, and what is no resonance is refused."""
+"""The fit of a sweep: exact and noisy resonances are found, others refused."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_what_is_no_resonance_is_refused() -> None:
             fit_resonance(f_hz, y)
 
 
-def test_a_calibration_says_the_same_in_the_frame_of_the_drive() -> None:
+def test_a_calibration_has_the_model_in_the_frame_of_the_drive() -> None:
     model = resonance(29195.0, 500.0, 5.0, 60.0).calibration(1).model(29205.0)
     assert model.decay_1_s == pytest.approx(math.pi * 29195 / 500)
     assert model.detuning_rad_s == pytest.approx(-20 * math.pi)

@@ -109,10 +109,10 @@ def test_what_hapticd_run_prepares_of_it_is_the_measured_map(out: Path) -> None:
 
 def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    places = [said.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
+    output = capsys.readouterr().out
+    places = [output.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
     assert places == sorted(places)
-    assert said.count("done (simulated)") == 5
+    assert output.count("done (simulated)") == 5
     assert main(["calibrate", "--out", str(out / "none")]) == 0
     assert "Next: hapticd calibrate resonance" in capsys.readouterr().out
 
