@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from machine_bench import SLIPPERY, STICKY, Bench
+from tools.frames import measured_frames
 from virtual_board import PlateLink, in_virtual_time
 
 from hapticd.__main__ import main
@@ -41,12 +41,7 @@ async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespac
 
 def frames_of_a_bench(configured: Config, seconds: float) -> latency.Measured:
     del configured, seconds
-    bench = Bench(SLIPPERY, STICKY).driven()
-    for _ in range(1000):
-        bench.machine.pipeline.forget_standing()
-        bench.run(1)
-        bench.board.status()
-    return latency.gather(bench.machine, list(bench.machine.session.ledger))
+    return measured_frames()
 
 
 @pytest.fixture(scope="module")
