@@ -1,4 +1,4 @@
-"""The command line: what it prints, what it refuses with which code, and that every command shows how it is used."""
+"""The command line: output, errors with their exit codes, and an example in every help."""
 
 from __future__ import annotations
 
@@ -39,16 +39,12 @@ def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
         code = main(arguments)
     except SystemExit as left:
         code = int(left.code or 0)
-    said = capsys.readouterr()
-    return code, said.out, said.err
-
-
-def test_there_are_the_commands_that_the_readme_names() -> None:
-    assert {"demo", "run", "simulate", "doctor"} <= set(COMMANDS)
+    output = capsys.readouterr()
+    return code, output.out, output.err
 
 
 def with_subcommands(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """A command's parser by its whole name, and those of all that stand below it."""
+    """Yield a command's parser with its full name, and those of its subcommands."""
     yield name, parser
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
@@ -64,9 +60,9 @@ def test_help_of_every_command_and_subcommand_has_an_example(command: str) -> No
 
 
 def test_the_command_line_s_own_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    code, said, _ = outcome(capsys, "--help")
+    code, output, _ = outcome(capsys, "--help")
     assert code == 0
-    assert "example: hapticd view --sim" in said
+    assert "example: hapticd view --sim" in output
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,9 +80,9 @@ def test_the_printed_configuration_is_a_file_that_means_the_same(
 ) -> None:
     given = tmp_path / "given.toml"
     given.write_text("[trackpad]\nrotation_deg = 90\n[limits]\nw_limit_um = [3.0, 2.5]\n", encoding="utf-8")
-    code, said, _ = outcome(capsys, "run", "--config", str(given), "--print-config")
+    code, output, _ = outcome(capsys, "run", "--config", str(given), "--print-config")
     assert code == 0
-    table = tomllib.loads(said)
+    table = tomllib.loads(output)
     assert table["trackpad"]["rotation_deg"] == 90
     assert table["limits"]["w_limit_um"] == [3.0, 2.5]
     assert table["device"]["port"] == "sim"
@@ -99,8 +95,8 @@ def test_an_unknown_key_is_one_sentence_that_names_file_and_nearest_key(
 ) -> None:
     path = tmp_path / "bad.toml"
     path.write_text("[trackpad]\nrotation = 90\n", encoding="utf-8")
-    code, said, complaint = outcome(capsys, command, "--config", str(path))
-    sentence = said + complaint
+    code, output, complaint = outcome(capsys, command, "--config", str(path))
+    sentence = output + complaint
     assert code == (78 if command == "run" else 1)
     assert str(path) in sentence
     assert "did you mean rotation_deg?" in sentence
@@ -121,8 +117,8 @@ def test_a_configuration_that_cannot_run_is_one_sentence(
 ) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(text + f'[client]\nruntime_dir = "{tmp_path}/run"\n', encoding="utf-8")
-    code, said, complaint = outcome(capsys, "run", "--config", str(path))
-    assert (code, said) == (78, "")
+    code, output, complaint = outcome(capsys, "run", "--config", str(path))
+    assert (code, output) == (78, "")
     assert word in complaint
     assert complaint.count("\n") == 1
     assert not (tmp_path / "run").exists()
@@ -137,10 +133,10 @@ def test_a_missing_configuration_is_one_sentence(tmp_path: Path, capsys: pytest.
 def test_a_played_scenario_gives_figures_and_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run.npz"
     arguments = ("simulate", "strokes", "--seconds", "0.8", "--alone", "--json", "-", "--out", str(out))
-    code, said, told = outcome(capsys, *arguments)
+    code, output, report = outcome(capsys, *arguments)
     assert code == 0
-    assert json.loads(said)
-    assert "0.8 s of virtual time" in told
+    assert json.loads(output)
+    assert "0.8 s of virtual time" in report
     with np.load(out) as arrays:
         assert arrays["truth_um"].shape == (1600, 2)
 
@@ -151,20 +147,10 @@ def test_an_unknown_scenario_names_the_known_ones(capsys: pytest.CaptureFixture[
     assert "paper-figure-10" in complaint
 
 
-@pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
-def test_a_demo_of_no_length_is_refused(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, complaint = outcome(capsys, "demo", f"--seconds={seconds}")
-    assert code == 2
-    assert "is too short" in complaint
-
-
-def test_an_image_without_a_board_to_run_it_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_image_is_refused_without_its_board_or_its_file(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--image", "hapticd-board")
     assert code == 2
     assert complaint.endswith("give --board host as well.\n")
-
-
-def test_an_image_that_is_missing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--board", "host", "--image", "no-such-image")
     assert code == 1
     assert "no-such-image: there is no such firmware image" in complaint
@@ -172,17 +158,17 @@ def test_an_image_that_is_missing_is_refused(capsys: pytest.CaptureFixture[str])
 
 def test_the_package_runs_as_a_module() -> None:
     command = [sys.executable, "-m", "hapticd", "--version"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert said.stdout == f"hapticd {__version__}\n"
+    output = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert output.stdout == f"hapticd {__version__}\n"
 
 
-def test_the_service_carries_no_other_command() -> None:
+def test_the_service_imports_no_other_command() -> None:
     program = "import sys; from hapticd.__main__ import parser; parser('run'); print(*sys.modules)"
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
-    assert "hapticd.tools.run" in told
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert "hapticd.tools.run" in loaded
     others = {command.module for name, command in COMMANDS.items() if name != "run"}
-    assert not {f"hapticd.{module}" for module in others} & set(told)
-    assert not any(name.startswith(("hapticd.sim", "numpy")) for name in told)
+    assert not {f"hapticd.{module}" for module in others} & set(loaded)
+    assert not any(name.startswith(("hapticd.sim", "numpy")) for name in loaded)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -205,7 +191,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence(
     assert outcome(capsys, "install-service") == (1, "", "hapticd: /etc/hapticd: Permission denied\n")
 
 
-def test_a_reader_who_has_seen_enough_is_no_error() -> None:
+def test_a_closed_pipe_is_no_error() -> None:
     command = f"{sys.executable} -m hapticd run --print-config | head -n 1; exit ${{PIPESTATUS[0]}}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
@@ -226,23 +212,25 @@ def test_a_reader_who_has_seen_enough_is_no_error() -> None:
     ids=" ".join,
 )
 @pytest.mark.parametrize(("place", "why"), [("missing/file", "its directory is missing"), (".", "is a directory")])
-def test_what_cannot_be_written_is_said_before_anything_is_done_for_it(
+def test_an_unwritable_output_is_refused_before_the_work(
     command: tuple[str, ...], place: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said, complaint = outcome(capsys, *command, str(tmp_path / place))
-    assert (code, said) == (2, "")
+    code, output, complaint = outcome(capsys, *command, str(tmp_path / place))
+    assert (code, output) == (2, "")
     assert complaint.startswith(f"hapticd: {tmp_path / place}: {why}")
     assert complaint.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [("demo", "--seconds", "0"), ("latency", "--sim", "--seconds", "0")])
-def test_no_time_is_a_usage_error(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
-    code, said, complaint = outcome(capsys, *arguments)
-    assert (code, said) == (2, "")
+@pytest.mark.parametrize("command", [("demo",), ("latency", "--sim")])
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
+def test_no_time_is_a_usage_error(command: tuple[str, ...], seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, output, complaint = outcome(capsys, *command, f"--seconds={seconds}")
+    assert (code, output) == (2, "")
+    assert "is too short" in complaint
     assert complaint.count("\n") == 1
 
 
-def test_a_folder_given_as_configuration_is_said_without_a_number(
+def test_a_folder_as_configuration_is_refused_without_an_errno(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path))
@@ -251,7 +239,7 @@ def test_a_folder_given_as_configuration_is_said_without_a_number(
 
 
 @pytest.mark.parametrize("file", ["/dev/full", "-"])
-def test_a_full_disk_is_said_with_the_file_that_it_is_full_for(file: str) -> None:
+def test_a_full_disk_is_reported_with_its_file(file: str) -> None:
     command = [sys.executable, "-m", "hapticd", "simulate", "rest", "--seconds", "0.2", "--alone", "--json", file]
     with Path("/dev/full").open("w") as full:
         out = full if file == "-" else subprocess.DEVNULL

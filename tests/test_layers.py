@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "config": {"errors", "files.toml_file"},
     "io": VALUES,
     "daemon": {*VALUES, "config", "core", "wire", "io", "files", "sim.rig.process", "sim.plate", "__version__"},
-    "design": {*VALUES, "core.plate", "core.solver", "files.mode_map"},
+    "design": {*VALUES, "core.plate", "core.solver"},
     "sim": {*VALUES, "config", "core.plate", "wire", "design", "files", "daemon.machine"},
     "tools": {*VALUES, "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"},
     "bench": {

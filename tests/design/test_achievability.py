@@ -1,4 +1,4 @@
-"""Where one finger more can get its wish, held against the solver itself."""
+"""Achievability maps against the solver itself."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def random_points_mm(seed: int, many: int) -> np.ndarray:
 
 @pytest.mark.parametrize("modes", [1, 2, 3, 4])
 @pytest.mark.parametrize("still", [0, 1, 2, 3])
-def test_the_reach_is_what_the_solver_gives_one_who_asks_for_more(modes: int, still: int) -> None:
+def test_the_reach_is_the_solver_s_amplitude_for_a_target_out_of_reach(modes: int, still: int) -> None:
     points_mm = random_points_mm(modes + 10 * still, 60 * (still + 1))
     phi = shapes_of(modes).evaluate(points_mm).reshape(60, still + 1, modes)
     limits = np.linspace(4.0, 3.0, modes)
@@ -69,14 +69,14 @@ def test_each_cell_agrees_with_the_solver(modes: int, targets: tuple[float, ...]
             phi = shapes.evaluate([*(finger[:2] for finger in fingers), (x_mm, y_mm)])
             solved = solve(phi, targets, limits).achieved_um
             assert made.achieved_um[:, row, column] == pytest.approx(solved, abs=EXACT_UM)
-            wanted = np.minimum(solved[slips] / np.array(targets)[slips], 1.0).min()
-            assert made.share[row, column] == pytest.approx(wanted, abs=EXACT_UM)
+            expected = np.minimum(solved[slips] / np.array(targets)[slips], 1.0).min()
+            assert made.share[row, column] == pytest.approx(expected, abs=EXACT_UM)
     points = np.stack(np.meshgrid(made.x_mm, made.y_mm), axis=-1).reshape(-1, 2)
     alone = achievable_share(shapes, fingers, targets[-1], limits, points)
     assert alone == pytest.approx(made.share.ravel(), abs=EXACT_UM)
 
 
-def test_a_pair_is_served_alike_whoever_of_the_two_is_asked() -> None:
+def test_a_pair_is_served_alike_from_either_finger() -> None:
     here, there = random_points_mm(3, 2)
     stays_slippery = achievable_share(PAIR, [Finger(*here, 1.0)], 0.0, (4.0, 4.0), [there])
     stays_sticky = achievable_share(PAIR, [Finger(*there, 0.0)], 1.0, (4.0, 4.0), [here])
@@ -102,7 +102,7 @@ def test_nothing_is_reached_on_a_singular_curve() -> None:
     assert (np.abs(made.determinant) * 4.0 <= made.reach_um + EXACT_UM).all()
 
 
-def test_the_contrast_is_what_a_still_finger_off_by_a_little_finds() -> None:
+def test_the_contrast_is_that_of_a_still_finger_off_by_a_little() -> None:
     fingers, error_mm = [Finger(-30.0, 21.0, 1.0)], 1e-4
     made = achievability_map(PAIR, fingers, 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=8)
     row, column = np.unravel_index(np.argmax(made.share), made.share.shape)
@@ -125,12 +125,12 @@ def test_a_places_worth_is_the_part_of_the_plate_that_its_map_leaves_to_the_othe
     assert pairs.slipping.mean() == pytest.approx(pairs.still.mean())
 
 
-def test_where_nobody_slips_or_nobody_is_still_nothing_is_said_of_it() -> None:
-    nobody = achievability_map(PAIR, [Finger(0.0, 0.0, 0.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
-    assert np.isnan(nobody.share).all()
-    assert nobody.served_frac(0.5) == 0.0
-    assert np.isnan(nobody.reach_um).all()
-    assert np.isnan(nobody.contrast(0.1)).all()
+def test_without_a_slipping_or_a_still_finger_figures_are_nan() -> None:
+    still = achievability_map(PAIR, [Finger(0.0, 0.0, 0.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
+    assert np.isnan(still.share).all()
+    assert still.served_frac(0.5) == 0.0
+    assert np.isnan(still.reach_um).all()
+    assert np.isnan(still.contrast(0.1)).all()
     alone = achievability_map(PAIR, [], 1.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
     assert np.isnan(alone.contrast(0.1)).all()
     assert np.isnan(alone.determinant).all()

@@ -1,4 +1,4 @@
-"""The fit of a scan, judged against the truth it was sampled from, on the whole plate and in the margin."""
+"""The fit of a scan on a grid against its ground truth, on the whole plate and in the margin."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def test_a_scan_is_what_a_vibrometer_gives() -> None:
+def test_a_sampled_scan_has_the_requested_noise_and_gaps() -> None:
     x_mm, y_mm, shapes = sample_cartography(driven_modes(), seed=7, missing_frac=0.1)
     error = shapes - np.stack([mode.on_grid(x_mm, y_mm) for mode in driven_modes()])
 
@@ -71,12 +71,12 @@ def test_lost_points_cost_little() -> None:
         assert rms(error) < 0.0035
 
 
-def test_the_fit_tells_its_own_noise_and_error_and_the_wavelength() -> None:
+def test_the_fit_estimates_its_noise_its_error_and_the_wavelength() -> None:
     fits = [reference_fit(seed) for seed in (1, 2, 3)]
     errors = np.stack([on_fine_grid(fit) - truth() for fit in fits])
 
-    told = np.sqrt(np.mean([fit.map_error_rms**2 for fit in fits]))
-    assert told == pytest.approx(rms(errors), rel=0.2)  # six surfaces of 14 parameters: good to a tenth
+    estimated = np.sqrt(np.mean([fit.map_error_rms**2 for fit in fits]))
+    assert estimated == pytest.approx(rms(errors), rel=0.2)  # six surfaces of 14 parameters: good to a tenth
     for fit in fits:
         np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.1)
         assert (fit.residual_rms < fit.noise_rms).all()
@@ -86,7 +86,7 @@ def test_the_fit_tells_its_own_noise_and_error_and_the_wavelength() -> None:
 
 
 def test_a_shape_that_is_no_free_plate_mode_is_fitted_as_well() -> None:
-    # Waves of one length in random directions, and one that clings to the right edge: no free edge makes this.
+    # Waves of one length in random directions, and an evanescent one at the right edge: impossible with free edges.
     random = np.random.default_rng(4)
     direction, phase = random.uniform(0.0, 2.0 * math.pi, (2, 12))
     wave_rad_mm = 2.0 * math.pi / 27.0
@@ -95,8 +95,8 @@ def test_a_shape_that_is_no_free_plate_mode_is_fitted_as_well() -> None:
         x, y = np.meshgrid(axis_mm, axis_mm)
         along = x[..., None] * np.cos(direction) + y[..., None] * np.sin(direction)
         waves = np.cos(wave_rad_mm * along + phase).sum(axis=-1)
-        clinging_rad_mm = math.hypot(wave_rad_mm, 0.1)
-        return (waves + 3.0 * np.exp(-clinging_rad_mm * (68.75 - x)) * np.cos(0.1 * y)) / 8.0
+        evanescent_rad_mm = math.hypot(wave_rad_mm, 0.1)
+        return (waves + 3.0 * np.exp(-evanescent_rad_mm * (68.75 - x)) * np.cos(0.1 * y)) / 8.0
 
     scan = shape(SCAN_MM) + 0.02 * random.standard_normal((31, 31))
     fit = fit_cartography(SCAN_MM, SCAN_MM, scan[None], normalise=False)
@@ -106,7 +106,7 @@ def test_a_shape_that_is_no_free_plate_mode_is_fitted_as_well() -> None:
 
 
 def test_where_the_plate_equation_does_not_hold_the_map_is_no_worse_than_the_scan() -> None:
-    # Two wavelengths at once, as no plate makes: the weight must fall by itself.
+    # Two wavelengths at once, which violate the plate equation: its weight must fall.
     x, y = np.meshgrid(SCAN_MM, SCAN_MM)
     odd = np.cos(0.24 * x + 0.3) + np.cos(0.10 * y)
     noise = 0.02 * np.random.default_rng(5).standard_normal(odd.shape)
@@ -160,7 +160,6 @@ def test_the_plate_need_not_be_square() -> None:
 
 
 SCAN = np.cos(0.24 * SCAN_MM)[None, None, :] * np.ones((1, 31, 1))
-HALF_LOST = np.where(np.arange(31)[:, None] % 5 < 3, np.nan, SCAN)
 
 
 @pytest.mark.parametrize(
@@ -169,24 +168,14 @@ HALF_LOST = np.where(np.arange(31)[:, None] % 5 < 3, np.nan, SCAN)
         (SCAN_MM[:7], SCAN_MM, SCAN[..., :7], "at least 8"),
         (SCAN_MM[::-1], SCAN_MM, SCAN, "increasing"),
         (np.where(SCAN_MM == 0.0, np.nan, SCAN_MM), SCAN_MM, SCAN, "increasing"),
-        (SCAN_MM + 67.5, SCAN_MM, SCAN, "off a plate of 137.5 mm"),
         (SCAN_MM, SCAN_MM, SCAN[0], "order them as mode, y, x"),
         (SCAN_MM, SCAN_MM, SCAN[:0], "order them as mode, y, x"),
-        (SCAN_MM, SCAN_MM, np.where(SCAN > 0.99, np.inf, SCAN), "infinite"),
-        (SCAN_MM, SCAN_MM, HALF_LOST, "more than half"),
-        (SCAN_MM, SCAN_MM, np.concatenate((SCAN, 0.0 * SCAN)), "mode 2 is zero everywhere"),
         (SCAN_MM, SCAN_MM, np.ones((1, 31, 31)) + 0.01 * SCAN_MM**2, "no plate wave"),
     ],
 )
-def test_what_is_no_scan_of_a_plate_is_refused_in_a_sentence(
+def test_invalid_grids_are_refused_in_a_sentence(
     x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
 ) -> None:
     with pytest.raises(ModesError, match=what) as refusal:
         fit_cartography(x_mm, y_mm, shapes)
     assert str(refusal.value).endswith(".")
-
-
-@pytest.mark.parametrize("step_mm", [0.0, -1.0, math.nan, math.inf])
-def test_a_map_without_steps_is_refused(step_mm: float) -> None:
-    with pytest.raises(ValueError, match="step_mm"):
-        fit_cartography(SCAN_MM, SCAN_MM, SCAN, step_mm=step_mm)

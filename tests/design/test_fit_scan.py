@@ -1,4 +1,4 @@
-"""A scan as laboratories have it: points in no order, turned, shifted, in nanometres and degrees, with drop-outs."""
+"""The fit of scattered points: rotated, shifted, scaled, complex, with gaps and outliers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def truth() -> np.ndarray:
 
 
 def map_errors(fit: CartographyFit, scale: Any = 1.0) -> np.ndarray:
-    """RMS over the plate of what the map says of the readings, against what they are of, per mode."""
+    """RMS over the plate of map minus ground truth, in the scale of the readings, per mode."""
     error = fit.modes.evaluate(FINE_POINTS) * fit.scale / scale - truth()
     return np.sqrt((np.abs(error) ** 2).mean(axis=0))
 
@@ -59,7 +59,7 @@ def test_the_map_errs_by_a_small_part_of_the_noise(scan: dict[str, Any], most: f
     np.testing.assert_allclose(fit.across_rms, NOISE, rtol=0.1)
 
 
-def test_a_scan_has_the_faults_that_it_is_told_and_no_others() -> None:
+def test_a_sampled_scan_has_the_requested_faults_and_no_others() -> None:
     points, readings = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
     where = TURNED.on_plate(points)
 
@@ -115,10 +115,10 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
         fit = fit_scan(points[~held], readings[~held], normalise=False)
         missed.append(readings[held] * np.exp(-1j * np.angle(fit.scale)) - fit.modes.evaluate(points[held]))
 
-    told = fit_scan(points, readings, normalise=False).prediction_rms
+    estimated = fit_scan(points, readings, normalise=False).prediction_rms
 
     # 240 points a fold, each judged by a map made of three quarters of the points.
-    np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), told, rtol=0.05)
+    np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), estimated, rtol=0.05)
 
 
 @settings(deadline=None, max_examples=100)
@@ -126,19 +126,19 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
 def test_one_phase_is_taken_out_of_each_mode(phase_rad: float, size: float, seed: int) -> None:
     real = np.random.default_rng(seed).standard_normal((50, 2))
 
-    told = in_phase(real * size * np.exp(1j * np.array([phase_rad, 0.3])))
+    aligned = in_phase(real * size * np.exp(1j * np.array([phase_rad, 0.3])))
 
-    sign = np.sign((told.values * real).sum(axis=0))
-    np.testing.assert_allclose(told.values * sign, real * size, rtol=0.0, atol=1e-12 * size)
-    assert (np.abs(told.phase_rad) <= math.pi / 2.0 + 1e-12).all()
-    assert (told.across_rms <= 1e-12 * size).all()
+    sign = np.sign((aligned.values * real).sum(axis=0))
+    np.testing.assert_allclose(aligned.values * sign, real * size, rtol=0.0, atol=1e-12 * size)
+    assert (np.abs(aligned.phase_rad) <= math.pi / 2.0 + 1e-12).all()
+    assert (aligned.across_rms <= 1e-12 * size).all()
 
 
 def test_real_readings_keep_their_sign() -> None:
-    told = in_phase(-np.ones((9, 1)))
+    aligned = in_phase(-np.ones((9, 1)))
 
-    np.testing.assert_array_equal(told.values, -np.ones((9, 1)))
-    np.testing.assert_array_equal(told.phase_rad, [0.0])
+    np.testing.assert_array_equal(aligned.values, -np.ones((9, 1)))
+    np.testing.assert_array_equal(aligned.phase_rad, [0.0])
 
 
 def test_normal_noise_has_no_outliers_and_a_reading_far_off_is_one() -> None:
@@ -169,7 +169,7 @@ WAVE = np.cos(0.24 * POINTS)
         (POINTS, WAVE * [1.0, 0.0], "mode 2 is zero"),
     ],
 )
-def test_what_is_no_scan_is_refused_in_a_sentence(points: np.ndarray, readings: np.ndarray, what: str) -> None:
+def test_invalid_scans_are_refused_in_a_sentence(points: np.ndarray, readings: np.ndarray, what: str) -> None:
     with pytest.raises(ModesError, match=what) as refusal:
         fit_scan(points, readings)
     assert str(refusal.value).endswith(".")
@@ -181,10 +181,12 @@ def test_what_is_no_scan_is_refused_in_a_sentence(points: np.ndarray, readings: 
         ({"size_mm": (137.5, 0.0)}, "size_mm"),
         ({"size_mm": (math.nan, 137.5)}, "size_mm"),
         ({"step_mm": 0.01}, "step_mm"),
+        ({"step_mm": math.nan}, "step_mm"),
+        ({"step_mm": math.inf}, "step_mm"),
         ({"by": "guess"}, "no fit by 'guess'"),
     ],
 )
-def test_what_no_fit_can_have_is_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
+def test_invalid_options_are_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
     with pytest.raises(ValueError, match=what) as refusal:
         fit_scan(POINTS, WAVE, **wrong)
     assert str(refusal.value).endswith(".")

@@ -1,4 +1,4 @@
-"""The fit by free-plate modes: far better where the plate is free, and out of the way where it is not."""
+"""The fit by free-plate modes, and the pose that it finds: used where the plate is free, and only there."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes
+from hapticd.design import (
+    CartographyFit,
+    ModeShape,
+    Pose,
+    fit_cartography,
+    fit_scan,
+    free_plate_modes,
+    sample_scan,
+)
 from hapticd.design.free_fit import FreePlateModes
-from hapticd.design.pose import NOMINAL
+from hapticd.design.pose import NOMINAL, find_pose
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
 WAVE_RAD_MM = 2.0 * math.pi / 26.2
@@ -24,13 +32,19 @@ def neighbours(size_mm: tuple[float, float], band_hz: tuple[float, float]) -> li
     return [shape for _, shape in free_plate_modes(size_mm, band_hz=band_hz)]
 
 
+@cache
+def driven_modes() -> list[ModeShape]:
+    by_name = {shape.name: shape for _, shape in free_plate_modes()}
+    return [by_name["11x0"], by_name["0x11"]]
+
+
 def scan_axis_mm(edge_mm: float) -> np.ndarray:
     count = math.floor(edge_mm / 2.0 / 4.5)
     return 4.5 * np.arange(-count, count + 1)
 
 
 def mixture(shapes: list[ModeShape], x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """Two surfaces as a real plate has them: every mode of nearly one frequency has a share, of either sign."""
+    """Two surfaces as of a real plate: a sum of all modes near one frequency, with either sign."""
     shares = np.random.default_rng(11).uniform(-0.3, 0.3, (2, len(shapes)))
     return np.tensordot(shares, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]), axes=1)
 
@@ -46,7 +60,7 @@ def map_error(fit: CartographyFit, truth: np.ndarray, x_mm: np.ndarray, y_mm: np
 
 
 def smoothing_error(size_mm: tuple[float, float], wave_rad_mm: float, surfaces: np.ndarray, truth: np.ndarray) -> float:
-    """What the plate equation alone makes of the same scan."""
+    """Error of the fit by the plate equation alone."""
     x_mm, y_mm = (scan_axis_mm(edge_mm) for edge_mm in size_mm)
     basis = PlateBasis((x_mm.size - 1, y_mm.size - 1), (size_mm[0] / 2.0, size_mm[1] / 2.0))
     columns, rows = (axis.ravel() for axis in np.meshgrid(x_mm, y_mm))
@@ -78,7 +92,7 @@ def test_a_noisy_mixture_of_free_plate_modes_is_met_with_far_less_error(
 
 
 def clamped_corner(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """A plate wave with no free edge: it runs slantwise, and beside the right edge something heavy sits."""
+    """A plate wave with no free edge: oblique, with a point mass near the right edge."""
     x, y = np.meshgrid(x_mm, y_mm)
     wave = np.cos(WAVE_RAD_MM * (0.8 * x + 0.6 * y)) + np.cos(WAVE_RAD_MM * (0.6 * x - 0.8 * y) + 1.0)
     return 0.5 * wave[None] + 0.3 * np.exp(-math.hypot(WAVE_RAD_MM, 0.1) * (68.75 - x)) * np.cos(0.1 * y)
@@ -132,12 +146,12 @@ def test_where_theory_has_too_many_modes_or_none_the_smoothing_fit_stands(
 
 def test_the_basis_holds_the_modes_near_the_wave_number_and_no_others() -> None:
     frequencies_hz = [f for f, _ in free_plate_modes(SQUARE_MM, band_hz=(20000.0, 40000.0))]
-    wanted_hz = 29200.0
-    wave_rad_mm = WAVE_RAD_MM * math.sqrt(wanted_hz / wave_frequency_hz(WAVE_RAD_MM))
+    centre_hz = 29200.0
+    wave_rad_mm = WAVE_RAD_MM * math.sqrt(centre_hz / wave_frequency_hz(WAVE_RAD_MM))
 
     count = len(FreePlateModes(SQUARE_MM, wave_rad_mm))
 
-    assert count == sum(0.92 * wanted_hz <= f <= 1.08 * wanted_hz for f in frequencies_hz)
+    assert count == sum(0.92 * centre_hz <= f <= 1.08 * centre_hz for f in frequencies_hz)
     assert 10 <= count <= 20
 
 
@@ -159,3 +173,56 @@ def test_exact_values_give_the_exact_shares() -> None:
     np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)
     assert (fit.residual_rms < 1e-12).all()
     np.testing.assert_array_equal(fit.freedom, [len(modes)] * 2)
+
+
+# --- pose -------------------------------------------------------------------------------------------------------
+
+
+def test_a_pose_turns_about_the_plate_s_centre_and_then_shifts() -> None:
+    moved = Pose(math.pi / 2.0, 1.0, -2.0).on_plate(np.array([[10.0, 0.0], [0.0, 5.0], [0.0, 0.0]]))
+
+    np.testing.assert_allclose(moved, [[1.0, 8.0], [-4.0, -2.0], [1.0, -2.0]], atol=1e-12)
+    np.testing.assert_array_equal(NOMINAL.on_plate(moved), moved)
+
+
+@pytest.mark.parametrize(
+    "pose", [Pose(math.radians(5.0), 2.0, -3.0), Pose(math.radians(-2.0), 0.5, 4.0), Pose(0.0, -3.5, -2.0)]
+)
+def test_some_degrees_and_millimetres_are_found_from_the_scan_alone(pose: Pose) -> None:
+    points, readings = sample_scan(driven_modes(), pose=pose, seed=3)
+
+    found = fit_scan(points, readings).pose
+
+    # Noise of 2 % at 961 points: 0.01 mm, and as much at the rim.
+    assert found.rotation_rad == pytest.approx(pose.rotation_rad, abs=6e-4)
+    assert found[1:] == pytest.approx(pose[1:], abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_straight_scan_is_left_as_it_lies(seed: int) -> None:
+    points, readings = sample_scan(driven_modes(), seed=seed, missing_frac=0.6)
+    modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
+
+    _, pose = modes.fit(points, readings.real)
+
+    assert pose == NOMINAL
+
+
+def test_without_noise_the_pose_is_exact() -> None:
+    pose = Pose(math.radians(3.0), 1.25, -0.75)
+    points, readings = sample_scan(driven_modes(), pose=pose, noise_frac=0.0)
+
+    found = find_pose(FreePlateModes(SQUARE_MM, WAVE_RAD_MM).at, points, readings.real)
+
+    assert found == pytest.approx(pose, abs=1e-7)
+
+
+def test_a_slope_of_the_basis_is_the_difference_of_its_values() -> None:
+    modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
+    points = np.random.default_rng(1).uniform(-68.0, 68.0, (30, 2))
+    step_mm = 1e-4
+
+    for axis, order in enumerate(((1, 0), (0, 1))):
+        shift = np.eye(2)[axis] * step_mm
+        slope = (modes.at(points + shift) - modes.at(points - shift)) / (2.0 * step_mm)
+        np.testing.assert_allclose(modes.at(points, order), slope, rtol=0.0, atol=1e-7)

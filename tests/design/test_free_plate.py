@@ -1,4 +1,4 @@
-"""Free-plate modes: against published values, the plate equation, and the facts known of the reference plate."""
+"""Free-plate modes against published values, the plate equation, and known facts of the reference plate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pairs of modes, what plates are made of, and where they may be held."""
+"""Pairs of modes, materials, and support points."""
 
 from __future__ import annotations
 

@@ -10,28 +10,17 @@ from pathlib import Path
 
 import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
+from tools.frames import measured_frames
 
 from hapticd.config.sections import Config
 from hapticd.core.board.ledger import Histogram, LedgerLine
 from hapticd.errors import HapticdError
 from hapticd.tools import latency
-from hapticd.tools.latency import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger
-
-
-def measured(milliseconds: int = 500) -> tuple[Bench, Measured]:
-    """A driven bench whose board acknowledges each millisecond; the link takes none, reports are 10 ms old."""
-    bench = Bench(SLIPPERY, STICKY).driven()
-    lines: list[LedgerLine] = []
-    for _ in range(milliseconds):
-        bench.machine.pipeline.resend()
-        bench.run(1)
-        bench.board.status()
-    lines += bench.machine.session.ledger
-    return bench, gather(bench.machine, lines)
+from hapticd.tools.latency import STAGES, draw, figures, gather, print_table, sparkline, write_ledger
 
 
 def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it() -> None:
-    _, found = measured()
+    found = measured_frames(500)
     assert len(found.lines) > 30
     for line in found.lines:
         assert line.t_sent_ns - line.t_sample_ns == line.age_ns  # no time passes within a pass of the bench
@@ -42,7 +31,7 @@ def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it
 
 
 def test_the_total_is_from_the_sample_to_the_plate() -> None:
-    _, found = measured()
+    found = measured_frames(500)
     total_ns = [line.t_applied_ns - line.t_sample_ns for line in found.lines]
     assert found.stages["total"].count == len(total_ns)
     assert found.stages["total"].longest_ns == max(total_ns)
@@ -60,7 +49,7 @@ def test_frames_that_the_board_never_applies_are_counted() -> None:
 
 
 def test_the_table_has_a_row_for_each_stage_with_its_figures() -> None:
-    _, found = measured()
+    found = measured_frames(500)
     out = io.StringIO()
     print_table(found, out)
     head, *rows, counts = out.getvalue().splitlines()
@@ -84,7 +73,7 @@ def test_a_sparkline_shows_the_most_frequent_span_highest_and_the_rarest_still()
 
 
 def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(tmp_path: Path) -> None:
-    _, found = measured()
+    found = measured_frames(500)
     write_ledger(found.lines, tmp_path / "frames.csv")
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))

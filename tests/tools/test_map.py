@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -101,11 +100,3 @@ def test_invalid_arguments_are_refused_in_a_sentence(
     assert complaint.startswith("hapticd: --")
     assert why in complaint
     assert complaint.count("\n") == 1
-
-
-def test_without_matplotlib_a_picture_is_refused_with_the_command_that_installs_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert main(["map", "--finger", "1,2", "--cells", "5", "--plot", str(tmp_path / "map.png")]) == 1
-    assert 'pip install "hapticd[plot]"' in capsys.readouterr().err

@@ -5,25 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from machine_bench import MS, SLIPPERY, STICKY, Bench
+from machine_bench import MS
+from tools.frames import measured_frames
 
 from hapticd.config.sections import Config, PredictionConfig
-from hapticd.core.board.ledger import Histogram, LedgerLine
+from hapticd.core.board.ledger import Histogram
 from hapticd.tools.calibrate import delays
 from hapticd.tools.calibrate.verdict import Outcome
-from hapticd.tools.latency import Measured, gather
+from hapticd.tools.latency import Measured
 
 
 @pytest.fixture(scope="module")
 def measured() -> Measured:
-    """A driven bench whose board acknowledges each millisecond; the link takes none, reports come every 11.25 ms."""
-    bench = Bench(SLIPPERY, STICKY).driven()
-    for _ in range(1000):
-        bench.machine.pipeline.resend()
-        bench.run(1)
-        bench.board.status()
-    lines: list[LedgerLine] = list(bench.machine.session.ledger)
-    found = gather(bench.machine, lines)
+    found = measured_frames()
     return replace(found, counts={**found.counts, "frames unanswered": 0, "frames late": 0})
 
 

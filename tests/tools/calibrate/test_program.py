@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from machine_bench import SLIPPERY, STICKY, Bench
+from tools.frames import measured_frames
 from virtual_board import PlateLink, in_virtual_time
 
 from hapticd.__main__ import main
@@ -41,12 +41,7 @@ async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespac
 
 def frames_of_a_bench(configured: Config, seconds: float) -> latency.Measured:
     del configured, seconds
-    bench = Bench(SLIPPERY, STICKY).driven()
-    for _ in range(1000):
-        bench.machine.pipeline.resend()
-        bench.run(1)
-        bench.board.status()
-    return latency.gather(bench.machine, list(bench.machine.session.ledger))
+    return measured_frames()
 
 
 @pytest.fixture(scope="module")
@@ -109,10 +104,10 @@ def test_what_hapticd_run_prepares_of_it_is_the_measured_map(out: Path) -> None:
 
 def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    places = [said.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
+    output = capsys.readouterr().out
+    places = [output.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
     assert places == sorted(places)
-    assert said.count("done (simulated)") == 5
+    assert output.count("done (simulated)") == 5
     assert main(["calibrate", "--out", str(out / "none")]) == 0
     assert "Next: hapticd calibrate resonance" in capsys.readouterr().out
 

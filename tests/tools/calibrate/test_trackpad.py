@@ -181,8 +181,8 @@ def test_each_mark_is_prompted_until_all_are_touched(capsys: pytest.CaptureFixtu
     assert model == "mt2-usb"
     assert pad.is_closed
     np.testing.assert_allclose(rests_mm, MARKS, atol=0.05)
-    said = capsys.readouterr().out
-    assert [f"touch mark {place} of 4" in said for place in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
+    output = capsys.readouterr().out
+    assert [f"touch mark {place} of 4" in output for place in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
 
 
 def test_marks_that_are_not_touched_in_time_are_one_sentence() -> None:

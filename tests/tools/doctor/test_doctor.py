@@ -77,27 +77,27 @@ REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plat
 
 
 def test_the_simulated_plate_has_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
+    code, output = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
     assert code == 0
-    assert "FAIL" not in said
-    assert f"warn  daemon: none runs in {tmp_path}" in said
-    assert said.count("\npass") + said.count("\nwarn") == len(CHECKS)
+    assert "FAIL" not in output
+    assert f"warn  daemon: none runs in {tmp_path}" in output
+    assert output.count("\npass") + output.count("\nwarn") == len(CHECKS)
 
 
 def test_after_a_bad_configuration_no_other_check_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
+    code, output = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
     assert code == 1
-    assert "did you mean w_limit_um?" in said
-    assert "board:" not in said
+    assert "did you mean w_limit_um?" in output
+    assert "board:" not in output
 
 
 def test_the_report_can_be_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "hapticd.toml"
     path.write_text("[limits]\nw_limit = 3\n", encoding="utf-8")
     assert main(["doctor", "--config", str(path), "--json"]) == 1
-    said = json.loads(capsys.readouterr().out)
-    assert said["failed"]
-    ((finding),) = said["findings"]
+    output = json.loads(capsys.readouterr().out)
+    assert output["failed"]
+    ((finding),) = output["findings"]
     assert (finding["verdict"], finding["check"]) == ("FAIL", "configuration")
     assert "w_limit_um" in finding["said"]
     assert finding["remedy"]
@@ -118,18 +118,18 @@ def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.Ca
     axis_mm = np.linspace(-60.0, 60.0, 9)
     ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 9, 9))).save(tmp_path / "modes.npz")
     text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
-    code, said = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
+    code, output = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
     assert code == 1
-    assert f"FAIL  board: {tmp_path}/none does not exist\n      -> plug the board in" in said
-    assert "warn  calibration: none" in said
-    assert "warn  firmware: not checked" in said
+    assert f"FAIL  board: {tmp_path}/none does not exist\n      -> plug the board in" in output
+    assert "warn  calibration: none" in output
+    assert "warn  firmware: not checked" in output
 
 
 def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "modes.csv").write_text("nothing", encoding="utf-8")
-    code, said = examined('[plate]\nmodes_file = "modes.csv"\n', tmp_path, capsys)
+    code, output = examined('[plate]\nmodes_file = "modes.csv"\n', tmp_path, capsys)
     assert code == 1
-    assert "FAIL  mode shapes:" in said
+    assert "FAIL  mode shapes:" in output
 
 
 def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
@@ -170,13 +170,13 @@ def test_a_stale_socket_is_not_a_daemon_and_a_lock_is(
     text = f'[client]\nruntime_dir = "{tmp_path}"\n'
     with socket.socket(socket.AF_UNIX) as left_behind, (tmp_path / "lock").open("wb") as lock:
         left_behind.bind(str(tmp_path / "control"))
-        said = examined(text, tmp_path, capsys)[1]
-        assert f"warn  daemon: none runs in {tmp_path} (the socket there is stale" in said
+        output = examined(text, tmp_path, capsys)[1]
+        assert f"warn  daemon: none runs in {tmp_path} (the socket there is stale" in output
         fcntl.flock(lock, fcntl.LOCK_EX)
-        code, said = examined(text, tmp_path, capsys)
+        code, output = examined(text, tmp_path, capsys)
         assert code == 1
-        assert f"FAIL  daemon: one holds {tmp_path / 'lock'}, but does not answer" in said
-        assert "fuser -v" in said
+        assert f"FAIL  daemon: one holds {tmp_path / 'lock'}, but does not answer" in output
+        assert "fuser -v" in output
 
 
 @pytest.fixture

@@ -25,12 +25,12 @@ SWEEP = ("sweep", "--points", "9", "--dwell", "100")
 
 
 def test_info_shows_identity_and_status(link: Any, type_in: TypeIn) -> None:
-    said = type_in(link, "info")
-    assert "firmware  0.1.0, protocol 2" in said
-    assert "modes     2, limits 4, 4 um and 150 V" in said
-    assert "state     quiet" in said
-    assert re.search(r"mode 1 +decay 183\.\d 1/s, \+10\.00 Hz from the drive", said)
-    assert "events    0 logged" in said
+    output = type_in(link, "info")
+    assert "firmware  0.1.0, protocol 2" in output
+    assert "modes     2, limits 4, 4 um and 150 V" in output
+    assert "state     quiet" in output
+    assert re.search(r"mode 1 +decay 183\.\d 1/s, \+10\.00 Hz from the drive", output)
+    assert "events    0 logged" in output
 
 
 def test_info_as_json_holds_the_whole_answer(link: Any, type_in: TypeIn) -> None:
@@ -44,8 +44,8 @@ def test_info_as_json_holds_the_whole_answer(link: Any, type_in: TypeIn) -> None
 def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tmp_path: Path) -> None:
     """The bench's plate is exactly what the firmware believes: 10 Hz beside the drive, Q 500."""
     saved, drawn = tmp_path / "plate.toml", tmp_path / "sweep.png"
-    said = type_in(link, *SWEEP, "--mode", "0", "--save", str(saved), "--plot", str(drawn))
-    assert said.count("\n 29") == 9
+    output = type_in(link, *SWEEP, "--mode", "0", "--save", str(saved), "--plot", str(drawn))
+    assert output.count("\n 29") == 9
     type_in(link, *SWEEP, "--mode", "1", "--save", str(saved))
     truth = BoardConfig()
     measured = calibration.load(saved, 2)
@@ -96,9 +96,9 @@ def test_a_sweep_that_ends_without_a_ramp_still_gets_its_last_point(
     link: Any, type_in: TypeIn, volts: str, dwell: str
 ) -> None:
     """From so little the board is quiet a tick after the last point, and its STATUS goes first."""
-    said = type_in(link, "sweep", "--points", "9", "--dwell", dwell, "--volts", volts)
-    assert said.count("\n 29") == 9
-    assert "9 points" in said
+    output = type_in(link, "sweep", "--points", "9", "--dwell", dwell, "--volts", volts)
+    assert output.count("\n 29") == 9
+    assert "9 points" in output
 
 
 @pytest.mark.parametrize("where", ["--save", "--plot"])
@@ -124,30 +124,30 @@ def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: Any, converse: C
 
 
 def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: Any, type_in: TypeIn) -> None:
-    def broken_after_a_point(said: bytes) -> bytes:
-        if any(isinstance(message, SweepPoint) for message in Decoder().feed(said)):
+    def broken_after_a_point(output: bytes) -> bytes:
+        if any(isinstance(message, SweepPoint) for message in Decoder().feed(output)):
             link.board.fake_measurement(np.array([7.0 + 0j, 0j]))
-        return said
+        return output
 
     link.says = broken_after_a_point
     with pytest.raises(DeviceError, match="The board ended the sweep"):
         type_in(link, *SWEEP)
-    said = type_in(link, "info")
-    assert "state     fault: the measured amplitude stayed far above its limit" in said
-    assert re.search(r"this boot, at \d+\.\d+ s, mode 0: the measured amplitude .* \(7\)", said)
+    output = type_in(link, "info")
+    assert "state     fault: the measured amplitude stayed far above its limit" in output
+    assert re.search(r"this boot, at \d+\.\d+ s, mode 0: the measured amplitude .* \(7\)", output)
     with pytest.raises(DeviceError, match="it is busy or has a fault"):
         type_in(link, *SWEEP)
-    link.says = lambda said: said
+    link.says = lambda output: output
     link.board.fake_measurement(None)
     assert type_in(link, "clear-fault") == "The board is quiet.\n"
     assert "1 logged" in type_in(link, "log")
 
 
 def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: Any, type_in: TypeIn) -> None:
-    said = type_in(link, "raw", "--volts", "12", "--phase", "90", "--ms", "400")
+    output = type_in(link, "raw", "--volts", "12", "--phase", "90", "--ms", "400")
     gain, decay = link.board.config.gain_um_per_v_s[0], link.board.config.decay_1_s[0]
     expected_um = 12 * gain / math.hypot(decay, 20 * math.pi)
-    assert float(re.search(r"mode 0 +([\d.]+) um", said)[1]) == pytest.approx(expected_um, rel=0.01)  # type: ignore[index]
+    assert float(re.search(r"mode 0 +([\d.]+) um", output)[1]) == pytest.approx(expected_um, rel=0.01)  # type: ignore[index]
     assert link.peak_v == pytest.approx(12)
     assert not link.voltage_v.any()
 
@@ -161,8 +161,8 @@ def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: Any, type_in:
 
 def test_gains_are_shown_and_set(link: Any, type_in: TypeIn) -> None:
     assert "law       deadbeat" in type_in(link, "gains")
-    said = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
-    assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in said
+    output = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
+    assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in output
     assert json.loads(type_in(link, "gains", "--json"))["law"] == "pi"
     with pytest.raises(UsageError, match="bandwidth_1_s is 5, not within 10"):
         type_in(link, "gains", "--bandwidth", "5")

@@ -18,7 +18,7 @@ from hapticd.core.board.ledger import Histogram
 from hapticd.daemon import status
 from hapticd.errors import UsageError
 from hapticd.tools.stream import prometheus
-from hapticd.tools.stream.metrics import COUNTERS, GAUGES, LOST_MESSAGES, SPANS, histogram
+from hapticd.tools.stream.prometheus import COUNTERS, GAUGES, LOST_MESSAGES, SPANS, histogram
 
 
 @pytest.fixture(scope="module")

@@ -5,38 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
 from hapticd.errors import RequestError
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools.view import layers, messages
-from hapticd.tools.view.layers import LAYERS, POINTS, LayerFinger
+from hapticd.tools.view.layers import POINTS, LayerFinger
 
 MODES = GroundTruth(PlateSettings()).measured_mode_map(1)
 SIZE_MM = (137.5, 137.5)
-
-
-def test_a_layer_is_encoded_from_the_top_left_with_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    def right_of_the_finger(
-        modes: ModeShapes,
-        fingers: list[LayerFinger],
-        mover: LayerFinger | None,
-        w_limit_um: list[float],
-        points_mm: np.ndarray,
-    ) -> np.ndarray:
-        assert mover is None
-        assert modes is MODES
-        assert w_limit_um == [4.0, 4.0]
-        values = np.where(points_mm[:, 0] > fingers[0].x_mm, 2.0, -1.0)
-        values[points_mm[:, 1] > 60.0] = np.nan
-        return values
-
-    monkeypatch.setitem(LAYERS, "right", right_of_the_finger)
-    data = layers.picture("right", MODES, [LayerFinger(1, 0.0, 0.0, 1.0)], [4.0, 4.0], SIZE_MM)
-    levels = np.frombuffer(data, np.uint8).reshape(POINTS, POINTS)
-    assert (levels[0] == 255).all()
-    assert (levels[-1, : POINTS // 2] == 0).all()
-    assert (levels[-1, POINTS // 2 + 1 :] == 254).all()
 
 
 def test_an_unknown_layer_is_refused() -> None:

@@ -32,17 +32,17 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int,
 def test_invalid_arguments_are_one_sentence(
     arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = complaint(capsys, *arguments)
+    code, output = complaint(capsys, *arguments)
     assert code == 2
-    assert sentence in said
-    assert said.count("\n") == 1
+    assert sentence in output
+    assert output.count("\n") == 1
 
 
 def test_a_port_in_use_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        code, said = complaint(capsys, "--port", str(taken.getsockname()[1]))
+        code, output = complaint(capsys, "--port", str(taken.getsockname()[1]))
     assert code == 1
-    assert "choose another with --port" in said
+    assert "choose another with --port" in output
 
 
 @pytest.mark.parametrize(("missing", "remedy"), [("aiohttp", "hapticd[view]"), ("hapticd_client", "clients/python")])
@@ -50,9 +50,9 @@ def test_a_missing_library_is_named_with_its_command(
     missing: str, remedy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
-    code, said = complaint(capsys)
+    code, output = complaint(capsys)
     assert code == 1
-    assert remedy in said
+    assert remedy in output
 
 
 def test_no_browser_is_opened_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,41 @@
+"""Pictures: written in the format of their suffix, and errors before the work."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from hapticd.errors import HapticdError, UsageError
+from hapticd.files import plotting
+
+
+@pytest.mark.parametrize(
+    ("suffix", "begin"), [(".png", b"\x89PNG"), (".PNG", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")]
+)
+def test_a_picture_has_the_format_of_its_suffix(suffix: str, begin: bytes, tmp_path: Path) -> None:
+    figure, axes = plotting.subplots(2.0, 1.0, 1, 2, sharey=True)
+    assert axes.shape == (1, 2)
+    for colours in (None, 8):
+        plotting.save(figure, tmp_path / f"picture{suffix}", colours=colours)
+        assert (tmp_path / f"picture{suffix}").read_bytes().startswith(begin)
+
+
+def test_another_suffix_is_refused_before_the_work_and_no_path_is_not() -> None:
+    plotting.check(None, Path("picture.png"))
+    for name in ("picture", "picture.txt", ".png"):
+        with pytest.raises(UsageError, match=r"end it in one of \.png, \.pdf, \.svg"):
+            plotting.check(Path(name))
+
+
+def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    figure, _ = plotting.subplots(1.0, 1.0)
+    with pytest.raises(HapticdError, match=r"cannot be written to .* \(No such file or directory\)"):
+        plotting.save(figure, tmp_path / "none" / "picture.png")
+
+
+def test_without_matplotlib_the_command_that_installs_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(HapticdError, match=r'pip install "hapticd\[plot\]"'):
+        plotting.check(Path("picture.png"))
