@@ -1,51 +1,73 @@
-# Each target creates what it needs: Python 3.11+, gcc and make are enough.
+# Each target installs what it needs into .venv: Python 3.11+, gcc and make are enough.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALLED := $(VENV)/.installed
+PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check
+HAPTICD := $(VENV)/.hapticd
+TESTS := $(VENV)/.tests
+LINT := $(VENV)/.lint
 
-.PHONY: demo test coverage fuzz lint bench firmware clean
+.PHONY: demo test test-all coverage fuzz lint bench firmware clean
 
-demo: $(INSTALLED)
+demo: $(HAPTICD)
 	$(BIN)/hapticd demo
 
-test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 -m "not virtual_machine and not alone"
-	$(BIN)/python -m pytest -p no:xdist -m alone
+# Proves the product. Property tests look at the same examples each time: everybody gets the same answer.
+test: $(TESTS)
+	$(BIN)/python -m pytest -n 2 -m "not long and not alone"
+
+# What `make test` leaves out: emulated machines, browsers, mutants, new property examples, real time with nothing beside it.
+# Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
+test-all: $(TESTS)
+	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs -m "long and not alone"
+	$(BIN)/python -m pytest -p no:xdist -rs -m alone
 
 # Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.
-coverage: $(INSTALLED)
+coverage: $(TESTS)
 	HAPTICD_PURE=1 $(BIN)/coverage run -m pytest -p no:xdist tests/core/trajectory/test_gate.py tests/core/board/test_supervisor.py tests/wire \
 	    tests/config tests/files/test_calibration.py tests/files/test_mode_map.py
 	$(BIN)/coverage report
 
-# New inputs to every decoder and scripts to the firmware's core, FUZZ_SECONDS each; what is found goes to build/fuzz.
+# New inputs to every decoder and scripts to the firmware's core, FUZZ_SECONDS each; findings go to build/fuzz.
 FUZZ_SECONDS ?= 300
-fuzz: $(INSTALLED)
+fuzz: $(TESTS)
 	mkdir -p build/fuzz && cd build/fuzz && ../../$(BIN)/python ../../tests/fuzz/explore.py --seconds $(FUZZ_SECONDS)
 	@if command -v clang >/dev/null; then $(MAKE) -C firmware fuzz FUZZ_SECONDS=$(FUZZ_SECONDS); \
-	else echo "skipped: the firmware's core, for clang is not installed (apt: clang libclang-rt-dev)"; fi
+	else echo "skipped: the firmware's core, because clang is not installed (apt: clang libclang-rt-dev)"; fi
 
-lint: $(INSTALLED)
+lint: $(LINT)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(INSTALLED)
+bench: $(TESTS)
 	$(BIN)/hapticd bench all
 
 firmware:
 	$(MAKE) -C firmware
 
-# What is compiled at installation: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/wire/*.py hapticd/compiled/build_ext.py)
+# What installation compiles: the firmware for the simulated board, and the touch path.
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py \
+    hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
+LISTED := import functools as f, sys, tomllib as t; print(*f.reduce(dict.get, sys.argv[1:], t.load(open("pyproject.toml", "rb"))), sep="\n")
+# $(call install,path of a list): the packages that a list of pyproject.toml names.
+install = $(BIN)/python -c '$(LISTED)' $(1) > $(VENV)/requirements.txt && $(PIP) --requirement $(VENV)/requirements.txt
 
-$(INSTALLED): pyproject.toml clients/python/pyproject.toml $(COMPILED)
-	@echo "Everything goes into $(VENV); compiling the touch path takes some minutes."
+# Without pip's isolated build, which would download and unpack mypy and numpy a second time.
+$(HAPTICD): pyproject.toml clients/python/pyproject.toml $(COMPILED)
+	@echo "Everything goes into $(VENV). Compiling the touch path takes most of a minute."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[plot,test,lint]" --editable clients/python
+	$(call install,build-system requires)
+	$(PIP) --no-build-isolation --editable ".[plot]" --editable clients/python
+	touch $@
+
+$(TESTS): $(HAPTICD)
+	$(call install,project optional-dependencies test)
+	touch $@
+
+$(LINT): $(TESTS)
+	$(call install,project optional-dependencies lint)
 	touch $@
 
 clean:

@@ -1,45 +1,84 @@
-"""What pyproject.toml cannot say: the touch path's modules become machine code, from the same typed source.
+"""Builds the C of the simulated board and, with mypyc, the touch path; used by setuptools alone.
 
-Used by setuptools alone. `mypyc` compiles the modules listed there under [tool.hapticd.compiled]. HAPTICD_PURE=1 leaves
-them as they are; so does a build without mypy. See hapticd/core/README.md.
+`pyproject.toml` lists what: the board's sources as an extension module, the touch path under [tool.hapticd.compiled].
+HAPTICD_PURE=1 leaves the touch path as Python; so does a build without mypy. See hapticd/core/README.md.
 """
 
 from __future__ import annotations
 
 import os
 import tomllib
+from contextlib import nullcontext
+from glob import glob
 from pathlib import Path
+from threading import Lock
 
 from setuptools import Extension
 from setuptools.command import build_ext
 
 GROUP = "hapticd.core.compiled"
+# The same bits as the interpreter's; and calls within the group go straight, not by a table that another library could
+# change: half as many indirect calls, which a pass on a cold cache notices.
+FLAGS = ["-ffp-contract=off", "-fvisibility=hidden"]
+PARALLEL = "-flto=auto"
+BOARD = Lock()
+LISTING = {"egg_info", "dist_info", "sdist"}  # they build nothing, pip runs two of them first, and mypyc takes 10 s
 
 
 class BuildExt(build_ext.build_ext):
-    """Builds what pyproject.toml lists, and the compiled modules beside it."""
+    """Builds the board for two and three modes and the compiled modules, on all cores."""
 
     def finalize_options(self) -> None:
-        """Add them before the extensions are counted; several commands come by here."""
+        """Complete the list of extensions before setuptools counts them; several commands call this."""
         extensions = self.distribution.ext_modules
-        if not any(extension.name.startswith(GROUP) for extension in extensions):
-            extensions += compiled_modules()
+        for board in [listed for listed in extensions if any("*" in source for source in listed.sources)]:
+            board.sources = [path for pattern in board.sources for path in sorted(glob(pattern))]
+            board.depends = sorted(glob("firmware/core/*.h") + glob("firmware/boards/host/*.h"))
+            is_build = not LISTING.issuperset(self.distribution.commands)
+            extensions += [*(compiled_modules() if is_build else []), for_three_modes(board)]
         super().finalize_options()
+        self.parallel = os.cpu_count()
+
+    def build_extension(self, extension: Extension) -> None:
+        """Build one of several at a time; but the board's two share sources, and so the paths of their object files."""
+        with BOARD if "firmware" in extension.name else nullcontext():
+            super().build_extension(extension)
+
+
+def for_three_modes(board: Extension) -> Extension:
+    """Return the same library for three modes."""
+    return Extension(
+        f"{board.name}_3modes",
+        board.sources,
+        depends=board.depends,
+        include_dirs=board.include_dirs,
+        define_macros=[("HD_MODES", "3")],
+        extra_compile_args=board.extra_compile_args,
+        libraries=board.libraries,
+    )
+
+
+def touch_path(checkout: Path) -> list[Path]:
+    """Return the sources that are compiled, sorted: all that match, but no `__init__` and none `interpreted`."""
+    rule = tomllib.loads((checkout / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hapticd"]["compiled"]
+    matching = {path for pattern in rule["sources"] for path in checkout.glob(pattern) if path.stem != "__init__"}
+    return sorted(matching - {checkout / path for path in rule["interpreted"]})
 
 
 def compiled_modules() -> list[Extension]:
-    """The extensions that stand in for Python modules; none where the build is to stay pure."""
+    """Return the extensions that replace Python modules; none where the build is to stay pure."""
     if os.environ.get("HAPTICD_PURE", "0") != "0":
         return []
     try:
         from mypyc.build import mypycify
     except ImportError:
         return []
-    settings = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]["hapticd"]["compiled"]
-    sources = [f"{module.replace('.', '/')}.py" for module in settings["modules"]]
+    sources = [str(path) for path in touch_path(Path())]
     extensions = mypycify(sources, opt_level="2", debug_level="0", group_name=GROUP)
     for extension in extensions:
-        # To the last bit what the interpreter computes; and calls within the group go straight, not by a table that any
-        # program could have changed: half as many of them, which a pass on a cold cache notices.
-        extension.extra_compile_args = [*extension.extra_compile_args, "-ffp-contract=off", "-fvisibility=hidden"]
+        extension.extra_compile_args = [*extension.extra_compile_args, *FLAGS]
+    # One C file for all: gcc optimizes it at the link, in parts on all cores, and still calls across modules directly.
+    group = next(extension for extension in extensions if extension.name.startswith(GROUP))
+    group.extra_compile_args = [*group.extra_compile_args, PARALLEL]
+    group.extra_link_args = [*group.extra_link_args, PARALLEL]
     return extensions
