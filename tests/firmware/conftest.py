@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
+FIRMWARE = Path(__file__).parents[2] / "firmware"
 TICK_US = 500
 
 
@@ -100,3 +104,14 @@ def new_bench() -> Callable[..., Bench]:
 @pytest.fixture
 def bench() -> Bench:
     return Bench()
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The board's program as a process of this computer."""
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+    build = tmp_path_factory.mktemp("firmware")
+    built = build / "hapticd-board"
+    subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)], check=True)
+    return built

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import selectors
-import shutil
 import signal
 import subprocess
 import tty
@@ -17,18 +16,7 @@ import pytest
 from hapticd.board_values import BoardHello, BoardMessage
 from hapticd.wire import device
 
-FIRMWARE = Path(__file__).parents[2] / "firmware"
 PATIENCE_S = 30.0
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if shutil.which("cc") is None:
-        pytest.skip("cc is not installed")
-    build = tmp_path_factory.mktemp("firmware")
-    built = build / "hapticd-board"
-    subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)], check=True)
-    return built
 
 
 Start = Callable[..., tuple[subprocess.Popen[str], str]]

@@ -1,4 +1,4 @@
-"""The whole program of the firmware, in QEMU and as a process: it boots, talks, closes the loop and falls silent.
+"""The whole program of the firmware as a process: it boots, answers, closes the loop and stops the plate.
 
 Steps of the bench hold its time, so nothing here depends on how fast this computer is.
 """
@@ -6,8 +6,6 @@ Steps of the bench hold its time, so nothing here depends on how fast this compu
 from __future__ import annotations
 
 import asyncio
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,44 +29,18 @@ from hapticd.wire.commands import encode
 
 from .emulated import STEP_US, Host
 
-FIRMWARE = Path(__file__).parents[2] / "firmware"
-NEEDS = {"host": ("cc",), "qemu": ("arm-none-eabi-gcc", "qemu-system-arm")}
-TARGETS = {"host": "hapticd-board", "qemu": "qemu.elf"}
 WRAPS_SOON_US = (1 << 32) - 300_000  # the board's clock, in the middle of a run
 TARGET_UM = np.array((1.0, 0.0))
 W_LIM_UM = 4.0
 PATIENCE_S = 60.0
 
 
-@pytest.fixture(scope="session")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Builds a board's program, or skips by the name of what is missing."""
-    build = tmp_path_factory.mktemp("firmware")
-
-    def program(board: str) -> Path:
-        for tool in NEEDS[board]:
-            if shutil.which(tool) is None:
-                pytest.skip(f"{tool} is not installed")
-        built = build / TARGETS[board]
-        if not built.exists():
-            made = subprocess.run(
-                ["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)],
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            assert made.returncode == 0, made.stderr
-        return built
-
-    return program
-
-
 @pytest.fixture
-def start(programs: Callable[[str], Path]) -> Iterator[Callable[..., Host]]:
+def start(program: Path) -> Iterator[Callable[..., Host]]:
     with ExitStack() as stack:
 
-        def started(board: str, t_start_us: int = 0) -> Host:
-            running = Emulator(board, programs(board), boot_id=0x1234, t_start_us=t_start_us, stepped=True)
+        def started(t_start_us: int = 0) -> Host:
+            running = Emulator(program, boot_id=0x1234, t_start_us=t_start_us, stepped=True)
             return Host(stack.enter_context(running), t_start_us=t_start_us)
 
         yield started
@@ -108,18 +80,16 @@ def play_two_fingers(host: Host, us: int) -> np.ndarray:
     return np.array(asked)
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_the_program_boots_and_says_who_it_is(board: str, start: Callable[..., Host]) -> None:
-    host = start(board)
+def test_the_program_boots_and_says_who_it_is(start: Callable[..., Host]) -> None:
+    host = start()
     host.step()
     (hello,) = (message for message in host.messages if isinstance(message, BoardHello))
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
     assert hello.boot_id == 0x1234
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_the_clocks_find_each_other(board: str, start: Callable[..., Host]) -> None:
-    host = start(board, WRAPS_SOON_US)
+def test_the_clocks_find_each_other(start: Callable[..., Host]) -> None:
+    host = start(WRAPS_SOON_US)
     host.run(500_000)
     assert host.session.ready
     away_us = host.session.clock.to_board_us(host.now_us * 1000) - host.now_us
@@ -127,9 +97,8 @@ def test_the_clocks_find_each_other(board: str, start: Callable[..., Host]) -> N
     assert abs((away_us + (1 << 31)) % (1 << 32) - (1 << 31)) <= STEP_US
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_two_moving_fingers_close_the_loop(board: str, start: Callable[..., Host]) -> None:
-    host = start(board, WRAPS_SOON_US)
+def test_two_moving_fingers_close_the_loop(start: Callable[..., Host]) -> None:
+    host = start(WRAPS_SOON_US)
     asked = play_two_fingers(host, 600_000)
     t_us, w_um = host.plate_um()
     settled = (t_us > asked[0, 0] + 60_000) & (t_us < asked[-1, 0])
@@ -148,9 +117,8 @@ def test_two_moving_fingers_close_the_loop(board: str, start: Callable[..., Host
     assert np.sqrt(np.mean((got_um[:, 0] - 1.0) ** 2)) < 0.03
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_what_the_board_measures_is_what_the_plate_does(board: str, start: Callable[..., Host]) -> None:
-    host = start(board)
+def test_what_the_board_measures_is_what_the_plate_does(start: Callable[..., Host]) -> None:
+    host = start()
     while not host.session.ready:
         host.step()
     for _ in range(20):
@@ -162,9 +130,8 @@ def test_what_the_board_measures_is_what_the_plate_does(board: str, start: Calla
     np.testing.assert_allclose(truth_um, (1.5, -0.8), atol=2e-3)
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_a_host_that_falls_silent_quiets_the_plate_in_board_time(board: str, start: Callable[..., Host]) -> None:
-    host = start(board)
+def test_a_host_that_falls_silent_quiets_the_plate_in_board_time(start: Callable[..., Host]) -> None:
+    host = start()
     play_two_fingers(host, 100_000)
     last_us = host.session.status.t_received_us if host.session.status is not None else 0
     before = len(host.messages)
@@ -178,9 +145,8 @@ def test_a_host_that_falls_silent_quiets_the_plate_in_board_time(board: str, sta
     assert max(map(abs, host.reports[-1].plate_um)) < 4.0 * np.exp(-0.08 * 183)
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_damaged_bytes_are_counted_and_move_nothing(board: str, start: Callable[..., Host]) -> None:
-    host = start(board)
+def test_damaged_bytes_are_counted_and_move_nothing(start: Callable[..., Host]) -> None:
+    host = start()
     host.step()
     noise = np.random.default_rng(5).integers(1, 256, 3000, dtype=np.uint8).tobytes()
     frames = [noise[at : at + 60] + b"\0" for at in range(0, len(noise), 60)]
@@ -194,23 +160,19 @@ def test_damaged_bytes_are_counted_and_move_nothing(board: str, start: Callable[
     assert all(report.plate_um == (0j, 0j) for report in host.reports)
 
 
-def test_same_bytes_in_give_same_bytes_out_on_the_m4_and_on_this_computer(start: Callable[..., Host]) -> None:
+def test_the_same_bytes_in_give_the_same_bytes_out(start: Callable[..., Host]) -> None:
     runs = []
-    for board in ("qemu", "qemu", "host"):
-        host = start(board, WRAPS_SOON_US)
+    for _ in range(2):
+        host = start(WRAPS_SOON_US)
         play_two_fingers(host, 100_000)
         runs.append((host.line, host.reports))
     assert len(runs[0][0]) > 500
     assert runs[0] == runs[1]
-    assert runs[0] == runs[2]  # core, signal chain and plate agree to the last bit
 
 
-@pytest.mark.parametrize("board", emulator.BOARDS)
-def test_the_daemons_link_arms_the_board_in_real_time(
-    board: str, programs: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_the_daemons_link_arms_the_board_in_real_time(program: Path, tmp_path: Path) -> None:
     """Through the rig's pseudo-terminal: SerialLink, Decoder and BoardSession, until the board is live."""
-    rig = Rig(tmp_path, "rest", 1, keep=True, board=board, program=programs(board))
+    rig = Rig(tmp_path, "rest", 1, keep=True, program=program)
     thread = Thread(target=rig.serve)
     thread.start()
     try:
@@ -267,19 +229,12 @@ async def armed(port: str) -> BoardStatus:
         link.close()
 
 
-def test_a_missing_emulator_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(emulator.shutil, "which", lambda _: None)
-    with pytest.raises(DeviceError, match=r"^qemu-system-arm is not installed, .*: install it .*\.$"):
-        find_program("qemu")
-
-
-def test_a_missing_image_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(emulator.shutil, "which", lambda _: "/usr/bin/qemu-system-arm")
-    monkeypatch.setitem(emulator._PROGRAMS, "qemu", tmp_path / "qemu.elf")
-    with pytest.raises(DeviceError, match=r"gcc-arm-none-eabi .* run `make -C firmware`\.$"):
-        find_program("qemu")
+def test_a_missing_program_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(emulator, "_PROGRAM", tmp_path / "hapticd-board")
+    with pytest.raises(DeviceError, match=r"with gcc installed, run `make -C firmware`\.$"):
+        find_program()
     with pytest.raises(DeviceError, match="no-image: there is no such image"):
-        find_program("qemu", tmp_path / "no-image")
+        find_program(tmp_path / "no-image")
 
 
 @pytest.mark.parametrize("given", ["firmware.bin", "README.md"])
@@ -288,11 +243,11 @@ def test_a_file_that_is_no_program_is_named_in_one_sentence(tmp_path: Path, give
     image.write_bytes(b"not a program")
     image.chmod(0o755 if given.endswith("bin") else 0o644)
     with pytest.raises(DeviceError, match=rf"{given}: cannot be run \(.+\): name what `make -C firmware` built\.$"):
-        Emulator("host", find_program("host", image))
+        Emulator(find_program(image))
 
 
-def test_a_board_that_dies_is_one_sentence(programs: Callable[[str], Path]) -> None:
-    with Emulator("host", programs("host"), stepped=True) as board:
+def test_a_board_that_dies_is_one_sentence(program: Path) -> None:
+    with Emulator(program, stepped=True) as board:
         board.process.kill()
         board.process.wait()
         with pytest.raises(DeviceError, match="ended by itself"):

@@ -1,18 +1,13 @@
-"""The firmware's whole program as a process, with a plate of its own inside: in QEMU or on this computer.
+"""The firmware's whole program as a process, firmware/build/hapticd-board, with a plate of its own inside.
 
-    qemu   firmware/build/qemu.elf, the program for the Cortex-M4, in QEMU's netduinoplus2
-    host   firmware/build/hapticd-board, the same program compiled for this computer
-
-Either runs main.c, the signal chain at 1 MHz and a plate sample by sample; `firmware/boards/emulated` says what that
-plate leaves out: above all fingers, the neighbouring modes and noise. Two byte streams lead out: the line, as behind a
-serial port, and the bench, which sees the plate's truth. A board started `stepped` stands still but for `step`: then
-same bytes in, same bytes out.
+It runs main.c, the signal chain at 1 MHz and a plate sample by sample, without fingers, parasitic modes and noise. Two
+byte streams lead out: the line, as behind a serial port, and the bench, which reports the plate's true motion. A board
+started `stepped` runs only during `step`: the same bytes in give the same bytes out.
 """
 
 from __future__ import annotations
 
 import selectors
-import shutil
 import socket
 import struct
 import subprocess
@@ -22,20 +17,16 @@ from typing import Final
 
 from ...errors import DeviceError
 
-BOARDS: Final = ("qemu", "host")
-QEMU: Final = "qemu-system-arm"
 CHUNK_US: Final = 50
 MODES: Final = 2
 
 _FIRMWARE = Path(__file__).parents[3] / "firmware"  # in a source checkout; a wheel has no firmware to run
-_PROGRAMS = {"qemu": _FIRMWARE / "build" / "qemu.elf", "host": _FIRMWARE / "build" / "hapticd-board"}
-_OPTIONS_ADDRESS = 0x20000000  # hd_emulation_options_t in firmware/boards/qemu/link.ld
-_OPTIONS = struct.Struct("<III")
+_PROGRAM = _FIRMWARE / "build" / "hapticd-board"
 _STEP = struct.Struct("<IH")
 _REPORT = struct.Struct(f"<IIH{2 * MODES}f")
 _ANSWER_WITHIN_S = 30.0
 _READ_SIZE = 1 << 16
-_SEND_BUFFER = 1 << 20  # QEMU writes bytes one by one, and each takes its place in the kernel as a packet
+_SEND_BUFFER = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +40,15 @@ class BenchReport:
     plate_um: tuple[complex, ...]
 
 
-def find_program(board: str, given: Path | None = None) -> Path:
-    """The program of `board`: `given`, or the source checkout's. Raises DeviceError, with what to do, if it lacks."""
-    if board == "qemu" and shutil.which(QEMU) is None:
-        raise DeviceError(
-            f"{QEMU} is not installed, so no board can be emulated: install it (Debian: apt install {QEMU})."
-        )
-    program = given if given is not None else _PROGRAMS[board]
+def find_program(given: Path | None = None) -> Path:
+    """Return the board's program: `given`, or the source checkout's. Raises DeviceError if it is missing."""
+    program = given if given is not None else _PROGRAM
     if program.is_file():
         return program
     if given is not None:
         raise DeviceError(f"{given}: there is no such image of the firmware: build one with `make -C firmware`.")
-    needs = "gcc-arm-none-eabi and libnewlib-arm-none-eabi" if board == "qemu" else "gcc"
     raise DeviceError(
-        f"{program}: the firmware is not built: in a source checkout, with {needs} installed, run `make -C firmware`."
+        f"{program}: the firmware is not built: in a source checkout, with gcc installed, run `make -C firmware`."
     )
 
 
@@ -72,17 +58,15 @@ class Emulator:
     Somebody has to read both: an emulated serial port waits for its reader, and the board with it.
     """
 
-    def __init__(
-        self, board: str, program: Path, *, boot_id: int = 1, t_start_us: int = 0, stepped: bool = False
-    ) -> None:
+    def __init__(self, program: Path, *, boot_id: int = 1, t_start_us: int = 0, stepped: bool = False) -> None:
         self.line, line_end = _pair()
         self.bench, bench_end = _pair()
-        options = (boot_id & 0xFFFFFFFF, t_start_us & 0xFFFFFFFF, int(stepped))
-        make = _qemu_command if board == "qemu" else _host_command
         ends = (line_end.fileno(), bench_end.fileno())
+        command = [str(program), "--line", str(ends[0]), "--bench", str(ends[1])]
+        command += ["--boot-id", str(boot_id & 0xFFFFFFFF), "--start-us", str(t_start_us & 0xFFFFFFFF)]
         try:
             self.process = subprocess.Popen(
-                make(program, *ends, options), stdin=subprocess.DEVNULL, pass_fds=ends, start_new_session=True
+                command + ["--stepped"] * stepped, stdin=subprocess.DEVNULL, pass_fds=ends, start_new_session=True
             )
         except OSError as error:
             self.line.close()
@@ -104,7 +88,7 @@ class Emulator:
         self.close()
 
     def close(self) -> None:
-        """End the board. It has nothing to save, and QEMU would say that it was asked to end."""
+        """End the board, which has nothing to save."""
         self.process.kill()
         self.process.wait()
         self.line.close()
@@ -188,25 +172,6 @@ def _pair() -> tuple[socket.socket, socket.socket]:
     ours.setblocking(False)
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
     return ours, theirs
-
-
-def _qemu_command(program: Path, line: int, bench: int, options: tuple[int, int, int]) -> list[str]:
-    # QEMU does not mind its ports being closed: this ends it with whoever started it, however that ends.
-    leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
-    command = [*leash, QEMU, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(program)]
-    for name, descriptor in (("line", line), ("bench", bench)):
-        command += ["-chardev", f"socket,id={name},fd={descriptor}", "-serial", f"chardev:{name}"]
-    for index, value in enumerate(options):
-        address = _OPTIONS_ADDRESS + 4 * index
-        command += ["-device", f"loader,addr={address:#x},data={value:#x},data-len=4"]
-    return command
-
-
-def _host_command(program: Path, line: int, bench: int, options: tuple[int, int, int]) -> list[str]:
-    boot_id, t_start_us, stepped = options
-    command = [str(program), "--line", str(line), "--bench", str(bench)]
-    command += ["--boot-id", str(boot_id), "--start-us", str(t_start_us)]
-    return command + ["--stepped"] * stepped
 
 
 def _report(values: tuple[float, ...]) -> BenchReport:

@@ -27,7 +27,7 @@ _KNOT = struct.Struct(f"<H{2 * MODES}f")
 class Outboard:
     """A board in another process, with the fingers of `paths` at its plate; t = 0 is the rig's start."""
 
-    def __init__(self, paths: Sequence[FingerPath], board: str, program: Path, *, boot_id: int, keep: bool) -> None:
+    def __init__(self, paths: Sequence[FingerPath], program: Path, *, boot_id: int, keep: bool) -> None:
         self.t_s = 0.0
         self._paths = paths
         self._plate_um = np.zeros(MODES, dtype=np.complex128)
@@ -36,7 +36,7 @@ class Outboard:
         self._board_us = 0
         self._boot_s = math.inf
         self._asked = Overheard()
-        self._emulator = Emulator(board, program, boot_id=boot_id)
+        self._emulator = Emulator(program, boot_id=boot_id)
 
     def close(self) -> None:
         """End the process."""

@@ -20,7 +20,7 @@ PLATE_FILE = "plate.toml"
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    `board` and `program` put another process behind the board's terminal (`emulator.find_program`).
+    `program` puts another process behind the board's terminal (`emulator.find_program`).
     """
 
     def __init__(
@@ -29,7 +29,6 @@ class RigProcess:
         seed: int,
         *,
         record: Path | None = None,
-        board: str = "library",
         program: Path | None = None,
     ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
@@ -48,7 +47,7 @@ class RigProcess:
         if record is not None:
             command += ["--record", str(record)]
         if program is not None:
-            command += ["--board", board, "--program", str(program)]
+            command += ["--program", str(program)]
         # Its own session: a Ctrl-C meant for the daemon must not unplug the hardware first. The pipe to its input ends
         # with this process however that ends, and the rig with it.
         self.process = subprocess.Popen(

@@ -1,10 +1,10 @@
 """The simulated rig in real time: a process that is the hardware.
 
     python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--seed N] [--record FILE]
-        [--board qemu|host --program FILE]
+        [--program FILE]
 
 `DIRECTORY/board` is a link to a pseudo-terminal behind which the firmware's C drives the simulated plate: its core in
-this process, or with `--board` the whole program in QEMU or in a process of its own (`sim/board/emulator.py`).
+this process, or with `--program` its whole program in a process of its own (`sim/board/emulator.py`).
 `DIRECTORY/trackpad` is a unix SOCK_SEQPACKET endpoint that gives raw reports of the scenario's fingers, one a packet
 (`rigplugs.py`).
 `DIRECTORY/modes.npz` is the cartography that was made of this plate, `plate.toml` with `neighbours.npz` what was
@@ -16,7 +16,7 @@ host's monotonic clock. SIGTERM ends it and writes the recording, if asked; SIGU
 back, SIGUSR2 the trackpad's.
 
 What it leaves out: the serial line's speed beyond that constant delay, and the pull of a finger on the plate's shape.
-With `--board` also the damping of fingers, the neighbouring modes and the sensors' noise: that plate is inside the
+With `--program` also the damping of fingers, the neighbouring modes and the sensors' noise: that plate is inside the
 other process; up to 2 ms of the link's delay then depend on when this one looks.
 """
 
@@ -36,7 +36,6 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DeviceError
-from ..board.emulator import BOARDS
 from ..board.outboard import Outboard
 from ..fingers.hands import Hands, Yielding
 from ..fingers.paths import Path as FingerPath
@@ -63,7 +62,6 @@ class Rig:
         seed: int,
         *,
         keep: bool,
-        board: str = "library",
         program: Path | None = None,
     ) -> None:
         self.actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
@@ -74,7 +72,7 @@ class Rig:
         paths: list[FingerPath] = [*(Yielding(path, self.hands) for path in paths_of(self.actors)), *self.hands.fingers]
         self.world: World | Outboard
         if program is not None:
-            self.world = Outboard(paths, board, program, boot_id=boot_id, keep=keep)
+            self.world = Outboard(paths, program, boot_id=boot_id, keep=keep)
         else:
             self.world = World(
                 paths,
@@ -221,12 +219,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, help="write what the plate did (NPZ) at the end")
-    parser.add_argument("--board", choices=BOARDS, help="run the board in another process")
-    parser.add_argument("--program", type=Path, help="its image of the firmware")
+    parser.add_argument("--program", type=Path, help="run the board in another process: this program")
     parser.add_argument("--owned", action="store_true", help="end with standard input too, and delete the directory")
     options = parser.parse_args(arguments)
-    if (options.board is None) != (options.program is None):
-        parser.error("--board and --program belong together")
     try:
         _be_the_rig(options)
     except DeviceError as error:
@@ -239,7 +234,6 @@ def _be_the_rig(options: argparse.Namespace) -> None:
         options.scenario,
         options.seed,
         keep=options.record is not None,
-        board=options.board,
         program=options.program,
     )
     for number in (signal.SIGTERM, signal.SIGINT):

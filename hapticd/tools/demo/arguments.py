@@ -15,9 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("demo.png"), help="where the picture goes (default demo.png)")
     parser.add_argument(
         "--board",
-        choices=("library", "host", "qemu"),
+        choices=("library", "host"),
         default="library",
-        help="the firmware's core within the rig (default), or its whole program as a process or in QEMU",
+        help="the firmware's core within the rig (default), or its whole program as a process",
     )
     parser.add_argument("--image", type=Path, metavar="FILE", help="that program (default: built by make -C firmware)")
     parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")

@@ -3,8 +3,8 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client asks for a slippery and a sticky finger, a live view shows what they get, and at the end the plate's true
-motion is judged beside the paper's scheme on the same fingers. The board is the firmware's core within the rig, or the
-whole program in QEMU or in a process of its own, with a simpler plate inside: then the paper's scheme gets that too.
+motion is judged beside the paper's scheme on the same fingers. The board is the firmware's core within the rig, or
+its whole program in a process of its own, with a simpler plate inside: then the paper's scheme gets that too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...config.sections import LimitsConfig, SolverConfig
+from ...config.sections import LimitsConfig
 from ...errors import HapticdError, UsageError
 from ...files.outputs import check_writable
 from ...io import owned_process as ownedprocess
@@ -47,10 +47,7 @@ DAEMON_WITHIN_S = 15.0
 FINGERS_WITHIN_S = 10.0
 PICTURE_S = 2.5
 
-BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process", "qemu": "hapticd, the board in QEMU"}
-
-# QEMU hands a serial port's bytes over one by one, about 30 in a millisecond: shorter frames come sooner.
-MAX_KNOTS = {"library": SolverConfig().max_knots, "host": SolverConfig().max_knots, "qemu": 3}
+BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process"}
 
 # What the plate inside another process leaves out, left out for the paper's scheme as well.
 BARE_PLATE = PlateSettings(
@@ -69,8 +66,8 @@ def show(
 ) -> int:
     """Run the demo for `seconds`, print the summary and write the picture. Returns the exit code.
 
-    `board` is "library", "host" or "qemu"; `image` the firmware for the latter two, if not the source checkout's. The
-    plate can be watched in a browser meanwhile (`viewer`), which `in_browser` opens.
+    `board` is "library" or "host"; `image` the program for the latter, if not the source checkout's. `in_browser` opens
+    a page (`viewer`) where the plate can be watched meanwhile.
     """
     try:
         import hapticd_client
@@ -80,8 +77,8 @@ def show(
         raise UsageError(f"--seconds: {seconds:g} is too short, the fingers must move for some time.")
     check_writable(out)
     if board == "library" and image is not None:
-        raise UsageError("--image is for a board in another process: give --board qemu or --board host as well.")
-    program = None if board == "library" else find_program(board, image)
+        raise UsageError("--image is for a board in another process: give --board host as well.")
+    program = None if board == "library" else find_program(image)
     try:
         return _play(seconds, seed, out, board, program, in_browser=in_browser)
     except hapticd_client.HapticdError as error:
@@ -95,11 +92,8 @@ def _play(seconds: float, seed: int, out: Path, board: str, program: Path | None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was started ends too
     with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
         record = Path(folder, "plate.npz")
-        rig = RigProcess(SCENARIO, seed, record=record, board=board, program=program)
-        with (
-            rig,
-            DaemonProcess(f'rig_dir = "{rig.directory}"', f"[solver]\nmax_knots = {MAX_KNOTS[board]}\n") as daemon,
-        ):
+        rig = RigProcess(SCENARIO, seed, record=record, program=program)
+        with rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
             with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
                 person = _Person(client, rig, seed)
                 with _watched(daemon.runtime_dir, opens=in_browser):
