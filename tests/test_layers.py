@@ -1,8 +1,9 @@
-"""The layer diagram of the README, held by reading the imports: who may import whom."""
+"""The drawing of the house in the README, held by reading the imports: who may import whom."""
 
 from __future__ import annotations
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 VALUES = {"values", "board_values", "tool_values", "errors"}
 
@@ -102,6 +104,27 @@ def test_a_part_imports_only_what_the_drawing_allows(path: Path) -> None:
         assert any(name == part or name.startswith(part + ".") or part.startswith(name + ".") for part in allowed), (
             f"{relative} imports {name}"
         )
+
+
+def drawn(folder: str) -> set[str]:
+    """What the README's table allows a folder of hapticd/ to import."""
+    (row,) = [line for line in README.splitlines() if line.startswith(f"| `{folder}/` |")]
+    names = set(row.strip("| ").split(" | ")[2].split(", ")) - {"nothing"}
+    return names - {"vocabulary"} | (VALUES if "vocabulary" in names else set())
+
+
+FOLDERS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_the_readme_draws_each_folder_as_it_is_held(folder: str) -> None:
+    assert drawn(folder) == ALLOWED[folder] - {"__version__"}
+
+
+def test_the_readme_draws_no_folder_that_is_not_there() -> None:
+    first_cells = re.findall(r"^\| `(\w+)/` \|", README, flags=re.MULTILINE)
+    folders = [name for name in first_cells if not (PACKAGE.parent / name).is_dir()]
+    assert sorted(folders) == FOLDERS
 
 
 def test_no_two_modules_import_each_other_in_a_circle() -> None:

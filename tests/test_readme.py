@@ -14,45 +14,62 @@ from hapticd.config.sections import Config
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+FOLDERS = sorted(path for top in ("hapticd", "firmware", "systemd") for path in (ROOT / top).rglob("README.md"))
+ALL = {path: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *FOLDERS)}
+CHAPTERS = ("hapticd/core", "hapticd/daemon", "hapticd/sim", "hapticd/tools/latency", "firmware")
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+def found(pattern: str) -> list[tuple[str, str]]:
+    """Each match of `pattern` once per README that has it."""
+    return sorted(
+        {(str(path.relative_to(ROOT)), match) for path, text in ALL.items() for match in re.findall(pattern, text)}
+    )
 
 
-@pytest.mark.parametrize("path", sorted(set(re.findall(r"\]\(([^)#:]+)\)", README))))
-def test_a_link_leads_somewhere(path: str) -> None:
-    assert (ROOT / path).exists()
+def test_the_front_page_has_at_most_170_lines_and_links_each_chapter_once() -> None:
+    assert len(README.splitlines()) <= 170
+    for folder in CHAPTERS:
+        assert README.count(f"({folder}/README.md)") == 1, folder
 
 
-@pytest.mark.parametrize("key", sorted(set(re.findall(r"`([a-z]+\.[a-z_]+)`", README))))
-def test_a_key_that_it_names_is_one(key: str) -> None:
+@pytest.mark.parametrize(("readme", "path"), found(r"\]\(([^)#:]+)\)"))
+def test_a_link_leads_somewhere(readme: str, path: str) -> None:
+    assert (ROOT / readme).parent.joinpath(path).exists()
+
+
+@pytest.mark.parametrize(
+    ("readme", "key"),
+    [(readme, key) for readme, key in found(r"`([a-z]+\.[a-z_]+)`") if hasattr(Config(), key.split(".")[0])],
+)
+def test_a_key_that_is_named_is_one(readme: str, key: str) -> None:
     section, name = key.split(".")
-    if name not in ("py", "md", "c"):
-        assert hasattr(getattr(Config(), section), name)
+    assert name in ("py", "md", "c") or hasattr(getattr(Config(), section), name), readme
 
 
 def test_its_configuration_is_accepted(tmp_path: Path) -> None:
     (tmp_path / "cartography.npz").write_bytes(b"")
-    for block in blocks("toml"):
+    for block in re.findall(r"```toml\n(.*?)```", ALL[ROOT / "hapticd/daemon/README.md"], flags=re.DOTALL):
         config.from_table(tomllib.loads(block), where="README.md", folder=tmp_path)
 
 
 def test_its_first_client_is_ten_lines_of_python_that_compile() -> None:
-    (block,) = blocks("python")
+    (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     assert len(block.strip().splitlines()) <= 10
     compile(block, "README.md", "exec")
 
 
-@pytest.mark.parametrize("command", sorted(set(re.findall(r"hapticd (demo|run|simulate|bench|doctor)\b", README))))
-def test_a_command_that_it_names_exists_and_shows_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "command", sorted({name for _, name in found(r"hapticd (demo|run|simulate|bench|doctor|keys)\b")})
+)
+def test_a_command_that_is_named_exists_and_shows_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main([command, "--help"])
     assert ended.value.code == 0
     assert "example: hapticd " + command in capsys.readouterr().out
 
 
-def test_the_make_targets_that_it_names_exist() -> None:
+def test_the_make_targets_that_are_named_exist() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in set(re.findall(r"make (\w+)", README)) - {"are"}:
-        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+    for readme, target in found(r"(?m)(?:`|^)make ([a-z]+[a-z-]*)"):
+        own = (ROOT / "firmware/Makefile").read_text(encoding="utf-8") if readme.startswith("firmware") else ""
+        assert re.search(rf"^{target}:", makefile + own, re.MULTILINE), f"{readme}: make {target}"

@@ -15,7 +15,7 @@ from hapticd.sim.board.faulty import FaultySimulation, Way
 from hapticd.sim.lockstep import T_START_NS, Run, Settings
 from hapticd.sim.scenarios import SCENARIOS, Actor
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+README = (Path(__file__).parents[2] / "hapticd" / "daemon" / "README.md").read_text(encoding="utf-8")
 
 QUIET_UM = 0.01  # of the largest mode: a hundredth of what a slippery finger asks for
 DRIVEN_UM = 0.3
