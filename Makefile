@@ -16,13 +16,12 @@ demo: $(HAPTICD)
 # Proves the product. Property tests look at the same examples each time: everybody gets the same answer.
 test: $(TESTS)
 	$(BIN)/python -m pytest -n 2 -m "not long and not alone"
-	$(BIN)/python -m pytest -p no:xdist -m "alone and not long"
 
-# What `make test` leaves out: emulated machines, browsers, mutants, new property examples, hours of virtual time.
+# What `make test` leaves out: emulated machines, browsers, mutants, new property examples, real time with nothing beside it.
+# Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 test-all: $(TESTS)
-	tests/virtual_machine/make_guest.sh
-	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 -rs -m "long and not alone"
-	$(BIN)/python -m pytest -p no:xdist -rs -m "alone and long"
+	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs -m "long and not alone"
+	$(BIN)/python -m pytest -p no:xdist -rs -m alone
 
 # Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.
 coverage: $(TESTS)

@@ -97,6 +97,7 @@ def test_targets_and_achieved_amplitudes_are_printed(daemon: FakeDaemon, capsys:
     assert lines[-1] == "  ACTIVE  1: 1.25 -> 1.25 um"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:
     command = [sys.executable, str(CLIENTS / "examples" / f"{name}.py"), "--endpoint", str(daemon.directory)]

@@ -7,12 +7,14 @@ import signal
 import time
 
 import numpy as np
+import pytest
 from service import Bench, drive, is_driven, is_quiet, wait_board, wait_for, wait_state
 from stand import DRIVEN_UM, QUIET_UM, SILENT_MS, tell
 
 from hapticd.board_values import BoardState
 from hapticd_client import Client
 
+pytestmark = pytest.mark.long
 TTL_S = 0.5
 BUSY_S = 0.5  # for a machine that has other things to do
 DAEMON_S = 2.0

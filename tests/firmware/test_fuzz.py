@@ -122,6 +122,7 @@ def test_no_script_drives_the_board_out_of_its_bounds(parts: list[bytes]) -> Non
     check(b"".join(parts))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("modes", [2, 3])
 def test_new_scripts_keep_the_boards_promises_under_the_sanitizers(modes: int, tmp_path: Path) -> None:
     if shutil.which("clang") is None or shutil.which("make") is None:

@@ -35,7 +35,7 @@ from .m4 import image
 from .m4.cpu import SCRATCH, Cpu
 from .m4.peripherals import Peripherals
 
-pytestmark = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))
+pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
 
 TICK_US = 500
 CONFIG_SIZE, OBJECT_SIZE, LINE_SIZE = 512, 32768, 2048

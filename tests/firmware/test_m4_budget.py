@@ -28,7 +28,7 @@ from .m4 import image
 from .m4.bench import HANDLER, Bench
 from .m4.timing import CORE_HZ, INTERRUPT_CYCLES, Count, Meter, cycles
 
-pytestmark = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))
+pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
 
 CHUNK_CYCLES = 50e-6 * CORE_HZ
 DEADLINE_CYCLES = 49e-6 * CORE_HZ  # the DMA fetches a word one trigger before it is put out

@@ -17,7 +17,7 @@ from .m4.cpu import Cpu
 from .m4.peripherals import COMPLETE, HALF, Peripherals
 from .m4.plate import Plate
 
-pytestmark = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))
+pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
 
 SOFTWARE_RESET = 1 << 28 | 1 << 26
 WATCHDOG_RESET = 1 << 29 | 1 << 26

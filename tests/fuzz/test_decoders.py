@@ -102,6 +102,7 @@ def test_a_damaged_input_breaks_no_promise(name: str) -> None:
     damage()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TARGETS)
 def test_new_inputs_led_by_coverage_break_no_promise(name: str, tmp_path: Path) -> None:
     script = Path(__file__).with_name("explore.py")

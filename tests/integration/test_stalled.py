@@ -63,6 +63,7 @@ def terminal() -> Iterator[tuple[int, Path]]:
     os.close(slave)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stalled_ms", [100, 900, 5000])
 @asynchronous
 async def test_a_board_that_stopped_reading_finds_two_references_at_most(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from service import Bench, drive, is_quiet, wait_for, wait_state
+
+pytestmark = pytest.mark.long
 
 
 def test_a_rig_that_dies_is_two_lines_and_the_next_one_is_driven(bench: Bench) -> None:

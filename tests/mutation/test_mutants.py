@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
 TRIAL = Path(__file__).with_name("trial.py")
 
 _GROWS = "1 - shave has the same float for the few steps that it takes"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapticd.compiled import why_interpreted
+from hapticd.compiled import FOLDERS, why_interpreted
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.tools.install_service import HIDDEN_BY_UNIT
 
@@ -83,7 +83,7 @@ def _environment(venv: Path) -> None:
         else:
             shutil.copy2(source, site)
     if why_interpreted() != "":
-        for compiled in (site / "hapticd/core").glob("*.so"):
+        for compiled in [path for part in FOLDERS for path in (site / "hapticd" / part).rglob("*.so")]:
             compiled.unlink()
     shutil.copytree(ROOT / "systemd", venv / "share/hapticd/systemd")
 

@@ -17,7 +17,7 @@ from hapticd.io.devices.trackpad_source import PADS
 from hapticd.values import Contact
 from hapticd.wire.trackpad import GEOMETRY, Decoder
 
-pytestmark = [pytest.mark.virtual_machine, pytest.mark.timeout(1300)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1300)]
 
 STEPS = {"bluetooth": "mt2-bt", "bluetooth-mt1": "mt1", "cable": "mt2-usb"}
 ORIENTATIONS = {"mt1": 64, "mt2-bt": 8, "mt2-usb": 8}

@@ -18,7 +18,7 @@ from machine import Boot
 from hapticd.compiled import why_interpreted
 from hapticd.tools.install_service import AFTERWARDS
 
-pytestmark = [pytest.mark.virtual_machine, pytest.mark.timeout(1300)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1300)]
 
 UNIT = (Path(__file__).parents[2] / "systemd/hapticd.service").read_text(encoding="utf-8")
 DESCRIPTION = re.findall(r"^Description=(.*)$", UNIT, re.MULTILINE)[0]

@@ -20,7 +20,7 @@ from hapticd.tools.daemon_process import DaemonProcess
 from hapticd_client import Client
 
 PATIENCE_S = 60.0
-pytestmark = pytest.mark.timeout(300)  # a browser beside other tests on few cores is slow
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]  # a browser beside other tests on few cores is slow
 SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a stalled host must not lift fingers
 
 
