@@ -13,14 +13,13 @@ PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
-VALUES = {"values", "board_values", "tool_values", "errors"}
+VALUES = {"values", "board_values", "errors"}
 
 # What each part may import of ours, beside itself.
 ALLOWED: dict[str, set[str]] = {
     "values": set(),
     "errors": set(),
     "board_values": {"values"},
-    "tool_values": {"values", "board_values"},
     "compiled": set(),
     "core": VALUES,
     "wire": VALUES,

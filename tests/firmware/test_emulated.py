@@ -232,7 +232,7 @@ def test_a_missing_program_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(emulator, "_PROGRAM", tmp_path / "hapticd-board")
     with pytest.raises(DeviceError, match=r"with gcc installed, run `make -C firmware`\.$"):
         find_program()
-    with pytest.raises(DeviceError, match="no-image: there is no such image"):
+    with pytest.raises(DeviceError, match="no-image: there is no such firmware image"):
         find_program(tmp_path / "no-image")
 
 

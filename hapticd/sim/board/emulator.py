@@ -49,7 +49,7 @@ def find_program(given: Path | None = None) -> Path:
     if program.is_file():
         return program
     if given is not None:
-        raise DeviceError(f"{given}: there is no such image of the firmware: build one with `make -C firmware`.")
+        raise DeviceError(f"{given}: there is no such firmware image: build one with `make -C firmware`.")
     raise DeviceError(
         f"{program}: the firmware is not built: in a source checkout, with gcc installed, run `make -C firmware`."
     )
