@@ -52,14 +52,16 @@ COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/
     hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
 LISTED := import functools as f, sys, tomllib as t; print(*f.reduce(dict.get, sys.argv[1:], t.load(open("pyproject.toml", "rb"))), sep="\n")
 # $(call install,path of a list): the packages that a list of pyproject.toml names.
-install = $(BIN)/python -c '$(LISTED)' $(1) > $(VENV)/requirements.txt && $(PIP) --requirement $(VENV)/requirements.txt
+install = $(BIN)/python -c '$(LISTED)' $(1) > $(VENV)/$(lastword $(1)).txt && $(PIP) --requirement $(VENV)/$(lastword $(1)).txt
 
-# Without pip's isolated build, which would download and unpack mypy and numpy a second time.
+# Without pip's isolated build, which would download and unpack mypy and numpy a second time; and beside it, on the core
+# that mypyc leaves idle, what the demo imports.
 $(HAPTICD): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	@echo "Everything goes into $(VENV). Compiling the touch path takes most of a minute."
 	$(PYTHON) -m venv $(VENV)
 	$(call install,build-system requires)
-	$(PIP) --no-build-isolation --editable ".[plot]" --editable clients/python
+	{ $(call install,project dependencies) && $(call install,project optional-dependencies plot); } & imports=$$!; \
+	$(PIP) --no-build-isolation --no-deps --editable . --editable clients/python && wait $$imports
 	touch $@
 
 $(TESTS): $(HAPTICD)

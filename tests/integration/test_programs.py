@@ -15,6 +15,7 @@ from service import PATIENCE_S, PIPE, ROOT, Bench, first, is_driven, wait_state
 EXAMPLES = ROOT / "clients" / "examples"
 
 
+@pytest.mark.long
 def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None:
     out = bench.folder / "demo.png"
     command = [sys.executable, "-m", "hapticd", "demo", "--seconds", "3", "--out", str(out)]
@@ -35,6 +36,7 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     assert {path.name for path in bench.folder.iterdir()} <= {"demo.png", "hapticd.toml", "rig"}  # it tidied up
 
 
+@pytest.mark.long
 def test_the_papers_environment_drives_the_plate_and_achieved_amplitudes_are_printed(bench: Bench) -> None:
     bench.rig("rest")
     bench.service()
