@@ -75,7 +75,7 @@ class PipelineCounters:
     skipped_knots: int = 0
     skipped_no_finger: int = 0
     skipped_no_target: int = 0
-    skipped_active: int = 0
+    skipped_standing: int = 0
 
 
 class Pipeline:
@@ -161,7 +161,7 @@ class Pipeline:
         t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
-            self.counters.skipped_active += 1
+            self.counters.skipped_standing += 1
             standing, limited = self._active_points
             return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, still)), limited)
 

@@ -139,6 +139,4 @@ class FakeDaemon:
         for key, (x_mm, y_mm) in places.items():
             wanted_um = self.scene.amplitude_um(key, x_mm, y_mm)
             fingers.append(wire.FingerState(key, x_mm, y_mm, x_mm, y_mm, wanted_um, wanted_um, isinstance(key, str)))
-        return wire.PlateState(
-            self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 3.5, 10.0, 16.0
-        )
+        return wire.PlateState(self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 10.0, 16.0)

@@ -128,7 +128,7 @@ class ScriptedPlate:
             fingers = tuple(
                 FingerState(key, x_mm, y_mm, None, None, None, None, False) for key, (x_mm, y_mm) in places_mm.items()
             )
-            yield PlateState(1, seq, seq, "ACTIVE", fingers, (), False, None, 10.0, 16.0)
+            yield PlateState(1, seq, seq, "ACTIVE", fingers, (), False, 10.0, 16.0)
 
     def set(self, finger: FingerState, **target: Any) -> None:
         self.given[finger.id] = target

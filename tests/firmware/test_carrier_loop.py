@@ -187,5 +187,5 @@ def test_converters_that_cannot_be_are_refused(name: str, value: float) -> None:
 
 def test_a_loop_phase_told_twice_is_refused() -> None:
     model = PlateModel(np.ones(2), np.zeros(2), np.eye(2), np.eye(2), 0.0, 150.0, (0.1, 0.1))
-    with pytest.raises(ValueError, match="leave loop_phase_rad out"):
+    with pytest.raises(ValueError, match="omit loop_phase_rad"):
         Board(model, converters=QUIET)

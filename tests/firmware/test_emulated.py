@@ -249,5 +249,5 @@ def test_a_board_that_dies_is_one_sentence(program: Path) -> None:
     with Emulator(program, stepped=True) as board:
         board.process.kill()
         board.process.wait()
-        with pytest.raises(DeviceError, match="ended by itself"):
+        with pytest.raises(DeviceError, match="emulated board ended"):
             board.step(b"", 1)

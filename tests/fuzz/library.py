@@ -12,7 +12,7 @@ from hapticd_client.errors import HapticdError
 from hapticd_client.messages import PlateState, decode_state, read_reply
 
 FINGER = client.FingerState("ghost", 1.0, 2.0, 1.5, None, None, 0.5, True)
-STATE = client.PlateState(99, 12, 2**40, "active", (FINGER,), (1.0, -4.0), True, None, 10.5, 16.0)
+STATE = client.PlateState(99, 12, 2**40, "active", (FINGER,), (1.0, -4.0), True, 10.5, 16.0)
 
 
 def check(data: bytes) -> None:

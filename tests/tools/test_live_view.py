@@ -24,7 +24,7 @@ def finger(key: int | str, x_mm: float, y_mm: float, target_um: float | None = 1
 
 
 def state(*fingers: FingerState, limited: bool = False) -> PlateState:
-    return PlateState(1, 1, 0, "ACTIVE", fingers, (1.5, -2.25), limited, None, 10.4, 15.6)
+    return PlateState(1, 1, 0, "ACTIVE", fingers, (1.5, -2.25), limited, 10.4, 15.6)
 
 
 STEP_S = 1 / 64  # exact in binary: sums of it are too

@@ -25,7 +25,6 @@ from hapticd.board_values import ModeCalibration
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.daemon import status
 from hapticd.errors import DeviceError, HapticdError
 from hapticd.files import calibration
 from hapticd.io.host.realtime import Granted
@@ -70,7 +69,7 @@ def reported() -> Any:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(100)
-    return status.collect(bench.machine, bench.t_ns)
+    return bench.machine.report_status(bench.t_ns)
 
 
 REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}

@@ -34,7 +34,7 @@ from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.record.attach import BEGUN, LATE, WAITING, record
 from hapticd.tools.record.replay import replay
 from hapticd.tools.record.tracks import tracks
-from hapticd.tools.view.rig import PadHand
+from hapticd.tools.view.rig import PadSender
 from hapticd_client import Client
 
 PATIENCE_S = 20.0
@@ -66,7 +66,7 @@ def hands(rig_dir: Path) -> Iterator[None]:
 
     def move() -> None:
         with zmq.Context() as context:
-            hand = PadHand(context, rig_dir)
+            hand = PadSender(context, rig_dir)
             while not lifted.wait(BEAT_S):
                 turn = 6.0 * time.monotonic()
                 x_mm, y_mm = 15.0 * math.cos(turn), 15.0 * math.sin(turn)

@@ -27,7 +27,7 @@ def reported() -> Any:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(300)
-    return status.collect(bench.machine, bench.t_ns)
+    return bench.machine.report_status(bench.t_ns)
 
 
 def scraped(answer: Any) -> dict[str, float]:

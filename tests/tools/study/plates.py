@@ -71,7 +71,7 @@ class FakeClient:
         x_mm = self.speed_mm_s * (t_ns - T_START_NS) * 1e-9
         places = [(name, 0.0, True) for name in self.paths] + ([(self.finger, x_mm, False)] if self.finger else [])
         fingers = tuple(FingerState(key, x, 0.0, x, 0.0, None, None, virtual) for key, x, virtual in places)
-        return PlateState(self.instance, t_ns, t_ns, "ACTIVE", fingers, (0.0, 0.0), self.limited, None, 10.0, 16.0)
+        return PlateState(self.instance, t_ns, t_ns, "ACTIVE", fingers, (0.0, 0.0), self.limited, 10.0, 16.0)
 
 
 class MarkedClient(FakeClient):
