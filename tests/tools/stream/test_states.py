@@ -17,7 +17,7 @@ from hapticd_client.messages import PlateState, decode_state
 def test_what_the_daemon_sends_becomes_a_row_with_both_fingers() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     sent: list[bytes] = []
-    bench.machine.publish = sent.append
+    bench.machine.status.publish = sent.append
     bench.run(100)
     sampler = Sampler(2)
     rows = [sampler.row(decode_state(payload), 0) for payload in sent]
