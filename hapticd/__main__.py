@@ -54,7 +54,7 @@ COMMANDS = {
     ),
     "record": Command(
         "tools.record.commands",
-        "record a running daemon: all that it hears, decides and writes",
+        "record a running daemon: its inputs, decisions and outputs",
         "session.mcap --seconds 60",
         "add_record_arguments",
     ),

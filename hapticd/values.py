@@ -6,7 +6,7 @@ Positions are millimetres in the plate frame: origin at the plate's centre, x to
 Amplitudes are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is a phasor in the rotating frame
 w(t) = W_d cos(wt) - W_q sin(wt).
 
-Values are frozen and trusted inside: whoever makes one at the rim has validated it. Those that every pass makes are
+Values are frozen and trusted inside, because they are validated at the rim. Those that every pass makes are
 named tuples, which cost a third of a frozen dataclass.
 """
 

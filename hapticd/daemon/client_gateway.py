@@ -18,7 +18,7 @@ from ..values import ClientTargets
 from ..wire import client as client_wire
 from .observer import Observer
 
-MAX_MARKERS = 64  # told in one state; a client that sends more between two passes has lost count itself
+MAX_MARKERS = 64  # in one state; more between two passes are dropped
 
 
 class Host(Protocol):
@@ -45,7 +45,7 @@ class ClientGateway:
         self.refused = 0
         self.last_refusal = ""
         self.overtaken = 0
-        self.markers: list[client_wire.Marker] = []  # that telemetry has not told yet
+        self.markers: list[client_wire.Marker] = []  # not yet published
         self.observer: Observer | None = None
         self._scene = scene
         self._instance = instance

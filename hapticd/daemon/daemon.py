@@ -2,7 +2,7 @@
 
 Nothing on the loop blocks or computes for long. One event, one pass: reports, board bytes and client messages are
 handled when they come, and a timer keeps the board alive. Each hand-over is timed for `status`, and the service manager
-hears that all is well only while passes succeed. When it begins and ends, `serving` decides.
+watchdog is fed only while passes succeed. `lifecycle` starts and stops it.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class BoardClock:
     Offset and rate come from the quarter of the last 64 exchanges with the shortest round trips. Half a round trip
     bounds the error of an exchange; a link that is slower one way shifts the offset by half the difference, which
     nothing at either end can see. An exchange that contradicts the lock by more than that means the board has
-    rebooted: the clock is locked anew on it.
+    rebooted: the clock locks to it.
     """
 
     _WINDOW = 64

@@ -1,10 +1,8 @@
-"""Where a finger will be: `make_predictor()` gives an object that takes samples and foretells positions.
+"""Finger prediction: `make_predictor()` returns an object that takes samples and predicts positions.
 
-A predictor is an intake and a motion model. The intake is the same for all: it refuses what is no sample, drops the
-stale duplicates that touchpads send, and finds from the stamps when each sample was really taken
-(`prediction_clock`). The model (`prediction_bank` by default) sees clean samples at true times and estimates the
-motion. The models that lost to it
-are in `hapticd.bench.baselines`.
+A predictor is an intake and a motion model. The intake refuses what is no sample, drops the stale duplicates that
+touchpads send, and filters the stamps (`core.touch.sample_clock`; in the touch path one filter serves all fingers). The
+model (`bank`) gets clean samples at true times and estimates the motion. `hapticd.bench.baselines` has other models.
 
 Every difference of instants is taken in integers before it becomes a float: the result does not depend on where time
 starts, to the last bit.
@@ -24,7 +22,7 @@ from ..touch.sample_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
 from .bank import ModelBank
 from .motion import MotionModel, Sample, checked
 
-LONGEST_HORIZON_S: Final = 0.050  # beyond, a prediction is a guess: the position stays where it would be then
+LONGEST_HORIZON_S: Final = 0.050  # a longer horizon is cut to this
 
 _FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position on any plate
 _STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
@@ -81,8 +79,8 @@ class TouchPredictor:
         return self._model.velocity(self._ahead_s(t_ns))
 
     def is_stale(self, x_mm: float, y_mm: float) -> bool:
-        """Whether a moving finger's sample repeats the last one exactly. Of a second one in a row it is not said: that
-        means that the finger stopped."""
+        """Return whether a moving finger's sample repeats the last one exactly; a second one in a row is no longer stale,
+        because the finger has stopped."""
         repeats = self._moved and x_mm == self._x_mm and y_mm == self._y_mm
         self._moved = self._moved and not repeats
         return repeats
@@ -97,7 +95,7 @@ class TouchPredictor:
 
 
 class Predictor:
-    """A touch's predictor with a stamp filter of its own: for a finger whose pad nobody else filters the stamps of.
+    """One touch's predictor with its own stamp filter, for use without a pad-wide one.
 
     As `TouchPredictor`; `update(t_ns, x_mm, y_mm)` takes the device's stamps, whose jitter is filtered out first.
     """

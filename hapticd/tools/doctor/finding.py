@@ -16,15 +16,15 @@ PASS, WARN, FAIL = "pass", "warn", "FAIL"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Result of one `check`; `said` is its text, `remedy` the fix, empty if none is needed."""
+    """Result of one `check`; `text` is its result, `remedy` the fix, empty if none is needed."""
 
     verdict: str
     check: str
-    said: str
+    text: str
     remedy: str = ""
 
     def __str__(self) -> str:
-        line = f"{self.verdict}  {self.check}: {self.said}"
+        line = f"{self.verdict}  {self.check}: {self.text}"
         return f"{line}\n      -> {self.remedy}" if self.remedy else line
 
 

@@ -128,8 +128,8 @@ def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
     for t_s, text in zip(markers["t_s"], markers["text"], strict=True):
         for axis in axes:
             axis.axvline(t_s, color="grey", lw=0.8, ls=":")
-        said, place = _plain(text[:24]), ("data", "axes fraction")
-        axes[0].annotate(said, (t_s, 1.0), xycoords=place, rotation=45, fontsize="x-small", va="bottom")
+        label, place = _plain(text[:24]), ("data", "axes fraction")
+        axes[0].annotate(label, (t_s, 1.0), xycoords=place, rotation=45, fontsize="x-small", va="bottom")
 
 
 def _coloured(tables: Mapping[str, Table]) -> list[tuple[str, str]]:

@@ -134,7 +134,7 @@ def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.Capture
 def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
     assert files.modes(system(tmp_path)).verdict == PASS
     found = files.modes(system(tmp_path, limits={"w_limit_um": [4.0, 4.0, 4.0]}))
-    assert (found.verdict, found.said.split(",")[0]) == (FAIL, "limits.w_limit_um has 3 limits")
+    assert (found.verdict, found.text.split(",")[0]) == (FAIL, "limits.w_limit_um has 3 limits")
 
 
 def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
@@ -143,10 +143,10 @@ def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
     both = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1)]
     assert files.calibrated(system(tmp_path, device=section)).verdict == FAIL
     calibration.save(path, both[:1])
-    assert "has 1 of 2 modes" in files.calibrated(system(tmp_path, device=section)).said
+    assert "has 1 of 2 modes" in files.calibrated(system(tmp_path, device=section)).text
     calibration.save(path, both)
     found = files.calibrated(system(tmp_path, device=section))
-    assert (found.verdict, found.said) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
+    assert (found.verdict, found.text) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
 
 
 def test_recordings_need_a_folder_and_room(tmp_path: Path) -> None:
@@ -210,8 +210,8 @@ def test_a_daemon_that_answers_is_asked_for_its_status(tmp_path: Path, answering
     found = service.find(config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None), {})
     assert set(answering()) == {"hello", "status"}
     assert service.daemon(found) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
-    assert service.health(found).said == "ACTIVE: touched"
-    assert devices.firmware(found).said == "version 9.9, reported to the daemon"
+    assert service.health(found).text == "ACTIVE: touched"
+    assert devices.firmware(found).text == "version 9.9, reported to the daemon"
 
 
 def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,21 +220,21 @@ def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(service, "directories", lambda _: (tmp_path, closed))
     monkeypatch.setattr(service.os, "access", lambda path, _: path != closed)
     found = service.daemon(service.find(Config(), {}))
-    assert (found.verdict, found.said) == (FAIL, f"{closed} is not accessible to this user")
+    assert (found.verdict, found.text) == (FAIL, f"{closed} is not accessible to this user")
     assert "usermod -aG hapticd" in found.remedy
 
 
 def test_a_daemon_of_another_version_is_a_warning(tmp_path: Path, reported: Any) -> None:
     found = service.daemon(system(tmp_path, reported, "0.0.9"))
     assert found.verdict == WARN
-    assert "0.0.9" in found.said
+    assert "0.0.9" in found.text
     assert "restart" in found.remedy
 
 
 @pytest.mark.parametrize(("state", "verdict"), [("FAULT", FAIL), ("IDLE", WARN), ("ARMED", PASS)])
 def test_the_daemon_s_state_is_judged_with_its_reason(tmp_path: Path, state: str, verdict: str) -> None:
     found = service.health(system(tmp_path, {"state": state, "state_changes": [{"why": "the cause"}]}))
-    assert (found.verdict, found.said) == (verdict, f"{state}: the cause")
+    assert (found.verdict, found.text) == (verdict, f"{state}: the cause")
 
 
 def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,7 +246,7 @@ def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypa
         fcntl.flock(lock, fcntl.LOCK_EX)
         found = service.alone(system(tmp_path))
     assert found.verdict == WARN
-    assert str(other) in found.said
+    assert str(other) in found.text
 
 
 @pytest.mark.parametrize("answer", [{}, {"state": 3, "state_changes": "none", "board": [], "real_time": None}])
@@ -264,7 +264,7 @@ def test_an_answer_of_another_version_breaks_no_check(
 
 def test_a_pad_that_is_not_there_fails(tmp_path: Path) -> None:
     found = devices.trackpad(system(tmp_path, **REAL))
-    assert (found.verdict, found.said) == (FAIL, "none is connected")
+    assert (found.verdict, found.text) == (FAIL, "none is connected")
 
 
 def test_a_port_of_another_group_fails_with_that_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,7 +272,7 @@ def test_a_port_of_another_group_fails_with_that_group(tmp_path: Path, monkeypat
     port.touch()
     monkeypatch.setattr(devices, "is_accessible", lambda _: False)
     found = devices.board(system(tmp_path, **{**REAL, "device": {"port": str(port)}}))
-    assert (found.verdict, found.said) == (FAIL, f"{port} cannot be opened by this user")
+    assert (found.verdict, found.text) == (FAIL, f"{port} cannot be opened by this user")
     assert f"usermod -aG {port.group()} " in found.remedy
 
 
@@ -337,7 +337,7 @@ def test_the_rate_that_the_daemon_counts_is_judged(
     monkeypatch.setattr(devices, "refreshed", lambda _: system(tmp_path, counted_at(next(counted))))
     found = devices.rate(system(tmp_path, counted_at(0)), wait=lambda _: None)
     assert found.verdict == verdict
-    assert (f"{step * 4:.1f} Hz" in found.said) == (step > 0)
+    assert (f"{step * 4:.1f} Hz" in found.text) == (step > 0)
 
 
 def test_a_free_board_reports_its_firmware() -> None:
@@ -357,7 +357,7 @@ def test_the_rule_of_udev_is_looked_for_and_compared(tmp_path: Path) -> None:
     assert "install-service" in missing.remedy
     path = tmp_path / "etc/udev/rules.d" / host.RULES
     put(path, "an older one")
-    assert "is not this version's" in host.rules(system(tmp_path, **REAL)).said
+    assert "is not this version's" in host.rules(system(tmp_path, **REAL)).text
     put(path, next(file.text for file in install_service.service_files() if file.name == host.RULES))
     assert host.rules(system(tmp_path, **REAL)).verdict == PASS
 
@@ -368,7 +368,7 @@ def test_a_slow_clock_is_reported_with_a_faster_one_on_offer(tmp_path: Path) -> 
     put(folder / "current_clocksource", "hpet\n")
     put(folder / "available_clocksource", "hpet tsc acpi_pm\n")
     found = host.clock(system(tmp_path))
-    assert (found.verdict, found.said) == (WARN, "hpet is slow to read")
+    assert (found.verdict, found.text) == (WARN, "hpet is slow to read")
     assert found.remedy.startswith("echo tsc | sudo tee /sys/")
     put(folder / "current_clocksource", "tsc\n")
     assert host.clock(system(tmp_path)).verdict == PASS
@@ -423,10 +423,10 @@ def test_groups_are_asked_for_only_where_something_belongs_to_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(host.os, "geteuid", lambda: 1)
-    assert host.groups(system(tmp_path)).said == "none is needed"
+    assert host.groups(system(tmp_path)).text == "none is needed"
     found = host.groups(system(tmp_path, **REAL))
     assert found.verdict in (PASS, WARN)  # the host may or may not have the group
-    assert host.DEVICE_GROUP in found.said
+    assert host.DEVICE_GROUP in found.text
 
 
 def test_every_finding_that_is_no_pass_has_a_fix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
