@@ -1,7 +1,7 @@
 """The daemon: one asyncio loop that carries bytes between trackpad, board and clients, with `machine` in the middle.
 
 Nothing on the loop blocks or computes for long. One event, one pass: reports, board bytes and client messages are
-handled when they come, and a timer keeps the board alive. Each hand-over is timed for `status`, and the service manager
+handled when they come, and a timer keeps the board alive. Each hand-over is timed for `status`. The service manager's
 watchdog is fed only while passes succeed. `lifecycle` starts and stops it.
 """
 

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--real-time",
         type=float,
         metavar="SECONDS",
-        help="soak: run the service in real time, alone, with CPU hogs and under a flood of messages, each for this long",
+        help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
     parser.add_argument("--plot", type=Path, metavar="F.png", help="plot error against run time")

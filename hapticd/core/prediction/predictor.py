@@ -79,8 +79,8 @@ class TouchPredictor:
         return self._model.velocity(self._ahead_s(t_ns))
 
     def is_stale(self, x_mm: float, y_mm: float) -> bool:
-        """Return whether a moving finger's sample repeats the last one exactly; a second one in a row is no longer stale,
-        because the finger has stopped."""
+        """Return whether a moving finger's sample repeats the last one exactly. A second one in a row is not stale: the
+        finger has stopped."""
         repeats = self._moved and x_mm == self._x_mm and y_mm == self._y_mm
         self._moved = self._moved and not repeats
         return repeats
