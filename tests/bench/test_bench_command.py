@@ -13,6 +13,8 @@ from hapticd.bench.tables import Row, Table
 from hapticd.errors import HapticdError
 from hapticd.tools.bench import PARTS
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:

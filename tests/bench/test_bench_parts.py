@@ -17,6 +17,8 @@ from hapticd.config.sections import Config
 from hapticd.daemon.machine import LOOK_EVERY_NS, TIMER_NS, Machine
 from hapticd.sim.fingers.scenarios import SCENARIOS
 
+pytestmark = pytest.mark.long
+
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=120, seeds=(1,), repeats=1, calls=5),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),

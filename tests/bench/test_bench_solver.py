@@ -12,6 +12,8 @@ import pytest
 from hapticd.bench import solver, solver_tracks, stability
 from hapticd.bench.tables import UNITS, Table, plain
 
+pytestmark = pytest.mark.long
+
 TABLES: dict[str, Callable[[], Table]] = {
     "solver": lambda: solver.run(problems=120, repeats=1, timed=5),
     "both_slip": lambda: solver_tracks.run(strokes=6, repeats=1),

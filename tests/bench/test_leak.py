@@ -7,6 +7,8 @@ import pytest
 from hapticd.bench import leak, leak_budget
 from hapticd.bench.tables import Table
 
+pytestmark = pytest.mark.long
+
 CHANGES = ("predictor hold", "a single knot", "the paper's scheme")
 
 

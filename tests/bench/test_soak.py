@@ -15,6 +15,8 @@ from hapticd.sim.lockstep import Settings
 from hapticd.values import Drive, Knot
 from hapticd.wire import device
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def findings() -> Findings:

@@ -22,6 +22,8 @@ from hapticd.errors import HapticdError
 from hapticd.values import Drive, Knot
 from hapticd.wire import device
 
+pytestmark = pytest.mark.long
+
 STALL_S = 0.3  # far longer than the stalls of a busy machine
 
 

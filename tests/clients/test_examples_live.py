@@ -12,6 +12,8 @@ from test_examples import NAMES, example
 from hapticd.tools.study.program import rehearsal
 from hapticd_client import Client
 
+pytestmark = pytest.mark.long
+
 PATIENCE_S = 60.0
 
 # Expected output of each example for two stroking fingers.

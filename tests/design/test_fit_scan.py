@@ -16,6 +16,8 @@ from hapticd.design import CartographyFit, ModeShape, Pose, fit_cartography, fit
 from hapticd.design.readings import in_phase, outliers
 from hapticd.errors import ModesError
 
+pytestmark = pytest.mark.long
+
 NOISE = 0.02
 FINE_MM = np.linspace(-68.75, 68.75, 139)
 FINE_POINTS = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)

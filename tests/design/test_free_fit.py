@@ -21,6 +21,8 @@ from hapticd.design.free_fit import FreePlateModes
 from hapticd.design.pose import NOMINAL, find_pose
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
+pytestmark = pytest.mark.long
+
 WAVE_RAD_MM = 2.0 * math.pi / 26.2
 NOISE = 0.02
 SQUARE_MM = (137.5, 137.5)

@@ -16,6 +16,8 @@ import pytest
 from hapticd.board_values import BoardHello, BoardMessage
 from hapticd.wire import device
 
+pytestmark = pytest.mark.long
+
 PATIENCE_S = 30.0
 
 

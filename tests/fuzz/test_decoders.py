@@ -51,6 +51,7 @@ def test_a_kept_input_keeps_the_promises_at_a_bounded_cost(target: Target, path:
     check_cost(target, path.read_bytes())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("target", "data"), EXTREMES)
 def test_what_strains_a_decoder_most_stays_within_its_bounds(target: Target, data: bytes) -> None:
     check_cost(target, data)

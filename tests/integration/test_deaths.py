@@ -108,6 +108,7 @@ def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
     assert len(service.lines_with("WARNING", "trackpad")) == 1
 
 
+@pytest.mark.long
 def test_a_second_daemon_exits_without_effect_on_the_first(bench: Bench) -> None:
     bench.rig()
     bench.service()

@@ -100,6 +100,7 @@ def test_no_time_to_measure_in_is_refused_before_anything_is_opened(seconds: flo
         latency.run(Config(), seconds, json_file=None, ledger=None, plot=None)
 
 
+@pytest.mark.long
 def test_the_simulated_rig_is_measured_as_it_is_built(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     latency.run(Config(), 2.0, json_file="-", ledger=tmp_path / "frames.csv", plot=None)
     output = capsys.readouterr()

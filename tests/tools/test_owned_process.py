@@ -15,6 +15,8 @@ import pytest
 from hapticd.tools import owned_process
 from hapticd.tools.daemon_process import DaemonProcess
 
+pytestmark = pytest.mark.long
+
 PATIENCE_S = 60.0
 OWNER = """
 import os, signal

@@ -29,6 +29,8 @@ from hapticd.tools.calibrate.verdict import Figure, Outcome, Verdict, as_text, f
 from hapticd.tools.firmware import sweep
 from hapticd.tools.firmware.conversation import Conversation
 
+pytestmark = pytest.mark.long
+
 SECONDS = 4.0
 Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
 

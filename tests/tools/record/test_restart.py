@@ -37,6 +37,8 @@ from hapticd.tools.record.tracks import tracks
 from hapticd.tools.view.rig import PadSender
 from hapticd_client import Client
 
+pytestmark = pytest.mark.long
+
 PATIENCE_S = 20.0
 BEAT_S = 0.015
 STATES = 120  # more than a second of touching

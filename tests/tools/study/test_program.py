@@ -18,6 +18,8 @@ from fake_daemon import FakeDaemon
 from hapticd.tools.study.protocol import Friction
 from hapticd.tools.study.session import read
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 PIPE = subprocess.PIPE
 PATIENCE_S = 60.0

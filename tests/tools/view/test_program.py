@@ -13,6 +13,8 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.tools.view import program
 
+pytestmark = pytest.mark.long
+
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     code = main(["view", "--no-browser", *arguments])
