@@ -98,7 +98,7 @@ def test_the_report_can_be_json(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert output["failed"]
     ((finding),) = output["findings"]
     assert (finding["verdict"], finding["check"]) == ("FAIL", "configuration")
-    assert "w_limit_um" in finding["said"]
+    assert "w_limit_um" in finding["text"]
     assert finding["remedy"]
 
 
