@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
+from ..core.touch.fingers import Predictor
 from ..sim.fingers.paths import Path, Touch
 from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import T_START_NS, Run, Settings, Simulation
@@ -31,15 +32,16 @@ _MAP_POINTS = 138  # a millimetre apart
 _STEP_NS = 1_000_000  # of the difference that is the true velocity
 
 
-class TruePath:
+class TruePath(Predictor):
     """A perfect predictor: the path nearest to its first sample."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = paths
         self._path: Path | None = None
 
-    def update(self, t_ns: int, _t_stamp_ns: int, x_mm: float, y_mm: float, _period_s: float) -> None:
+    def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float) -> None:
         """Choose the path at the first sample."""
+        del t_stamp_ns, period_s
         if self._path is None:
             self._path = min(self._paths, key=lambda path: math.dist(_at(path, t_ns), (x_mm, y_mm)))
 

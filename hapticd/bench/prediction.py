@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from ..core.prediction.motion import Sample
+from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import Predictor, PredictorFactory
 from ..sim.fingers.paths import Reach
 from .baselines import PREDICTORS
@@ -112,7 +112,7 @@ def overshoot_mm(make: Make, touches: Sequence[Touch]) -> float:
     return float(np.mean(farthest_mm))
 
 
-class NumpyParabola:
+class NumpyParabola(MotionModel):
     """The parabola through the last eight samples by numpy's least squares; weights decay with 17 ms of age."""
 
     __slots__ = ("_along_x", "_along_y", "_samples")

@@ -74,7 +74,7 @@ def compiled_modules() -> list[Extension]:
     except ImportError:
         return []
     sources = [str(path) for path in touch_path(Path())]
-    extensions = mypycify(sources, opt_level="2", debug_level="0", group_name=GROUP)
+    extensions = mypycify(sources, opt_level="1", debug_level="0", group_name=GROUP)
     for extension in extensions:
         extension.extra_compile_args = [*extension.extra_compile_args, *FLAGS]
     # One C file for all: gcc optimizes it at the link, in parts on all cores, and still calls across modules directly.

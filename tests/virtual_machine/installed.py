@@ -20,7 +20,7 @@ from hapticd.tools.install_service import HIDDEN_BY_UNIT
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[1]
-DEPENDENCIES = ("numpy", "msgpack", "pyzmq", "pyserial", "hidapi")
+DEPENDENCIES = ("numpy", "msgpack", "mypy-extensions", "pyzmq", "pyserial", "hidapi")
 PACKAGES = (ROOT / "hapticd", ROOT / "clients/python/hapticd_client")
 UNNEEDED = shutil.ignore_patterns("tests", "*.pyi", "*.pxd", "*.h", "*.a", "viewer", "study", "bench")
 UNITS = (

@@ -12,11 +12,11 @@ import numpy as np
 
 from ...core.prediction.bank import MAX_ACCELERATION_MM_S2, MAX_SPEED_MM_S, shortened
 from ...core.prediction.gains import FloatArray, process_model, riccati_step, start_covariance
-from ...core.prediction.motion import Sample, checked
+from ...core.prediction.motion import MotionModel, Sample, checked
 from ...core.prediction.predictor import DEFAULT, Predictor, PredictorFactory
 
 
-class QuadraticMotion:
+class QuadraticMotion(MotionModel):
     """Extrapolation by position, velocity and acceleration; NaN before the first sample."""
 
     __slots__ = ("_ax", "_ay", "_vx", "_vy", "_x", "_y")

@@ -19,7 +19,7 @@ import math
 from typing import Final
 
 from .gains import MODELS, Gain, bank_gains
-from .motion import Sample, checked
+from .motion import MotionModel, Sample, checked
 from .noise_meter import NoiseMeter
 
 # No finger on a plate exceeds these; a model beyond them has taken a bad sample.
@@ -52,7 +52,7 @@ _LEAST_CHANGE: Final = 1.0  # levels: above the scatter of the measurement, so t
 _State = tuple[float, float, float, float, float, float, float, float]  # x, y in mm, then velocity, acceleration, jerk
 
 
-class ModelBank:
+class ModelBank(MotionModel):
     """`period_ms` is the nominal sample period, `noise_mm` the standard error of one position on one axis.
 
     That noise holds until the touch has enough samples; then it is measured over the last `noise_samples` samples,

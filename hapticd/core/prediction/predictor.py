@@ -18,6 +18,7 @@ from functools import partial
 from numbers import Real
 from typing import Final
 
+from ..touch.fingers import Predictor as FingerPredictor
 from ..touch.sample_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
 from .bank import ModelBank
 from .motion import MotionModel, Sample, checked
@@ -31,7 +32,7 @@ _STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exact
 _INTAKE_DEFAULTS: dict[str, float] = {"period_ms": 11.25, "period_error_ms": 1.0, "stamp_error_ms": 0.6}
 
 
-class TouchPredictor:
+class TouchPredictor(FingerPredictor):
     """One touch's predictor for samples whose stamps are filtered already.
 
     `update` takes a sample: when it was taken (`t_ns`, on the axis of `predict`), its filtered stamp (on the sampler's
