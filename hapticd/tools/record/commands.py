@@ -96,10 +96,12 @@ def add_plot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _plot(options: argparse.Namespace) -> None:
+    from ...files import plotting
     from ...files.recording.mcap_reader import open_recording
     from .picture import draw
     from .tables import tables
 
+    plotting.check(options.out)
     recording = open_recording(options.files)
     draw(tables(recording), options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
     _print_losses(recording.losses.report())

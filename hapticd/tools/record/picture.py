@@ -1,5 +1,5 @@
-"""A recording as a picture in the manner of the paper's figures 9 to 12: where the fingers were, what each mode should
-do and did, what each finger should get and got; markers stand as lines through all."""
+"""Picture of a recording like the paper's figures 9 to 12: positions of the fingers, reference and motion of each mode,
+target and amplitude of each finger; markers are vertical lines."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import RecordingError
+from ...files import plotting
 from ...sim.picture import FINGER_COLOURS, MODE_COLOURS
 from .tables import Column
 
@@ -23,7 +24,7 @@ MORE_MODES = ("tab:olive", "tab:cyan", "tab:pink")
 def draw(
     tables: Mapping[str, Table], path: Path, *, title: str = "", start_s: float = 0.0, end_s: float | None = None
 ) -> None:
-    """Write a PNG of the part between two instants. Raises RecordingError where there is nothing in it to draw."""
+    """Write a picture of the part between two instants. Raises RecordingError if it holds nothing to draw."""
     if "passes" not in tables:
         raise RecordingError("The recording holds no passes: there is nothing to draw.")
     last_s = float(tables["passes"]["t_s"][-1])
@@ -31,7 +32,8 @@ def draw(
     if not (math.isfinite(start_s) and math.isfinite(end_s) and start_s < end_s and start_s < last_s):
         raise RecordingError(f"From {start_s:g} s to {end_s:.4g} s there is nothing: it ends at {last_s:.1f} s.")
     part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
-    figure, axes = _canvas()
+    figure, grid = plotting.subplots(9.0, 10.0, 4, sharex=True, height_ratios=(1, 1, 1.6, 1.6))
+    axes = grid[:, 0]
     axes[0].set_title(_plain(title), loc="left")
     _draw_positions(axes[0:2], part)
     _draw_modes(axes[2], part)
@@ -39,26 +41,12 @@ def draw(
     _draw_markers(axes, part)
     axes[3].set_xlim(start_s, end_s)
     axes[3].set_xlabel("time, s")
-    try:
-        figure.savefig(path, dpi=110, format="png")
-    except OSError as error:
-        raise RecordingError(f"The picture cannot be written to {path}: {error.strerror or error}.") from None
+    plotting.save(figure, path)
 
 
 def _between(table: Table, start_s: float, end_s: float) -> Table:
     part = (table["t_s"] >= start_s) & (table["t_s"] <= end_s)
     return {name: column[part] for name, column in table.items()}
-
-
-def _canvas() -> tuple[Any, Any]:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise RecordingError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
-    figure = Figure(figsize=(9.0, 10.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1.6, 1.6))
 
 
 def _draw_positions(axes: Any, tables: Mapping[str, Table]) -> None:
