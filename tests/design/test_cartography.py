@@ -11,6 +11,8 @@ import pytest
 from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes, sample_cartography
 from hapticd.errors import ModesError
 
+pytestmark = pytest.mark.long
+
 FINE_MM = np.linspace(-68.75, 68.75, 276)
 SCAN_MM = 4.5 * np.arange(-15, 16)
 MARGIN = np.maximum(*np.abs(np.meshgrid(FINE_MM, FINE_MM))) > 67.5

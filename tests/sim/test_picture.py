@@ -14,6 +14,8 @@ from hapticd.sim import lockstep, picture
 from hapticd.sim.lockstep import Run
 from hapticd.sim.picture import Film
 
+pytestmark = pytest.mark.long
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

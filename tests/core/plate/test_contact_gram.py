@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from hapticd.core.plate.contact_gram import ContactGram, disc_gram
 from hapticd.core.plate.mode_shapes import ModeShapes
 
+pytestmark = pytest.mark.long
+
 HALF_MM = 68.75
 WAVE_RAD_MM = 2.0 * math.pi / 27.0
 RADIUS_MM = 5.0

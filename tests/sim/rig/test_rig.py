@@ -28,6 +28,8 @@ from hapticd.sim.rig.program import Rig
 from hapticd.wire import device
 from hapticd.wire.trackpad import Decoder
 
+pytestmark = pytest.mark.long
+
 PATIENCE_S = 10.0
 
 

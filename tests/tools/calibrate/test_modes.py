@@ -18,6 +18,8 @@ from hapticd.tools.calibrate import folder, modes, simulated
 from hapticd.tools.calibrate.modes import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, fit_map, solved_um
 from hapticd.tools.calibrate.verdict import Outcome
 
+pytestmark = pytest.mark.long
+
 SIZE_MM = (137.5, 137.5)
 POINTS_MM = np.random.default_rng(5).uniform(-60.0, 60.0, (2000, 2))
 

@@ -14,6 +14,8 @@ from hapticd.__main__ import main
 from hapticd.tools.study import report
 from hapticd.tools.study.session import read
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def papers(tmp_path: Path) -> Path:
