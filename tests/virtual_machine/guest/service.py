@@ -68,7 +68,7 @@ class Story:
         yield "killed", lambda: self._strike(signal.SIGKILL)
         yield "hung", lambda: self._strike(signal.SIGSTOP)
         yield "refused", lambda: self._reload(NONSENSE, "The present configuration stays.")
-        yield "reloaded", lambda: self._reload(configuration(3.0), "the new configuration is taken")
+        yield "reloaded", lambda: self._reload(configuration(3.0), "applying the new configuration")
         yield "stopped", self._stop
         yield "misconfigured", self._start_on_nonsense
 
