@@ -14,6 +14,8 @@ from service import PATIENCE_S, Bench, drive, is_driven, is_quiet, wait_board, w
 from hapticd.board_values import BoardState
 from hapticd_client import DaemonGoneError
 
+pytestmark = pytest.mark.long
+
 TTL_S = 0.5
 DEADMAN_S, RAMP_S, TICK_S = 0.050, 0.010, 0.0005
 RING_DOWN_S = 0.060  # ten time constants of the plate
@@ -108,7 +110,6 @@ def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
     assert len(service.lines_with("WARNING", "trackpad")) == 1
 
 
-@pytest.mark.long
 def test_a_second_daemon_exits_without_effect_on_the_first(bench: Bench) -> None:
     bench.rig()
     bench.service()

@@ -18,6 +18,8 @@ from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record import picture
 from hapticd.tools.record.tables import TABLES, tables
 
+pytestmark = pytest.mark.long
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
