@@ -15,7 +15,7 @@ README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 VALUES = {"values", "board_values", "errors"}
 
-# What each part may import of ours, beside itself.
+# What each part may import of ours, apart from itself.
 ALLOWED: dict[str, set[str]] = {
     "values": set(),
     "errors": set(),
@@ -48,7 +48,7 @@ ALLOWED: dict[str, set[str]] = {
 ALLOWED_FOR_FILE = {
     # Names that others call: they read and write files, and import the format when that is asked for.
     "core/plate/mode_shapes.py": {"files.mode_map"},
-    # The lock-step run drives the daemon's own wiring in virtual time, and the paper's scheme beside it.
+    # The lock-step run drives the daemon's own wiring in virtual time, and the paper's scheme for comparison.
     "sim/lockstep.py": {"daemon.observer", "core.solver", "bench.baselines.paper_scheme"},
     "tools/bench.py": {"bench"},
 }

@@ -1,6 +1,6 @@
 """Control laws of the firmware: how fast and how well the plate follows its reference.
 
-Beside the laws stand an outside LQG (SciPy) and the bound that the amplifier's voltage sets. All but the LQG run the
+The laws are compared with an LQG from SciPy and the bound that the amplifier's voltage sets. All but the LQG run the
 firmware's own C against the plate model (`closed_loop`).
 """
 

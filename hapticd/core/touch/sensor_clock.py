@@ -22,7 +22,7 @@ _MOST_EARLY_NS: Final = 5_000_000  # no jitter makes a report this early: the cl
 _MOST_LATE_NS: Final = 250_000_000  # a stalled host makes reports late, but not this late
 _LATE_IN_A_ROW: Final = 8  # of more than `_MOST_EARLY_NS`: then it is the clock, not the host
 _PERIOD_S: Final = 0.01125  # of a Magic Trackpad 2; other pads are found within some reports
-_PERIOD_ERROR_S: Final = 0.0007
+_PERIOD_ERROR_S: Final = 0.0007  # 0.001 locked to a wrong period at stamps off by 3 ms; 0.0005 is slow to find 60 Hz
 _STAMP_ERROR_S: Final = 0.0006  # +-1 ms, uniform
 
 

@@ -107,3 +107,17 @@ def test_whatever_the_stamps_intervals_and_period_stay_positive_and_finite(
         assert 0.0 < clock.advance(gap) < 1.0
         assert 0.0 < clock.period_s < 1.0
         assert abs(clock.lag_s) < 0.1
+
+
+def test_stamps_that_jitter_more_than_expected_are_measured_and_trusted_less() -> None:
+    squares_ms2, raw_ms2 = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        sampled_s = np.arange(201) * 0.01125
+        stamps_s = sampled_s + rng.uniform(-3e-3, 3e-3, 201)
+        clock = SampleClock(0.01125, 0.0001, 0.6e-3)
+        errors_s = sampling_errors_s(clock, stamps_s.tolist(), sampled_s.tolist())[100:]
+        squares_ms2 += [(error_s * 1e3) ** 2 for error_s in errors_s]
+        raw_ms2 += np.square((stamps_s - sampled_s)[100:] * 1e3).tolist()
+        assert clock._stamp_var == pytest.approx(3e-6, rel=0.6)  # uniform over 6 ms
+    assert math.sqrt(np.mean(squares_ms2)) < 0.35 * math.sqrt(np.mean(raw_ms2))
