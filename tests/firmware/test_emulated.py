@@ -28,6 +28,7 @@ from hapticd.wire.commands import encode
 
 from .emulated import STEP_US, Host
 
+pytestmark = pytest.mark.long
 WRAPS_SOON_US = (1 << 32) - 300_000  # the board's clock, in the middle of a run
 TARGET_UM = np.array((1.0, 0.0))
 W_LIM_UM = 4.0

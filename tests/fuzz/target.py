@@ -6,7 +6,6 @@ moment. Both stay below a line `fixed + per_byte * len(data)`, which is the boun
 
 from __future__ import annotations
 
-import gc
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -98,7 +97,6 @@ def lines_reached(check: Callable[[bytes], None], data: bytes) -> set[tuple[str,
 
 
 def _peak_bytes(check: Callable[[bytes], None], data: bytes) -> int:
-    gc.collect()
     tracemalloc.start()
     try:
         check(data)
