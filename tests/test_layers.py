@@ -49,7 +49,7 @@ ALLOWED_FOR_FILE = {
     # Names that others call: they read and write files, and import the format when that is asked for.
     "core/plate/mode_shapes.py": {"files.mode_map"},
     # The lock-step run drives the daemon's own wiring in virtual time, and the paper's scheme for comparison.
-    "sim/lockstep.py": {"daemon.observer", "core.solver", "bench.baselines.paper_scheme"},
+    "sim/lockstep.py": {"daemon.observer", "daemon.settings", "core.solver", "bench.baselines.paper_scheme"},
     "tools/bench.py": {"bench"},
 }
 FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "threading", "random", "zmq", "serial"}

@@ -5,7 +5,7 @@ is that of the whole way from report to frame, without the board.
 
     run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
     both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
-    contact    the vibration over the sticky finger's contact, which the solver takes for a point or for a disc
+    contact    the vibration over whole contacts, on two plates with two to five modes
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..sim.lockstep import Settings, paper, perfect
-from ..sim.score import Score, settled
+from ..sim.plate.glasses import FINGERTIP, REFERENCE
+from ..sim.plate.ground_truth import PlateSettings
+from ..sim.score import CONTACT_RADIUS_MM, Score, settled
 from .baselines import PREDICTORS
 from .leak_runs import (
     DEFAULT,
@@ -39,12 +40,9 @@ PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
 BOTH_SLIP = "both-slip"
 SIGNS_ALONE = "signs alone"
-POINT = "a point"
-RADIUS_MM = 5.0  # of a fingertip's contact
+CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 _DIP_FRAC = 0.5  # of its target: a finger feels less as a catch
-_RINGS_MM = RADIUS_MM * np.sqrt((np.arange(4) + 0.5) / 4)  # equal areas
-_EVERY = 8  # ticks: a finger moves 0.4 mm
 
 
 def alternatives() -> dict[str, Alternative]:
@@ -100,21 +98,25 @@ def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Tabl
 
 
 def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
-    """Compare models of a still finger in the solver: a point, and discs of two radii.
-
-    Parasitic modes are unknown to all rows: a disc has no zero that they could be compensated to.
-    """
-    ours = Settings(parasitic_modes_known=False)
-    chosen = {
-        name: Alternative(replace(ours, config=changed(ours.config, {"solver": {"contact_radius_mm": radius_mm}})))
-        for name, radius_mm in ((POINT, 0.0), ("a disc of 2.5 mm", RADIUS_MM / 2), ("a disc of 5 mm", RADIUS_MM))
+    """Compare plates and numbers of modes by what whole contacts feel."""
+    plates = {
+        f"{name} plate, {modes} modes": Alternative(Settings(plate=PlateSettings.of(name, modes)))
+        for name, modes in CONTACT_PLATES
     }
+    known: dict[str, list[Figures]] = {f"{name}, {PERFECT}": [] for name in plates}
+
+    def judge(finished: FinishedRun) -> Figures:
+        known[f"{finished.name}, {PERFECT}"].append(_contacts(perfect(finished.run)))
+        return _contacts(finished.run.score)
+
+    rows = compared(plates, judge, seeds=seeds, seconds=seconds, timed=False)
+    rows += [(name, over_seeds(judged)) for name, judged in known.items()]
     return _table(
         "leak_contact",
-        f"RMS over a sticky contact of {RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
-        compared(chosen, _over_contact, seeds=seeds, seconds=seconds, timed=False),
-        ("contact_leak_um", "leak_um", "slip_frac"),
-        "rows: the solver's model of the still finger (solver.contact_radius_mm); leak: at its centre",
+        f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
+        rows,
+        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
+        "weber: share of time in which a finger's friction is off by more than a tenth",
     )
 
 
@@ -156,26 +158,11 @@ def _smoothness(finished: FinishedRun) -> Figures:
     }
 
 
-def _over_contact(finished: FinishedRun) -> Figures:
-    """RMS over time and contact, of all plate modes, at the fingers that should be still."""
-    run, world = finished.run, finished.simulation.world
-    counts = settled(run.t_s, run.target_um) & (run.target_um == 0.0)
-    plate_um = world.recording().plate_um
-    squares = []
-    for finger in range(counts.shape[1]):
-        ticks = np.flatnonzero(counts[:, finger])[::_EVERY]
-        points_mm = run.finger_true_mm[ticks, finger, None] + _disc_mm()
-        w_um = np.einsum("tdp,tp->td", world.plate.shapes(points_mm), plate_um[ticks])
-        squares.append(np.abs(w_um).ravel() ** 2)
+def _contacts(score: Score) -> Figures:
     return {
-        "contact_leak_um": float(np.sqrt(np.mean(np.concatenate(squares)))),
-        "leak_um": run.score.leak_um,
-        "slip_frac": run.score.slip_frac,
+        "contact_leak_um": score.contact_leak_um,
+        "contact_slip_um": score.contact_slip_um,
+        "contrast": score.contrast,
+        "contrast_median": score.contrast_median,
+        "weber_frac": score.weber_frac,
     }
-
-
-def _disc_mm() -> npt.NDArray[np.float64]:
-    """Points (48, 2) spread evenly over the disc."""
-    angle_rad = np.arange(12) * (np.pi / 6)
-    x_mm, y_mm = np.outer(_RINGS_MM, np.cos(angle_rad)), np.outer(_RINGS_MM, np.sin(angle_rad))
-    return np.stack((x_mm.ravel(), y_mm.ravel()), axis=1)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import tomllib
-from contextlib import nullcontext
 from glob import glob
 from pathlib import Path
 from threading import Lock
@@ -21,12 +20,14 @@ GROUP = "hapticd.core.compiled"
 # change: half as many indirect calls, which a pass on a cold cache notices.
 FLAGS = ["-ffp-contract=off", "-fvisibility=hidden"]
 PARALLEL = "-flto=auto"
+MORE_MODES = range(3, 7)  # than the board's two
+SINE_TABLE = "firmware/core/sine.c"  # takes the compiler 3 s, and is the same for any number of modes
 BOARD = Lock()
 LISTING = {"egg_info", "dist_info", "sdist"}  # they build nothing, pip runs two of them first, and mypyc takes 10 s
 
 
 class BuildExt(build_ext.build_ext):
-    """Builds the board for two and three modes and the compiled modules, on all cores."""
+    """Builds the board for two to six modes and the compiled modules, on all cores."""
 
     def finalize_options(self) -> None:
         """Complete the list of extensions before setuptools counts them; several commands call this."""
@@ -35,24 +36,34 @@ class BuildExt(build_ext.build_ext):
             board.sources = [path for pattern in board.sources for path in sorted(glob(pattern))]
             board.depends = sorted(glob("firmware/core/*.h") + glob("firmware/boards/host/*.h"))
             is_build = not LISTING.issuperset(self.distribution.commands)
-            extensions += [*(compiled_modules() if is_build else []), for_three_modes(board)]
+            extensions += [
+                *(compiled_modules() if is_build else []),
+                *(for_modes(board, modes) for modes in MORE_MODES),
+            ]
         super().finalize_options()
         self.parallel = os.cpu_count()
 
     def build_extension(self, extension: Extension) -> None:
-        """Build one of several at a time; but the board's two share sources, and so the paths of their object files."""
-        with BOARD if "firmware" in extension.name else nullcontext():
+        """Build one of several at a time; but the boards share sources, and so the paths of their object files."""
+        if "firmware" not in extension.name:
+            super().build_extension(extension)
+            return
+        with BOARD:
+            table = str(Path(self.build_temp, SINE_TABLE).with_suffix(".o"))
+            if os.path.exists(table):
+                extension.sources.remove(SINE_TABLE)
+                extension.extra_objects.append(table)
             super().build_extension(extension)
 
 
-def for_three_modes(board: Extension) -> Extension:
-    """Return the same library for three modes."""
+def for_modes(board: Extension, modes: int) -> Extension:
+    """Return the same library for another number of modes."""
     return Extension(
-        f"{board.name}_3modes",
-        board.sources,
+        f"{board.name}_{modes}modes",
+        list(board.sources),
         depends=board.depends,
         include_dirs=board.include_dirs,
-        define_macros=[("HD_MODES", "3")],
+        define_macros=[("HD_MODES", str(modes))],
         extra_compile_args=board.extra_compile_args,
         libraries=board.libraries,
     )

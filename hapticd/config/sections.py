@@ -136,8 +136,8 @@ class SolverConfig:
         True, "change the signs of two or more slipping fingers by rotating their phase, without a zero crossing"
     )
     contact_radius_mm: float = key(
-        0.0,
-        "radius of a still finger's contact, over which the mean square amplitude is minimised; 0: a point",
+        5.0,
+        "radius of a fingertip's contact, over which amplitudes count, on plates of four modes or more; 0: a point",
         low=0,
         high=15,
     )

@@ -9,6 +9,12 @@ from ..core.pipeline import PipelineSettings
 from ..core.prediction.predictor import DEFAULT
 from ..core.targets.scene import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..values import AffineMap
+from ..wire.protocol import REFERENCE
+
+LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
+LONGEST_FRAME_S = 0.003
+BITS_PER_BYTE = 10  # 8N1
+ENVELOPE_BYTES = 7  # of a frame: type, CRC, COBS and its delimiter
 
 
 def warm_up(config: Config) -> None:
@@ -17,21 +23,35 @@ def warm_up(config: Config) -> None:
 
 
 def pipeline_settings(config: Config) -> PipelineSettings:
-    """Return the pipeline's settings."""
-    prediction = config.prediction
+    """Return the pipeline's settings.
+
+    Fingers are contacts on plates of LEAST_CONTACT_MODES or more. With fewer a still contact cannot be had, whatever
+    is done, and the point's rule gives the slippery finger five times as much. Their frames have as many knots as the
+    link carries in LONGEST_FRAME_S.
+    """
+    prediction, solver, modes = config.prediction, config.solver, len(config.limits.w_limit_um)
+    has_contacts = modes >= LEAST_CONTACT_MODES and solver.contact_radius_mm > 0.0
     return PipelineSettings(
         w_limit_um=config.limits.reference_limit_um,
         make_predictor=partial(DEFAULT.for_touch, period_ms=prediction.period_ms, noise_mm=prediction.noise_mm),
-        derating_mm2_um2=config.solver.derating_mm2_um2,
-        phase_rotation=config.solver.phase_rotation,
-        contact_radius_mm=config.solver.contact_radius_mm,
-        tolerance_um=config.solver.tolerance_um,
-        max_knots=config.solver.max_knots,
+        derating_mm2_um2=solver.derating_mm2_um2,
+        phase_rotation=solver.phase_rotation,
+        contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
+        tolerance_um=solver.tolerance_um,
+        max_knots=min(solver.max_knots, knots_in(LONGEST_FRAME_S, config.device.baud, modes))
+        if has_contacts
+        else solver.max_knots,
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
         loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
         cover_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )
+
+
+def knots_in(span_s: float, baud: int, modes: int) -> int:
+    """Return how many knots a frame may have that the link carries within `span_s`; at least one."""
+    knot_bytes = 2 + 8 * modes  # its time, and a phasor of two floats per mode
+    return max(1, int((span_s * baud / BITS_PER_BYTE - REFERENCE.size - ENVELOPE_BYTES) / knot_bytes))
 
 
 def friction_curve(config: Config) -> FrictionCurve:

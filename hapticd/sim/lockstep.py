@@ -21,9 +21,10 @@ import numpy.typing as npt
 from ..bench.baselines.paper_scheme import paper_config, paper_pipeline
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.solver.public import solve
+from ..core.solver.instant import InstantSolver
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
+from ..daemon.settings import pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
@@ -31,11 +32,12 @@ from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel, SensorSettings
 from .plate.ground_truth import GroundTruth, PlateSettings
-from .score import Score, score
+from .score import Score, score, with_contacts
 from .world import World
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
+TICK_NS = 500_000  # the board's control period
 LEAST_S = 0.01  # a shorter run has no sample to score
 SCHEMES = ("hapticd", "paper")
 _POSITIVE = ("speed_mm_s", "report_period_ms")
@@ -128,21 +130,33 @@ def run(
 def perfect(played: Run, every: int = 4) -> Score:
     """Score the same fingers under perfect knowledge: true positions and shapes, no loop delay; each `every` ticks."""
     part = slice(None, None, every)
-    truth = GroundTruth(played.settings.plate)
-    target_um = played.target_um[part]
-    phi = truth.shapes(played.finger_true_mm[part])[..., : played.modal_um.shape[1]]
-    modal_um = np.zeros((len(target_um), phi.shape[2]))
-    limited = np.zeros(len(target_um), dtype=bool)
-    previous = None
-    for index, tick_target_um in enumerate(target_um):
-        present = np.isfinite(tick_target_um)
-        solution = solve(
-            phi[index][present], tick_target_um[present], played.settings.config.limits.w_limit_um, previous_um=previous
-        )
-        modal_um[index] = previous = solution.modal_um
-        limited[index] = solution.limited
-    finger_um = np.einsum("tnm,tm->tn", phi, modal_um).astype(np.complex128)
-    return score(played.t_s[part], target_um, finger_um, modal_um.astype(np.complex128), limited)
+    plate = GroundTruth(played.settings.plate)
+    settings = pipeline_settings(_scheme_config(played.settings))
+    solver = InstantSolver(
+        plate.true_mode_map(),
+        plate.w_limit_um,
+        derating_mm2_um2=0.0,
+        phase_rotation=False,
+        contact_radius_mm=settings.contact_radius_mm,
+    )
+    t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
+    modes = plate.settings.driven_modes
+    plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
+    limited = np.zeros(len(t_s), dtype=bool)
+    previous_um: tuple[complex, ...] = (0.0,) * modes
+    for index, (points_mm, targets_um) in enumerate(zip(finger_mm.tolist(), target_um.tolist(), strict=True)):
+        places = [
+            (x_mm, y_mm, wanted_um)
+            for (x_mm, y_mm), wanted_um in zip(points_mm, targets_um, strict=True)
+            if math.isfinite(wanted_um)
+        ]
+        if places:
+            solution = solver.solve(places, previous_um, every * TICK_NS)
+            previous_um, limited[index] = solution.modal_um, solution.limited
+            plate_um[index, :modes] = previous_um
+    truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
+    judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
+    return with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1)
 
 
 class Simulation:
@@ -267,7 +281,11 @@ class Simulation:
             modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
             truth_um=truth_um,
             limited=limited,
-            score=score(t_s, target_um, truth_um, recording.reference_um, limited),
+            score=with_contacts(
+                score(t_s, target_um, truth_um, recording.reference_um, limited),
+                *(t_s, true_mm, target_um, recording.plate_um),
+                self.world.plate.shapes,
+            ),
             status=self.machine.report_status(self._t_ns),
         )
 
@@ -297,8 +315,14 @@ def _as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
 
 
 def _scheme_config(settings: Settings) -> Config:
-    """Return the daemon's configuration for a scheme; the paper's is its Matlab loop: hold, steps, PI, its formula."""
+    """Return the daemon's configuration for a plate and a scheme.
+
+    The paper's is its Matlab loop: hold, steps, PI, its formula.
+    """
+    reach_um = GroundTruth(settings.plate).w_limit_um
     config = settings.config
+    if len(reach_um) != len(config.limits.w_limit_um):
+        config = replace(config, limits=replace(config.limits, w_limit_um=reach_um))
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))

@@ -27,6 +27,15 @@ ARRAYS = (
     "truth_um",
     "limited",
 )
+_COLUMNS = (
+    ("leak um", "leak_um", 9),
+    ("slip error um", "slip_error_um", 15),
+    ("slip", "slip_frac", 8),
+    ("contact leak um", "contact_leak_um", 17),
+    ("contact slip um", "contact_slip_um", 17),
+    ("contrast", "contrast", 10),
+    ("limited", "limited_frac", 9),
+)
 SETTLED_FRAC = 0.02  # a step has settled when it stays within 2 % of its size
 FINAL_S = 0.1  # its final value is the mean over the run's end
 STEP_WATCHED_S = 0.2  # a shorter run has no final value
@@ -82,16 +91,11 @@ def step_response(
 
 def table(report: Mapping[str, Any]) -> str:
     """Format the figures as a table."""
-    rows = [f"{'':<10}{'leak um':>9}{'slip error um':>15}{'slip':>8}{'limited':>9}"]
+    rows = ["".join((f"{'':<10}", *(f"{heading:>{width}}" for heading, _, width in _COLUMNS)))]
     for scheme in ("hapticd", "paper", "perfect"):
         if scheme in report:
-            line = report[scheme]
-            cells = (line["leak_um"], line["slip_error_um"], line["slip_frac"], line["limited_frac"])
-            widths = (9, 15, 8, 9)
-            rows.append(
-                f"{scheme:<10}"
-                + "".join(f"{'-' if x is None else format(x, '.3f'):>{w}}" for x, w in zip(cells, widths, strict=True))
-            )
+            cells = ((report[scheme][name], width) for _, name, width in _COLUMNS)
+            rows.append(f"{scheme:<10}" + "".join(f"{'-' if x is None else format(x, '.3f'):>{w}}" for x, w in cells))
     if "leak_ratio" in report:
         rows.append(f"the paper's scheme leaks {report['leak_ratio']:.1f} times as much")
     if "step" in report:

@@ -4,17 +4,31 @@
     slip error  RMS (|W_i| - a_i) of the others
     slip        mean |W_i| / a_i of the others
 
+    contact leak, contact slip   the same fingers' RMS amplitude over the contact, a disc, not at its centre
+    contrast                     contact slip / contact leak
+    weber                        share of time in which a finger's friction, the mean over its contact, is off by more
+                                 than the Weber fraction of friction from that of its target
+
 A finger counts from 0.1 s after it landed or its target changed: the system cannot respond earlier.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+Floats = npt.NDArray[np.float64]
+
 SETTLE_S = 0.1
+CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
+WEBER_FRAC = 0.11  # least change of friction that is felt (Gueorguiev et al., J. R. Soc. Interface 2017)
+FRICTION_DECAY_UM = 0.7  # friction of bare glass times exp(-|w| / this), as the daemon's default curve
+_RINGS, _SPOKES = 4, 12  # of a contact's points: exact to rounding for waves of 27 mm on discs of 6 mm
+_EVERY_TICKS = 4  # of the contacts' history
+_AT_ONCE = 4000  # instants evaluated together
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +40,11 @@ class Score:
     slip_frac: float
     limited_frac: float
     largest_reference_um: float
+    contact_leak_um: float = float("nan")
+    contact_slip_um: float = float("nan")
+    contrast: float = float("nan")
+    contrast_median: float = float("nan")
+    weber_frac: float = float("nan")
 
 
 def score(
@@ -47,6 +66,61 @@ def score(
         limited_frac=float(np.mean(limited)) if limited.size else float("nan"),
         largest_reference_um=float(np.abs(reference_um).max(initial=0.0)),
     )
+
+
+def with_contacts(
+    judged: Score,
+    t_s: Floats,
+    finger_mm: Floats,
+    target_um: Floats,
+    plate_um: npt.NDArray[np.complex128],
+    shapes: Callable[[Floats], Floats],
+    radius_mm: float = CONTACT_RADIUS_MM,
+    every: int = _EVERY_TICKS,
+) -> Score:
+    """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true."""
+    part = slice(None, None, every)
+    counts = settled(t_s, target_um)[part]
+    target_um, finger_mm, plate_um = target_um[part], finger_mm[part], plate_um[part]
+    rms_um, friction = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
+    offsets_mm, weights = disc(radius_mm)
+    for start in range(0, len(counts), _AT_ONCE):
+        when = slice(start, start + _AT_ONCE)
+        for finger in range(counts.shape[1]):
+            phi = shapes(finger_mm[when, finger, None] + offsets_mm)
+            w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
+            rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
+            friction[when, finger] = np.exp(-w_um / FRICTION_DECAY_UM) @ weights
+    still, slipping = counts & (target_um == 0), counts & (target_um > 0)
+    leak_um, slip_um = _rms(rms_um[still]), _rms(rms_um[slipping])
+    off = np.abs(friction / np.exp(-target_um / FRICTION_DECAY_UM) - 1.0) > WEBER_FRAC
+    return replace(
+        judged,
+        contact_leak_um=leak_um,
+        contact_slip_um=slip_um,
+        contrast=slip_um / leak_um if leak_um > 0.0 else float("nan"),
+        contrast_median=_median_contrast(rms_um, still, slipping),
+        weber_frac=float(np.mean(off[counts])) if counts.any() else float("nan"),
+    )
+
+
+def disc(radius_mm: float) -> tuple[Floats, Floats]:
+    """Return points (Q,2) of a disc about 0 and their weights, of sum 1: Gauss's rule along the radius squared."""
+    node, weight = np.polynomial.legendre.leggauss(_RINGS)
+    ring_mm = radius_mm * np.sqrt((node + 1.0) / 2.0)
+    turn = 2.0 * np.pi * np.arange(_SPOKES) / _SPOKES
+    points = np.stack((np.outer(ring_mm, np.cos(turn)), np.outer(ring_mm, np.sin(turn))), axis=-1)
+    return points.reshape(-1, 2), np.repeat(weight / 2.0 / _SPOKES, _SPOKES)
+
+
+def _median_contrast(rms_um: Floats, still: npt.NDArray[np.bool_], slipping: npt.NDArray[np.bool_]) -> float:
+    """Return the median over time of the least slipping contact's RMS over the largest still one's."""
+    both = still.any(axis=1) & slipping.any(axis=1)
+    if not both.any():
+        return float("nan")
+    largest_um = np.where(still, rms_um, 0.0).max(axis=1)[both]
+    least_um = np.where(slipping, rms_um, np.inf).min(axis=1)[both]
+    return float(np.median(least_um / np.maximum(largest_um, 1e-9)))
 
 
 def settled(t_s: npt.NDArray[np.float64], target_um: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:

@@ -8,7 +8,9 @@ import sys
 import time
 from pathlib import Path
 
+from ..errors import UsageError
 from ..sim.fingers.scenarios import SCENARIOS
+from ..sim.plate.glasses import GLASSES, REFERENCE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, help="duration (default: the scenario's own)")
     parser.add_argument("--speed", type=float, default=100.0, metavar="MM_S", help="of the fingers (default 100)")
     parser.add_argument("--noise", type=float, default=0.05, metavar="MM", help="of the sensor (default 0.05)")
+    parser.add_argument("--plate", choices=GLASSES, default=REFERENCE, help="the paper's, or one for whole contacts")
+    parser.add_argument("--modes", type=int, metavar="N", help="with an amplifier each (default: the plate's)")
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )
@@ -34,10 +38,15 @@ def _simulate(options: argparse.Namespace) -> None:
     from ..files import plotting
     from ..files.outputs import check_writable, write_text
     from ..sim import lockstep, report
+    from ..sim.plate.ground_truth import PlateSettings
 
     check_writable(options.json, options.out, options.plot, options.record)
     plotting.check(options.plot)
-    settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
+    try:
+        plate = PlateSettings.of(options.plate, options.modes)
+    except ValueError as error:
+        raise UsageError(f"--modes: {error}") from None
+    settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise, plate=plate)
     t_start_s = time.perf_counter()
     if options.record is None:
         result = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)

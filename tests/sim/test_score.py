@@ -95,6 +95,7 @@ def test_without_fingers_figures_are_nan() -> None:
         "leak_um",
         "slip_error_um",
         "slip_frac",
+        *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
     ]
     assert judged.limited_frac == 0.0
 

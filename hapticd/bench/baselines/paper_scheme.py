@@ -24,6 +24,7 @@ def paper_pipeline(config: Config) -> PipelineSettings:
         solve=invert,
         derating_mm2_um2=0.0,
         phase_rotation=False,
+        contact_radius_mm=0.0,
         max_knots=1,
     )
 
@@ -36,7 +37,7 @@ def paper_config(config: Config) -> Config:
 def invert(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
     """Modal amplitudes by the inverse of Phi, scaled into the limits (paper, section IV.B), and `limited`.
 
-    Defined for two fingers on two modes; any other number is solved as hapticd does, without continuity.
+    Defined for two fingers on two modes; any other number is solved as hapticd does points, without continuity.
     """
     del previous
     if len(rows) != 2 or len(limits) != 2:

@@ -1,33 +1,173 @@
-"""Contacts that are discs, not points: a still finger's |w_i|^2 becomes its mean over the contact, W' G_i W.
+"""Fingertips as discs: modal amplitudes that give each whole contact its vibration.
 
-G_i (M, M) is the mean of phi_k phi_l over the disc. No amplitude but 0 stills a whole disc, so rule (2) of `public` is
-weakened: as many directions of W are given up as the points would take, and those left are the ones in which the
-discs move least, eigenvectors of the sum of G_i. At radius 0 that is the point's rule. The directions given up enter
-the solver as still fingers' rows.
+With r_i = sqrt(W^H G_i W), the RMS over contact i (`plate.contact`), and its target a_i, this sum is least within the
+limits |W_k| <= L_k:
+
+    sum_i weight(a_i) (r_i - a_i)^2  +  sum_k uncertainty_k |W_k|^2  +  stay |W - W_before|^2
+
+weight       the error in friction, squared: friction falls as exp(-a / FRICTION_DECAY_UM), so that of two equal errors
+             in um a finger that should stick feels more (17 times, squared, than one at 1 um). Targets between 0 and
+             1 um pass from one to the other without a step.
+uncertainty  what a mode's own relative error, UNCERTAIN_FRAC of its amplitude, leaves under all fingers.
+stay         keeps the reference from turning faster than the plate follows, where directions are nearly equal.
+
+Phases are free: W is complex, X = Re(W W^H) is any matrix of rank 2, and in X the problem is convex but for the rank.
+That is why a descent from the present amplitudes stays near the best (within 1 % of the best of many starts on four
+modes) and changes continuously with the fingers; it never flips. From r_i >= Re(u_i^H W), with u_i = G_i W / r_i at the
+present W, each r_i a_i is replaced by a linear term, so that a sweep over the modes, each moved to its best and into
+its limit, never raises the sum. One sweep costs O(N M^2) and is exact within limits at any time.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from typing import Final
 
-from .arithmetic import Row, Rows
-from .general import FloatArray, null_basis
+from ..plate.contact import Gram
+from .arithmetic import SAFE, Row
+
+FRICTION_DECAY_UM: Final = 0.7  # Biet, Giraud and Lemaire-Semail 2007; the default friction curve's
+FULL_UM: Final = 1.0  # beyond this the weight stays: friction is nearly as low as it gets
+UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
+STAY_FRAC: Final = 0.03  # of the mean curvature; 0.1 costs 3 % of the slipping finger's share, 0.01 doubles the steps
+WARM_SWEEPS: Final = 8
+COLD_SWEEPS: Final = 64
+LEAST_SHARE: Final = 1e-3  # of a target: a finger that gets less has no direction of its own yet
+MISSED_FRAC: Final = 0.01  # of a target: more than this counts as limited
+COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
 
 
-def contact_problem(rows: Rows, targets: Row, grams: FloatArray) -> tuple[Rows, Row]:
-    """Rows and targets with the still fingers' points replaced by their discs' principal axes; grams (N, M, M)."""
-    still = [index for index, target in enumerate(targets) if target == 0.0]
-    rank = len(grams[0]) - null_basis([rows[index] for index in still], len(grams[0])).shape[1] if still else 0
-    if rank == 0:
-        return rows, targets
-    slipping = [index for index, target in enumerate(targets) if target != 0.0]
-    axes = principal_axes(grams[still], rank)
-    return (*(rows[index] for index in slipping), *axes), (*(targets[index] for index in slipping), *(0.0,) * rank)
+def solve_contacts(
+    grams: list[Gram], targets_um: Row, limits_um: Row, d_um: list[float], q_um: list[float]
+) -> tuple[list[float], bool]:
+    """Move W (M,), given in its parts, to where the sum is least; return each contact's RMS (N,), and `limited`.
+
+    Without a slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
+    """
+    modes = len(limits_um)
+    if max(targets_um) <= 0.0:
+        for k in range(modes):
+            d_um[k] = q_um[k] = 0.0
+        return [0.0] * len(targets_um), False
+    is_cold = True
+    for k in range(modes):
+        is_cold = is_cold and d_um[k] == 0.0 and q_um[k] == 0.0
+    if is_cold:
+        for k in range(modes):
+            start_um = min(limits_um[k], max(targets_um))
+            d_um[k] = start_um * math.cos(COLD_TURN_RAD * k)
+            q_um[k] = start_um * math.sin(COLD_TURN_RAD * k)
+    weights = [math.exp(-2.0 * min(target_um, FULL_UM) / FRICTION_DECAY_UM) for target_um in targets_um]
+    curvature = _curvature(grams, weights)
+    mean = 0.0
+    for k in range(modes):
+        mean += curvature[k][k] / modes
+    stay = 0.0 if is_cold else STAY_FRAC * mean
+    for k in range(modes):
+        curvature[k][k] += UNCERTAIN_FRAC * UNCERTAIN_FRAC * curvature[k][k] + stay
+    before_d_um, before_q_um = [stay * w_um for w_um in d_um], [stay * w_um for w_um in q_um]
+    for _ in range(COLD_SWEEPS if is_cold else WARM_SWEEPS):
+        pull_d, pull_q = before_d_um.copy(), before_q_um.copy()
+        for finger in range(len(grams)):
+            if targets_um[finger] > 0.0:
+                _pull(grams[finger], targets_um[finger], weights[finger], d_um, q_um, pull_d, pull_q)
+        _sweep(curvature, limits_um, pull_d, pull_q, d_um, q_um)
+    achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
+    return achieved_um, _is_limited(achieved_um, targets_um, limits_um, d_um, q_um)
 
 
-def principal_axes(grams: FloatArray, count: int) -> Rows:
-    """The `count` directions of W, as rows, in which these discs (n, M, M) together move most."""
-    size = float(np.max(np.abs(grams)))
-    together = np.sum(grams / size, axis=0) if size > 0.0 else grams[0]
-    _, vectors = np.linalg.eigh((together + together.T) / 2)
-    return tuple(map(tuple, vectors.T[-count:].tolist()))
+def contact_rms_um(gram: Gram, d_um: list[float], q_um: list[float]) -> float:
+    """Return sqrt(W^H G W): the RMS amplitude over a contact."""
+    square = 0.0
+    for k in range(len(gram)):
+        row = gram[k]
+        along_d = along_q = 0.0
+        for other in range(len(row)):
+            along_d += row[other] * d_um[other]
+            along_q += row[other] * q_um[other]
+        square += d_um[k] * along_d + q_um[k] * along_q
+    return math.sqrt(max(square, 0.0))
+
+
+def _curvature(grams: list[Gram], weights: list[float]) -> Gram:
+    """Return the sum of the contacts' Gram matrices, weighted."""
+    modes = len(grams[0])
+    total = [[0.0] * modes for _ in range(modes)]
+    for finger in range(len(grams)):
+        gram, weight = grams[finger], weights[finger]
+        for k in range(modes):
+            row, added = total[k], gram[k]
+            for other in range(modes):
+                row[other] += weight * added[other]
+    return total
+
+
+def _pull(
+    gram: Gram,
+    target_um: float,
+    weight: float,
+    d_um: list[float],
+    q_um: list[float],
+    pull_d: list[float],
+    pull_q: list[float],
+) -> None:
+    """Add weight a G W / r: the slope of what the finger's target asks for, at the present W."""
+    modes = len(gram)
+    along_d, along_q = [0.0] * modes, [0.0] * modes
+    square = 0.0
+    for k in range(modes):
+        row = gram[k]
+        sum_d = sum_q = 0.0
+        for other in range(modes):
+            sum_d += row[other] * d_um[other]
+            sum_q += row[other] * q_um[other]
+        along_d[k], along_q[k] = sum_d, sum_q
+        square += d_um[k] * sum_d + q_um[k] * sum_q
+    rms_um = math.sqrt(max(square, 0.0))
+    if rms_um > LEAST_SHARE * target_um:
+        scale = weight * target_um / rms_um
+        for k in range(modes):
+            pull_d[k] += scale * along_d[k]
+            pull_q[k] += scale * along_q[k]
+        return
+    for k in range(modes):  # W gives it nothing: from rest it may follow any of its modes
+        pull_d[k] += weight * target_um * math.sqrt(max(gram[k][k], 0.0))
+
+
+def _sweep(
+    curvature: Gram, limits_um: Row, pull_d: list[float], pull_q: list[float], d_um: list[float], q_um: list[float]
+) -> None:
+    """Move each mode in turn to where the sum is least with the others held, and into its limit."""
+    modes = len(limits_um)
+    for k in range(modes):
+        row = curvature[k]
+        own = row[k]
+        if not own > 0.0:  # no finger feels this mode
+            d_um[k] = q_um[k] = 0.0
+            continue
+        rest_d, rest_q = pull_d[k] + own * d_um[k], pull_q[k] + own * q_um[k]
+        for other in range(modes):
+            rest_d -= row[other] * d_um[other]
+            rest_q -= row[other] * q_um[other]
+        w_d_um, w_q_um = rest_d / own, rest_q / own
+        size_um, limit_um = math.hypot(w_d_um, w_q_um), limits_um[k]
+        if not size_um < SAFE:  # shapes whose products leave the range of floats
+            w_d_um = w_q_um = 0.0
+        elif size_um > limit_um:
+            w_d_um, w_q_um = w_d_um * (limit_um / size_um), w_q_um * (limit_um / size_um)
+        d_um[k], q_um[k] = w_d_um, w_q_um
+
+
+def _is_limited(
+    achieved_um: list[float], targets_um: Row, limits_um: Row, d_um: list[float], q_um: list[float]
+) -> bool:
+    """Whether some mode is at its limit while a finger misses its target."""
+    is_short = False
+    for finger in range(len(targets_um)):
+        is_short = is_short or achieved_um[finger] < (1.0 - MISSED_FRAC) * targets_um[finger]
+    if not is_short:
+        return False
+    for k in range(len(limits_um)):
+        if d_um[k] * d_um[k] + q_um[k] * q_um[k] >= (1.0 - MISSED_FRAC) * limits_um[k] * limits_um[k]:
+            return True
+    return False

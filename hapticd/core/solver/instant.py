@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-import numpy as np
-
 from ...values import SafeDrive, TouchPoint
 from ..phasors import Row, magnitude, re_im
-from ..plate.contact_gram import ContactGram
+from ..plate.contact import contact_gram, disc_points
 from ..plate.mode_shapes import ModeShapes
-from ..plate.parasitic_modes import ParasiticModes
+from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
 from .arithmetic import Rows
-from .contacts import contact_problem
+from .contacts import solve_contacts
 from .derating import derated, is_near_node, least_share, slopes_at
 from .general import solve_fast
 from .phase import solve_phased_fast
@@ -32,16 +30,17 @@ TURN_RAD_NS: Final = 50e-9  # speed of the phase between fingers: faster helps n
 
 
 class ModalSolution:
-    """The plate at one instant: the fingers' places, the mode shapes there, and the amplitudes that serve them.
+    """The plate at one instant: the fingers' places, the amplitudes that serve them, and what each finger gets.
 
-    Not a named tuple: a compiled class is created in a quarter of the time.
+    `achieved_um` (N,) is |w_i| at a point, the RMS over a contact. Not a named tuple: a compiled class is created in a
+    quarter of the time.
     """
 
-    __slots__ = ("limited", "modal_um", "phi", "places")
+    __slots__ = ("achieved_um", "limited", "modal_um", "places")
 
-    def __init__(self, places: list[Place], phi: tuple[tuple[float, ...], ...], modal_um: Row, limited: bool) -> None:
+    def __init__(self, places: list[Place], achieved_um: list[float], modal_um: Row, limited: bool) -> None:
         self.places: Final = places
-        self.phi: Final = phi
+        self.achieved_um: Final = achieved_um
         self.modal_um: Final = modal_um
         self.limited: Final = limited
 
@@ -50,8 +49,8 @@ class InstantSolver:
     """Solver of one plate.
 
     `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
-    `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0: a
-    still finger is a disc, and its mean square is least.
+    `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0:
+    fingers are discs (`contacts`), and amplitudes complex.
     """
 
     def __init__(
@@ -68,38 +67,45 @@ class InstantSolver:
         self._modes = modes
         self._steepest_1_mm = modes.steepest_1_mm()
         self._w_limit_um = w_limit_um
+        self._contact_limit_um = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
         self._solve = solve
         self._derating_mm2_um2 = derating_mm2_um2
         self._rotates = phase_rotation
-        is_point = contact_radius_mm == 0.0  # a disc has no zero to which parasitic modes could be compensated
-        self._parasitic_modes = parasitic_modes if is_point else None
-        self._contact = None if is_point else ContactGram(modes, contact_radius_mm)
+        self._parasitic_modes = parasitic_modes
+        self._disc = disc_points(contact_radius_mm) if contact_radius_mm > 0.0 else []
         self._is_turned = False
 
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before."""
+        if len(self._disc) > 0:
+            return self._solve_contacts(places, previous_um)
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
         for _, _, target_um in places:
             still += target_um == 0.0
-        served, wanted = phi, targets_um
-        if self._contact is not None and still > 0:
-            grams = np.array([self._contact.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
-            served, wanted = contact_problem(phi, targets_um, grams)
         modal_um: Row
         if self._turns(len(places) - still, previous_um):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
             previous_um = tuple(map(complex, previous_um))
-            modal_um, limited = solve_phased_fast(served, wanted, self._w_limit_um, previous_um, turn_rad)
+            modal_um, limited = solve_phased_fast(phi, targets_um, self._w_limit_um, previous_um, turn_rad)
         else:
             real_um = tuple([w_um if isinstance(w_um, float) else w_um.real for w_um in previous_um])
-            modal_um, limited = self._solve(served, wanted, self._w_limit_um, real_um)
+            modal_um, limited = self._solve(phi, targets_um, self._w_limit_um, real_um)
         if self._derating_mm2_um2 > 0.0 and still > 0:
             modal_um = self._derated(places, phi, targets_um, modal_um, limited)
         if self._parasitic_modes is not None:
             modal_um = self._parasitic_modes.silenced(places, phi, modal_um, self._w_limit_um)
-        return ModalSolution(places, phi, modal_um, limited)
+        return ModalSolution(places, [_amplitude_um(row, modal_um) for row in phi], modal_um, limited)
+
+    def _solve_contacts(self, places: list[Place], previous_um: Row) -> ModalSolution:
+        d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
+        for mode in range(len(previous_um)):
+            d_um[mode], q_um[mode] = re_im(previous_um[mode])
+        grams = [contact_gram(self._modes, self._disc, x_mm, y_mm) for x_mm, y_mm, _ in places]
+        targets_um = tuple([target_um for _, _, target_um in places])
+        achieved_um, limited = solve_contacts(grams, targets_um, self._contact_limit_um, d_um, q_um)
+        return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:
         """Phases turn while two fingers slip, and after that until the plate has been silent."""
@@ -138,10 +144,9 @@ class InstantSolver:
 def points(keys: Sequence[Key], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
     """The fingers at a frame's first knot, with the amplitude that each gets there."""
     found = []
-    for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), row in zip(
-        keys, first.places, last.places, first.phi, strict=True
+    for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), achieved_um in zip(
+        keys, first.places, last.places, first.achieved_um, strict=True
     ):
-        achieved_um = _amplitude_um(row, first.modal_um)
         found.append(TouchPoint(key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
     return tuple(found)
 

@@ -6,7 +6,7 @@ with target 0 get 0; (3) the others' sum (|w_i| - a_i)^2 is least, their signs b
 amplitudes therefore stay where they are, where the inverse of Phi flips from limit to limit; at exactly coincident
 fingers W = 0.
 
-`gram` replaces the still fingers' points by contact discs (`contacts`). `solve_phased` also frees the phases (`phase`).
+With `gram` fingers are contacts, under other rules (`contacts`). `solve_phased` frees the phases (`phase`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import Solution
-from .arithmetic import Row, Rows
+from .arithmetic import Row, Rows, clamped
 from .checks import (
     check_turn,
     checked_grams,
@@ -29,10 +29,13 @@ from .checks import (
     checked_targets,
     checked_track,
 )
-from .contacts import contact_problem
+from .contacts import COLD_TURN_RAD, solve_contacts
 from .general import FloatArray, solve_fast
 from .pair import condition
 from .phase import TURN_RAD, solve_phased_fast
+
+_SIZELESS = 1e-12  # a contact of no size is a point
+SETTLING_CALLS = 12  # of a contact's descent, from anywhere
 
 __all__ = ["solve", "solve_batch", "solve_fast", "solve_phased", "solve_phased_fast"]
 
@@ -48,7 +51,8 @@ def solve(
     """Modal amplitudes for one instant.
 
     phi (N, M): mode shapes at the fingers; target_um (N,); limit_um (M,) or one number; previous_um (M,) or None;
-    gram (N, M, M) or None: the mean of phi_k phi_l over each finger's contact.
+    gram (N, M, M) or None: the mean of phi_k phi_l over each finger's contact (`plate.contact_grams`); `achieved_um` is
+    then the RMS over each contact.
     Raises ValueError, in one sentence, for wrong shapes, numbers that are not finite, negative targets, limits that are
     not positive.
     """
@@ -56,10 +60,11 @@ def solve(
     modes = np.shape(phi)[1]
     targets = checked_targets(target_um, len(rows))
     limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
-    served, wanted = rows, targets
     if gram is not None:
-        served, wanted = contact_problem(rows, targets, checked_grams(gram, (len(rows), modes, modes)))
-    modal, limited = solve_fast(served, wanted, limits, previous)
+        grams = checked_grams(gram, (len(rows), modes, modes))
+        if not np.allclose(grams, [np.outer(row, row) for row in rows], rtol=_SIZELESS, atol=0.0):
+            return _solved_contacts(grams, rows, targets, limits, previous)
+    modal, limited = solve_fast(rows, targets, limits, previous)
     achieved = [_amplitude(row, modal) for row in rows]
     return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
 
@@ -70,24 +75,19 @@ def solve_batch(
     limit_um: npt.ArrayLike,
     *,
     previous_um: npt.ArrayLike | None = None,
-    gram: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Modal amplitudes (K, M) for K instants in order; each is the next one's `previous_um`.
 
-    phi (K, N, M); target_um (K, N), or (N,) for all instants; gram (K, N, M, M) or None; the rest as in `solve`.
+    phi (K, N, M); target_um (K, N), or (N,) for all instants; the rest as in `solve`.
     """
     track = checked_track(phi)
     count, fingers, modes = track.shape
     targets = checked_target_track(target_um, count, fingers)
     limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
-    grams = None if gram is None else checked_grams(gram, (count, fingers, modes, modes))
     modal_um: list[Row] = []
-    for index, (shapes, wanted) in enumerate(zip(track.tolist(), targets.tolist(), strict=True)):
+    for shapes, wanted in zip(track.tolist(), targets.tolist(), strict=True):
         rows: Rows = tuple(map(tuple, shapes))
-        target: Row = tuple(wanted)
-        if grams is not None:
-            rows, target = contact_problem(rows, target, grams[index])
-        previous, _ = solve_fast(rows, target, limits, previous)
+        previous, _ = solve_fast(rows, tuple(wanted), limits, previous)
         modal_um.append(previous)
     return np.array(modal_um).reshape(count, modes)
 
@@ -99,11 +99,10 @@ def solve_phased(
     *,
     previous_um: npt.ArrayLike | None = None,
     turn_rad: float = TURN_RAD,
-    gram: npt.ArrayLike | None = None,
 ) -> npt.NDArray[np.complex128]:
     """Complex modal amplitudes (M,) for one instant, with the fingers' phases free.
 
-    phi, target_um, limit_um, gram as in `solve`; previous_um (M,) complex or None; `turn_rad`: how far the phase
+    phi, target_um, limit_um as in `solve`; previous_um (M,) complex or None; `turn_rad`: how far the phase
     between fingers may turn from that of `previous_um`, where their amplitudes leave the choice.
     Raises ValueError as `solve` does.
     """
@@ -112,9 +111,20 @@ def solve_phased(
     targets = checked_targets(target_um, len(rows))
     limits, previous = checked_limits(limit_um, modes), checked_phasors(previous_um, modes)
     check_turn(turn_rad)
-    if gram is not None:
-        rows, targets = contact_problem(rows, targets, checked_grams(gram, (len(rows), modes, modes)))
     return np.array(solve_phased_fast(rows, targets, limits, previous, turn_rad)[0])
+
+
+def _solved_contacts(grams: FloatArray, rows: Rows, targets: Row, limits: Row, previous: Row | None) -> Solution:
+    """Solve for contacts with real amplitudes: a real start stays real."""
+    if previous is None or not any(previous):
+        previous = tuple([limit * math.cos(COLD_TURN_RAD * k) for k, limit in enumerate(limits)])
+    modal, none = list(map(float, previous)), [0.0] * len(limits)
+    listed = grams.tolist()
+    achieved, limited = solve_contacts(listed, targets, limits, modal, none)
+    for _ in range(SETTLING_CALLS):
+        achieved, limited = solve_contacts(listed, targets, limits, modal, none)
+    modal = [clamped(w, limit) for w, limit in zip(modal, limits, strict=True)]
+    return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
 
 
 def _amplitude(row: Row, modal: Row) -> float:

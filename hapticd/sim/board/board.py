@@ -44,7 +44,7 @@ RESET_POWER: Final = 1
 RESET_WATCHDOG: Final = 4
 
 _LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
-_TRANSMIT_BYTES: Final = 512  # all pending messages of three modes together need less
+_TRANSMIT_BYTES: Final = 1024  # all pending messages of six modes together need less
 
 
 @dataclass(frozen=True, slots=True)

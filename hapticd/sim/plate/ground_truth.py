@@ -1,16 +1,16 @@
 """Ground truth of the simulated plate: its true dynamics, in contrast to the daemon's measurements.
 
-Its P = 4 modes, in this order: the driven modes X and Y, and a parasitic pair, in theory 84 Hz above them (9 x 6 nodal
-lines), of which the first may be driven as a third mode. In the rotating frame of the drive each follows
+Its P modes are those of a `Glass`: the driven ones in the order of their amplifiers, then parasitic ones. In the
+rotating frame of the drive each follows
 
     dW/dt = (-decay + j detuning) W - j gain V - (damping by fingers)
 
 with V (M,) the complex actuator voltages. The daemon gets only `measured_mode_map`, a noisy measurement of the driven
 modes with the usual fit, and the sensor signals, which differ from W by crosstalk and noise.
 
-Not modelled: all other modes (the nearest is 154 Hz above: 11 x 1 lines) and their share in the measurement of X and
-Y, the influence of glued actuators and supports on the shapes, hysteresis and heating of the actuators, inertia and
-stiffness of fingers (they damp and couple modes but do not detune them).
+Not modelled: all other modes (the reference plate's nearest is 154 Hz above: 11 x 1 lines) and their share in the
+measurement of the driven ones, the influence of glued actuators and supports on the shapes, hysteresis and heating of
+the actuators, inertia and stiffness of fingers (they damp and couple modes but do not detune them).
 
 Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.free_plate` for the shapes.
 """
@@ -29,12 +29,16 @@ from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.design import fit_cartography, sample_cartography
 
 from . import shapes as plate_shapes
+from .glasses import GLASSES, REFERENCE
 
 FloatArray = npt.NDArray[np.float64]
 
-DRIVEN_MODES = ("11x0", "0x11")  # X and Y: the shapes vary along x and along y
-PARASITIC_MODES = ("9x6", "6x9")
-MODES: tuple[str, ...] = (*DRIVEN_MODES, *PARASITIC_MODES)
+MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and along y, and the pair above them
+DRIVEN_MODES, PARASITIC_MODES = MODES[:2], MODES[2:]
+_SPLIT_HZ = 10.0  # a plate is not quite square: modes of equal frequency are this far to either side of it
+_SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are sized for them
+_LEAST_MODES, _LEAST_PARASITIC = 4, 2  # of all, and of those that no amplifier drives
+FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
 _MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
@@ -55,15 +59,18 @@ class PlateSettings:
     sizes them for the bare plate.
     `parasitic_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
     `shapes` is one of `plate_shapes.KINDS`: shape and normalisation of the modes.
-    `driven_modes` is 2, or 3 if the first of the parasitic pair has an amplifier and a sensor too.
+    `driven_modes` have an amplifier and a sensor; up to three of the reference plate have amplifiers that reach
+    `w_limit_um` each, all others share the size of the first, so that a mode reaches less the farther it is from the
+    drive (`GroundTruth.w_limit_um`).
     """
 
+    plate: str = REFERENCE
     f_x_hz: float = 29195.0
     f_y_hz: float = 29215.0
     drive_hz: float = 29205.0
     q_factor: float = 500.0
     parasitic_offset_hz: float | None = None
-    finger_decay_1_s: float = 115.0
+    finger_decay_1_s: float = FINGER_DECAY_1_S
     shapes: str = plate_shapes.FREE_PLATE
     driven_modes: int = 2
 
@@ -82,11 +89,31 @@ class PlateSettings:
     map_step_mm: float = 4.5
     map_noise_frac: float = 0.02
 
+    @classmethod
+    def of(cls, plate: str, driven_modes: int | None = None) -> PlateSettings:
+        """Return the settings of one of GLASSES with this many amplifiers. Raises ValueError for another name."""
+        if plate == REFERENCE:
+            return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes)
+        if plate not in GLASSES:
+            raise ValueError(f"there is no plate {plate!r}; choose from {', '.join(GLASSES)}.")
+        glass = GLASSES[plate]
+        return cls(
+            plate=plate,
+            drive_hz=glass.drive_hz,
+            driven_modes=glass.driven if driven_modes is None else driven_modes,
+            finger_decay_1_s=FINGER_DECAY_1_S * GLASSES[REFERENCE].mass_ratio(glass),
+            w_limit_um=glass.reach_um,
+            sized_for_damping=1.0,
+        )
+
     def __post_init__(self) -> None:
         if self.shapes not in plate_shapes.KINDS:
             raise ValueError(f"PlateSettings.shapes is {self.shapes!r}; choose from {', '.join(plate_shapes.KINDS)}.")
-        if self.driven_modes not in (2, 3):
-            raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 or 3.")
+        if self.plate not in GLASSES:
+            raise ValueError(f"PlateSettings.plate is {self.plate!r}; choose from {', '.join(GLASSES)}.")
+        most = len(GLASSES[self.plate].modes) - _LEAST_PARASITIC
+        if not 2 <= self.driven_modes <= most:
+            raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 to {most}.")
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, str) or (value is None and field.name == "parasitic_offset_hz"):
@@ -100,10 +127,10 @@ class PlateSettings:
 
 
 class GroundTruth:
-    """True parameters of the plate for the board model: read-only arrays for P = 4 modes, M actuators and sensors.
+    """True parameters of the plate for the board model: read-only arrays for P modes, M actuators and sensors.
 
     `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
-    `gain_um_per_v_s` (P, M): such that at the design damping and without drift `v_limit_v` just holds `w_limit_um`.
+    `gain_um_per_v_s` (P, M): at the design damping and without drift, `v_limit_v` just holds `w_limit_um` (M,).
     `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): result of a sweep of
     the bare plate's driven modes, set in the board's firmware.
     `sensor` (M, P): gain of each mode in each sensor. `loop_phase_rad` (M,): the constant phase of each loop.
@@ -112,16 +139,14 @@ class GroundTruth:
 
     def __init__(self, settings: PlateSettings | None = None) -> None:
         self.settings = settings = PlateSettings() if settings is None else settings
-        offset_hz = settings.parasitic_offset_hz
-        offset_hz = _theory_offset_hz() if offset_hz is None else offset_hz
-        # The plate is not quite square, which splits both pairs alike.
-        pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
-        built_hz = np.concatenate((pair_hz, pair_hz + offset_hz))
+        built_hz = _built_hz(settings)
         driven_hz = built_hz[: settings.driven_modes]
         self.frequency_hz = _read_only(built_hz + settings.detune_hz)
         self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
-        self.gain_um_per_v_s = _read_only(_gain_um_per_v_s(settings, driven_hz, len(built_hz)))
+        own, self.w_limit_um = _amplifiers(settings, driven_hz)
+        parasitic = len(built_hz) - len(own)
+        self.gain_um_per_v_s = _read_only(np.vstack((np.diag(own), *[settings.parasitic_coupling * own] * parasitic)))
         self.sensor = _read_only(_sensor(settings, len(built_hz)))
         self.loop_phase_rad = (settings.loop_phase_rad,) * settings.driven_modes
         self.nominal_decay_1_s = _read_only(math.pi * driven_hz / settings.q_factor)
@@ -129,22 +154,28 @@ class GroundTruth:
         self.nominal_gain_um_per_v_s = _read_only(np.diag(self.gain_um_per_v_s).copy())
         peak = 1.0 if settings.shapes == plate_shapes.FREE_PLATE else plate_shapes.peak_at_fingers()
         self.finger_decay_1_s = peak**2 * settings.finger_decay_1_s
-        self._surfaces = _true_surfaces(settings.shapes)
+        self._names = GLASSES[settings.plate].modes[: len(built_hz)]
+        self._surfaces = _true_surfaces(settings.shapes, settings.plate, self._names)
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return all modes (..., P) at points (..., 2); clamped to the plate's edge, zero where a coordinate is NaN."""
         points = np.asarray(points_mm, np.float64)
         return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
 
+    def true_mode_map(self) -> ModeShapes:
+        """Return the true shapes of the driven modes, as perfect knowledge has them."""
+        x_mm, y_mm, shapes = _true_grid(self.settings.shapes, self.settings.plate, self._names)
+        return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes])
+
     def parasitic_modes(self, seed: int) -> ParasiticModes:
-        """Return the measured parasitic pair: mode map, sweep, and the damping of a finger to within an eighth.
+        """Return the measured parasitic modes: mode map, sweep, and the damping of a finger to within an eighth.
 
         Its mode map has three times the noise, as the actuators hardly drive it.
         """
         settings = self.settings
         parasitic = slice(settings.driven_modes, None)
         return ParasiticModes(
-            self._measured(MODES[parasitic], _PARASITIC_NOISE * settings.map_noise_frac, seed),
+            self._measured(self._names[parasitic], _PARASITIC_NOISE * settings.map_noise_frac, seed),
             self.decay_1_s[parasitic].tolist(),
             self.detuning_rad_s[parasitic].tolist(),
             _MEASURED_FINGER_DECAY * self.finger_decay_1_s,
@@ -155,19 +186,42 @@ class GroundTruth:
 
         Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape.
         """
-        return self._measured(MODES[: self.settings.driven_modes], self.settings.map_noise_frac, seed)
+        return self._measured(self._names[: self.settings.driven_modes], self.settings.map_noise_frac, seed)
 
     def _measured(self, names: tuple[str, ...], noise_frac: float, seed: int) -> ModeShapes:
-        return _mode_map(self.settings.shapes, names, self.settings.map_step_mm, noise_frac, seed)
+        settings = self.settings
+        return _mode_map(settings.shapes, settings.plate, names, settings.map_step_mm, noise_frac, seed)
 
 
-def _gain_um_per_v_s(settings: PlateSettings, driven_hz: FloatArray, modes: int) -> FloatArray:
-    """g = w_limit |decay - j detuning| / v_limit on the driven modes; a share of it drives the parasitic modes."""
+def _built_hz(settings: PlateSettings) -> FloatArray:
+    """Return the frequencies of all modes as built, before drift."""
+    count = _LEAST_MODES if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + _LEAST_PARASITIC
+    names = GLASSES[settings.plate].modes[:count]
+    theory_hz = np.array([plate_shapes.theory(name, settings.plate)[0] for name in names])
+    if settings.plate != REFERENCE:
+        is_pair = np.isclose(theory_hz[:, None], theory_hz, rtol=1e-9)
+        return theory_hz + np.where(
+            is_pair.sum(axis=1) == 2,
+            np.where(is_pair.argmax(axis=1) == np.arange(len(names)), -_SPLIT_HZ, _SPLIT_HZ),
+            0.0,
+        )
+    offset_hz = settings.parasitic_offset_hz
+    offset_hz = theory_hz[2] - theory_hz[0] if offset_hz is None else offset_hz
+    pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
+    return np.concatenate((pair_hz, pair_hz + offset_hz, pair_hz.mean() + theory_hz[4:] - theory_hz[0]))
+
+
+def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatArray, tuple[float, ...]]:
+    """Return each driven mode's gain by its own amplifier, and the amplitude (um) that `v_limit_v` holds."""
     decay_1_s = settings.sized_for_damping * math.pi * driven_hz / settings.q_factor
-    detuning_rad_s = 2.0 * math.pi * (driven_hz - settings.drive_hz)
-    own = settings.w_limit_um * np.hypot(decay_1_s, detuning_rad_s) / settings.v_limit_v
-    coupled = settings.parasitic_coupling * own
-    return np.vstack((np.diag(own), *[coupled] * (modes - len(own))))
+    stiffness_1_s = np.hypot(decay_1_s, 2.0 * math.pi * (driven_hz - settings.drive_hz))
+    own = settings.w_limit_um * stiffness_1_s / settings.v_limit_v
+    if settings.plate == REFERENCE and settings.driven_modes <= _SIZED_EACH:
+        return own, (settings.w_limit_um,) * len(own)
+    alike = np.full(
+        len(own), own[0] if settings.plate == REFERENCE else settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
+    )
+    return alike, tuple((alike * settings.v_limit_v / stiffness_1_s).tolist())
 
 
 def _sensor(settings: PlateSettings, modes: int) -> FloatArray:
@@ -177,21 +231,24 @@ def _sensor(settings: PlateSettings, modes: int) -> FloatArray:
     return sensor
 
 
-def _theory_offset_hz() -> float:
-    return plate_shapes.theory(PARASITIC_MODES[0])[0] - plate_shapes.theory(DRIVEN_MODES[0])[0]
+@lru_cache(maxsize=len(plate_shapes.KINDS))
+def _true_grid(kind: str, glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Tabulate the shapes: summing their Legendre series at every point takes several times as long."""
+    shapes = plate_shapes.shapes(kind, names, glass)
+    x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
+    return x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])
 
 
 @lru_cache(maxsize=len(plate_shapes.KINDS))
-def _true_surfaces(kind: str) -> BicubicSurfaces:
-    """Tabulate the four shapes: summing their Legendre series at every point takes several times as long."""
-    shapes = plate_shapes.shapes(kind, MODES)
-    x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
-    return BicubicSurfaces(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]))
+def _true_surfaces(kind: str, glass: str, names: tuple[str, ...]) -> BicubicSurfaces:
+    return BicubicSurfaces(*_true_grid(kind, glass, names))
 
 
 @lru_cache(maxsize=16)
-def _mode_map(kind: str, names: tuple[str, ...], step_mm: float, noise_frac: float, seed: int) -> ModeShapes:
-    true_shapes = plate_shapes.shapes(kind, names)
+def _mode_map(
+    kind: str, glass: str, names: tuple[str, ...], step_mm: float, noise_frac: float, seed: int
+) -> ModeShapes:
+    true_shapes = plate_shapes.shapes(kind, names, glass)
     x_mm, y_mm, shapes = sample_cartography(true_shapes, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
     return fit_cartography(x_mm, y_mm, shapes, size_mm=true_shapes[0].size_mm, normalise=False).modes
 

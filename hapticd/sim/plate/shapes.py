@@ -20,6 +20,8 @@ import numpy as np
 
 from hapticd.design import ModeShape, free_plate_modes, legendre
 
+from .glasses import GLASSES, REFERENCE
+
 FREE_PLATE, PEAK_AT_FINGERS, COSINES = KINDS = ("free plate", "peak at fingers", "cosines")
 BEYOND_REACH_MM = 10.0  # from the edge
 WAVELENGTH_MM = 27.0
@@ -29,9 +31,9 @@ _DEGREE = 60  # of the Legendre series of five waves: their error is rounding
 
 
 @lru_cache(maxsize=16)
-def shapes(kind: str, names: tuple[str, ...]) -> tuple[ModeShape, ...]:
-    """Return the modes with these nodal lines, such as "9x6"; `kind` is one of KINDS."""
-    chosen = tuple(theory(name)[1] for name in names)
+def shapes(kind: str, names: tuple[str, ...], glass: str = REFERENCE) -> tuple[ModeShape, ...]:
+    """Return a plate's modes with these nodal lines, such as "9x6"; `kind` is one of KINDS, `glass` of GLASSES."""
+    chosen = tuple(theory(name, glass)[1] for name in names)
     if kind == COSINES:
         return tuple(_cosine(shape) for shape in chosen)
     if kind == PEAK_AT_FINGERS:
@@ -39,9 +41,9 @@ def shapes(kind: str, names: tuple[str, ...]) -> tuple[ModeShape, ...]:
     return chosen
 
 
-def theory(name: str) -> tuple[float, ModeShape]:
+def theory(name: str, glass: str = REFERENCE) -> tuple[float, ModeShape]:
     """Return frequency (Hz) and shape of a mode of the free plate. Raises KeyError for an unknown name."""
-    return _by_name()[name]
+    return _by_name(glass)[name]
 
 
 def peak_at_fingers(name: str = _REFERENCE) -> float:
@@ -63,6 +65,8 @@ def _cosine(shape: ModeShape) -> ModeShape:
     return replace(shape, coefficients=np.outer(*across))
 
 
-@lru_cache(maxsize=1)
-def _by_name() -> dict[str, tuple[float, ModeShape]]:
-    return {shape.name: (frequency_hz, shape) for frequency_hz, shape in free_plate_modes()}
+@lru_cache(maxsize=len(GLASSES))
+def _by_name(glass: str) -> dict[str, tuple[float, ModeShape]]:
+    plate = GLASSES[glass]
+    modes = free_plate_modes(plate.size_mm, plate.thickness_mm, band_hz=plate.band_hz)
+    return {shape.name: (frequency_hz, shape) for frequency_hz, shape in modes}

@@ -11,10 +11,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.phasors import Row
-from hapticd.core.plate.contact_gram import disc_gram
+from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.instant import InstantSolver, ModalSolution, Place, interpolated_um
 from hapticd.core.trajectory.gate import silence
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.values import Knot, LimitReason, SafeDrive
 
 W_LIMIT_UM = (4.0, 4.0)
@@ -47,6 +48,10 @@ def walked(chosen: InstantSolver, first_um: float, second_um: float) -> list[Mod
     return solutions
 
 
+def shapes_at(solution: ModalSolution) -> np.ndarray:
+    return PLATE.evaluate([place[:2] for place in solution.places])
+
+
 def least_midway_um(solutions: list[ModalSolution]) -> float:
     """The least that a finger gets halfway between two solutions that both serve, where the board interpolates."""
     least_um = math.inf
@@ -54,7 +59,7 @@ def least_midway_um(solutions: list[ModalSolution]) -> float:
         if before.limited or after.limited:
             continue
         middle_um = (np.array(before.modal_um) + np.array(after.modal_um)) / 2
-        least_um = min(least_um, float(np.abs(np.array(after.phi) @ middle_um).min()))
+        least_um = min(least_um, float(np.abs(shapes_at(after) @ middle_um).min()))
     return least_um
 
 
@@ -79,8 +84,8 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
     alone = chosen.solve(turned.places[:1], turned.modal_um, STEP_NS)
 
     midway_um = (np.array(turned.modal_um) + np.array(alone.modal_um)) / 2
-    assert abs(np.array(alone.phi[0]) @ np.array(alone.modal_um)) == pytest.approx(1.0)
-    assert abs(np.array(alone.phi[0]) @ midway_um) > 0.9
+    assert alone.achieved_um == pytest.approx([1.0])
+    assert abs(shapes_at(alone)[0] @ midway_um) > 0.9
 
 
 @given(
@@ -112,19 +117,16 @@ def test_a_polyline_is_continued_in_floats_where_no_phase_turns_and_in_phasors_w
     assert interpolated_um(turning, 9000) == (1.0, 0.0)  # long over
 
 
-def test_a_disc_moves_less_on_the_whole_than_when_its_centre_alone_is_still() -> None:
-    places: list[Place] = [(-9.0, -4.0, 1.0), (12.0, 21.0, 0.0)]
-    gram = disc_gram(PLATE, [places[1][:2]], 5.0)[0]
-    rms_um = []
-    for radius_mm in (0.0, 5.0):
-        chosen = InstantSolver(
-            PLATE,
-            W_LIMIT_UM,
-            derating_mm2_um2=0.0,
-            phase_rotation=True,
-            contact_radius_mm=radius_mm,
-        )
-        modal_um = np.array(chosen.solve(places, (0.0, 0.0), STEP_NS).modal_um)
-        got_um = abs(np.array(PLATE.at(*places[0][:2])) @ modal_um)
-        rms_um.append(math.sqrt(modal_um @ gram @ modal_um) / got_um)
-    assert rms_um[1] < rms_um[0]
+def test_with_a_radius_fingers_are_contacts_and_what_they_get_is_their_rms() -> None:
+    plate = GroundTruth(PlateSettings.of("fingertip"))
+    modes = plate.measured_mode_map(1)
+    chosen = InstantSolver(modes, plate.w_limit_um, derating_mm2_um2=1.0, phase_rotation=True, contact_radius_mm=5.0)
+    solution = chosen.solve([(-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)], (0j,) * 4, STEP_NS)
+    grams = contact_grams(modes, [(-40.0, 10.0), (35.0, -20.0)], 5.0)
+    modal_um = np.array(solution.modal_um)
+
+    assert solution.achieved_um == pytest.approx(
+        [math.sqrt((modal_um.conj() @ gram @ modal_um).real) for gram in grams]
+    )
+    assert solution.achieved_um[0] > 10.0 * solution.achieved_um[1]
+    assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(solution.modal_um, plate.w_limit_um, strict=True))

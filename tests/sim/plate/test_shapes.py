@@ -62,7 +62,7 @@ def test_a_third_mode_has_an_amplifier_a_sensor_and_a_place_on_the_map(kind: str
 def test_what_there_is_not_is_refused() -> None:
     with pytest.raises(ValueError, match=r"shapes is .sines.; choose from free plate"):
         PlateSettings(shapes="sines")
-    with pytest.raises(ValueError, match=r"driven_modes is 4; give 2 or 3"):
-        PlateSettings(driven_modes=4)
+    with pytest.raises(ValueError, match=r"driven_modes is 5; give 2 to 4"):
+        PlateSettings(driven_modes=5)
     with pytest.raises(KeyError):
         plate_shapes.theory(DRIVEN_MODES[0] + "0")
