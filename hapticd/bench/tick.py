@@ -19,6 +19,8 @@ from ..daemon.machine import Machine
 from ..sim.fingers.paths import Circle, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..sim.lockstep import Settings
+from ..sim.plate.glasses import FINGERTIP
+from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..values import AmplitudeTarget, GratingTarget
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
@@ -27,6 +29,7 @@ from .timing import REPEATS, least_by_pass, no_garbage_collection
 
 PERIOD_S = 0.01125
 DEFAULT = "two fingers"
+CONTACTS = "two contacts, four modes"
 FIVE_FINGERS = "five fingers, three modes"
 _CENTRES_MM = ((-38.0, -30.0), (-16.0, 22.0), (4.0, -26.0), (24.0, 28.0), (42.0, -20.0))
 _SETTLE_S = 0.5  # from landing to the first pass that counts
@@ -111,7 +114,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
-    three_modes = _three_modes()
+    three_modes, contacts = _three_modes(), _contacts()
     return {
         DEFAULT: _Situation(strokes, config),
         "with telemetry": _Situation(strokes, config, lambda _: None),
@@ -120,6 +123,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "a texture, 20 knots": _Situation(_textured(strokes), textured_config),
         "both slip": _Situation(both_slip, config),
         FIVE_FINGERS: _Situation(record(_five_fingers(), settings=three_modes, seconds=span_s), three_modes.config),
+        CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
         "no finger": _Situation(record((), seconds=span_s, timed="timer"), config),
@@ -141,6 +145,12 @@ def _three_modes() -> Settings:
     ours = Settings()
     config = changed(ours.config, {"limits": {"w_limit_um": (4.0,) * 3}})
     return replace(ours, plate=replace(ours.plate, driven_modes=3), config=config)
+
+
+def _contacts() -> Settings:
+    plate = PlateSettings.of(FINGERTIP)
+    config = changed(Config(), {"limits": {"w_limit_um": GroundTruth(plate).w_limit_um}})
+    return Settings(plate=plate, config=config)
 
 
 def _textured(recording: Recording) -> Recording:
