@@ -16,6 +16,7 @@ from .. import __version__
 from ..errors import UsageError
 from ..files.outputs import check_writable, write_text
 from . import (
+    contacts,
     firmware,
     leak,
     leak_budget,
@@ -52,7 +53,7 @@ MOST_STEPS = 1_000_000_000  # half an hour
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda _: prediction.run(),
-    "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes()),
+    "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes(), contacts.run()),
     "stability": lambda extent: stability.run(steps=extent.steps),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "recording": lambda extent: (recording_cost.run(seconds=extent.seconds),),

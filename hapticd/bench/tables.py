@@ -13,6 +13,7 @@ from typing import Any
 
 UNITS = {
     "_um_per_um": "um/um",
+    "_um2": "um2",
     "_count": "",
     "_frac": "frac",
     "_deg": "deg",

@@ -9,7 +9,7 @@ from functools import cache
 
 import pytest
 
-from hapticd.bench import solver, solver_tracks, stability
+from hapticd.bench import contacts, solver, solver_tracks, stability
 from hapticd.bench.tables import UNITS, Table, plain
 
 pytestmark = pytest.mark.long
@@ -17,6 +17,7 @@ pytestmark = pytest.mark.long
 TABLES: dict[str, Callable[[], Table]] = {
     "solver": lambda: solver.run(problems=120, repeats=1, timed=5),
     "both_slip": lambda: solver_tracks.run(strokes=6, repeats=1),
+    "contacts": lambda: contacts.run(problems=4, repeats=1),
     "sizes": lambda: solver.sizes(calls=1, repeats=1),
     "situations": lambda: stability.situations(problems=5),
     "walk": lambda: stability.walk(steps=10_000),
@@ -104,3 +105,9 @@ def test_outside_references_that_are_missing_are_skipped_by_name(monkeypatch: py
     ):
         assert found.skipped
         assert not [row.name for row in found.rows if row.name.startswith(tuple(found.skipped))]
+
+
+def test_one_call_from_a_millimetre_away_is_near_the_best_that_a_general_minimiser_finds() -> None:
+    for fingers, modes in contacts.SIZES:
+        name = f"{fingers} contacts, {modes} modes"
+        assert figure("contacts", name, "cost_um2") < 1.3 * figure("contacts", name, "least_um2") + 0.01

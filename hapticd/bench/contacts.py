@@ -1,0 +1,123 @@
+"""The contact solver's time and error, beside a general minimiser of the same sum from many starts.
+
+Problems are fingers at random on the fingertip plate, one still for each slippery one, and the amplitudes before are
+those of fingers 1 mm away, as in the touch path. The touch path's knots are closer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from ..core.plate.contact import Gram, contact_grams
+from ..core.solver.contacts import FRICTION_DECAY_UM, FULL_UM, UNCERTAIN_FRAC, solve_contacts
+from ..sim.plate.glasses import FINGERTIP
+from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.score import CONTACT_RADIUS_MM
+from .tables import Table, finite_rows
+from .timing import REPEATS, compare, optional
+
+FloatArray = npt.NDArray[np.float64]
+SIZES = ((2, 4), (2, 5), (2, 6), (3, 6), (5, 6))  # fingers and modes
+REACH_MM, LEAST_GAP_MM = 85.0, 20.0
+STARTS = 5  # of the general minimiser
+SETTLING = 6  # calls until the amplitudes before are settled
+
+
+class _Problem:
+    """One moment: Gram matrices before and now, and the amplitudes before."""
+
+    def __init__(self, plate: GroundTruth, fingers: int, random: np.random.Generator) -> None:
+        modes = plate.true_mode_map()
+        points_mm = _apart(fingers, random)
+        self.limits_um = plate.w_limit_um
+        self.targets_um = tuple(float(index % 2 == 0) for index in range(fingers))
+        before = contact_grams(modes, points_mm + random.normal(scale=1.0, size=points_mm.shape), CONTACT_RADIUS_MM)
+        self.grams: list[Gram] = contact_grams(modes, points_mm, CONTACT_RADIUS_MM).tolist()
+        self.d_um, self.q_um = [0.0] * modes.M, [0.0] * modes.M
+        for _ in range(SETTLING):
+            solve_contacts(before.tolist(), self.targets_um, self.limits_um, self.d_um, self.q_um)
+
+    def solved(self) -> npt.NDArray[np.complex128]:
+        d_um, q_um = self.d_um.copy(), self.q_um.copy()
+        solve_contacts(self.grams, self.targets_um, self.limits_um, d_um, q_um)
+        return np.array(d_um) + 1j * np.array(q_um)
+
+    def cost_um2(self, modal_um: npt.NDArray[np.complex128]) -> float:
+        """Return the sum that is to be least, without what keeps it near the amplitudes before."""
+        total = 0.0
+        for gram, target_um in zip(np.array(self.grams), self.targets_um, strict=True):
+            weight = math.exp(-2.0 * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
+            square = max(float((modal_um.conj() @ gram @ modal_um).real), 0.0)
+            uncertain = UNCERTAIN_FRAC**2 * float(np.diag(gram) @ np.abs(modal_um) ** 2)
+            total += weight * ((math.sqrt(square) - target_um) ** 2 + uncertain)
+        return total
+
+
+def run(*, problems: int = 20, repeats: int = REPEATS) -> Table:
+    """Compare one warm call with the best of a general minimiser's starts."""
+    sets = {f"{fingers} contacts, {modes} modes": _problems(fingers, modes, problems) for fingers, modes in SIZES}
+    times = compare({name: (partial(_solve_all, chosen), problems) for name, chosen in sets.items()}, repeats)
+    minimise = optional("scipy.optimize")
+    rows = []
+    for name, chosen in sets.items():
+        figures = times[name].figures() | {"cost_um2": float(np.mean([one.cost_um2(one.solved()) for one in chosen]))}
+        if minimise is not None:
+            random = np.random.default_rng(5)
+            least = [min(_minimised(minimise, one, random) for _ in range(STARTS)) for one in chosen]
+            figures["least_um2"] = float(np.mean(least))
+        rows.append((name, figures))
+    return Table(
+        name="contacts",
+        title=f"solver: contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate, a call from 1 mm away",
+        default=f"{SIZES[0][0]} contacts, {SIZES[0][1]} modes",
+        rows=finite_rows(rows),
+        compared=("time_us", "cost_um2"),
+        time="time_us",
+        skipped={} if minimise is not None else {"least": "scipy is not installed"},
+        notes=(f"cost: what is to be least, of 1 um and 0; least: SciPy's SLSQP, the best of {STARTS} starts",),
+    )
+
+
+def _problems(fingers: int, modes: int, count: int) -> list[_Problem]:
+    plate, random = GroundTruth(PlateSettings.of(FINGERTIP, modes)), np.random.default_rng(11)
+    return [_Problem(plate, fingers, random) for _ in range(count)]
+
+
+def _apart(fingers: int, random: np.random.Generator) -> FloatArray:
+    """Return points (N, 2) at random, LEAST_GAP_MM apart."""
+    points: list[FloatArray] = []
+    while len(points) < fingers:
+        point = random.uniform(-REACH_MM, REACH_MM, 2)
+        if all(np.hypot(*(point - other)) > LEAST_GAP_MM for other in points):
+            points.append(point)
+    return np.array(points)
+
+
+def _solve_all(problems: Sequence[_Problem]) -> None:
+    for problem in problems:
+        problem.solved()
+
+
+def _minimised(optimize: object, problem: _Problem, random: np.random.Generator) -> float:
+    """Return the least cost that SLSQP finds from a random start; unknowns are W in parts, in units of the limits."""
+    limits_um = np.array(problem.limits_um)
+    count = len(limits_um)
+
+    def modal_um(parts: FloatArray) -> npt.NDArray[np.complex128]:
+        phasors: npt.NDArray[np.complex128] = (parts[:count] + 1j * parts[count:]) * limits_um
+        return phasors
+
+    inside = {"type": "ineq", "fun": lambda parts: 1.0 - parts[:count] ** 2 - parts[count:] ** 2}
+    found = optimize.minimize(  # type: ignore[attr-defined]
+        lambda parts: problem.cost_um2(modal_um(parts)),
+        random.uniform(-0.5, 0.5, 2 * count),
+        method="SLSQP",
+        constraints=[inside],
+        options={"maxiter": 200},
+    )
+    return float(found.fun)
