@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from . import __version__
 from .errors import HapticdError
+from .files.outputs import check_arguments
 
 
 class Command(NamedTuple):
@@ -120,6 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
     try:
+        check_arguments(options)
         code = int(options.command(options) or 0)
         sys.stdout.flush()
         return code

@@ -63,6 +63,18 @@ class SimulationError(HapticdError, ValueError):
     exit_code = 64  # EX_USAGE
 
 
+def missing_library(need: str, extra: str) -> HapticdError:
+    """Return the error for a `need` such as "A picture needs matplotlib", met by an extra of pyproject.toml."""
+    return HapticdError(f'{need}: run `pip install ".[{extra}]"` in the checkout of hapticd.')
+
+
+def missing_client(need: str) -> HapticdError:
+    """Return the error for what needs the client library."""
+    return HapticdError(
+        f"{need} needs the client library: run `pip install clients/python` in the checkout of hapticd."
+    )
+
+
 def reason(error: Exception) -> str:
     """Return the system's message without error number and file name."""
     return str(getattr(error, "strerror", None) or error)

@@ -197,30 +197,6 @@ def test_a_closed_pipe_is_no_error() -> None:
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("demo", "--out"),
-        ("simulate", "strokes", "--plot"),
-        ("simulate", "strokes", "--json"),
-        ("simulate", "strokes", "--out"),
-        ("map", "--plot"),
-        ("map", "--out"),
-        ("latency", "--sim", "--ledger"),
-        ("bench", "all", "--json"),
-    ],
-    ids=" ".join,
-)
-@pytest.mark.parametrize(("place", "why"), [("missing/file", "its directory is missing"), (".", "is a directory")])
-def test_an_unwritable_output_is_refused_before_the_work(
-    command: tuple[str, ...], place: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, output, complaint = outcome(capsys, *command, str(tmp_path / place))
-    assert (code, output) == (2, "")
-    assert complaint.startswith(f"hapticd: {tmp_path / place}: {why}")
-    assert complaint.count("\n") == 1
-
-
 @pytest.mark.parametrize("command", [("demo",), ("latency", "--sim")])
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
 def test_no_time_is_a_usage_error(command: tuple[str, ...], seconds: str, capsys: pytest.CaptureFixture[str]) -> None:

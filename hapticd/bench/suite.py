@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError
-from ..files.outputs import check_writable, write_text
+from ..files.outputs import write_text
 from . import (
     firmware,
     leak,
@@ -83,7 +83,6 @@ def run(
         raise UsageError(f"--seconds: {seconds:g} is out of bounds, it must be 0 .. 600.")
     if not 0 <= steps <= MOST_STEPS:
         raise UsageError(f"--steps: {steps} is out of bounds, it must be 0 .. {MOST_STEPS}.")
-    check_writable(json_file, plot)
     out = sys.stderr if json_file == "-" else sys.stdout
     figures: dict[str, dict[str, Any]] = {}
     found: list[Table] = []

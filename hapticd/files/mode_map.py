@@ -22,6 +22,8 @@ import numpy.typing as npt
 
 from hapticd.errors import ModesError
 
+from .outputs import opened
+
 Floats = npt.NDArray[np.float64]
 Grid = tuple[Floats, Floats, Floats]
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -56,12 +58,10 @@ def read_scan(path: str | Path) -> Scan:
 
 
 def write_grid(path: str | Path, grid: Grid) -> None:
-    """Write a grid as NPZ or CSV, by the suffix; `read_grid` returns the same numbers. Raises ModesError."""
+    """Write a grid as NPZ or CSV, by the suffix; `read_grid` returns the same numbers. Raises HapticdError."""
     data = encode_grid(grid, _suffix(Path(path)))
-    try:
-        Path(path).write_bytes(data)
-    except OSError as error:
-        raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+    with opened(Path(path)) as file:
+        file.write(data)
 
 
 def decode_grid(data: bytes, suffix: str) -> Grid:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import HapticdError
+from ..files.outputs import opened
 from . import lockstep
 from .fingers.scenarios import STEP_S
 from .lockstep import Run
@@ -101,11 +101,8 @@ def table(report: Mapping[str, Any]) -> str:
 
 def save(played: Run, path: Path) -> None:
     """Write the run's arrays to an NPZ file, under exactly this name."""
-    try:
-        with path.open("wb") as file:
-            np.savez_compressed(file, **{name: getattr(played, name) for name in ARRAYS})
-    except OSError as error:
-        raise HapticdError(f"The arrays cannot be written to {path}: {error.strerror or error}.") from None
+    with opened(path) as file:
+        np.savez_compressed(file, **{name: getattr(played, name) for name in ARRAYS})
 
 
 def _plain(scored: Score) -> dict[str, float | None]:

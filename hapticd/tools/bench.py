@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+
+from ..files import outputs
 
 PARTS = ("modes", "prediction", "solver", "stability", "tick", "recording", "leak", "firmware", "soak", "all")
 
@@ -22,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="plot error against run time")
+    outputs.add_json(parser)
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="plot error against run time")
     parser.set_defaults(command=_bench)
 
 

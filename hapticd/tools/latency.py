@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import csv
+import io
 import json
 import math
 import sys
@@ -26,9 +27,8 @@ from ..daemon.lifecycle import serve
 from ..daemon.machine import Machine
 from ..daemon.service import ConfigLoader, Prepared
 from ..daemon.status import histogram_fields
-from ..errors import HapticdError, UsageError, reason
-from ..files import plotting
-from ..files.outputs import check_writable, write_text
+from ..errors import HapticdError, UsageError
+from ..files import outputs, plotting
 from ..values import AmplitudeTarget, ClientTargets, Target
 from .run import add_config_arguments, configuration, log_to_stderr
 
@@ -67,9 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the devices, the duration, and the outputs."""
     add_config_arguments(parser)
     parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10); move two fingers meanwhile")
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--ledger", type=Path, metavar="F.csv", help="write a line per frame: its report, ages, delays")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the distributions")
+    outputs.add_json(parser)
+    outputs.add_file(
+        parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
+    )
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
     parser.set_defaults(command=_latency)
 
 
@@ -84,12 +86,10 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
     Raises HapticdError if the board applied no frame.
     """
-    check_writable(json_file, ledger, plot)
-    plotting.check(plot)
     measured = measure(config, seconds)
     print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
     if json_file is not None:
-        write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
+        outputs.write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
     if ledger is not None:
         write_ledger(measured.lines, ledger)
     if plot is not None:
@@ -207,13 +207,10 @@ def sparkline(histogram: Histogram) -> str:
 
 def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
     """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
-    try:
-        with path.open("w", newline="", encoding="ascii") as file:
-            writer = csv.writer(file)
-            writer.writerow([field.name for field in fields(LedgerLine)])
-            writer.writerows(map(astuple, lines))
-    except OSError as error:
-        raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
+    with outputs.opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
+        writer = csv.writer(text)
+        writer.writerow([field.name for field in fields(LedgerLine)])
+        writer.writerows(map(astuple, lines))
 
 
 def draw(measured: Measured, path: Path, **style: int) -> None:

@@ -22,8 +22,8 @@ from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError
-from ..files import plotting
-from ..files.outputs import check_writable, write_text
+from ..files import outputs, plotting
+from ..files.mode_map import FORMATS
 from .calibrate.modes import parse_size
 
 SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
@@ -58,16 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--amplitude", dest="amplitude_um", type=float, default=4.0, metavar="UM", help="of both modes (default 4)"
     )
-    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the pair's shapes as a mode file")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the shapes and the stamps")
-    parser.add_argument("--json", metavar="F", help="write pairs and stamps as JSON; - is standard output")
+    outputs.add_file(parser, "--out", FORMATS, metavar="F.npz", help="write the pair's shapes as a mode file")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the shapes and the stamps")
+    outputs.add_json(parser, "pairs and stamps")
     parser.set_defaults(command=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the tables and write the outputs. Raises HapticdError."""
-    check_writable(options.json, options.out, options.plot)
-    plotting.check(options.plot)
     size_mm = parse_size(options.size)
     try:
         pairs = _pairs(options, size_mm, find_material(options.material))
@@ -155,7 +153,7 @@ def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp
         "taken": pairs.index(pair) + 1,
         "stamps": [stamp._asdict() for stamp in nodes],
     }
-    write_text(json.dumps(table, indent=2) + "\n", file)
+    outputs.write_text(json.dumps(table, indent=2) + "\n", file)
 
 
 def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None:

@@ -6,8 +6,8 @@ import argparse
 import json
 import sys
 import time
-from pathlib import Path
 
+from ..files import outputs
 from ..sim.fingers.scenarios import SCENARIOS
 
 
@@ -23,20 +23,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it like the paper's figures")
-    parser.add_argument("--record", type=Path, metavar="F.mcap", help="record it, with the plate's ground truth")
+    outputs.add_json(parser)
+    outputs.add_file(parser, "--out", outputs.NPZ, metavar="F.npz", help="write the arrays of the run")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw it like the paper's figures")
+    outputs.add_file(
+        parser, "--record", outputs.RECORDING, metavar="F.mcap", help="record it, with the plate's ground truth"
+    )
     parser.set_defaults(command=_simulate)
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    from ..files import plotting
-    from ..files.outputs import check_writable, write_text
     from ..sim import lockstep, report
 
-    check_writable(options.json, options.out, options.plot, options.record)
-    plotting.check(options.plot)
     settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise)
     t_start_s = time.perf_counter()
     if options.record is None:
@@ -44,6 +42,7 @@ def _simulate(options: argparse.Namespace) -> None:
     else:
         from .record import simulated
 
+        options.record.unlink(missing_ok=True)  # with --force: a recording would take the next free name
         result = simulated.run(
             options.scenario, options.record, settings=settings, seed=options.seed, seconds=options.seconds
         )
@@ -52,7 +51,7 @@ def _simulate(options: argparse.Namespace) -> None:
     print(report.table(figures), file=sys.stderr)
     print(f"{result.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
     if options.json is not None:
-        write_text(json.dumps(figures, indent=2) + "\n", options.json)
+        outputs.write_text(json.dumps(figures, indent=2) + "\n", options.json)
     if options.out is not None:
         report.save(result, options.out)
     if options.plot is not None:

@@ -84,5 +84,5 @@ def test_a_wrong_argument_is_one_sentence_before_anything_runs(
 
 @pytest.mark.usefixtures("quick")
 def test_a_picture_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(HapticdError, match="is a directory: name a file in it"):
-        suite.run("solver", seconds=0.0, json_file=None, plot=tmp_path)
+    with pytest.raises(HapticdError, match="cannot be written"):
+        suite.run("solver", seconds=0.0, json_file=None, plot=tmp_path / "none" / "solver.png")

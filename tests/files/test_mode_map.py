@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.errors import ModesError
+from hapticd.errors import HapticdError, ModesError
 from hapticd.files.mode_map import FORMATS, decode_grid, decode_scan, encode_grid, read_grid, read_scan
 
 HEADER = "x_mm,y_mm,phi_1,phi_2\n"
@@ -124,7 +124,7 @@ def test_a_missing_or_nameless_file_is_refused(tmp_path: Path, name: str) -> Non
 
 
 def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ModesError, match="cannot be written"):
+    with pytest.raises(HapticdError, match="cannot be written"):
         ModeShapes.from_grid(*uneven_grid(0)).save(tmp_path / "no-such-directory" / "plate.npz")
 
 

@@ -24,9 +24,10 @@ from ...errors import CalibrationError, ModesError
 from ...files import plotting
 from ...files.mode_map import Scan, read_scan
 from . import simulated
+from .folder import MODES_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
-MODES_FILE, PICTURE_FILE = "modes.npz", "modes.png"
+PICTURE_FILE = "modes.png"
 
 USUAL_LIMIT_UM = LimitsConfig().w_limit_um
 GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # at the sticky finger, for 1 um at the other

@@ -41,6 +41,7 @@ def _step(steps: Any, name: str, summary: str, example: str) -> argparse.Argumen
     )
     # Suppressed, so that the default of the parent parser remains.
     parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
+    parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
     parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
     parser.add_argument("--seed", type=int, default=1, help="of the simulated measurements (default 1)")
     parser.set_defaults(step=name)
@@ -136,9 +137,11 @@ def _run(options: argparse.Namespace) -> int:
     if options.seed < 0:
         raise CalibrationError(f"--seed is {options.seed}: give 0 or more.")
     plotting.check(options.out / f"{options.step}.png")
-    folder.prepare(options.out, is_simulated=options.sim)
     steps = _steps()
-    outcomes = [_run_step(name, steps[name], options) for name in (steps if options.step == "all" else [options.step])]
+    names = list(steps) if options.step == "all" else [options.step]
+    given = [value for name, value in vars(options).items() if name in ("config", "scan", "readings")]
+    folder.prepare(options.out, names, given, is_simulated=options.sim, is_forced=options.force)
+    outcomes = [_run_step(name, steps[name], options) for name in names]
     return 1 if Outcome.FAIL in outcomes else 0
 
 

@@ -27,9 +27,9 @@ from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
+from .folder import CALIBRATION_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
 
-CALIBRATION_FILE = "calibration.toml"
 PICTURE_FILE = "resonance.png"
 
 CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response

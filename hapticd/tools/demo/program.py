@@ -25,8 +25,7 @@ import numpy as np
 
 from ...config.sections import LimitsConfig
 from ...errors import HapticdError, UsageError
-from ...files import plotting
-from ...files.outputs import check_writable
+from ...files import outputs
 from ...sim import lockstep
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
@@ -61,7 +60,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add duration, seed, board and outputs."""
     parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
-    parser.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (default demo.png)")
+    outputs.add_file(
+        parser,
+        "--out",
+        outputs.PICTURE,
+        default=Path("demo.png"),
+        metavar="F.png",
+        help="the picture (default demo.png)",
+    )
     parser.add_argument(
         "--board",
         choices=("library", "host"),
@@ -81,8 +87,6 @@ def run(options: argparse.Namespace) -> None:
         raise HapticdError("The demo needs the client library: install it with `pip install clients/python`.") from None
     if not options.seconds > 0:
         raise UsageError(f"--seconds: {options.seconds:g} is too short: give more than 0.")
-    check_writable(options.out)
-    plotting.check(options.out)
     if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
     program = None if options.board == "library" else find_program(options.image)

@@ -29,6 +29,7 @@ from ...board_values import (
 from ...config import loader as config
 from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
+from ...files import outputs
 from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
 from . import sweep, telemetry, text
@@ -89,7 +90,7 @@ def _add_sweep(commands: Any) -> None:
     parser.add_argument("--points", type=int, default=41, help="frequencies (default 41)")
     parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
     parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw amplitude and circle")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw amplitude and circle")
     parser.add_argument("--save", type=Path, metavar="F.toml", help="write the mode to a calibration file")
 
 

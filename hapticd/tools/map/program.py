@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import ModesError, UsageError
-from ...files import plotting
-from ...files.outputs import check_writable
+from ...files import outputs
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
@@ -62,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cells", type=int, metavar="N", help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})"
     )
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it")
-    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw it")
+    outputs.add_file(parser, "--out", outputs.NPZ, metavar="F.npz", help="write the arrays")
     parser.set_defaults(command=_map)
 
 
@@ -71,8 +70,6 @@ def _map(options: argparse.Namespace) -> None:
     from ...design.achievability import achievability_map
     from .picture import Panel, draw
 
-    check_writable(options.plot, options.out)
-    plotting.check(options.plot)
     modes, size_mm, limit_um = _plate(options)
     target_um = _number(options.target, "--target", 1e-3, MOST_UM)
     if not options.finger:
@@ -269,6 +266,6 @@ def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> No
 
 
 def _save(arrays: dict[str, FloatArray], limit_um: Sequence[float], path: Path) -> None:
-    with path.open("wb") as file:
+    with outputs.opened(path) as file:
         np.savez_compressed(file, limit_um=np.array(limit_um), **arrays)  # type: ignore[arg-type]
     print(f"written: {path}", file=sys.stderr)

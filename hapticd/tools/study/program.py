@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ... import __version__
 from ...errors import HapticdError
+from ...files import outputs
 from ..daemon_process import PATIENT, DaemonProcess
 from . import report
 from .browser import Browser
@@ -82,12 +83,12 @@ def _add_report(actions: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path, metavar="DIR", help="the --out of the sessions")
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    outputs.add_json(parser)
     parser.set_defaults(command=_report)
 
 
 def _report(options: argparse.Namespace) -> None:
-    report.write(options.folder, options.json)
+    report.write(options.folder, options.json, is_forced=options.force)
 
 
 def rehearsal(scenario: str = SCENARIO) -> DaemonProcess:

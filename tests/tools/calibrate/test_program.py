@@ -18,7 +18,7 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.service import ConfigLoader
-from hapticd.errors import CalibrationError
+from hapticd.errors import CalibrationError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from hapticd.sim.lockstep import Settings, Simulation
@@ -203,7 +203,7 @@ def test_a_directory_or_a_result_that_cannot_be_used_is_one_sentence(tmp_path: P
     (tmp_path / "modes.json").write_text("{")
     with pytest.raises(CalibrationError, match="delete it and repeat"):
         folder.load(tmp_path)
-    with pytest.raises(CalibrationError, match="cannot be created"):
+    with pytest.raises(UsageError, match="cannot be created"):
         folder.prepare(tmp_path / "modes.json" / "below", is_simulated=True)
 
 
