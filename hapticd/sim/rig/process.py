@@ -35,6 +35,7 @@ class RigProcess:
         self.directory = Path(self._directory.name)
         command = [
             sys.executable,
+            "-P",  # nothing is imported from the current directory
             "-m",
             "hapticd.sim.rig.program",
             str(self.directory),
