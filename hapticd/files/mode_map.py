@@ -37,6 +37,10 @@ MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged fi
 _GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
 _FORMS = (("phi",), ("re", "im"), ("abs", "deg"))
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
+_BEYOND_MM = 5.0  # a map may be shifted, and reach this far beyond the plate
+_LEAST_COVER_FRAC = 0.5  # of the plate's edge: beyond a map the shapes of its edge are used
+_LEAST_PEAK = 1e-6  # of a mode; measured ones are about 1
+_SAME_SHAPE = 0.999  # cosine between two modes: no pair of positions could be given two targets
 _MIN_FILLED_FRAC = 0.5  # of a grid: with fewer points they are scattered
 
 
@@ -62,6 +66,27 @@ def write_grid(path: str | Path, grid: Grid) -> None:
     data = encode_grid(grid, _suffix(Path(path)))
     with opened(Path(path)) as file:
         file.write(data)
+
+
+def require_usable(grid: Grid, size_mm: Sequence[float]) -> None:
+    """Raise ModesError for a map that can be read but not used: off the plate, of zeros, or of one shape twice."""
+    x_mm, y_mm, shapes = grid
+    for name, axis_mm, edge_mm in (("x_mm", x_mm, size_mm[0]), ("y_mm", y_mm, size_mm[1])):
+        low_mm, high_mm = float(axis_mm[0]), float(axis_mm[-1])
+        is_on_plate = -edge_mm / 2.0 - _BEYOND_MM <= low_mm and high_mm <= edge_mm / 2.0 + _BEYOND_MM
+        if not is_on_plate or high_mm - low_mm < _LEAST_COVER_FRAC * edge_mm:
+            raise ModesError(
+                f"{name} runs from {low_mm:g} to {high_mm:g} on a plate of {edge_mm:g} mm; "
+                "give positions in mm from the plate's centre, and check plate.size_mm."
+            )
+    length = np.linalg.norm(shapes.reshape(len(shapes), -1), axis=1)
+    for mode in range(len(shapes)):
+        if not np.abs(shapes[mode]).max() > _LEAST_PEAK:
+            raise ModesError(f"mode {mode + 1} is zero everywhere; measure it again.")
+        for other in range(mode):
+            alike = abs(float(np.sum(shapes[mode] * shapes[other]))) / float(length[mode] * length[other])
+            if alike > _SAME_SHAPE:
+                raise ModesError(f"modes {other + 1} and {mode + 1} have the same shape; measure one of them again.")
 
 
 def decode_grid(data: bytes, suffix: str) -> Grid:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from hapticd.__main__ import main
@@ -20,6 +21,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
 from hapticd.errors import ConfigError, ModesError
+from hapticd.files.mode_map import require_usable
 from hapticd.io.host.systemd import Notifier
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.files import write_measured
@@ -27,7 +29,9 @@ from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
 
 PATIENCE_S = 10.0
-ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 9}\n" for y in range(4) for x in range(4))).encode()
+ONE_MODE_CSV = (
+    "x_mm,y_mm,phi_1\n" + "".join(f"{40 * x - 60},{40 * y - 60},{x * y / 9}\n" for y in range(4) for x in range(4))
+).encode()
 
 
 def sine_plate() -> ModeShapes:
@@ -132,7 +136,7 @@ def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config,
     bad_map = replace(configuration, plate=replace(configuration.plate, modes_file=str(tmp_path / "bad.npz")))
     bad_limits = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
     with ConfigLoader() as config_loader:
-        with pytest.raises(ModesError):
+        with pytest.raises(ConfigError):
             config_loader.prepare(bad_map)
         with pytest.raises(ConfigError):
             config_loader.prepare(bad_limits)
@@ -193,6 +197,44 @@ def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
     assert (
         "has 1 limits for a plate of 2 modes: give one for each mode. The present configuration stays." in caplog.text
     )
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "shapes", "word"),
+    [
+        (1e-3, None, "x_mm runs from -0.06875 to 0.06875 on a plate of 137.5 mm; give positions in mm"),
+        (1.0, np.zeros((2, 56, 56)), "mode 1 is zero everywhere"),
+        (1.0, np.ones((2, 56, 56)), "modes 1 and 2 have the same shape"),
+        (1.0, np.stack([np.eye(56), -2.0 * np.eye(56)]), "modes 1 and 2 have the same shape"),
+    ],
+    ids=["in metres", "all zero", "twice", "twice, scaled"],
+)
+@pytest.mark.parametrize("command", [("run", "--check"), ("doctor",)], ids=" ".join)
+def test_a_map_that_drives_nothing_is_refused_in_one_sentence(
+    command: tuple[str, ...],
+    to_mm: float,
+    shapes: npt.NDArray[np.float64] | None,
+    word: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plate = sine_plate()
+    written = plate.shapes if shapes is None else shapes
+    np.savez(tmp_path / "map.npz", x_mm=plate.x_mm * to_mm, y_mm=plate.y_mm * to_mm, shapes=written)
+    config = tmp_path / "hapticd.toml"
+    config.write_text(f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n', encoding="utf-8")
+    assert main([*command, "--config", str(config)]) == (1 if command == ("doctor",) else 78)
+    printed = capsys.readouterr()
+    (line,) = [line for line in (printed.out + printed.err).splitlines() if word in line]
+    assert f"plate.modes_file: {tmp_path}/map.npz: " in line
+    assert command == ("doctor",) or printed.err.count("\n") == 1
+
+
+def test_a_map_from_the_plate_s_corner_is_refused() -> None:
+    plate = sine_plate()
+    with pytest.raises(ModesError, match="from the plate's centre"):
+        require_usable((plate.x_mm + 68.75, plate.y_mm, plate.shapes), (137.5, 137.5))
+    require_usable((plate.x_mm + 4.0, plate.y_mm, plate.shapes), (137.5, 137.5))
 
 
 def test_a_configuration_is_checked_without_opening_anything(
