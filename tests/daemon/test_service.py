@@ -29,9 +29,8 @@ from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
 
 PATIENCE_S = 10.0
-ONE_MODE_CSV = (
-    "x_mm,y_mm,phi_1\n" + "".join(f"{40 * x - 60},{40 * y - 60},{x * y / 9}\n" for y in range(4) for x in range(4))
-).encode()
+_POINTS_MM = [(x_mm, y_mm) for y_mm in (-60, -20, 20, 60) for x_mm in (-60, -20, 20, 60)]
+ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 3600}\n" for x, y in _POINTS_MM)).encode()
 
 
 def sine_plate() -> ModeShapes:
