@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import CalibrationError, reason
+from ...errors import CalibrationError, missing_library, reason
 from ...files import plotting
 from . import simulated
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
@@ -135,7 +135,7 @@ def _isotonic(value: Array, weights: Array) -> Array:
     try:
         from scipy.optimize import isotonic_regression
     except ImportError:
-        raise CalibrationError("A friction curve needs scipy 1.12: pip install 'hapticd[design]'.") from None
+        raise missing_library("A friction curve needs scipy 1.12", "design") from None
     return np.asarray(isotonic_regression(value, weights=weights, increasing=False).x, np.float64)
 
 

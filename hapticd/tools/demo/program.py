@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...config.sections import LimitsConfig
-from ...errors import HapticdError, UsageError
+from ...errors import HapticdError, UsageError, missing_client
 from ...files import outputs
 from ...sim import lockstep
 from ...sim.board.emulator import find_program
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError("The demo needs the client library: install it with `pip install clients/python`.") from None
+        raise missing_client("The demo") from None
     if not options.seconds > 0:
         raise UsageError(f"--seconds: {options.seconds:g} is too short: give more than 0.")
     if options.board == "library" and options.image is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ def in_force(references: Mapping[str, Column]) -> tuple[npt.NDArray[np.int64], n
     """
     modal_um = references["reference_d_um"] + 1j * references["reference_q_um"]
     bounds = [*np.flatnonzero(references["knot"] == 0).tolist(), len(modal_um)]
-    rows = [slice(begin, end) for begin, end in zip(bounds[:-1], bounds[1:], strict=True)]
+    rows = [slice(begin, end) for begin, end in pairwise(bounds)]
     frames = [(references["t_knot_ns"][part], modal_um[part]) for part in rows]
     frames.sort(key=lambda frame: int(frame[0][0]))
     t_ns, line_um = [], []

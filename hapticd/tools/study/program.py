@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ... import __version__
-from ...errors import HapticdError
+from ...errors import HapticdError, missing_client
 from ...files import outputs
 from ..daemon_process import PATIENT, DaemonProcess
 from . import report
@@ -178,9 +178,7 @@ def _ask(options: argparse.Namespace, file: SessionFile) -> None:
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError(
-            "The study needs the client library: install it with `pip install clients/python`."
-        ) from None
+        raise missing_client("The study") from None
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
         simulated = held.enter_context(rehearsal()) if options.sim else None
