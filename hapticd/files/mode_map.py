@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.errors import ModesError
+from hapticd.regular_file import open_regular
 
 from .outputs import opened
 
@@ -133,7 +134,7 @@ def encode_grid(grid: Grid, suffix: str) -> bytes:
 def _read(path: Path, decode: Callable[[bytes, str], Decoded]) -> Decoded:
     suffix = _suffix(path)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error

@@ -18,6 +18,7 @@ from mcap.records import Channel, Chunk, DataEnd, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from ...errors import RecordingError
+from ...regular_file import open_regular
 from .header import Header, header_from
 from .kinds import HEADER, KINDS, MAX_HEADER_BYTES, MAX_WHOLE, Record, decode
 
@@ -137,7 +138,7 @@ def _record(kind: str, message: Message) -> Record:
 def _messages(path: Path, losses: Losses) -> Iterator[tuple[str | None, Message]]:
     """All messages of intact chunks, each with its kind; None where its topic is unknown."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             yield from _intact(path, _Bounded(file), losses)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}): check the path.") from None

@@ -17,12 +17,14 @@ from pathlib import Path
 import zmq.auth
 from zmq.utils import z85
 
-from ...errors import HapticdError
+from ...errors import HapticdError, reason
+from ...regular_file import read_bounded
 from .runtime_dir import masked
 
 DAEMON_NAME = "hapticd"
 CLIENTS = "clients"  # the allow-list's directory
 SECRET_UMASK = 0o077
+MAX_BYTES = 1 << 16  # of a certificate, which has 400
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")  # a file name and nothing more
 
 
@@ -66,7 +68,7 @@ def allow(directory: Path, certificate: Path) -> Path:
         raise HapticdError(f"{listed}: another key has this name: rename the file, or revoke the name first.")
     try:
         listed.parent.mkdir(exist_ok=True)
-        listed.write_bytes(certificate.read_bytes())
+        listed.write_bytes(read_bounded(certificate, MAX_BYTES))
     except OSError as error:
         raise HapticdError(f"{listed}: cannot be written ({error.strerror}).") from None
     return listed
@@ -109,12 +111,13 @@ def load(directory: Path) -> ServerKeys:
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
     """Return public and secret key (Z85) of a certificate. Raises HapticdError if it is invalid."""
     try:
+        read_bounded(path, MAX_BYTES)  # the library's reader takes any file, and all of it
         public, secret = zmq.auth.load_certificate(path)
         for key in (public, secret):
             if key is not None and len(z85.decode(key)) != 32:
                 raise ValueError("a key has 40 characters")
     except (OSError, ValueError, KeyError) as error:
-        raise HapticdError(f"{path}: is not a ZeroMQ certificate ({error}).") from None
+        raise HapticdError(f"{path}: is not a ZeroMQ certificate ({reason(error)}).") from None
     return public, secret
 
 

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from ...config import loader as config
-from ...errors import CalibrationError, ConfigError
+from ...errors import CalibrationError, ConfigError, reason
 from ...files.outputs import check, create_folder, write_text
+from ...regular_file import open_regular, read_bounded
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
 FILES = {"resonance": (CALIBRATION_FILE,), "modes": (MODES_FILE,), "latency": (LEDGER_FILE,)}  # beside result, picture
+MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 STEPS = {
     "resonance": "sweep each mode on the board: frequency, quality, gain, drive (stop the service first)",
@@ -58,7 +60,7 @@ def prepare(
 
 def _is_own(config_file: Path) -> bool:
     try:
-        with config_file.open("rb") as file:
+        with open_regular(config_file) as file:
             return file.read(len(HEADER)) == HEADER.encode()
     except OSError:
         return False
@@ -72,9 +74,11 @@ def load(directory: Path) -> dict[str, Verdict]:
         if not path.exists():
             continue
         try:
-            verdict = from_json(path.read_text(encoding="utf-8"))
+            verdict = from_json(read_bounded(path, MAX_BYTES).decode())
         except (OSError, ValueError) as error:
-            raise CalibrationError(f"{path}: cannot be read ({error}): delete it and repeat the step.") from None
+            raise CalibrationError(
+                f"{path}: cannot be read ({reason(error)}): delete it and repeat the step."
+            ) from None
         found[step] = verdict
     return found
 

@@ -25,6 +25,8 @@ from ... import __version__
 from ...config import loader as configuration
 from ...errors import HapticdError
 from ...files.outputs import opened
+from ...files.toml_file import MAX_BYTES
+from ...regular_file import read_bounded
 from ..record.attach import record
 from .finding import Finding, System, as_document
 
@@ -101,7 +103,7 @@ def _configuration(system: System | None, config_path: Path | None) -> Mapping[s
     parts = {}
     if config_path is not None:
         try:
-            parts["hapticd.toml"] = config_path.read_text(encoding="utf-8", errors="replace")
+            parts["hapticd.toml"] = read_bounded(config_path, MAX_BYTES).decode(errors="replace")
         except OSError as error:
             parts["hapticd.toml"] = f"# {config_path}: cannot be read ({error.strerror})\n"
     if system is not None:
