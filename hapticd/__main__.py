@@ -13,6 +13,7 @@ from typing import NamedTuple
 from . import __version__
 from .errors import HapticdError
 from .files.outputs import check_arguments
+from .tools.arguments import Parser
 
 
 class Command(NamedTuple):
@@ -119,8 +120,8 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; return the exit code. An error of hapticd's own prints one sentence on stderr."""
     given = sys.argv[1:] if arguments is None else list(arguments)
-    options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
     try:
+        options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
         check_arguments(options)
         code = int(options.command(options) or 0)
         sys.stdout.flush()
@@ -150,7 +151,7 @@ def _stopped_by_the_system(error: OSError) -> int:
 
 def parser(chosen: str = "") -> argparse.ArgumentParser:
     """Return the parser of all commands, with the arguments of the `chosen` one."""
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog="hapticd",
         description="Every finger on one vibrating glass plate gets its own friction.",
         epilog="example: hapticd view --sim\n\n`hapticd COMMAND --help` explains each, with an example.",

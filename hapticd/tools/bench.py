@@ -5,21 +5,28 @@ from __future__ import annotations
 import argparse
 
 from ..files import outputs
+from .arguments import number, whole
 
+MOST_STEPS = 1_000_000_000  # half an hour
 PARTS = ("modes", "prediction", "solver", "stability", "tick", "recording", "leak", "firmware", "soak", "all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hapticd bench`."""
     parser.add_argument("part", nargs="?", choices=PARTS, default="all", metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--seconds", type=float, default=2.0, help="tick: length of a paced measurement (default 2)")
     parser.add_argument(
-        "--steps", type=int, default=10_000_000, help="stability: length of the walk (default 10000000)"
+        "--seconds", type=number(0.0, 600.0), default=2.0, help="tick: of a paced measurement (default 2)"
     )
-    parser.add_argument("--hours", type=float, default=1.0, help="soak: virtual time (default 1); not part of all")
+    parser.add_argument(
+        "--steps",
+        type=whole(0, MOST_STEPS),
+        default=10_000_000,
+        help="stability: of the walk (default 10000000)",
+    )
+    parser.add_argument("--hours", type=number(0.0, is_above=True), default=1.0, help="soak: virtual time (default 1)")
     parser.add_argument(
         "--real-time",
-        type=float,
+        type=number(0.0, is_above=True),
         metavar="SECONDS",
         help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )

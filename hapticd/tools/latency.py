@@ -27,9 +27,10 @@ from ..daemon.lifecycle import serve
 from ..daemon.machine import Machine
 from ..daemon.service import ConfigLoader, Prepared
 from ..daemon.status import histogram_fields
-from ..errors import HapticdError, UsageError
+from ..errors import HapticdError
 from ..files import outputs, plotting
 from ..values import AmplitudeTarget, ClientTargets, Target
+from .arguments import number
 from .run import add_config_arguments, configuration, log_to_stderr
 
 AMPLITUDE_UM = 0.5
@@ -66,13 +67,19 @@ class Measured:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the devices, the duration, and the outputs."""
     add_config_arguments(parser)
-    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10); move two fingers meanwhile")
+    add_seconds(parser)
     outputs.add_json(parser)
     outputs.add_file(
         parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
     )
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
     parser.set_defaults(command=_latency)
+
+
+def add_seconds(parser: argparse.ArgumentParser) -> None:
+    """Add the duration of a measurement."""
+    kind = number(0.0, is_above=True)
+    parser.add_argument("--seconds", type=kind, default=10.0, help="duration (default 10); move two fingers meanwhile")
 
 
 def _latency(options: argparse.Namespace) -> None:
@@ -98,8 +105,6 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
 def measure(config: Config, seconds: float) -> Measured:
     """Serve the configured devices for `seconds`. Raises HapticdError if the board applied no frame."""
-    if not 0.0 < seconds < math.inf:
-        raise UsageError(f"latency: {seconds:g} s is too short: give --seconds above 0.")
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
         config = replace(config, client=replace(config.client, runtime_dir=folder))
         measured = asyncio.run(_measure(config_loader.prepare(config), seconds))

@@ -9,6 +9,9 @@ import time
 
 from ..files import outputs
 from ..sim.fingers.scenarios import SCENARIOS
+from .arguments import number, whole
+
+LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,10 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
     parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
     parser.add_argument("scenario", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
-    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
-    parser.add_argument("--seconds", type=float, help="duration (default: the scenario's own)")
-    parser.add_argument("--speed", type=float, default=100.0, metavar="MM_S", help="of the fingers (default 100)")
-    parser.add_argument("--noise", type=float, default=0.05, metavar="MM", help="of the sensor (default 0.05)")
+    parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
+    parser.add_argument("--seconds", type=number(LEAST_S), help="duration (default: the scenario's own)")
+    parser.add_argument(
+        "--speed", type=number(0.0, is_above=True), default=100.0, metavar="MM_S", help="of the fingers (default 100)"
+    )
+    parser.add_argument("--noise", type=number(0.0), default=0.05, metavar="MM", help="of the sensor (default 0.05)")
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )

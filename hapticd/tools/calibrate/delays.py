@@ -28,6 +28,12 @@ LEAST_FRAMES = 50
 SPREAD_WORTH_MS = 3.0  # of the link, from the median to the 95th percentile
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises HapticdError."""
+    if options.config is not None:
+        config.load(options.config)
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the configured devices. Raises HapticdError."""
     configured = _configuration(options)

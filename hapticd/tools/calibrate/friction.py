@@ -54,14 +54,19 @@ class FrictionFit:
     left_out: npt.NDArray[np.bool_]
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    if options.sim:
+        return
+    if options.readings is None:
+        raise CalibrationError("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
+    read(options.readings)
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    if options.sim:
-        amplitude_um, friction = simulated.friction_readings(options.seed)
-    elif options.readings is None:
-        raise CalibrationError("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
-    else:
-        amplitude_um, friction = read(options.readings)
+    check(options)
+    amplitude_um, friction = simulated.friction_readings(options.seed) if options.sim else read(options.readings)
     found = fit_friction(amplitude_um, friction)
     draw(amplitude_um, friction, found, options.out / PICTURE_FILE)
     return verdict(found, is_simulated=options.sim)

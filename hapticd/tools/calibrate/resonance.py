@@ -44,10 +44,15 @@ STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
 QUIET_WITHIN = 10  # status messages
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    if not MIN_POINTS <= options.points <= MOST_POINTS:
+        raise CalibrationError(f"--points: {options.points} is out of bounds, not {MIN_POINTS} .. {MOST_POINTS}.")
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
-    if not MIN_POINTS <= options.points <= MOST_POINTS:
-        raise CalibrationError(f"--points is {options.points}: a sweep has {MIN_POINTS} to {MOST_POINTS}.")
+    check(options)
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         hello, sweeps = asyncio.run(_sweep_on(port, baud, options))

@@ -36,6 +36,7 @@ from ...sim.rig.process import RigProcess
 from ...sim.score import Score, score
 from ...tools import owned_process
 from ...values import AmplitudeTarget
+from ..arguments import number, whole
 from ..daemon_process import DaemonProcess
 from .live_view import LiveView
 
@@ -58,8 +59,8 @@ BARE_PLATE = PlateSettings(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add duration, seed, board and outputs."""
-    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10)")
-    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
+    parser.add_argument("--seconds", type=number(0.0, is_above=True), default=10.0, help="duration (default 10)")
+    parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
     outputs.add_file(
         parser,
         "--out",
@@ -85,8 +86,6 @@ def run(options: argparse.Namespace) -> None:
         import hapticd_client
     except ImportError:
         raise missing_client("The demo") from None
-    if not options.seconds > 0:
-        raise UsageError(f"--seconds: {options.seconds:g} is too short: give more than 0.")
     if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
     program = None if options.board == "library" else find_program(options.image)

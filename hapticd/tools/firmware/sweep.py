@@ -140,5 +140,8 @@ def _saved(path: Path | None, modes: int) -> tuple[ModeCalibration, ...]:
     if path is None or not path.exists():
         return ()
     if not path.is_file():
-        raise ConfigError(f"{path}: is not a file: name one for --save.")
-    return calibration.load(path, modes)
+        raise UsageError(f"{path}: is not a file: name one for --save.")
+    try:
+        return calibration.load(path, modes)
+    except ConfigError as error:
+        raise UsageError(f"--save: {error}") from None

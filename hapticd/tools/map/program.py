@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import ModesError, UsageError
 from ...files import outputs
+from ..arguments import number, whole
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
@@ -55,11 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     other.add_argument("--still", action="store_true", help="map where the other finger can be still")
     other.add_argument("--slip", action="store_true", help="map where the other finger can slip by --target")
     parser.add_argument(
-        "--target", type=float, default=1.0, metavar="UM", help="target of slipping fingers (default 1)"
+        "--target", type=number(1e-3, MOST_UM), default=1.0, metavar="UM", help="target of slipping fingers (default 1)"
     )
     parser.add_argument("--limit", metavar="UM[,UM..]", help="of each mode (default: the configuration's, or 4)")
     parser.add_argument(
-        "--cells", type=int, metavar="N", help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})"
+        "--cells",
+        type=whole(2, MOST_CELLS),
+        metavar="N",
+        help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})",
     )
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw it")
     outputs.add_file(parser, "--out", outputs.NPZ, metavar="F.npz", help="write the arrays")
@@ -70,8 +74,10 @@ def _map(options: argparse.Namespace) -> None:
     from ...design.achievability import achievability_map
     from .picture import Panel, draw
 
+    if not options.finger and options.cells is not None and options.cells > MOST_PAIR_CELLS:
+        raise UsageError(f"--cells: without --finger it must be 2 .. {MOST_PAIR_CELLS}, not {options.cells}.")
     modes, size_mm, limit_um = _plate(options)
-    target_um = _number(options.target, "--target", 1e-3, MOST_UM)
+    target_um = options.target
     if not options.finger:
         if options.still or options.slip:
             raise UsageError("--still and --slip need the other fingers: give a --finger, such as -30,20.")
@@ -87,7 +93,7 @@ def _map(options: argparse.Namespace) -> None:
             continue
         slipping = sum(um > 0.0 for um in (other_um, *(finger.target_um for finger in fingers)))
         usual_cells = CELLS if slipping == 1 or modes.M <= 2 else SEARCHED_CELLS
-        cells = _cells(options.cells, usual_cells, MOST_CELLS)
+        cells = usual_cells if options.cells is None else options.cells
         result = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
         panels.append(Panel(_title(other_um), tuple(fingers), result))
     if not panels:
@@ -109,7 +115,7 @@ def _map_pairs(
     from ...design.achievability import pair_map
     from .picture import draw_pairs
 
-    cells = _cells(options.cells, PAIR_CELLS, MOST_PAIR_CELLS)
+    cells = PAIR_CELLS if options.cells is None else options.cells
     pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells)
     print(_plate_line(modes, size_mm, limit_um))
     served = f"{100 * pairs.still.mean():.1f} % of all pairs of positions"
@@ -179,12 +185,6 @@ def _finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
             f"to {size_mm[0] / 2:g},{size_mm[1] / 2:g} mm."
         )
     return Finger(x_mm, y_mm, _number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
-
-
-def _cells(given: int | None, usual: int, most: int) -> int:
-    if given is not None and not 2 <= given <= most:
-        raise UsageError(f"--cells: {given} is out of bounds, it must be 2 .. {most}.")
-    return usual if given is None else given
 
 
 def _other_um(options: argparse.Namespace, target_um: float) -> tuple[float, ...]:

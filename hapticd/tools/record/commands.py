@@ -7,6 +7,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...errors import ConfigError, UsageError
 from ...files import outputs
 
 
@@ -52,7 +53,10 @@ def _replay(options: argparse.Namespace) -> int:
     if options.set:
         from .whatif import compare, table
 
-        print(table(*compare(recording, options.set)))
+        try:
+            print(table(*compare(recording, options.set)))
+        except ConfigError as error:  # in --set, not in a file
+            raise UsageError(str(error)) from None
         return 0
     outcome = replay(recording)
     print(report(recording, outcome))

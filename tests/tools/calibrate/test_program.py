@@ -117,14 +117,16 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["resonance", "--sim", "--points", "-1"], "--points is -1"),
+        (["resonance", "--sim", "--points", "2"], "--points: 2 is out of bounds"),
         (["modes"], "No scan is given"),
         (["friction"], "No readings are given"),
         (["latency"], "No devices are configured"),
         (["modes", "--sim", "--size", "big"], "--size is 'big'"),
         (["trackpad", "--sim", "--marks", "1,2"], "--marks"),
-        (["trackpad", "--model", "mt9"], "--model is 'mt9'"),
-        (["friction", "--sim", "--seed", "-1"], "--seed is -1"),
+        (["trackpad", "--model", "mt9"], "--model: there is no 'mt9'"),
+        (["friction", "--sim", "--seed", "-1"], "--seed: -1 is out of bounds"),
+        (["all", "--port", "/dev/none", "--marks", "1,2"], "No scan is given"),
+        (["all", "--sim", "--marks", "1,2"], "--marks needs"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
