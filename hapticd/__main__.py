@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NamedTuple
 
-from . import __version__
 from .errors import HapticdError
 from .files.outputs import check_arguments
 from .tools.arguments import Parser
@@ -149,6 +148,16 @@ def _stopped_by_the_system(error: OSError) -> int:
     return 1
 
 
+class _Version(argparse.Action):
+    """Print the version and exit; git is asked then only."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from .tools.version import version_text
+
+        print(f"hapticd {version_text()}")
+        parser.exit()
+
+
 def parser(chosen: str = "") -> argparse.ArgumentParser:
     """Return the parser of all commands, with the arguments of the `chosen` one."""
     whole = Parser(
@@ -157,7 +166,7 @@ def parser(chosen: str = "") -> argparse.ArgumentParser:
         epilog="example: hapticd view --sim\n\n`hapticd COMMAND --help` explains each, with an example.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    whole.add_argument("--version", action="version", version=f"hapticd {__version__}")
+    whole.add_argument("--version", action=_Version, nargs=0, help="show the version, of a checkout with its commit")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, summary, example, add_arguments) in COMMANDS.items():
         one = commands.add_parser(

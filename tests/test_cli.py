@@ -6,6 +6,8 @@ import argparse
 import errno
 import json
 import logging
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +23,7 @@ from hapticd.__main__ import COMMANDS, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config import loader as config
 from hapticd.tools import install_service
+from hapticd.tools.version import version_text
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +69,30 @@ def test_the_command_line_s_own_help_has_an_example(capsys: pytest.CaptureFixtur
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
-    assert outcome(capsys, "--version") == (0, f"hapticd {__version__}\n", "")
+    code, output, complaint = outcome(capsys, "--version")
+    assert (code, complaint) == (0, "")
+    assert re.fullmatch(rf"hapticd {re.escape(__version__)}( \(commit [0-9a-f]{{7,}}(-dirty)?\))?\n", output)
+
+
+def git(folder: Path, *words: str) -> str:
+    as_someone = ["-c", "user.name=T", "-c", "user.email=t@example.org"]
+    command = ["git", "-C", str(folder), *as_someone, *words]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_the_version_of_a_checkout_has_its_commit_and_that_of_a_package_has_none(tmp_path: Path) -> None:
+    assert version_text(tmp_path) == __version__
+    git(tmp_path, "init", "--quiet")
+    (tmp_path / "file").write_text("1", encoding="utf-8")
+    git(tmp_path, "add", "file")
+    git(tmp_path, "commit", "--quiet", "--message", "first")
+    commit = git(tmp_path, "rev-parse", "--short", "HEAD")
+    assert version_text(tmp_path) == f"{__version__} (commit {commit})"
+    (tmp_path / "file").write_text("2", encoding="utf-8")
+    assert version_text(tmp_path) == f"{__version__} (commit {commit}-dirty)"
+    (tmp_path / ".git" / "HEAD").write_text("damaged", encoding="utf-8")
+    assert version_text(tmp_path) == __version__
 
 
 def test_no_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
@@ -159,7 +185,7 @@ def test_an_image_is_refused_without_its_board_or_its_file(capsys: pytest.Captur
 def test_the_package_runs_as_a_module() -> None:
     command = [sys.executable, "-m", "hapticd", "--version"]
     output = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert output.stdout == f"hapticd {__version__}\n"
+    assert output.stdout.startswith(f"hapticd {__version__}")
 
 
 def test_the_service_imports_no_other_command() -> None:

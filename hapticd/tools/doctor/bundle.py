@@ -21,13 +21,13 @@ from pathlib import Path
 
 import zmq
 
-from ... import __version__
 from ...config import loader as configuration
 from ...errors import HapticdError
 from ...files.outputs import opened
 from ...files.toml_file import MAX_BYTES
 from ...regular_file import read_bounded
 from ..record.attach import record
+from ..version import version_text
 from .finding import Finding, System, as_document
 
 SUFFIX = (".tar.gz",)
@@ -72,7 +72,7 @@ def collect(
 def versions() -> str:
     """Return the versions of the program, its platform and its libraries."""
     lines = [
-        f"hapticd {__version__}",
+        f"hapticd {version_text()}",
         f"python {sys.version.split()[0]} ({platform.python_implementation()})",
         f"system {platform.platform()}",
         f"zeromq {zmq.zmq_version()}",
