@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "io": {*VALUES, "regular_file"},
     "daemon": {*VALUES, "config", "core", "wire", "io", "files", "sim.rig.process", "sim.plate", "__version__"},
     "design": {*VALUES, "core.plate", "core.solver"},
-    "sim": {*VALUES, "config", "core.plate", "wire", "design", "files", "daemon.machine"},
+    "sim": {*VALUES, "regular_file", "config", "core.plate", "wire", "design", "files", "daemon.machine"},
     "tools": {
         *VALUES,
         "regular_file",

@@ -70,7 +70,7 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
 
     def judge(finished: FinishedRun) -> Figures:
         if finished.name == DEFAULT:
-            known.append(_figures(perfect(finished.run)))
+            known.append(_figures(perfect(finished.run).score))
         return _figures(finished.run.score)
 
     rows = [*compared(chosen, judge, seeds=seeds, seconds=seconds), (PERFECT, over_seeds(known))]
