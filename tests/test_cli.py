@@ -23,6 +23,7 @@ from hapticd.__main__ import COMMANDS, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config import loader as config
 from hapticd.tools import install_service
+from hapticd.tools.demo import program as demo
 from hapticd.tools.version import version_text
 
 
@@ -250,3 +251,30 @@ def test_a_full_disk_is_reported_with_its_file(file: str) -> None:
     complaint = ended.stderr.splitlines()[-1]
     assert complaint.startswith(f"hapticd: {'standard output' if file == '-' else file}: ")
     assert "No space left on device" in complaint
+
+
+def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    played: list[Path | None] = []
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setattr(demo, "_play", lambda _options, _program, out: played.append(out))
+    code, output, _ = outcome(capsys, "demo")
+    assert (code, played) == (0, [None])
+    assert output.startswith("without a picture: A picture needs matplotlib: run `pip install ")
+    assert outcome(capsys, "demo", "--out", "no-picture-yet.png")[0] == 1  # it was asked for
+    assert len(played) == 1
+
+
+def test_a_demo_keeps_an_earlier_picture_unless_it_is_forced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    played: list[Path | None] = []
+    monkeypatch.setattr(demo, "_play", lambda _options, _program, out: played.append(out))
+    monkeypatch.chdir(tmp_path)
+    Path("demo.png").write_text("a day's work", encoding="utf-8")
+    assert outcome(capsys, "demo")[0] == 2
+    assert outcome(capsys, "demo", "--force")[0] == 0
+    assert played == [Path("demo.png")]
+    makefile = Path(__file__).parents[1] / "Makefile"
+    assert "/hapticd demo --force\n" in makefile.read_text(encoding="utf-8")  # `make demo` is made again and again

@@ -6,6 +6,9 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ...errors import DeviceError
 
@@ -20,7 +23,8 @@ PLATE_FILE = "plate.toml"
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    `program` puts another process behind the board's terminal (`emulator.find_program`).
+    `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
+    the recorded arrays after `close`; until then they lie in `directory`, which the rig deletes if its owner dies.
     """
 
     def __init__(
@@ -28,7 +32,7 @@ class RigProcess:
         scenario: str,
         seed: int,
         *,
-        record: Path | None = None,
+        record: bool = False,
         program: Path | None = None,
     ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
@@ -45,8 +49,10 @@ class RigProcess:
             str(seed),
             "--owned",
         ]
-        if record is not None:
-            command += ["--record", str(record)]
+        self._recorded = self.directory / "history.npz"
+        self.history: dict[str, Any] = {}
+        if record:
+            command += ["--record", str(self._recorded)]
         if program is not None:
             command += ["--program", str(program)]
         # Its own session, so that a Ctrl-C does not stop the rig before the daemon. The pipe to its input closes with
@@ -82,4 +88,7 @@ class RigProcess:
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 pipe.close()
+        if self._recorded.is_file():
+            with np.load(self._recorded) as arrays:
+                self.history = dict(arrays)
         self._directory.cleanup()
