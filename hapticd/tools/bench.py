@@ -3,25 +3,47 @@
 from __future__ import annotations
 
 import argparse
+from typing import NamedTuple
 
+from ..errors import UsageError
 from ..files import outputs
 from .arguments import number, whole
 
 MOST_STEPS = 1_000_000_000  # half an hour
-PARTS = ("modes", "prediction", "solver", "stability", "tick", "recording", "leak", "firmware", "soak", "all")
+
+
+class Part(NamedTuple):
+    """One part: what it compares, how long that takes on two cores, and whether it has error over run time."""
+
+    summary: str
+    minutes: float
+    has_picture: bool = True
+
+
+PARTS = {
+    "modes": Part("interpolators of the mode map", 0.5),
+    "prediction": Part("predictions 15 ms ahead on 15 motions", 1.0),
+    "solver": Part("solvers against general optimisers", 1.0),
+    "stability": Part("digits of a solution at the ends of the solver's range", 3.0),
+    "tick": Part("time of a pass, from the report's bytes to the frame's", 1.0),
+    "recording": Part("what a recording costs the service", 0.5, has_picture=False),
+    "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
+    "firmware": Part("how fast and how well the plate follows", 1.0),
+    "soak": Part("an hour of virtual time with 2000 faults", 8.0, has_picture=False),
+}
+APART = ("soak",)  # not part of `all`: it compares nothing
+ALL = "all"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hapticd bench`."""
-    parser.add_argument("part", nargs="?", choices=PARTS, default="all", metavar="PART", help=", ".join(PARTS))
+    parser.description = f"{parser.description} Without a part: the parts, with the time that each takes."
+    parser.add_argument("part", nargs="?", choices=(*PARTS, ALL), metavar="PART", help=", ".join((*PARTS, ALL)))
     parser.add_argument(
         "--seconds", type=number(0.0, 600.0), default=2.0, help="tick: of a paced measurement (default 2)"
     )
     parser.add_argument(
-        "--steps",
-        type=whole(0, MOST_STEPS),
-        default=10_000_000,
-        help="stability: of the walk (default 10000000)",
+        "--steps", type=whole(0, MOST_STEPS), default=10_000_000, help="stability: of the walk (default 10000000)"
     )
     parser.add_argument("--hours", type=number(0.0, is_above=True), default=1.0, help="soak: virtual time (default 1)")
     parser.add_argument(
@@ -36,10 +58,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _bench(options: argparse.Namespace) -> None:
+    if options.part is None:
+        print(listing())
+        return
+    if options.plot is not None and options.part != ALL and not PARTS[options.part].has_picture:
+        raise UsageError(f"--plot: {options.part} has no table of error over run time: leave the option out.")
     from ..bench import suite
 
+    names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
     suite.run(
-        options.part,
+        {name: PARTS[name].minutes for name in names},
         seconds=options.seconds,
         steps=options.steps,
         hours=options.hours,
@@ -47,3 +75,11 @@ def _bench(options: argparse.Namespace) -> None:
         json_file=options.json,
         plot=options.plot,
     )
+
+
+def listing() -> str:
+    """Return the parts with the time that each takes."""
+    rows = [f"  {name:<11} {part.minutes:4g} min  {part.summary}" for name, part in PARTS.items()]
+    minutes = sum(part.minutes for name, part in PARTS.items() if name not in APART)
+    rows.append(f"  {ALL:<11} {minutes:4g} min  all of these but {' and '.join(APART)}")
+    return "\n".join(["Parts, with the time that each takes on two cores:", *rows, "\nhapticd bench PART runs one."])
