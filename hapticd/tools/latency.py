@@ -31,6 +31,7 @@ from ..errors import HapticdError
 from ..files import outputs, plotting
 from ..values import AmplitudeTarget, ClientTargets, Target
 from .arguments import number
+from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr
 
 AMPLITUDE_UM = 0.5
@@ -132,13 +133,15 @@ async def _watch(daemon: Daemon, seconds: float) -> Measured:
     machine, lines = daemon.machine, list[LedgerLine]()
     t_end_ns = now_ns() + round(seconds * 1e9)
     t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-    while now_ns() < t_end_ns:
-        if not lines:
-            t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-        machine.want(_targets(machine), now_ns())
-        t_last_ns = lines[-1].t_sent_ns if lines else -1
-        lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
-        await asyncio.sleep(POLL_EVERY_S)
+    with Progress("measuring") as progress:
+        while now_ns() < t_end_ns:
+            progress(1.0 - (t_end_ns - now_ns()) * 1e-9 / seconds)
+            if not lines:
+                t_from_ns, computed_ns = now_ns(), time.process_time_ns()
+            machine.want(_targets(machine), now_ns())
+            t_last_ns = lines[-1].t_sent_ns if lines else -1
+            lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
+            await asyncio.sleep(POLL_EVERY_S)
     share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
     return replace(gather(machine, lines), processor_percent=100.0 * share)
 

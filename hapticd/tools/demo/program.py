@@ -37,6 +37,7 @@ from ...tools import owned_process
 from ...values import AmplitudeTarget
 from ..arguments import number, whole
 from ..daemon_process import DaemonProcess
+from ..progress import Progress
 from .live_view import LiveView
 
 if TYPE_CHECKING:
@@ -122,7 +123,9 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     ours = _film(rig.history, BOARD_NAMES[board]).between(t_asked_s, t_end_s)
     print("\nscoring it, and the paper's scheme on the same fingers ...", flush=True)
     same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
-    paper_run = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
+    with Progress("the paper's scheme") as progress:
+        settings = lockstep.paper(same_plate)
+        paper_run = lockstep.run(SCENARIO, settings=settings, seed=seed, seconds=t_end_s, progress=progress)
     paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
     if out is not None:
         draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)

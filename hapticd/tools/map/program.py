@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import ModesError, UsageError
 from ...files import outputs
 from ..arguments import number, whole
+from ..progress import Progress
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
@@ -116,7 +117,8 @@ def _map_pairs(
     from .picture import draw_pairs
 
     cells = PAIR_CELLS if options.cells is None else options.cells
-    pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells)
+    with Progress("all pairs of positions") as progress:
+        pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells, progress=progress)
     print(_plate_line(modes, size_mm, limit_um))
     served = f"{100 * pairs.still.mean():.1f} % of all pairs of positions"
     print(f"one finger slips by {target_um:g} um and one is still: both reach their target on {served}")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...errors import ConfigError, UsageError
 from ...files import outputs
+from ..progress import Progress
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,11 +55,14 @@ def _replay(options: argparse.Namespace) -> int:
         from .whatif import compare, table
 
         try:
-            print(table(*compare(recording, options.set)))
+            with Progress("comparing") as recording.progress:
+                compared = compare(recording, options.set)
+            print(table(*compared))
         except ConfigError as error:  # in --set, not in a file
             raise UsageError(str(error)) from None
         return 0
-    outcome = replay(recording)
+    with Progress("replaying") as recording.progress:
+        outcome = replay(recording)
     print(report(recording, outcome))
     return 0 if outcome.is_identical else 1
 
@@ -80,7 +84,8 @@ def _export(options: argparse.Namespace) -> None:
     from .tables import tables
 
     recording = open_recording(options.files)
-    found, texts = tables(recording), texts_of(recording.header)
+    with Progress("reading") as recording.progress:
+        found, texts = tables(recording), texts_of(recording.header)
     if options.hdf5 is not None:
         written = [options.hdf5]
         export.to_hdf5(found, texts, options.hdf5)
@@ -118,7 +123,9 @@ def _plot(options: argparse.Namespace) -> None:
     from .tables import tables
 
     recording = open_recording(options.files)
-    draw(tables(recording), options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
+    with Progress("reading") as recording.progress:
+        found = tables(recording)
+    draw(found, options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
     _print_losses(recording.losses.report())
 
 
