@@ -24,11 +24,11 @@ PARTS = {
     "modes": Part("interpolators of the mode map", 0.5),
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.0),
     "solver": Part("solvers against general optimisers", 1.0),
-    "stability": Part("digits of a solution at the ends of the solver's range", 3.0),
-    "tick": Part("time of a pass, from the report's bytes to the frame's", 1.0),
+    "stability": Part("digits of a solution at the ends of the solver's range", 2.0),
+    "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
     "recording": Part("what a recording costs the service", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
-    "firmware": Part("how fast and how well the plate follows", 1.0),
+    "firmware": Part("how fast and how well the plate follows", 0.1),
     "soak": Part("an hour of virtual time with 2000 faults", 8.0, has_picture=False),
 }
 APART = ("soak",)  # not part of `all`: it compares nothing
