@@ -38,6 +38,9 @@ class Finger(NamedTuple):
     target_um: float
 
 
+Progress = Callable[[float], None]
+
+
 @dataclass(frozen=True, slots=True)
 class AchievabilityMap:
     """Results for one more finger at each cell's centre: arrays (ny, nx).
@@ -95,11 +98,19 @@ def achievability_map(
     *,
     size_mm: tuple[float, float],
     cells: int,
+    progress: Progress = lambda _: None,
 ) -> AchievabilityMap:
-    """Return the map of cells x cells over a plate of `size_mm`; limit_um (M,). Raises ValueError as `solve`."""
+    """Return the map of cells x cells over a plate of `size_mm`; limit_um (M,). Raises ValueError as `solve`.
+
+    `progress` is called with the share that is done.
+    """
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
     phi, target_um = _mode_matrices(modes, fingers, points_mm), _targets(fingers, other_um)
-    modal_um = solve_batch(phi, target_um, limit_um)
+    rows = []
+    for row, shapes in enumerate(np.split(phi, cells)):
+        progress(row / cells)
+        rows.append(solve_batch(shapes, target_um, limit_um))
+    modal_um = np.concatenate(rows)
     achieved_um = np.abs(np.einsum("knm,km->kn", phi, modal_um))
     grid = (cells, cells)
     return AchievabilityMap(
@@ -121,7 +132,7 @@ def pair_map(
     *,
     size_mm: tuple[float, float],
     cells: int,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> PairMap:
     """Count the pairs where the slipping finger reaches `target_um`; limit_um (M,). It takes time of order
     cells^4, and shows the positions that lower the mean, which random pairs would not. `progress` is called with

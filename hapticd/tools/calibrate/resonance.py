@@ -27,6 +27,7 @@ from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
+from ..progress import Progress
 from .folder import CALIBRATION_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
 
@@ -81,8 +82,10 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]
 async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
     """Sweep piece by piece: on a loaded host the board may receive nothing for 50 ms, and ends a sweep."""
     points: list[SweepPoint] = []
-    for piece in pieces(plan):
-        points += await _measured_piece(board, piece)
+    with Progress(f"sweeping mode {plan.mode}") as progress:
+        for piece in pieces(plan):
+            points += await _measured_piece(board, piece)
+            progress(len(points) / plan.points)
     return sweep.fitted(points, plan.mode)
 
 

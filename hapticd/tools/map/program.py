@@ -95,7 +95,10 @@ def _map(options: argparse.Namespace) -> None:
         slipping = sum(um > 0.0 for um in (other_um, *(finger.target_um for finger in fingers)))
         usual_cells = CELLS if slipping == 1 or modes.M <= 2 else SEARCHED_CELLS
         cells = usual_cells if options.cells is None else options.cells
-        result = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
+        with Progress(_title(other_um)) as progress:
+            result = achievability_map(
+                modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells, progress=progress
+            )
         panels.append(Panel(_title(other_um), tuple(fingers), result))
     if not panels:
         raise UsageError("--still: no finger slips: give a --finger an amplitude above 0.")
