@@ -105,16 +105,30 @@ def opened(path: Path, *, mode: int = 0o666) -> Iterator[IO[bytes]]:
             with path.open("wb") as file:
                 yield file
             return
-        whole = path.resolve()
-        part = whole.with_name(f".hapticd-{os.getpid()}.part")
-        try:
-            with open(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "w+b") as file:
-                yield file
-            part.replace(whole)
-        finally:
-            part.unlink(missing_ok=True)
+        with (
+            named_when_whole(path) as part,
+            open(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "w+b") as file,
+        ):
+            yield file
     except OSError as error:
         raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
+
+
+@contextmanager
+def named_when_whole(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to write, which gets the name `path` at the end, and is deleted after an error.
+
+    Raises UsageError for a device or a pipe, OSError.
+    """
+    if _is_special(path):
+        raise UsageError(f"{path}: is a device or a pipe: name a file.")
+    whole = path.resolve()
+    part = whole.with_name(f".hapticd-{os.getpid()}.part")
+    try:
+        yield part
+        part.replace(whole)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def write_text(text: str, file: Path | str) -> None:

@@ -63,15 +63,10 @@ def _simulate(options: argparse.Namespace) -> None:
         else:
             from .record import simulated
 
-            options.record.unlink(missing_ok=True)  # with --force: a recording would take the next free name
-            result = simulated.run(
-                scenario,
-                options.record,
-                settings=settings,
-                seed=options.seed,
-                seconds=options.seconds,
-                progress=progress,
-            )
+            with outputs.named_when_whole(options.record) as part:
+                result = simulated.run(
+                    scenario, part, settings=settings, seed=options.seed, seconds=options.seconds, progress=progress
+                )
     took_s = time.perf_counter() - t_start_s
     with contextlib.ExitStack() as shown:
         compared = None if options.alone else report.compare(result, lambda part: shown.enter_context(Progress(part)))

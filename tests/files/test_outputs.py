@@ -175,7 +175,10 @@ def is_writing(call: ast.Call) -> bool:
 
 
 def writes(path: Path) -> bool:
-    calls = (node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call))
+    text = path.read_text(encoding="utf-8")
+    if not re.search(r"write_(text|bytes)|open\(", text):  # most files, which need no parsing
+        return False
+    calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
     return any(is_writing(call) for call in calls)
 
 
@@ -232,3 +235,23 @@ def test_a_calibration_step_replaces_its_own_result(capsys: pytest.CaptureFixtur
     for _ in range(2):
         assert main(["calibrate", "friction", "--sim", "--out", "plate"]) == 0
     assert "friction: " in capsys.readouterr().out
+
+
+def test_a_recording_that_fails_leaves_the_earlier_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def failing(_scenario: object, path: Path, **_: object) -> None:
+        path.write_text("half", encoding="utf-8")
+        raise HapticdError("the disk is full")
+
+    monkeypatch.setattr("hapticd.tools.record.simulated.run", failing)
+    Path("run.mcap").write_text("a day's work", encoding="utf-8")
+    assert main(["simulate", "rest", "--record", "run.mcap", "--force"]) == 1
+    assert capsys.readouterr().err == "hapticd: the disk is full\n"
+    assert Path("run.mcap").read_text(encoding="utf-8") == "a day's work"
+    assert sorted(path.name for path in Path().iterdir()) == ["in.mcap", "run.mcap"]
+
+
+def test_a_device_is_never_replaced_by_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "is a device or a pipe" in refused(capsys, "simulate", "rest", "--record", "/dev/null")
+    assert not Path("/dev/null").is_file()

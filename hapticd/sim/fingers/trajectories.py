@@ -47,7 +47,7 @@ def read(path: Path, size_mm: Sequence[float]) -> Scenario:
 
 def _scenario(name: str, lines: Sequence[str], size_mm: Sequence[float]) -> Scenario:
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    rows = list(csv.reader(line for _, line in numbered))
+    rows = list(csv.reader((line for _, line in numbered), quoting=csv.QUOTE_NONE))  # a line is a row
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         raise ValueError(f"does not begin with the header {','.join(COLUMNS)}: add it.")
     fingers: dict[int, list[tuple[float, ...]]] = {}

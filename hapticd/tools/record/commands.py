@@ -83,6 +83,8 @@ def _export(options: argparse.Namespace) -> None:
     from . import export
     from .tables import tables
 
+    if options.csv is None:
+        export.require("h5py" if options.hdf5 is not None else "pyarrow")
     recording = open_recording(options.files)
     with Progress("reading") as recording.progress:
         found, texts = tables(recording), texts_of(recording.header)

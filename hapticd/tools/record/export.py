@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,14 @@ from .tables import Column
 HEADER = "header.json"
 Tables = Mapping[str, Mapping[str, Column]]
 MOST_FIXED_BYTES = 1 << 24  # of a column of texts, with all as long as the longest
+
+
+def require(library: str) -> None:
+    """Raise HapticdError without a library, before a recording is read for nothing."""
+    try:
+        import_module(library)
+    except ImportError:
+        raise missing_library(f"This format needs {library}", "export") from None
 
 
 def csv_files(tables: Tables, folder: Path) -> list[Path]:
@@ -42,11 +51,9 @@ def to_csv(tables: Tables, texts: Mapping[str, str], folder: Path) -> None:
 
 def to_parquet(tables: Tables, texts: Mapping[str, str], folder: Path) -> None:
     """One file for each table, each with the header in its metadata. Raises HapticdError."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise missing_library("Parquet needs pyarrow", "export") from None
+    import pyarrow
+    from pyarrow import parquet
+
     for name, table in tables.items():
         made = pyarrow.table({column: values.tolist() for column, values in table.items()})
         with opened(folder / f"{name}.parquet") as file:
@@ -58,10 +65,8 @@ def to_hdf5(tables: Tables, texts: Mapping[str, str], path: Path) -> None:
 
     Raises HapticdError.
     """
-    try:
-        import h5py
-    except ImportError:
-        raise missing_library("HDF5 needs h5py", "export") from None
+    import h5py
+
     made = io.BytesIO()  # the library also reads what it writes, which a device does not give back
     with h5py.File(made, "w") as file:
         for name, value in texts.items():

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hapticd.__main__ import main
 from hapticd.errors import UsageError
@@ -71,6 +75,14 @@ def test_a_mistake_in_the_file_is_one_sentence_with_its_line(text: str, sentence
     with pytest.raises(UsageError) as refused:
         trajectories.read(file, SIZE_MM)
     assert str(refused.value).startswith(f"{file}: {sentence}")
+
+
+@given(st.lists(st.lists(st.sampled_from(["0", "1", "0.5", "-3", "", "nan", "1e400", "x", '"', "\0"])), max_size=6))
+def test_whatever_a_file_holds_it_is_a_scenario_or_a_sentence(rows: list[list[str]]) -> None:
+    with TemporaryDirectory() as folder:
+        file = written(Path(folder), HEADER + "\n".join(",".join(row) for row in rows))
+        with suppress(UsageError):
+            assert trajectories.read(file, SIZE_MM).seconds > 0.0
 
 
 def test_own_fingers_are_played_and_compared_and_all_arrays_are_written(
