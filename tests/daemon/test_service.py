@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from hapticd.__main__ import main
@@ -20,8 +19,7 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
-from hapticd.errors import ConfigError, ModesError
-from hapticd.files.mode_map import require_usable
+from hapticd.errors import ConfigError
 from hapticd.io.host.systemd import Notifier
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.files import write_measured
@@ -196,44 +194,6 @@ def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
     assert (
         "has 1 limits for a plate of 2 modes: give one for each mode. The present configuration stays." in caplog.text
     )
-
-
-@pytest.mark.parametrize(
-    ("to_mm", "shapes", "word"),
-    [
-        (1e-3, None, "x_mm runs from -0.06875 to 0.06875 on a plate of 137.5 mm; give positions in mm"),
-        (1.0, np.zeros((2, 56, 56)), "mode 1 is zero everywhere"),
-        (1.0, np.ones((2, 56, 56)), "modes 1 and 2 have the same shape"),
-        (1.0, np.stack([np.eye(56), -2.0 * np.eye(56)]), "modes 1 and 2 have the same shape"),
-    ],
-    ids=["in metres", "all zero", "twice", "twice, scaled"],
-)
-@pytest.mark.parametrize("command", [("run", "--check"), ("doctor",)], ids=" ".join)
-def test_a_map_that_drives_nothing_is_refused_in_one_sentence(
-    command: tuple[str, ...],
-    to_mm: float,
-    shapes: npt.NDArray[np.float64] | None,
-    word: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    plate = sine_plate()
-    written = plate.shapes if shapes is None else shapes
-    np.savez(tmp_path / "map.npz", x_mm=plate.x_mm * to_mm, y_mm=plate.y_mm * to_mm, shapes=written)
-    config = tmp_path / "hapticd.toml"
-    config.write_text(f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n', encoding="utf-8")
-    assert main([*command, "--config", str(config)]) == (1 if command == ("doctor",) else 78)
-    printed = capsys.readouterr()
-    (line,) = [line for line in (printed.out + printed.err).splitlines() if word in line]
-    assert f"plate.modes_file: {tmp_path}/map.npz: " in line
-    assert command == ("doctor",) or printed.err.count("\n") == 1
-
-
-def test_a_map_from_the_plate_s_corner_is_refused() -> None:
-    plate = sine_plate()
-    with pytest.raises(ModesError, match="from the plate's centre"):
-        require_usable((plate.x_mm + 68.75, plate.y_mm, plate.shapes), (137.5, 137.5))
-    require_usable((plate.x_mm + 4.0, plate.y_mm, plate.shapes), (137.5, 137.5))
 
 
 def test_a_configuration_is_checked_without_opening_anything(

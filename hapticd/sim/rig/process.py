@@ -18,6 +18,7 @@ END_WITHIN_S = 10.0
 MODES_FILE = "modes.npz"
 PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"
+HISTORY_FILE = "history.npz"
 
 
 class RigProcess:
@@ -49,10 +50,8 @@ class RigProcess:
             str(seed),
             "--owned",
         ]
-        self._recorded = self.directory / "history.npz"
-        self.history: dict[str, Any] = {}
         if record:
-            command += ["--record", str(self._recorded)]
+            command += ["--record", str(self.directory / HISTORY_FILE)]
         if program is not None:
             command += ["--program", str(program)]
         # Its own session, so that a Ctrl-C does not stop the rig before the daemon. The pipe to its input closes with
@@ -88,7 +87,7 @@ class RigProcess:
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 pipe.close()
-        if self._recorded.is_file():
-            with np.load(self._recorded) as arrays:
-                self.history = dict(arrays)
+        if (self.directory / HISTORY_FILE).is_file():
+            with np.load(self.directory / HISTORY_FILE) as arrays:
+                self.history: dict[str, Any] = dict(arrays)
         self._directory.cleanup()
