@@ -104,8 +104,8 @@ CONFIGURATIONS = {
     "not TOML": "[plate",
     "unknown key": "[plate]\nsize = 1\n",
     "missing map": '[plate]\nmodes_file = "none.npz"\n',
-    "map that is none": '[plate]\nmodes_file = "hapticd.toml"\n',
-    "keys that are not there": '[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "none"\nruntime_dir = "run"\n',
+    "map that is none": '[plate]\nmodes_file = "hapticd.toml"\n[sim]\nrig_dir = "."\n',
+    "keys that are not there": '[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "none"\n[sim]\nrig_dir = "."\n',
 }
 
 

@@ -231,6 +231,7 @@ def test_a_calibration_step_overwrites_neither_its_input_nor_what_it_did_not_wri
     assert f"{step}.png: exists already" in refused(capsys, "calibrate", step, "--sim", "--out", ".")
 
 
+@pytest.mark.long
 def test_a_calibration_step_replaces_its_own_result(capsys: pytest.CaptureFixture[str]) -> None:
     for _ in range(2):
         assert main(["calibrate", "friction", "--sim", "--out", "plate"]) == 0
