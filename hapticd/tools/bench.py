@@ -81,7 +81,7 @@ def _bench(options: argparse.Namespace) -> None:
 def _minutes(name: str, options: argparse.Namespace) -> float:
     if name != "soak":
         return PARTS[name].minutes
-    return PARTS[name].minutes * options.hours if options.real_time is None else RUNS * options.real_time / 60.0
+    return float(PARTS[name].minutes * options.hours if options.real_time is None else RUNS * options.real_time / 60.0)
 
 
 def listing() -> str:

@@ -10,8 +10,6 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.errors import ModesError
-from hapticd.files.mode_map import require_usable
 
 
 def sine_plate() -> ModeShapes:
@@ -49,10 +47,3 @@ def test_a_map_that_drives_nothing_is_refused_in_one_sentence(
     (line,) = [line for line in (printed.out + printed.err).splitlines() if word in line]
     assert f"plate.modes_file: {tmp_path}/map.npz: " in line
     assert command == ("doctor",) or printed.err.count("\n") == 1
-
-
-def test_a_map_from_the_plate_s_corner_is_refused() -> None:
-    plate = sine_plate()
-    with pytest.raises(ModesError, match="from the plate's centre"):
-        require_usable((plate.x_mm + 68.75, plate.y_mm, plate.shapes), (137.5, 137.5))
-    require_usable((plate.x_mm + 4.0, plate.y_mm, plate.shapes), (137.5, 137.5))

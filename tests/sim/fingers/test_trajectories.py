@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -106,3 +107,9 @@ def test_own_fingers_are_played_and_compared_and_all_arrays_are_written(
 def test_a_scenario_or_a_file_is_given_and_not_both(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", *arguments]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_readme_s_example_is_a_file_that_is_read(tmp_path: Path) -> None:
+    page = (Path(trajectories.__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```\n(t_s,.*?)```", page, flags=re.DOTALL)
+    assert len(trajectories.read(written(tmp_path, example), SIZE_MM).build(1, 100.0)) == 2
