@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
     )
     parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="width x depth (default 137.5x137.5)")
-    parser.add_argument("--thickness", dest="thickness_mm", type=POSITIVE, default=2.0, metavar="MM", help="default 2")
+    parser.add_argument(
+        "--thickness", dest="thickness_mm", type=number(0.01, 100.0), default=2.0, metavar="MM", help="default 2"
+    )
     parser.add_argument(
         "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
     )

@@ -48,6 +48,7 @@ def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
         (["--size", "big"], "--size is 'big'"),
         (["--material", "wood"], "there is no material 'wood'"),
         (["--thickness", "0"], "--thickness: 0 is out of bounds"),
+        (["--thickness", "1e-300"], "--thickness: 1e-300 is out of bounds, it must be 0.01 .. 100"),
         (["--near", "nan"], "--near: nan is out of bounds"),
         (["--near", "2900000"], "waves too short"),
         (["--splitting", "-1"], "--splitting: -1 is out"),
