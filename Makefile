@@ -11,7 +11,7 @@ LINT := $(VENV)/.lint
 .PHONY: demo test test-all coverage fuzz lint bench firmware clean
 
 demo: $(HAPTICD)
-	$(BIN)/hapticd demo
+	$(BIN)/hapticd demo --force
 
 # Proves the product. Property tests look at the same examples each time: everybody gets the same answer.
 test: $(TESTS)

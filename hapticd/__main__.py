@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NamedTuple
 
-from . import __version__
 from .errors import HapticdError
+from .files.outputs import check_arguments
+from .tools.arguments import Parser
 
 
 class Command(NamedTuple):
@@ -118,8 +119,9 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; return the exit code. An error of hapticd's own prints one sentence on stderr."""
     given = sys.argv[1:] if arguments is None else list(arguments)
-    options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
     try:
+        options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
+        check_arguments(options)
         code = int(options.command(options) or 0)
         sys.stdout.flush()
         return code
@@ -146,15 +148,25 @@ def _stopped_by_the_system(error: OSError) -> int:
     return 1
 
 
+class _Version(argparse.Action):
+    """Print the version and exit; git is asked then only."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from .tools.version import version_text
+
+        print(f"hapticd {version_text()}")
+        parser.exit()
+
+
 def parser(chosen: str = "") -> argparse.ArgumentParser:
     """Return the parser of all commands, with the arguments of the `chosen` one."""
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog="hapticd",
         description="Every finger on one vibrating glass plate gets its own friction.",
         epilog="example: hapticd view --sim\n\n`hapticd COMMAND --help` explains each, with an example.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    whole.add_argument("--version", action="version", version=f"hapticd {__version__}")
+    whole.add_argument("--version", action=_Version, nargs=0, help="show the version, of a checkout with its commit")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, summary, example, add_arguments) in COMMANDS.items():
         one = commands.add_parser(

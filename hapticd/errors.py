@@ -2,13 +2,13 @@
 
 
 class HapticdError(Exception):
-    """Base class of all errors reported to the user. `exit_code` is that of the process (sysexits.h)."""
+    """Base class of all errors reported to the user. `exit_code` is that of the process (hapticd/tools/README.md)."""
 
     exit_code = 1
 
 
 class UsageError(HapticdError):
-    """A command has an invalid argument."""
+    """A command has an invalid argument, or an argument names an unusable file."""
 
     exit_code = 2
 
@@ -21,6 +21,8 @@ class ConfigError(HapticdError):
 
 class ModesError(HapticdError):
     """A mode map cannot be read or is invalid."""
+
+    exit_code = 2
 
 
 class DeviceError(HapticdError):
@@ -60,7 +62,19 @@ class RecordingError(HapticdError):
 class SimulationError(HapticdError, ValueError):
     """A simulated run has an unknown scenario or setting, or a value out of bounds."""
 
-    exit_code = 64  # EX_USAGE
+    exit_code = 2
+
+
+def missing_library(need: str, extra: str) -> HapticdError:
+    """Return the error for a `need` such as "A picture needs matplotlib", met by an extra of pyproject.toml."""
+    return HapticdError(f'{need}: run `pip install ".[{extra}]"` in the checkout of hapticd.')
+
+
+def missing_client(need: str) -> HapticdError:
+    """Return the error for what needs the client library."""
+    return HapticdError(
+        f"{need} needs the client library: run `pip install clients/python` in the checkout of hapticd."
+    )
 
 
 def reason(error: Exception) -> str:

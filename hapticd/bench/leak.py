@@ -68,7 +68,7 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
 
     def judge(finished: FinishedRun) -> Figures:
         if finished.name == DEFAULT:
-            known.append(_figures(perfect(finished.run)))
+            known.append(_figures(perfect(finished.run).score))
         return _figures(finished.run.score)
 
     rows = [*compared(chosen, judge, seeds=seeds, seconds=seconds), (PERFECT, over_seeds(known))]
@@ -106,7 +106,7 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     known: dict[str, list[Figures]] = {f"{name}, {PERFECT}": [] for name in plates}
 
     def judge(finished: FinishedRun) -> Figures:
-        known[f"{finished.name}, {PERFECT}"].append(_contacts(perfect(finished.run)))
+        known[f"{finished.name}, {PERFECT}"].append(_contacts(perfect(finished.run).score))
         return _contacts(finished.run.score)
 
     rows = compared(plates, judge, seeds=seeds, seconds=seconds, timed=False)

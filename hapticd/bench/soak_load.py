@@ -19,7 +19,7 @@ Counts = dict[str, float]
 def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Popen[str]]]:
     """Run Python programs that print a line when they are ready; kill those that still run at the end."""
     running = [
-        subprocess.Popen([sys.executable, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([sys.executable, "-P", *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         for command in commands
     ]
     try:

@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError
-from ..files.outputs import check_writable, write_text
+from ..files.outputs import write_text
 from . import (
     contacts,
     firmware,
@@ -48,8 +48,6 @@ class Extent(NamedTuple):
 
 Part = Callable[[Extent], tuple[Table, ...]]
 
-MOST_STEPS = 1_000_000_000  # half an hour
-
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda _: prediction.run(),
@@ -63,11 +61,10 @@ PARTS: dict[str, Part] = {
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
     ),
 }
-APART = ("soak",)  # not part of `all`: it compares nothing and takes minutes
 
 
 def run(
-    part: str,
+    minutes: Mapping[str, float],
     *,
     seconds: float,
     json_file: str | None,
@@ -76,19 +73,15 @@ def run(
     hours: float = 1.0,
     real_time_s: float | None = None,
 ) -> None:
-    """Run a part, or `all`: print each table, then write JSON and the picture if requested.
+    """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON and the
+    picture if requested.
 
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
     """
-    if not 0.0 <= seconds <= 600.0:  # False for NaN
-        raise UsageError(f"--seconds: {seconds:g} is out of bounds, it must be 0 .. 600.")
-    if not 0 <= steps <= MOST_STEPS:
-        raise UsageError(f"--steps: {steps} is out of bounds, it must be 0 .. {MOST_STEPS}.")
-    check_writable(json_file, plot)
     out = sys.stderr if json_file == "-" else sys.stdout
     figures: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
-    for name, tables in _results(part, Extent(seconds, steps, hours, real_time_s)):
+    for name, tables in _results(minutes, Extent(seconds, steps, hours, real_time_s)):
         figures[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)
@@ -96,7 +89,7 @@ def run(
         write_text(json.dumps({"machine": _machine(), "parts": figures}, indent=2, allow_nan=False) + "\n", json_file)
     drawn = [table for table in found if _is_drawn(table)]
     if plot is not None and not drawn:
-        raise UsageError(f"--plot: {part} has no table of error over run time; leave the option out.")
+        raise UsageError(f"--plot: {', '.join(minutes)} has no table of error over run time; leave the option out.")
     if plot is not None:
         from .plot import draw
 
@@ -109,10 +102,13 @@ def _is_drawn(table: Table) -> bool:
     return bool(table.time or "hot_us" in table.compared)
 
 
-def _results(part: str, extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
-    for name in [name for name in PARTS if name not in APART] if part == "all" else (part,):
-        print(f"measuring {name} ...", file=sys.stderr, flush=True)
+def _results(minutes: Mapping[str, float], extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:
+    left_min = sum(minutes.values())
+    for place, (name, takes_min) in enumerate(minutes.items(), 1):
+        in_all = f", all about {left_min:g} min" if len(minutes) > 1 else ""
+        print(f"measuring {name} ({place} of {len(minutes)}, about {takes_min:g} min{in_all}) ...", file=sys.stderr)
         yield name, PARTS[name](extent)
+        left_min -= takes_min
 
 
 def _print(tables: tuple[Table, ...], out: TextIO) -> None:

@@ -86,7 +86,7 @@ def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil =
 
 def _measured_as_python(repeats: int, passes: int) -> Figures:
     done = subprocess.run(
-        [sys.executable, "-m", __name__, str(repeats), str(passes)],
+        [sys.executable, "-P", "-m", __name__, str(repeats), str(passes)],
         env={**os.environ, "HAPTICD_PURE": "1"},
         stdout=subprocess.PIPE,
         check=True,

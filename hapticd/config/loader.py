@@ -5,6 +5,7 @@ The default configuration runs the simulated plate.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from itertools import pairwise
@@ -148,16 +149,16 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
         name = getattr(getattr(config, section), key)
         if not name:
             continue
-        path = (folder / name).resolve()
+        path = Path(os.path.realpath(folder / name))  # `resolve` raises for a loop of symbolic links
         if not _is_file(path):
             raise ConfigError(f"{where}: {section}.{key}: there is no file {path}.")
         config = replace(config, **{section: replace(getattr(config, section), **{key: str(path)})})
     if config.client.keys_dir:
         config = replace(
-            config, client=replace(config.client, keys_dir=str((folder / config.client.keys_dir).resolve()))
+            config, client=replace(config.client, keys_dir=os.path.realpath(folder / config.client.keys_dir))
         )
     if config.record.file:
-        config = replace(config, record=replace(config.record, file=str((folder / config.record.file).resolve())))
+        config = replace(config, record=replace(config.record, file=os.path.realpath(folder / config.record.file)))
     if config.trackpad.source == "replay" and not config.trackpad.replay_file:
         raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
     return config

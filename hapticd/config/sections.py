@@ -63,7 +63,11 @@ class TrackpadConfig:
         "model of the trackpad; auto: the one that is connected",
         choices=("auto", "mt1", "mt2-usb", "mt2-bt", "usbc-usb", "usbc-bt"),
     )
-    replay_file: str = key("", 'recording to replay, for source = "replay"')
+    replay_file: str = key(
+        "",
+        'reports for source = "replay", as JSON lines: {"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab"} '
+        "each, host time and bytes in hex",
+    )
     offset_mm: tuple[float, ...] = key((0.0, 0.0), "the pad's centre in plate coordinates", low=-500, high=500)
     rotation_deg: float = key(0.0, "anticlockwise rotation of the pad on the plate", low=-180, high=180)
     scale: tuple[float, ...] = key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)

@@ -23,8 +23,9 @@ from ..config.loader import load
 from ..config.sections import SIMULATED, Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
-from ..errors import ConfigError, HapticdError
+from ..errors import ConfigError, HapticdError, ModesError
 from ..files import calibration
+from ..files.mode_map import require_usable
 from ..io.clients import keys
 from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
@@ -181,10 +182,10 @@ async def _prepared(config_loader: ConfigLoader, wanted: Config, before: Config,
 def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
     """Return the configured mode map; for the simulated plate the rig's, computed here if no rig has written one.
 
-    Raises ModesError, ConfigError.
+    Raises ConfigError; ModesError for the rig's own map.
     """
     if config.plate.modes_file:
-        modes = ModeShapes.load(config.plate.modes_file)
+        modes = _measured(config, "modes_file")
     elif rig_dir is not None and (rig_dir / MODES_FILE).is_file():
         modes = ModeShapes.load(rig_dir / MODES_FILE)
     else:
@@ -203,16 +204,30 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
 
 
 def load_parasitic_modes(config: Config) -> ParasiticModes | None:
-    """Return the parasitic modes, if the configuration names them. Raises ModesError, ConfigError."""
+    """Return the parasitic modes, if the configuration names them. Raises ConfigError."""
     plate = config.plate
     if not plate.parasitic_modes_file:
         return None
     detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.parasitic_detuning_hz]
-    modes = ModeShapes.load(plate.parasitic_modes_file)
+    modes = _measured(config, "parasitic_modes_file")
     try:
         return ParasiticModes(modes, plate.parasitic_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
     except ValueError as error:
         raise ConfigError(f"plate.parasitic_modes_file: {error}") from None
+
+
+def _measured(config: Config, key: str) -> ModeShapes:
+    """Return a map that the configuration names. Raises ConfigError."""
+    path = getattr(config.plate, key)
+    try:
+        modes = ModeShapes.load(path)
+    except ModesError as error:
+        raise ConfigError(f"plate.{key}: {error}") from None
+    try:
+        require_usable((modes.x_mm, modes.y_mm, modes.shapes), config.plate.size_mm)
+    except ModesError as error:
+        raise ConfigError(f"plate.{key}: {path}: {error}") from None
+    return modes
 
 
 def _on_rig(config: Config, rig_dir: Path) -> Config:

@@ -13,7 +13,7 @@ median (Bloomfield and Steiger, Least Absolute Deviations, 1983).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
@@ -36,6 +36,9 @@ class Finger(NamedTuple):
     x_mm: float
     y_mm: float
     target_um: float
+
+
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +98,19 @@ def achievability_map(
     *,
     size_mm: tuple[float, float],
     cells: int,
+    progress: Progress = lambda _: None,
 ) -> AchievabilityMap:
-    """Return the map of cells x cells over a plate of `size_mm`; limit_um (M,). Raises ValueError as `solve`."""
+    """Return the map of cells x cells over a plate of `size_mm`; limit_um (M,). Raises ValueError as `solve`.
+
+    `progress` is called with the share that is done.
+    """
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
     phi, target_um = _mode_matrices(modes, fingers, points_mm), _targets(fingers, other_um)
-    modal_um = solve_batch(phi, target_um, limit_um)
+    rows = []
+    for row, shapes in enumerate(np.split(phi, cells)):
+        progress(row / cells)
+        rows.append(solve_batch(shapes, target_um, limit_um))
+    modal_um = np.concatenate(rows)
     achieved_um = np.abs(np.einsum("knm,km->kn", phi, modal_um))
     grid = (cells, cells)
     return AchievabilityMap(
@@ -115,15 +126,23 @@ def achievability_map(
 
 
 def pair_map(
-    modes: ModeShapes, target_um: float, limit_um: Sequence[float], *, size_mm: tuple[float, float], cells: int
+    modes: ModeShapes,
+    target_um: float,
+    limit_um: Sequence[float],
+    *,
+    size_mm: tuple[float, float],
+    cells: int,
+    progress: Progress = lambda _: None,
 ) -> PairMap:
     """Count the pairs where the slipping finger reaches `target_um`; limit_um (M,). It takes time of order
-    cells^4, and shows the positions that lower the mean, which random pairs would not."""
+    cells^4, and shows the positions that lower the mean, which random pairs would not. `progress` is called with
+    the share that is done."""
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
     phi, limits = modes.evaluate(points_mm), np.asarray(limit_um, np.float64)
     slipping, still = np.zeros(len(phi)), np.zeros(len(phi))
     for places, basis in row_spaces(phi[:, None, :]):
         for here, shapes in enumerate(phi):
+            progress(here / len(phi))
             reach_um = least_deviation(np.broadcast_to(shapes, (len(places), modes.M)), basis, limits)
             served = reach_um >= target_um * FULL_FRAC
             slipping[here] += np.count_nonzero(served)

@@ -15,6 +15,7 @@ MIN_LINES = 8  # per axis: fewer cannot hold a wave and its surroundings
 
 _MIN_STEP_MM = 0.1
 _MOST_SHIFT_MM = 5.0  # a shifted scan may reach this far beyond the plate
+_LEAST_COVER_FRAC = 0.5  # of an edge: a smaller scan has other units, or another plate's size
 _MAX_VALUE = 1e12  # larger is a damaged file, and squares could overflow
 _MIN_VALUE = 1e-60  # smaller counts as zero: its square could vanish
 
@@ -39,6 +40,11 @@ def require_scan(
         raise ModesError("a point's position is not a number; give it or remove the point.")
     for position_mm, name, edge_mm in zip(points_mm.T, ("x_mm", "y_mm"), size_mm, strict=True):
         low, high = float(position_mm.min()), float(position_mm.max())
+        if high - low < _LEAST_COVER_FRAC * edge_mm:
+            raise ModesError(
+                f"{name} runs from {low:g} to {high:g}, less than half of a plate of {edge_mm:g} mm; "
+                "give positions in mm, or the plate's size."
+            )
         if not (-edge_mm / 2.0 - _MOST_SHIFT_MM <= low and high <= edge_mm / 2.0 + _MOST_SHIFT_MM):
             raise ModesError(
                 f"{name} runs from {low:g} to {high:g} mm, off a plate of {edge_mm:g} mm; "

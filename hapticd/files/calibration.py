@@ -13,6 +13,7 @@ from typing import Any
 from ..board_values import ModeCalibration
 from ..errors import ConfigError
 from ..wire import protocol
+from .outputs import write_text
 from .toml_file import read_table, shown
 
 # Key: lower and upper bound.
@@ -44,12 +45,8 @@ def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
 
 
 def save(path: Path, calibrations: Sequence[ModeCalibration]) -> None:
-    """Overwrite the file, modes in order. Raises ConfigError."""
-    text = HEADER + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode))
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror}): name a file in a writable folder.") from None
+    """Overwrite the file, modes in order. Raises HapticdError."""
+    write_text(HEADER + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode)), path)
 
 
 def _text(calibration: ModeCalibration) -> str:

@@ -21,6 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.errors import ModesError
+from hapticd.regular_file import open_regular
+
+from .outputs import opened
 
 Floats = npt.NDArray[np.float64]
 Grid = tuple[Floats, Floats, Floats]
@@ -35,6 +38,10 @@ MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged fi
 _GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
 _FORMS = (("phi",), ("re", "im"), ("abs", "deg"))
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
+_BEYOND_MM = 5.0  # a map may be shifted, and reach this far beyond the plate
+_LEAST_COVER_FRAC = 0.5  # of the plate's edge: beyond a map the shapes of its edge are used
+_LEAST_PEAK = 1e-6  # of a mode; measured ones are about 1
+_SAME_SHAPE = 0.999  # cosine between two modes: no pair of positions could be given two targets
 _MIN_FILLED_FRAC = 0.5  # of a grid: with fewer points they are scattered
 
 
@@ -56,12 +63,31 @@ def read_scan(path: str | Path) -> Scan:
 
 
 def write_grid(path: str | Path, grid: Grid) -> None:
-    """Write a grid as NPZ or CSV, by the suffix; `read_grid` returns the same numbers. Raises ModesError."""
+    """Write a grid as NPZ or CSV, by the suffix; `read_grid` returns the same numbers. Raises HapticdError."""
     data = encode_grid(grid, _suffix(Path(path)))
-    try:
-        Path(path).write_bytes(data)
-    except OSError as error:
-        raise ModesError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+    with opened(Path(path)) as file:
+        file.write(data)
+
+
+def require_usable(grid: Grid, size_mm: Sequence[float]) -> None:
+    """Raise ModesError for a map that can be read but not used: off the plate, of zeros, or of one shape twice."""
+    x_mm, y_mm, shapes = grid
+    for name, axis_mm, edge_mm in (("x_mm", x_mm, size_mm[0]), ("y_mm", y_mm, size_mm[1])):
+        low_mm, high_mm = float(axis_mm[0]), float(axis_mm[-1])
+        is_on_plate = -edge_mm / 2.0 - _BEYOND_MM <= low_mm and high_mm <= edge_mm / 2.0 + _BEYOND_MM
+        if not is_on_plate or high_mm - low_mm < _LEAST_COVER_FRAC * edge_mm:
+            raise ModesError(
+                f"{name} runs from {low_mm:g} to {high_mm:g} on a plate of {edge_mm:g} mm; "
+                "give positions in mm from the plate's centre, and check plate.size_mm."
+            )
+    length = np.linalg.norm(shapes.reshape(len(shapes), -1), axis=1)
+    for mode in range(len(shapes)):
+        if not np.abs(shapes[mode]).max() > _LEAST_PEAK:
+            raise ModesError(f"mode {mode + 1} is zero everywhere; measure it again.")
+        for other in range(mode):
+            alike = abs(float(np.sum(shapes[mode] * shapes[other]))) / float(length[mode] * length[other])
+            if alike > _SAME_SHAPE:
+                raise ModesError(f"modes {other + 1} and {mode + 1} have the same shape; measure one of them again.")
 
 
 def decode_grid(data: bytes, suffix: str) -> Grid:
@@ -108,7 +134,7 @@ def encode_grid(grid: Grid, suffix: str) -> bytes:
 def _read(path: Path, decode: Callable[[bytes, str], Decoded]) -> Decoded:
     suffix = _suffix(path)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error

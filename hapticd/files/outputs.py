@@ -1,32 +1,159 @@
-"""Output files of commands: checks before the work, and writing of text."""
+"""Output files of commands: the arguments that name them, the check before the work, and the only way to open one.
+
+One rule for all: the suffix is that of what is written; the folder of a file exists, a folder of results is created;
+an existing file is refused without --force; what the command reads and its other outputs are never overwritten.
+Devices and pipes (/dev/stdout, a shell's `>(gzip)`) are written as they are; "-" is standard output where offered.
+"""
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any
 
 from ..errors import HapticdError, UsageError, reason
 
+PICTURE = (".png", ".pdf", ".svg")
+JSON, CSV, NPZ, HDF5, RECORDING = (".json",), (".csv",), (".npz",), (".h5", ".hdf5"), (".mcap",)
+STDOUT = "-"
+Suffixes = tuple[str, ...]
 
-def check_writable(*paths: Path | str | None) -> None:
-    """Raise UsageError for the first path that cannot be written; None is skipped, "-" is standard output."""
-    for path in (Path(path) for path in paths if path not in (None, "-")):
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add --force, once."""
+    if "--force" not in parser._option_string_actions:
+        parser.add_argument("--force", action="store_true", help="overwrite existing output files")
+
+
+def add_file(
+    parser: argparse.ArgumentParser, name: str, suffixes: Suffixes, *, group: Any = None, **options: Any
+) -> None:
+    """Add an argument that names an output file with one of `suffixes`, and --force; `options` as `add_argument`."""
+    add_force(parser)
+    argument = (group or parser).add_argument(name, **{"type": Path, **options})
+    parser.set_defaults(outputs={**(parser.get_default("outputs") or {}), argument.dest: suffixes})
+
+
+def add_json(parser: argparse.ArgumentParser, what: str = "the figures") -> None:
+    """Add --json F, which may be standard output."""
+    add_file(parser, "--json", JSON, type=str, metavar="F", help=f"write {what} as JSON; - is standard output")
+
+
+def check_arguments(options: argparse.Namespace) -> None:
+    """Check all outputs that the arguments name, before the work.
+
+    Raises UsageError, HapticdError for a picture without matplotlib.
+    """
+    named: dict[str, Suffixes] = getattr(options, "outputs", {})
+    from .plotting import check as check_picture  # which writes by `opened`
+
+    paths = []
+    for argument, suffixes in named.items():
+        path = getattr(options, argument)
+        if path is not None and not (suffixes == JSON and path == STDOUT):
+            check_suffix(Path(path), suffixes)
+            check_picture(Path(path) if suffixes == PICTURE else None)
+            paths.append(Path(path))
+    given = [value for argument, value in vars(options).items() if argument not in named]
+    check(paths, inputs=_paths(given), is_forced=getattr(options, "force", False))
+
+
+def check_suffix(path: Path, suffixes: Suffixes) -> None:
+    """Raise UsageError for a file whose name does not end in one of `suffixes`; devices and pipes have any name."""
+    if not ((path.suffix and path.name.lower().endswith(suffixes)) or _is_special(path)):
+        raise UsageError(f"{path}: has the name of another kind of file: end it in {' or '.join(suffixes)}.")
+
+
+def check(paths: Sequence[Path], *, inputs: Iterable[Path] = (), is_forced: bool = False) -> None:
+    """Raise UsageError for the first of `paths` that must not or cannot be written."""
+    for place, path in enumerate(paths):
         folder = path.absolute().parent
         if not folder.is_dir():
             raise UsageError(f"{path}: its directory is missing: create it first.")
         if path.is_dir():
             raise UsageError(f"{path}: is a directory: name a file in it.")
+        if any(_is_same(path, other) for other in paths[:place]):
+            raise UsageError(f"{path}: is named for two outputs: give each a file of its own.")
+        if any(_is_same(path, other) for other in inputs):
+            raise UsageError(f"{path}: is an input of this command: name another file for the output.")
+        if path.is_file() and not is_forced:
+            raise UsageError(f"{path}: exists already: name another file, or add --force to overwrite it.")
         if not os.access(path if path.exists() else folder, os.W_OK):
             raise UsageError(f"{path}: is not writable by this user: choose another place.")
 
 
-def write_text(text: str, file: str) -> None:
+def create_folder(folder: Path) -> None:
+    """Create a folder of results, with those above it. Raises UsageError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot be created as a folder ({reason(error)}): choose another place.") from None
+
+
+@contextmanager
+def opened(path: Path, *, mode: int = 0o666) -> Iterator[IO[bytes]]:
+    """Open an output. It gets its name when it is whole; until then, and after an error, an earlier file remains.
+
+    `mode` are the permissions before the umask. Raises HapticdError, such as for a full disk.
+    """
+    try:
+        if _is_special(path):
+            with path.open("wb") as file:
+                yield file
+            return
+        with (
+            named_when_whole(path) as part,
+            open(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "w+b") as file,
+        ):
+            yield file
+    except OSError as error:
+        raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
+
+
+@contextmanager
+def named_when_whole(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to write, which gets the name `path` at the end, and is deleted after an error.
+
+    Raises UsageError for a device or a pipe, OSError.
+    """
+    if _is_special(path):
+        raise UsageError(f"{path}: is a device or a pipe: name a file.")
+    whole = path.resolve()
+    part = whole.with_name(f".hapticd-{os.getpid()}.part")
+    try:
+        yield part
+        part.replace(whole)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(text: str, file: Path | str) -> None:
     """Write to the file, or for "-" to standard output. Raises HapticdError, such as for a full disk."""
-    if file == "-":
+    if file == STDOUT:
         sys.stdout.write(text)
         return
+    with opened(Path(file)) as output:
+        output.write(text.encode())
+
+
+def _paths(values: Iterable[Any]) -> Iterator[Path]:
+    for value in values:
+        if isinstance(value, Path):
+            yield value
+        elif isinstance(value, (list, tuple)):
+            yield from _paths(value)
+
+
+def _is_same(path: Path, other: Path) -> bool:
     try:
-        Path(file).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise HapticdError(f"{file}: cannot be written ({reason(error)}); choose another place.") from None
+        return path.samefile(other)
+    except OSError:  # one of them does not exist
+        return path.absolute() == other.absolute()
+
+
+def _is_special(path: Path) -> bool:
+    return path.exists() and not path.is_file() and not path.is_dir()

@@ -6,9 +6,9 @@ import io
 from pathlib import Path
 from typing import Any, Literal
 
-from ..errors import HapticdError, UsageError, reason
+from ..errors import HapticdError, missing_library, reason
+from .outputs import PICTURE, check_suffix, opened
 
-SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 110
 
 
@@ -19,8 +19,7 @@ def check(*paths: Path | None) -> None:
     """
     named = [path for path in paths if path is not None]
     for path in named:
-        if path.suffix.lower() not in SUFFIXES:
-            raise UsageError(f"{path}: is no picture by its name: end it in one of {', '.join(SUFFIXES)}.")
+        check_suffix(path, PICTURE)
     if named:
         _require_matplotlib()
 
@@ -50,23 +49,23 @@ def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None)
     A PNG reduced to `colours` takes a third of the bytes.
     """
     check(path)
+    form = path.suffix.lower()[1:] or "png"  # without a suffix: a device or a pipe
     try:
-        if colours is None or path.suffix.lower() != ".png":
-            figure.savefig(path, dpi=dpi)
-            return
-        from PIL import Image  # a dependency of matplotlib
+        with opened(path) as file:
+            if colours is None or form != "png":
+                figure.savefig(file, dpi=dpi, format=form)
+                return
+            from PIL import Image  # a dependency of matplotlib
 
-        drawn = io.BytesIO()
-        figure.savefig(drawn, dpi=dpi, format="png")
-        Image.open(drawn).convert("RGB").quantize(colours).save(path, optimize=True)
-    except (OSError, ValueError) as error:
-        raise HapticdError(
-            f"The picture cannot be written to {path} ({reason(error)}): choose another place."
-        ) from None
+            drawn = io.BytesIO()
+            figure.savefig(drawn, dpi=dpi, format="png")
+            Image.open(drawn).convert("RGB").quantize(colours).save(file, format="png", optimize=True)
+    except ValueError as error:
+        raise HapticdError(f"The picture cannot be written to {path} ({reason(error)}): choose another form.") from None
 
 
 def _require_matplotlib() -> None:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:
-        raise HapticdError('A picture needs matplotlib: install it with `pip install "hapticd[plot]"`.') from None
+        raise missing_library("A picture needs matplotlib", "plot") from None

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, reason
+from ..regular_file import open_regular
 
 MAX_BYTES = 65536  # the complete commented configuration has 5000
 MAX_TEXT = 4096  # characters of a key or a string: the longest path
@@ -23,7 +24,7 @@ _SHOWN = 60  # characters of a value in an error's sentence
 def read_table(path: Path, hint: str) -> dict[str, Any]:
     """Return the table in the file. Raises ConfigError; for an unreadable file it ends with `hint`."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)
         text = data.decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -13,7 +13,7 @@ import heapq
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from ..daemon.settings import pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
-from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of
+from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel, SensorSettings
 from .plate.ground_truth import GroundTruth, PlateSettings
@@ -91,25 +91,28 @@ class Run:
     limited: npt.NDArray[np.bool_]
     score: Score
     status: dict[str, Any]
+    played: Scenario | None = None
 
 
 def run(
-    scenario: str,
+    scenario: str | Scenario,
     *,
     settings: Settings | Mapping[str, Any] | None = None,
     seed: int = 1,
     seconds: float | None = None,
     observer: Callable[[Machine, ModeShapes], Observer] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Run:
-    """Play `scenario` for `seconds` of virtual time. The same arguments give the same arrays, byte for byte.
+    """Play `scenario`, a name or one of the caller's own, for `seconds` of virtual time.
 
+    The same arguments give the same arrays, byte for byte.
     `settings` may be a mapping of some fields of Settings; `observer` makes the machine's observer before the first
-    event.
+    event; `progress` is called with the share of the run that is done.
     Raises SimulationError, a ValueError, for an unknown scenario or setting and for values out of bounds.
     """
-    if scenario not in SCENARIOS:
+    if isinstance(scenario, str) and scenario not in SCENARIOS:
         raise SimulationError(f"there is no scenario {scenario!r}: choose one of {', '.join(SCENARIOS)}.")
-    played = SCENARIOS[scenario]
+    played = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
     seconds = played.seconds if seconds is None else seconds
     if not LEAST_S <= seconds < math.inf:
         raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
@@ -119,16 +122,26 @@ def run(
     try:
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:
-        raise SimulationError(f"{scenario} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
+        raise SimulationError(f"{played.name} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
     simulation = Simulation(actors, chosen, seed)
     if observer is not None:
         simulation.machine.observer = observer(simulation.machine, simulation.modes)
-    simulation.run(seconds)
-    return simulation.result(scenario)
+    simulation.run(seconds, progress)
+    return replace(simulation.result(played.name), played=played)
 
 
-def perfect(played: Run, every: int = 4) -> Score:
-    """Score the same fingers under perfect knowledge: true positions and shapes, no loop delay; each `every` ticks."""
+class Perfect(NamedTuple):
+    """The same fingers under perfect knowledge: arrays as of `Run`, at every fourth control tick or so."""
+
+    t_s: npt.NDArray[np.float64]
+    modal_um: npt.NDArray[np.complex128]
+    truth_um: npt.NDArray[np.complex128]
+    limited: npt.NDArray[np.bool_]
+    score: Score
+
+
+def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lambda _: None) -> Perfect:
+    """Solve for true positions and shapes, without the loop's delay, at each `every` ticks."""
     part = slice(None, None, every)
     plate = GroundTruth(played.settings.plate)
     settings = pipeline_settings(_scheme_config(played.settings))
@@ -145,6 +158,7 @@ def perfect(played: Run, every: int = 4) -> Score:
     limited = np.zeros(len(t_s), dtype=bool)
     previous_um: tuple[complex, ...] = (0.0,) * modes
     for index, (points_mm, targets_um) in enumerate(zip(finger_mm.tolist(), target_um.tolist(), strict=True)):
+        progress(index / len(t_s))
         places = [
             (x_mm, y_mm, wanted_um)
             for (x_mm, y_mm), wanted_um in zip(points_mm, targets_um, strict=True)
@@ -156,7 +170,8 @@ def perfect(played: Run, every: int = 4) -> Score:
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
     judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
-    return with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1)
+    judged = with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1)
+    return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)
 
 
 class Simulation:
@@ -195,7 +210,7 @@ class Simulation:
         self._client = ScriptedClient(actors)
         self._passes = Passes(T_START_NS)
 
-    def run(self, seconds: float) -> None:
+    def run(self, seconds: float, progress: Callable[[float], None] = lambda _: None) -> None:
         """Run from the start for `seconds`."""
         t_end_ns = T_START_NS + round(seconds * 1e9)
         paths = [actor.path for actor in self.actors if actor.path is not None]
@@ -214,6 +229,8 @@ class Simulation:
                 continue
             t_ns, _, kind, data = heapq.heappop(self._events)
             self._t_ns = t_ns
+            if kind == "timer":
+                progress((t_ns - T_START_NS) * 1e-9 / seconds)
             self._handle(kind, data, t_ns)
         while self.world.advance(seconds):
             pass  # the board's output after the end is not used

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import HapticdError
+from ..files.outputs import opened
 from . import lockstep
 from .fingers.scenarios import STEP_S
 from .lockstep import Run
@@ -27,6 +27,8 @@ ARRAYS = (
     "truth_um",
     "limited",
 )
+PERFECT_ARRAYS = ("t_s", "modal_um", "truth_um", "limited")
+Progress = Callable[[float], None]
 _COLUMNS = (
     ("leak um", "leak_um", 9),
     ("slip error um", "slip_error_um", 15),
@@ -41,11 +43,28 @@ FINAL_S = 0.1  # its final value is the mean over the run's end
 STEP_WATCHED_S = 0.2  # a shorter run has no final value
 
 
-def figures(played: Run, *, compare: bool = True) -> dict[str, Any]:
-    """Return plain numbers for JSON; null where a figure is undefined.
+class Compared(NamedTuple):
+    """The same run (trajectories, seeds, plate) under the paper's scheme and under perfect knowledge."""
 
-    `compare` adds the same run (trajectories, seeds, plate) under the paper's scheme and under perfect knowledge.
-    """
+    paper: Run
+    perfect: lockstep.Perfect
+
+
+def compare(played: Run, progress: Callable[[str], Progress] = lambda _: lambda _: None) -> Compared:
+    """Play the run's fingers again; `progress` returns the callback for a part of the work, by its name."""
+    scenario = played.scenario if played.played is None else played.played
+    paper = lockstep.run(
+        scenario,
+        settings=lockstep.paper(played.settings),
+        seed=played.seed,
+        seconds=float(played.t_s[-1]),
+        progress=progress("the paper's scheme"),
+    )
+    return Compared(paper, lockstep.perfect(played, progress=progress("perfect knowledge")))
+
+
+def figures(played: Run, compared: Compared | None = None) -> dict[str, Any]:
+    """Return plain numbers for JSON; null where a figure is undefined."""
     report: dict[str, Any] = {
         "scenario": played.scenario,
         "seed": played.seed,
@@ -55,14 +74,11 @@ def figures(played: Run, *, compare: bool = True) -> dict[str, Any]:
     }
     if played.scenario == "step" and report["seconds"] > STEP_S + STEP_WATCHED_S:
         report["step"] = step_response(played.t_s, played.modal_um[:, 0], t_step_s=STEP_S)
-    if compare:
-        baseline = lockstep.run(
-            played.scenario, settings=lockstep.paper(played.settings), seed=played.seed, seconds=float(played.t_s[-1])
-        )
-        report["paper"] = _plain(baseline.score)
-        report["perfect"] = _plain(lockstep.perfect(played))
-        if played.score.leak_um > 0 and math.isfinite(baseline.score.leak_um):
-            report["leak_ratio"] = baseline.score.leak_um / played.score.leak_um
+    if compared is not None:
+        report["paper"] = _plain(compared.paper.score)
+        report["perfect"] = _plain(compared.perfect.score)
+        if played.score.leak_um > 0 and math.isfinite(compared.paper.score.leak_um):
+            report["leak_ratio"] = compared.paper.score.leak_um / played.score.leak_um
     report["status"] = played.status
     return report
 
@@ -103,13 +119,14 @@ def table(report: Mapping[str, Any]) -> str:
     return "\n".join(rows)
 
 
-def save(played: Run, path: Path) -> None:
-    """Write the run's arrays to an NPZ file, under exactly this name."""
-    try:
-        with path.open("wb") as file:
-            np.savez_compressed(file, **{name: getattr(played, name) for name in ARRAYS})
-    except OSError as error:
-        raise HapticdError(f"The arrays cannot be written to {path}: {error.strerror or error}.") from None
+def save(played: Run, path: Path, compared: Compared | None = None) -> None:
+    """Write the run's arrays to an NPZ file, with those of the comparison under paper_ and perfect_."""
+    arrays = {name: getattr(played, name) for name in ARRAYS}
+    if compared is not None:
+        arrays |= {f"paper_{name}": getattr(compared.paper, name) for name in ARRAYS}
+        arrays |= {f"perfect_{name}": getattr(compared.perfect, name) for name in PERFECT_ARRAYS}
+    with opened(path) as file:
+        np.savez_compressed(file, **arrays)
 
 
 def _plain(scored: Score) -> dict[str, float | None]:

@@ -3,35 +3,72 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from typing import NamedTuple
 
-PARTS = ("modes", "prediction", "solver", "stability", "tick", "recording", "leak", "firmware", "soak", "all")
+from ..errors import UsageError
+from ..files import outputs
+from .arguments import number, whole
+
+MOST_STEPS = 1_000_000_000  # half an hour
+
+
+class Part(NamedTuple):
+    """One part: what it compares, how long that takes on two cores, and whether it has error over run time."""
+
+    summary: str
+    minutes: float
+    has_picture: bool = True
+
+
+PARTS = {
+    "modes": Part("interpolators of the mode map", 0.5),
+    "prediction": Part("predictions 15 ms ahead on 15 motions", 1.0),
+    "solver": Part("solvers against general optimisers", 1.0),
+    "stability": Part("digits of a solution at the ends of the solver's range", 2.0),
+    "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
+    "recording": Part("what a recording costs the service", 0.5, has_picture=False),
+    "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
+    "firmware": Part("how fast and how well the plate follows", 0.1),
+    "soak": Part("an hour of virtual time with 2000 faults", 7.0, has_picture=False),
+}
+APART = ("soak",)  # not part of `all`: it compares nothing
+ALL = "all"
+RUNS = 3  # of the soak in real time
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hapticd bench`."""
-    parser.add_argument("part", nargs="?", choices=PARTS, default="all", metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--seconds", type=float, default=2.0, help="tick: length of a paced measurement (default 2)")
+    parser.description = f"{parser.description} Without a part: the parts, with the time that each takes."
+    parser.add_argument("part", nargs="?", choices=(*PARTS, ALL), metavar="PART", help=", ".join((*PARTS, ALL)))
     parser.add_argument(
-        "--steps", type=int, default=10_000_000, help="stability: length of the walk (default 10000000)"
+        "--seconds", type=number(0.0, 600.0), default=2.0, help="tick: of a paced measurement (default 2)"
     )
-    parser.add_argument("--hours", type=float, default=1.0, help="soak: virtual time (default 1); not part of all")
+    parser.add_argument(
+        "--steps", type=whole(0, MOST_STEPS), default=10_000_000, help="stability: of the walk (default 10000000)"
+    )
+    parser.add_argument("--hours", type=number(0.0, is_above=True), default=1.0, help="soak: virtual time (default 1)")
     parser.add_argument(
         "--real-time",
-        type=float,
+        type=number(0.0, is_above=True),
         metavar="SECONDS",
         help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="plot error against run time")
+    outputs.add_json(parser)
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="plot error against run time")
     parser.set_defaults(command=_bench)
 
 
 def _bench(options: argparse.Namespace) -> None:
+    if options.part is None:
+        print(listing())
+        return
+    if options.plot is not None and options.part != ALL and not PARTS[options.part].has_picture:
+        raise UsageError(f"--plot: {options.part} has no table of error over run time: leave the option out.")
     from ..bench import suite
 
+    names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
     suite.run(
-        options.part,
+        {name: _minutes(name, options) for name in names},
         seconds=options.seconds,
         steps=options.steps,
         hours=options.hours,
@@ -39,3 +76,17 @@ def _bench(options: argparse.Namespace) -> None:
         json_file=options.json,
         plot=options.plot,
     )
+
+
+def _minutes(name: str, options: argparse.Namespace) -> float:
+    if name != "soak":
+        return PARTS[name].minutes
+    return float(PARTS[name].minutes * options.hours if options.real_time is None else RUNS * options.real_time / 60.0)
+
+
+def listing() -> str:
+    """Return the parts with the time that each takes."""
+    rows = [f"  {name:<11} {part.minutes:4g} min  {part.summary}" for name, part in PARTS.items()]
+    minutes = sum(part.minutes for name, part in PARTS.items() if name not in APART)
+    rows.append(f"  {ALL:<11} {minutes:4g} min  all of these but {' and '.join(APART)}")
+    return "\n".join(["Parts, with the time that each takes on two cores:", *rows, "\nhapticd bench PART runs one."])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import csv
+import io
 import json
 import math
 import sys
@@ -26,10 +27,11 @@ from ..daemon.lifecycle import serve
 from ..daemon.machine import Machine
 from ..daemon.service import ConfigLoader, Prepared
 from ..daemon.status import histogram_fields
-from ..errors import HapticdError, UsageError, reason
-from ..files import plotting
-from ..files.outputs import check_writable, write_text
+from ..errors import HapticdError
+from ..files import outputs, plotting
 from ..values import AmplitudeTarget, ClientTargets, Target
+from .arguments import number
+from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr
 
 AMPLITUDE_UM = 0.5
@@ -66,11 +68,19 @@ class Measured:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the devices, the duration, and the outputs."""
     add_config_arguments(parser)
-    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10); move two fingers meanwhile")
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--ledger", type=Path, metavar="F.csv", help="write a line per frame: its report, ages, delays")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the distributions")
+    add_seconds(parser)
+    outputs.add_json(parser)
+    outputs.add_file(
+        parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
+    )
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
     parser.set_defaults(command=_latency)
+
+
+def add_seconds(parser: argparse.ArgumentParser) -> None:
+    """Add the duration of a measurement."""
+    kind = number(0.0, is_above=True)
+    parser.add_argument("--seconds", type=kind, default=10.0, help="duration (default 10); move two fingers meanwhile")
 
 
 def _latency(options: argparse.Namespace) -> None:
@@ -84,12 +94,10 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
     Raises HapticdError if the board applied no frame.
     """
-    check_writable(json_file, ledger, plot)
-    plotting.check(plot)
     measured = measure(config, seconds)
     print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
     if json_file is not None:
-        write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
+        outputs.write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
     if ledger is not None:
         write_ledger(measured.lines, ledger)
     if plot is not None:
@@ -98,8 +106,6 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
 def measure(config: Config, seconds: float) -> Measured:
     """Serve the configured devices for `seconds`. Raises HapticdError if the board applied no frame."""
-    if not 0.0 < seconds < math.inf:
-        raise UsageError(f"latency: {seconds:g} s is too short: give --seconds above 0.")
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
         config = replace(config, client=replace(config.client, runtime_dir=folder))
         measured = asyncio.run(_measure(config_loader.prepare(config), seconds))
@@ -127,13 +133,15 @@ async def _watch(daemon: Daemon, seconds: float) -> Measured:
     machine, lines = daemon.machine, list[LedgerLine]()
     t_end_ns = now_ns() + round(seconds * 1e9)
     t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-    while now_ns() < t_end_ns:
-        if not lines:
-            t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-        machine.want(_targets(machine), now_ns())
-        t_last_ns = lines[-1].t_sent_ns if lines else -1
-        lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
-        await asyncio.sleep(POLL_EVERY_S)
+    with Progress("measuring") as progress:
+        while now_ns() < t_end_ns:
+            progress(1.0 - (t_end_ns - now_ns()) * 1e-9 / seconds)
+            if not lines:
+                t_from_ns, computed_ns = now_ns(), time.process_time_ns()
+            machine.want(_targets(machine), now_ns())
+            t_last_ns = lines[-1].t_sent_ns if lines else -1
+            lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
+            await asyncio.sleep(POLL_EVERY_S)
     share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
     return replace(gather(machine, lines), processor_percent=100.0 * share)
 
@@ -207,13 +215,10 @@ def sparkline(histogram: Histogram) -> str:
 
 def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
     """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
-    try:
-        with path.open("w", newline="", encoding="ascii") as file:
-            writer = csv.writer(file)
-            writer.writerow([field.name for field in fields(LedgerLine)])
-            writer.writerows(map(astuple, lines))
-    except OSError as error:
-        raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
+    with outputs.opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
+        writer = csv.writer(text)
+        writer.writerow([field.name for field in fields(LedgerLine)])
+        writer.writerows(map(astuple, lines))
 
 
 def draw(measured: Measured, path: Path, **style: int) -> None:

@@ -24,11 +24,12 @@ READ_SIZE = 4096
 def start(command: Sequence[str], *, scratch: Path | None = None, stdout: int | None = None) -> subprocess.Popen[str]:
     """Start `hapticd COMMAND...`; `scratch` is a folder of the owner, deleted if the owner dies without cleaning up.
 
-    The process has its own session: a Ctrl-C reaches only the owner, who then ends it and closes its `stdin`.
+    The process has its own session: a Ctrl-C reaches only the owner, who then ends it and closes its `stdin`. It
+    imports nothing from the current directory (-P).
     """
     arguments = [] if scratch is None else ["--scratch", str(scratch)]
     return subprocess.Popen(
-        [sys.executable, "-m", MODULE, *arguments, *command],
+        [sys.executable, "-P", "-m", MODULE, *arguments, *command],
         stdin=subprocess.PIPE,
         stdout=stdout,
         text=True,

@@ -21,9 +21,10 @@ from ..design import free_plate_modes
 from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
-from ..errors import CalibrationError, ModesError
-from ..files import plotting
-from ..files.outputs import check_writable, write_text
+from ..errors import CalibrationError, ModesError, UsageError
+from ..files import outputs, plotting
+from ..files.mode_map import FORMATS
+from .arguments import number, whole
 from .calibrate.modes import parse_size
 
 SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
@@ -33,6 +34,9 @@ MOST_UM = 20.0  # of a mode, as in the service's configuration
 DRAWN = 2  # pairs in the picture
 
 
+POSITIVE = number(0.0, is_above=True)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the plate, the pair of modes, and the outputs."""
     parser.epilog = (
@@ -40,45 +44,50 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
     )
     parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="width x depth (default 137.5x137.5)")
-    parser.add_argument("--thickness", dest="thickness_mm", type=float, default=2.0, metavar="MM", help="default 2")
+    parser.add_argument(
+        "--thickness", dest="thickness_mm", type=number(0.01, 100.0), default=2.0, metavar="MM", help="default 2"
+    )
     parser.add_argument(
         "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
     )
-    parser.add_argument("--near", dest="near_hz", type=float, default=29200.0, metavar="HZ", help="default 29200")
+    parser.add_argument("--near", dest="near_hz", type=POSITIVE, default=29200.0, metavar="HZ", help="default 29200")
     parser.add_argument(
         "--splitting",
         dest="splitting_hz",
-        type=float,
+        type=number(0.0),
         default=60.0,
         metavar="HZ",
         help="largest of a pair (default 60)",
     )
-    parser.add_argument("--pair", type=int, default=1, metavar="N", help="select a pair of the table (default 1)")
-    parser.add_argument("--stamp", dest="stamp_mm", type=float, default=2.0, metavar="MM", help="radius (default 2)")
+    parser.add_argument("--pair", type=whole(1), default=1, metavar="N", help="select a pair of the table (default 1)")
     parser.add_argument(
-        "--amplitude", dest="amplitude_um", type=float, default=4.0, metavar="UM", help="of both modes (default 4)"
+        "--stamp", dest="stamp_mm", type=number(0.0), default=2.0, metavar="MM", help="radius (default 2)"
     )
-    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the pair's shapes as a mode file")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw the shapes and the stamps")
-    parser.add_argument("--json", metavar="F", help="write pairs and stamps as JSON; - is standard output")
+    parser.add_argument(
+        "--amplitude",
+        dest="amplitude_um",
+        type=number(0.0, MOST_UM),
+        default=4.0,
+        metavar="UM",
+        help="of both modes (default 4)",
+    )
+    outputs.add_file(parser, "--out", FORMATS, metavar="F.npz", help="write the pair's shapes as a mode file")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the shapes and the stamps")
+    outputs.add_json(parser, "pairs and stamps")
     parser.set_defaults(command=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the tables and write the outputs. Raises HapticdError."""
-    check_writable(options.json, options.out, options.plot)
-    plotting.check(options.plot)
     size_mm = parse_size(options.size)
+    if options.stamp_mm > min(size_mm) / 4.0:
+        raise UsageError(f"--stamp: {options.stamp_mm:g} mm is too large: give at most a quarter of the plate's edge.")
     try:
         pairs = _pairs(options, size_mm, find_material(options.material))
     except ValueError as error:
         raise CalibrationError(f"This plate cannot be designed: {error}") from None
     if not 1 <= options.pair <= len(pairs):
         raise CalibrationError(_no_pair(options, len(pairs)))
-    if not 0.0 <= options.stamp_mm <= min(size_mm) / 4.0:
-        raise CalibrationError(f"--stamp is {options.stamp_mm:g}: give a radius of 0 mm up to a quarter of the plate.")
-    if not 0.0 <= options.amplitude_um <= MOST_UM:
-        raise CalibrationError(f"--amplitude is {options.amplitude_um:g}: give 0 to {MOST_UM:g} um.")
     pair = pairs[options.pair - 1]
     nodes = common_nodes(pair.shapes, options.stamp_mm)
     chosen = four_stamps(nodes, size_mm)
@@ -95,10 +104,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Material) -> tuple[ModePair, ...]:
-    if not 0.0 < options.near_hz < math.inf:
-        raise ValueError(f"--near is {options.near_hz:g}; give a frequency in Hz.")
-    if not 0.0 <= options.splitting_hz < math.inf:
-        raise ValueError(f"--splitting is {options.splitting_hz:g}; give 0 Hz or more.")
     band_hz = (options.near_hz * (1.0 - SPAN_FRAC), options.near_hz * (1.0 + SPAN_FRAC))
     modes = free_plate_modes(size_mm, options.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz)
     return mode_pairs(modes, options.near_hz, options.splitting_hz)
@@ -155,7 +160,7 @@ def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp
         "taken": pairs.index(pair) + 1,
         "stamps": [stamp._asdict() for stamp in nodes],
     }
-    write_text(json.dumps(table, indent=2) + "\n", file)
+    outputs.write_text(json.dumps(table, indent=2) + "\n", file)
 
 
 def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -57,7 +56,6 @@ def _run(options: argparse.Namespace) -> None:
     if options.print_config:
         print(config.render(loaded), end="")
         return
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no array is large enough for numpy's threads
     with without_openssl():
         from ..daemon import service
     if options.check:
@@ -83,4 +81,4 @@ def without_openssl() -> Iterator[None]:
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
     config_file = [] if options.config is None else ["--config", str(options.config)]
-    return [sys.executable, "-m", "hapticd", "run", "--check", *config_file, *(["--sim"] if options.sim else [])]
+    return [sys.executable, "-P", "-m", "hapticd", "run", "--check", *config_file, *(["--sim"] if options.sim else [])]

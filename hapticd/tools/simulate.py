@@ -3,68 +3,103 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 import time
 from pathlib import Path
 
 from ..errors import UsageError
-from ..sim.fingers.scenarios import SCENARIOS
+from ..files import outputs
+from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import GLASSES, REFERENCE
+from .arguments import number, whole
+from .progress import Progress
+
+LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scenario, its conditions, and the outputs."""
     scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
     parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
-    parser.add_argument("scenario", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
-    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
-    parser.add_argument("--seconds", type=float, help="duration (default: the scenario's own)")
-    parser.add_argument("--speed", type=float, default=100.0, metavar="MM_S", help="of the fingers (default 100)")
-    parser.add_argument("--noise", type=float, default=0.05, metavar="MM", help="of the sensor (default 0.05)")
+    parser.add_argument("scenario", nargs="?", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
+    parser.add_argument(
+        "--fingers",
+        type=Path,
+        metavar="F.csv",
+        help="fingers of your own in place of a scenario, with the columns t_s,finger,x_mm,y_mm,target_um "
+        "(hapticd/sim/README.md)",
+    )
+    parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
+    parser.add_argument("--seconds", type=number(LEAST_S), help="duration (default: the scenario's own)")
+    parser.add_argument(
+        "--speed", type=number(0.0, is_above=True), metavar="MM_S", help="of a scenario's fingers (default 100)"
+    )
+    parser.add_argument("--noise", type=number(0.0), default=0.05, metavar="MM", help="of the sensor (default 0.05)")
     parser.add_argument("--plate", choices=GLASSES, default=REFERENCE, help="the paper's, or one for whole contacts")
-    parser.add_argument("--modes", type=int, metavar="N", help="with an amplifier each (default: the plate's)")
+    parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays of the run")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it like the paper's figures")
-    parser.add_argument("--record", type=Path, metavar="F.mcap", help="record it, with the plate's ground truth")
+    outputs.add_json(parser)
+    outputs.add_file(parser, "--out", outputs.NPZ, metavar="F.npz", help="write its arrays and those compared")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw it like the paper's figures")
+    outputs.add_file(
+        parser, "--record", outputs.RECORDING, metavar="F.mcap", help="record it, with the plate's ground truth"
+    )
     parser.set_defaults(command=_simulate)
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    from ..files import plotting
-    from ..files.outputs import check_writable, write_text
     from ..sim import lockstep, report
     from ..sim.plate.ground_truth import PlateSettings
 
-    check_writable(options.json, options.out, options.plot, options.record)
-    plotting.check(options.plot)
     try:
         plate = PlateSettings.of(options.plate, options.modes)
     except ValueError as error:
         raise UsageError(f"--modes: {error}") from None
-    settings = lockstep.Settings(speed_mm_s=options.speed, noise_mm=options.noise, plate=plate)
+    scenario = _scenario(options)
+    speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
+    settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise_mm=options.noise, plate=plate)
     t_start_s = time.perf_counter()
-    if options.record is None:
-        result = lockstep.run(options.scenario, settings=settings, seed=options.seed, seconds=options.seconds)
-    else:
-        from .record import simulated
+    with Progress(scenario.name) as progress:
+        if options.record is None:
+            result = lockstep.run(
+                scenario, settings=settings, seed=options.seed, seconds=options.seconds, progress=progress
+            )
+        else:
+            from .record import simulated
 
-        result = simulated.run(
-            options.scenario, options.record, settings=settings, seed=options.seed, seconds=options.seconds
-        )
+            with outputs.named_when_whole(options.record) as part:
+                result = simulated.run(
+                    scenario, part, settings=settings, seed=options.seed, seconds=options.seconds, progress=progress
+                )
     took_s = time.perf_counter() - t_start_s
-    figures = report.figures(result, compare=not options.alone)
+    with contextlib.ExitStack() as shown:
+        compared = None if options.alone else report.compare(result, lambda part: shown.enter_context(Progress(part)))
+    figures = report.figures(result, compared)
     print(report.table(figures), file=sys.stderr)
     print(f"{result.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
     if options.json is not None:
-        write_text(json.dumps(figures, indent=2) + "\n", options.json)
+        outputs.write_text(json.dumps(figures, indent=2) + "\n", options.json)
     if options.out is not None:
-        report.save(result, options.out)
+        report.save(result, options.out, compared)
     if options.plot is not None:
         from ..sim import picture
 
         picture.draw_run(result, options.plot)
+
+
+def _scenario(options: argparse.Namespace) -> Scenario:
+    """Return the named scenario, or that of --fingers. Raises UsageError."""
+    if (options.scenario is None) == (options.fingers is None):
+        raise UsageError("Give either a SCENARIO, such as strokes, or --fingers F.csv.")
+    if options.fingers is None:
+        return SCENARIOS[options.scenario]
+    if options.speed is not None:
+        raise UsageError("--speed: is that of a scenario's fingers: --fingers has its own.")
+    from ..config.sections import PlateConfig
+    from ..sim.fingers import trajectories
+
+    return trajectories.read(options.fingers, PlateConfig().size_mm)

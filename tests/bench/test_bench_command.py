@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from hapticd.__main__ import main
 from hapticd.bench import firmware, solver, suite
-from hapticd.bench.tables import Row, Table
 from hapticd.errors import HapticdError
-from hapticd.tools.bench import PARTS
+from hapticd.tools import bench
 
 pytestmark = pytest.mark.long
 
@@ -24,10 +24,23 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "firmware": lambda _: firmware.run(repeats=1, ticks=5),
     }
     monkeypatch.setattr(suite, "PARTS", parts)
+    monkeypatch.setattr(bench, "PARTS", {name: bench.PARTS[name] for name in parts})
 
 
 def test_the_command_knows_every_part() -> None:
-    assert (*suite.PARTS, "all") == PARTS
+    assert [*suite.PARTS] == [*bench.PARTS]
+
+
+def test_without_a_part_the_parts_are_listed_with_the_time_they_take_and_nothing_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(suite, "run", lambda *_, **__: pytest.fail("it runs"))
+    assert main(["bench"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in (*bench.PARTS, "all"):
+        assert [line for line in lines if re.match(rf"  {name} +[\d.]+ min  \w", line)]
+    total = sum(part.minutes for name, part in bench.PARTS.items() if name != "soak")
+    assert any(f"{total:g} min  all of these but soak" in line for line in lines)
 
 
 @pytest.mark.usefixtures("quick")
@@ -51,8 +64,8 @@ def test_all_parts_give_tables_json_and_a_picture(tmp_path: Path, capsys: pytest
 def test_a_picture_of_tables_without_run_times_is_refused_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    table = Table("counts", "counts", "all", (Row("all", {"faults_count": 1.0}),), ())
-    monkeypatch.setitem(suite.PARTS, "soak", lambda _: (table,))
+    monkeypatch.setitem(suite.PARTS, "soak", lambda _: pytest.fail("it is measured first"))
+    monkeypatch.setitem(bench.PARTS, "soak", bench.Part("faults", 1.0, has_picture=False))
     assert main(["bench", "soak", "--plot", str(tmp_path / "bench.png")]) == 2
     assert "soak has no table of error over run time" in capsys.readouterr().err
     assert not (tmp_path / "bench.png").exists()
@@ -84,5 +97,5 @@ def test_a_wrong_argument_is_one_sentence_before_anything_runs(
 
 @pytest.mark.usefixtures("quick")
 def test_a_picture_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(HapticdError, match="is a directory: name a file in it"):
-        suite.run("solver", seconds=0.0, json_file=None, plot=tmp_path)
+    with pytest.raises(HapticdError, match="cannot be written"):
+        suite.run({"solver": 1.0}, seconds=0.0, json_file=None, plot=tmp_path / "none" / "solver.png")

@@ -145,7 +145,7 @@ def test_a_picture_that_is_missing_is_one_sentence(tmp_path: Path) -> None:
 
 def test_without_pillow_the_error_names_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(HapticdError, match=r"pip install \"hapticd-client\[image\]\""):
+    with pytest.raises(HapticdError, match=r"pip install \"clients/python\[image\]\""):
         Map.from_image(tmp_path / "picture.png", high_um=1.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import tomllib
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from hapticd.config.sections import (
     TrackpadConfig,
 )
 from hapticd.errors import ConfigError
+from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
 
 
@@ -158,3 +160,18 @@ def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:
     for text, sentence in (("[1.0, 0.0]", "needs 4 numbers"), ("[1.0, 1.0, 1.0, 1.0]", "is nearly singular")):
         with pytest.raises(ConfigError, match=sentence):
             load(f"[trackpad]\nmatrix = {text}\n", tmp_path)
+
+
+@pytest.mark.parametrize("table", [{"plate": {"size": 1}}, {"plat": {}}, {"sim": {"scenari": "rest"}}, {"qqq": {}}])
+def test_a_sentence_with_a_suggestion_ends_in_one_mark(table: dict[str, object]) -> None:
+    with pytest.raises(ConfigError) as refused:
+        config.from_table(table, where="x", folder=None)
+    assert re.search(r"\w[?.]$", str(refused.value))
+
+
+def test_the_form_of_reports_to_replay_is_documented_by_lines_that_are_read(tmp_path: Path) -> None:
+    (line,) = [line for line in config.render(Config()).splitlines() if line.startswith("replay_file")]
+    file = tmp_path / "reports.jsonl"
+    file.write_text("\n".join(re.findall(r"\{.*?\}", line)), encoding="utf-8")
+    model, (report,) = read_recording(file)
+    assert (model, report.t_host_ns, report.data) == ("mt2-usb", 123, b"\x02\xab")

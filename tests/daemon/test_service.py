@@ -19,7 +19,7 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
-from hapticd.errors import ConfigError, ModesError
+from hapticd.errors import ConfigError
 from hapticd.io.host.systemd import Notifier
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.files import write_measured
@@ -27,7 +27,8 @@ from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
 
 PATIENCE_S = 10.0
-ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 9}\n" for y in range(4) for x in range(4))).encode()
+_POINTS_MM = [(x_mm, y_mm) for y_mm in (-60, -20, 20, 60) for x_mm in (-60, -20, 20, 60)]
+ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 3600}\n" for x, y in _POINTS_MM)).encode()
 
 
 def sine_plate() -> ModeShapes:
@@ -132,7 +133,7 @@ def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config,
     bad_map = replace(configuration, plate=replace(configuration.plate, modes_file=str(tmp_path / "bad.npz")))
     bad_limits = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
     with ConfigLoader() as config_loader:
-        with pytest.raises(ModesError):
+        with pytest.raises(ConfigError):
             config_loader.prepare(bad_map)
         with pytest.raises(ConfigError):
             config_loader.prepare(bad_limits)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.board_values import ModeCalibration
-from hapticd.errors import ConfigError
+from hapticd.errors import ConfigError, HapticdError
 from hapticd.files import calibration
 
 X = ModeCalibration(0, 29195.02, 498.7, 5.31, math.radians(-1.25))
@@ -58,5 +58,5 @@ def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_p
 def test_a_missing_file_and_a_place_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read"):
         calibration.load(tmp_path / "none.toml", 2)
-    with pytest.raises(ConfigError, match="cannot be written"):
+    with pytest.raises(HapticdError, match="cannot be written"):
         calibration.save(tmp_path / "no" / "folder.toml", [X])

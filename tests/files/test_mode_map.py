@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.errors import ModesError
-from hapticd.files.mode_map import FORMATS, decode_grid, decode_scan, encode_grid, read_grid, read_scan
+from hapticd.errors import HapticdError, ModesError
+from hapticd.files.mode_map import FORMATS, decode_grid, decode_scan, encode_grid, read_grid, read_scan, require_usable
 
 HEADER = "x_mm,y_mm,phi_1,phi_2\n"
 
@@ -124,7 +126,7 @@ def test_a_missing_or_nameless_file_is_refused(tmp_path: Path, name: str) -> Non
 
 
 def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ModesError, match="cannot be written"):
+    with pytest.raises(HapticdError, match="cannot be written"):
         ModeShapes.from_grid(*uneven_grid(0)).save(tmp_path / "no-such-directory" / "plate.npz")
 
 
@@ -241,3 +243,32 @@ def test_arrays_that_are_no_scan_are_refused(tmp_path: Path, arrays: dict[str, n
     np.savez(tmp_path / "scan.npz", **arrays)  # type: ignore[arg-type]
     with pytest.raises(ModesError, match=sentence):
         read_scan(tmp_path / "scan.npz")
+
+
+# --- what can be read, and not used ---
+
+
+AXIS_MM = np.linspace(-60.0, 60.0, 9)
+SLOPES = np.stack(np.meshgrid(AXIS_MM, AXIS_MM)) / 60.0
+NOTHING = np.stack([SLOPES[0], np.zeros((9, 9))])
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm", "shapes", "sentence"),
+    [
+        (AXIS_MM * 1e-3, AXIS_MM, SLOPES, "x_mm runs from -0.06 to 0.06 on a plate of 137.5 mm; give positions in mm"),
+        (AXIS_MM, AXIS_MM + 60.0, SLOPES, "y_mm runs from 0 to 120 on a plate of 137.5 mm"),
+        (AXIS_MM - 15.0, AXIS_MM, SLOPES, "x_mm runs from -75 to 45"),
+        (AXIS_MM, AXIS_MM, NOTHING, "mode 2 is zero everywhere"),
+        (AXIS_MM, AXIS_MM, np.stack([*SLOPES, -3.0 * SLOPES[0]]), "modes 1 and 3 have the same shape"),
+    ],
+)
+def test_a_map_off_the_plate_of_zeros_or_with_one_shape_twice_is_refused(
+    x_mm: npt.NDArray[np.float64], y_mm: npt.NDArray[np.float64], shapes: npt.NDArray[np.float64], sentence: str
+) -> None:
+    with pytest.raises(ModesError, match=re.escape(sentence)):
+        require_usable((x_mm, y_mm, shapes), (137.5, 137.5))
+
+
+def test_a_map_that_is_shifted_a_little_or_is_of_one_mode_is_used() -> None:
+    require_usable((AXIS_MM + 12.0, AXIS_MM - 12.0, SLOPES[:1]), (137.5, 137.5))

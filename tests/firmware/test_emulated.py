@@ -17,7 +17,7 @@ import pytest
 from hapticd.board_values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime, BoardVerdict
 from hapticd.core.board.session import BoardSession
 from hapticd.core.solver.public import solve
-from hapticd.errors import DeviceError
+from hapticd.errors import DeviceError, UsageError
 from hapticd.io.devices.serial_link import SerialLink
 from hapticd.sim.board import emulator
 from hapticd.sim.board.emulator import Emulator, find_program
@@ -233,7 +233,7 @@ def test_a_missing_program_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(emulator, "_PROGRAM", tmp_path / "hapticd-board")
     with pytest.raises(DeviceError, match=r"with gcc installed, run `make -C firmware`\.$"):
         find_program()
-    with pytest.raises(DeviceError, match="no-image: there is no such firmware image"):
+    with pytest.raises(UsageError, match="no-image: there is no such firmware image"):
         find_program(tmp_path / "no-image")
 
 

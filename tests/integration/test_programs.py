@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,23 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     assert lines[-1].endswith("hapticd view --sim")
     assert out.read_bytes().startswith(b"\x89PNG")
     assert {path.name for path in bench.folder.iterdir()} <= {"demo.png", "hapticd.toml", "rig"}  # it tidied up
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGHUP])
+def test_a_demo_that_is_killed_leaves_no_folder_and_no_process(tmp_path: Path, sign: signal.Signals) -> None:
+    command = [sys.executable, "-m", "hapticd", "demo", "--out", str(tmp_path / "demo.png")]
+    environ = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, env=environ, stdout=PIPE, text=True) as process:
+        assert process.stdout is not None
+        while not re.match("(ACTIVE|ARMED|IDLE)", process.stdout.readline()):
+            assert process.poll() is None
+        process.send_signal(sign)
+        process.wait(PATIENCE_S)
+    t_end_s = time.monotonic() + PATIENCE_S
+    while any(tmp_path.iterdir()) and time.monotonic() < t_end_s:
+        time.sleep(0.05)
+    assert [path.name for path in tmp_path.iterdir()] == []
 
 
 @pytest.mark.long

@@ -80,7 +80,7 @@ def test_no_reference_is_ever_above_the_limit(seed: int, strokes: dict[int, Run]
 
 
 def test_perfect_knowledge_leaks_nothing_and_is_the_best_there_is(strokes: dict[int, Run]) -> None:
-    best = lockstep.perfect(strokes[1], every=20)
+    best = lockstep.perfect(strokes[1], every=20).score
 
     assert best.leak_um < 1e-9
     assert best.slip_error_um < strokes[1].score.slip_error_um

@@ -88,7 +88,7 @@ def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, caps
         (["--finger", "1,2", "--limit", "inf"], "--limit: inf is out of bounds"),
         (["--finger", "1,2", "--cells", "402"], "--cells: 402 is out of bounds"),
         (["--still"], "give a --finger, such as -30,20"),
-        (["--cells", "102"], "--cells: 102 is out of bounds, it must be 2 .. 101"),
+        (["--cells", "102"], "--cells: without --finger it must be 2 .. 101, not 102"),
         (["--finger", "1,2", "--modes", "there-is-none.npz"], "there-is-none.npz: cannot be read"),
     ],
 )

@@ -15,7 +15,7 @@ def grey_rows(path: str | os.PathLike[str], max_side: int) -> list[bytes]:
     try:
         from PIL import Image, ImageOps, UnidentifiedImageError
     except ImportError:
-        raise HapticdError('Pictures need Pillow: run `pip install "hapticd-client[image]"`.') from None
+        raise HapticdError('Pictures need Pillow: run `pip install "clients/python[image]"`.') from None
     try:
         with Image.open(path) as picture:
             upright = ImageOps.exif_transpose(picture).convert("RGBA")

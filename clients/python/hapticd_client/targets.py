@@ -97,7 +97,7 @@ class Map:
         """Make a map of a picture file, in grey: white is `high_um`, black `low_um`; swap the two for a negative.
 
         The plate is square: the middle square of the picture is used, scaled down to at most 128 x 128, with the
-        camera's orientation applied. Transparent parts are black. Needs Pillow (`pip install "hapticd-client[image]"`).
+        camera's orientation applied. Transparent parts are black. Needs Pillow (`pip install "clients/python[image]"`).
         Raises HapticdError without Pillow, RefusedError for a file that is no picture.
         """
         from .image import grey_rows

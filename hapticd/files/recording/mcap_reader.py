@@ -7,7 +7,7 @@ whose checksum fails is passed over; where lengths are damaged, reading ends.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import error as StructError
@@ -18,6 +18,7 @@ from mcap.records import Channel, Chunk, DataEnd, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from ...errors import RecordingError
+from ...regular_file import open_regular
 from .header import Header, header_from
 from .kinds import HEADER, KINDS, MAX_HEADER_BYTES, MAX_WHOLE, Record, decode
 
@@ -73,6 +74,7 @@ class Recording:
     first_seq: int
     losses: Losses = field(default_factory=Losses)
     has_end: bool = False
+    progress: Callable[[float], None] = lambda _: None  # called with the share of the files that is read
 
     @property
     def is_whole(self) -> bool:
@@ -84,8 +86,12 @@ class Recording:
         self.losses = losses = Losses()
         self.has_end = False
         expected = self.first_seq
-        for path in self.paths:
-            for kind, message in _messages(path, losses):
+        for place, path in enumerate(self.paths):
+
+            def has_read(share: float, done: int = place) -> None:
+                self.progress((done + share) / len(self.paths))
+
+            for kind, message in _messages(path, losses, has_read):
                 seq = message.sequence
                 if kind == HEADER:
                     if seq < expected and seq != 0:
@@ -134,22 +140,27 @@ def _record(kind: str, message: Message) -> Record:
     return Record(kind, message.sequence, message.log_time, decode(kind, message.data))
 
 
-def _messages(path: Path, losses: Losses) -> Iterator[tuple[str | None, Message]]:
+def _messages(
+    path: Path, losses: Losses, progress: Callable[[float], None] = lambda _: None
+) -> Iterator[tuple[str | None, Message]]:
     """All messages of intact chunks, each with its kind; None where its topic is unknown."""
     try:
-        with path.open("rb") as file:
-            yield from _intact(path, _Bounded(file), losses)
+        with open_regular(path) as file:
+            yield from _intact(path, _Bounded(file), losses, progress)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}): check the path.") from None
 
 
-def _intact(path: Path, file: _Bounded, losses: Losses) -> Iterator[tuple[str | None, Message]]:
+def _intact(
+    path: Path, file: _Bounded, losses: Losses, progress: Callable[[float], None]
+) -> Iterator[tuple[str | None, Message]]:
     names = {(kind.topic, kind.encoding): name for name, kind in KINDS.items()}
     channels: dict[int, str | None] = {}
     records = StreamReader(cast("IO[bytes]", file), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
-    is_begun = False
+    is_begun, size_bytes = False, file.left_bytes
     while True:
         left_bytes = file.left_bytes
+        progress(1.0 - left_bytes / max(size_bytes, 1))
         try:
             record = next(records, None)
         except _DAMAGE:

@@ -17,12 +17,14 @@ from pathlib import Path
 import zmq.auth
 from zmq.utils import z85
 
-from ...errors import HapticdError
+from ...errors import ConfigError, HapticdError, UsageError, reason
+from ...regular_file import read_bounded
 from .runtime_dir import masked
 
 DAEMON_NAME = "hapticd"
 CLIENTS = "clients"  # the allow-list's directory
 SECRET_UMASK = 0o077
+MAX_BYTES = 1 << 16  # of a certificate, which has 400
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")  # a file name and nothing more
 
 
@@ -41,7 +43,7 @@ def make_pair(directory: Path, name: str) -> tuple[Path, Path]:
     files = directory / f"{name}.key", directory / f"{name}.key_secret"
     for path in files:
         if path.exists():
-            raise HapticdError(f"{path}: exists already, and its users need it: remove it first to make a new one.")
+            raise UsageError(f"{path}: exists already, and its users need it: remove it first to make a new one.")
     try:
         with masked(SECRET_UMASK):
             directory.mkdir(parents=True, exist_ok=True)
@@ -57,16 +59,16 @@ def allow(directory: Path, certificate: Path) -> Path:
     _check_name(certificate.stem)
     public, secret = _certificate(certificate)
     if secret is not None:
-        raise HapticdError(f"{certificate}: contains a secret key, which must stay with the client: use its .key file.")
+        raise UsageError(f"{certificate}: contains a secret key, which must stay with the client: use its .key file.")
     known = allowed(directory).get(public.decode())
     if known is not None:
-        raise HapticdError(f"{certificate}: this key is already allowed as {known}.")
+        raise UsageError(f"{certificate}: this key is already allowed as {known}.")
     listed = directory / CLIENTS / f"{certificate.stem}.key"
     if listed.exists():
-        raise HapticdError(f"{listed}: another key has this name: rename the file, or revoke the name first.")
+        raise UsageError(f"{listed}: another key has this name: rename the file, or revoke the name first.")
     try:
         listed.parent.mkdir(exist_ok=True)
-        listed.write_bytes(certificate.read_bytes())
+        listed.write_bytes(read_bounded(certificate, MAX_BYTES))
     except OSError as error:
         raise HapticdError(f"{listed}: cannot be written ({error.strerror}).") from None
     return listed
@@ -79,7 +81,7 @@ def revoke(directory: Path, name: str) -> None:
     try:
         listed.unlink()
     except OSError as error:
-        raise HapticdError(f"{listed}: cannot be removed ({error.strerror}): see `hapticd keys list`.") from None
+        raise UsageError(f"{listed}: cannot be removed ({error.strerror}): see `hapticd keys list`.") from None
 
 
 def allowed(directory: Path) -> dict[str, str]:
@@ -89,18 +91,21 @@ def allowed(directory: Path) -> dict[str, str]:
 
 
 def load(directory: Path) -> ServerKeys:
-    """Load the keys to serve TCP. Raises HapticdError, with the remedy, if something is missing."""
+    """Load the keys to serve TCP. Raises ConfigError, with the remedy, if something is missing."""
     path = directory / f"{DAEMON_NAME}.key_secret"
     if not path.is_file():
-        raise HapticdError(f"{path}: does not exist, and TCP needs keys: run `hapticd keys make {directory}`.")
+        raise ConfigError(f"{path}: does not exist, and TCP needs keys: run `hapticd keys make {directory}`.")
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise HapticdError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
-    public, secret = _certificate(path)
+        raise ConfigError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
+    try:
+        public, secret = _certificate(path)
+        clients = allowed(directory)
+    except UsageError as error:
+        raise ConfigError(str(error)) from None
     if secret is None:
-        raise HapticdError(f"{path}: contains no secret key: run `hapticd keys make` again.")
-    clients = allowed(directory)
+        raise ConfigError(f"{path}: contains no secret key: run `hapticd keys make` again.")
     if not clients:
-        raise HapticdError(
+        raise ConfigError(
             f"{directory / CLIENTS}: the allow-list is empty: `hapticd keys allow` a client, or clear client.tcp."
         )
     return ServerKeys(public, secret, clients)
@@ -109,15 +114,16 @@ def load(directory: Path) -> ServerKeys:
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
     """Return public and secret key (Z85) of a certificate. Raises HapticdError if it is invalid."""
     try:
+        read_bounded(path, MAX_BYTES)  # the library's reader takes any file, and all of it
         public, secret = zmq.auth.load_certificate(path)
         for key in (public, secret):
             if key is not None and len(z85.decode(key)) != 32:
                 raise ValueError("a key has 40 characters")
     except (OSError, ValueError, KeyError) as error:
-        raise HapticdError(f"{path}: is not a ZeroMQ certificate ({error}).") from None
+        raise UsageError(f"{path}: is not a ZeroMQ certificate ({reason(error)}).") from None
     return public, secret
 
 
 def _check_name(name: str) -> None:
     if not _NAME.fullmatch(name):
-        raise HapticdError(f"{name[:40]!r}: a key's name has 1 .. 32 letters, digits, dots, dashes or underlines.")
+        raise UsageError(f"{name[:40]!r}: a key's name has 1 .. 32 letters, digits, dots, dashes or underlines.")

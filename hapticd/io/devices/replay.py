@@ -15,8 +15,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ...errors import TrackpadError
+from ...regular_file import read_bounded
 from ...values import RawReport
 from .trackpad_source import MODELS, REPORT_BYTES, OnLink, OnReports
+
+MAX_BYTES = 1 << 28  # of a recording: three hours of reports
 
 __all__ = ["ReplayTrackpad", "read_recording", "write_recording"]
 
@@ -32,7 +35,7 @@ def write_recording(path: str | os.PathLike[str], model: str, reports: Iterable[
 def read_recording(path: str | os.PathLike[str]) -> tuple[str, list[RawReport]]:
     """Return model and reports of a recording. Raises TrackpadError with the file, the line and the defect."""
     try:
-        lines = Path(path).read_bytes().splitlines()
+        lines = read_bounded(Path(path), MAX_BYTES).splitlines()
     except OSError as error:
         raise TrackpadError(f"The recording {os.fspath(path)} cannot be read: {error.strerror}.") from error
     model = ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ...errors import DeviceError
+from ...errors import DeviceError, UsageError
 
 CHUNK_US: Final = 50
 MODES: Final = 2
@@ -44,12 +44,12 @@ class BenchReport:
 
 
 def find_program(given: Path | None = None) -> Path:
-    """Return the board's program: `given`, or the source checkout's. Raises DeviceError if it is missing."""
+    """Return the board's program: `given`, or the source checkout's. Raises UsageError, DeviceError."""
     program = given if given is not None else _PROGRAM
     if program.is_file():
         return program
     if given is not None:
-        raise DeviceError(f"{given}: there is no such firmware image: build one with `make -C firmware`.")
+        raise UsageError(f"{given}: there is no such firmware image: build one with `make -C firmware`.")
     raise DeviceError(
         f"{program}: the firmware is not built: in a source checkout, with gcc installed, run `make -C firmware`."
     )

@@ -6,6 +6,9 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ...errors import DeviceError
 
@@ -15,12 +18,14 @@ END_WITHIN_S = 10.0
 MODES_FILE = "modes.npz"
 PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"
+HISTORY_FILE = "history.npz"
 
 
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    `program` puts another process behind the board's terminal (`emulator.find_program`).
+    `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
+    the recorded arrays after `close`; until then they lie in `directory`, which the rig deletes if its owner dies.
     """
 
     def __init__(
@@ -28,13 +33,14 @@ class RigProcess:
         scenario: str,
         seed: int,
         *,
-        record: Path | None = None,
+        record: bool = False,
         program: Path | None = None,
     ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
         self.directory = Path(self._directory.name)
         command = [
             sys.executable,
+            "-P",  # nothing is imported from the current directory
             "-m",
             "hapticd.sim.rig.program",
             str(self.directory),
@@ -44,8 +50,8 @@ class RigProcess:
             str(seed),
             "--owned",
         ]
-        if record is not None:
-            command += ["--record", str(record)]
+        if record:
+            command += ["--record", str(self.directory / HISTORY_FILE)]
         if program is not None:
             command += ["--program", str(program)]
         # Its own session, so that a Ctrl-C does not stop the rig before the daemon. The pipe to its input closes with
@@ -81,4 +87,7 @@ class RigProcess:
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 pipe.close()
+        if (self.directory / HISTORY_FILE).is_file():
+            with np.load(self.directory / HISTORY_FILE) as arrays:
+                self.history: dict[str, Any] = dict(arrays)
         self._directory.cleanup()

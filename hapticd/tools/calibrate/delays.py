@@ -18,14 +18,20 @@ from ...config.sections import SIMULATED, Config
 from ...errors import CalibrationError
 from .. import latency
 from ..latency import STAGES, Measured
-from .folder import CONFIG_FILE
+from .folder import CONFIG_FILE, LEDGER_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
-PICTURE_FILE, LEDGER_FILE = "latency.png", "latency.csv"
+PICTURE_FILE = "latency.png"
 STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # share of frames that are late or never applied
 PERIOD_WORTH_FRAC = 0.03  # least change of the report period that is worth a setting
 LEAST_FRAMES = 50
 SPREAD_WORTH_MS = 3.0  # of the link, from the median to the 95th percentile
+
+
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises HapticdError."""
+    if options.config is not None:
+        config.load(options.config)
 
 
 def run(options: argparse.Namespace) -> Verdict:

@@ -7,16 +7,20 @@ directory can be moved as a whole.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ...config import loader as config
-from ...errors import CalibrationError, ConfigError
+from ...errors import CalibrationError, ConfigError, reason
+from ...files.outputs import check, create_folder, write_text
+from ...regular_file import open_regular, read_bounded
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
-CONFIG_FILE = "hapticd.toml"
+CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
+FILES = {"resonance": (CALIBRATION_FILE,), "modes": (MODES_FILE,), "latency": (LEDGER_FILE,)}  # beside result, picture
+MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 STEPS = {
     "resonance": "sweep each mode on the board: frequency, quality, gain, drive (stop the service first)",
@@ -27,16 +31,39 @@ STEPS = {
 }
 
 
-def prepare(directory: Path, *, is_simulated: bool) -> None:
-    """Create the directory, and check that its results are of the same plate. Raises CalibrationError."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CalibrationError(f"{directory}: cannot be created ({error.strerror}): choose another --out.") from None
-    for step, verdict in load(directory).items():
+def prepare(
+    directory: Path,
+    steps: Sequence[str] = (),
+    inputs: Iterable[Path | None] = (),
+    *,
+    is_simulated: bool,
+    is_forced: bool = False,
+) -> None:
+    """Create the directory, and check that its results are of the same plate and that `steps` may write theirs.
+
+    A step replaces its own earlier result, and no other file. Raises CalibrationError, UsageError.
+    """
+    create_folder(directory)
+    done = load(directory)
+    for step, verdict in done.items():
         if verdict.is_simulated != is_simulated:
             plate = "the simulated plate" if verdict.is_simulated else "a real plate"
             raise CalibrationError(f"{directory}: its result of {step} is of {plate}: choose another --out.")
+
+    given = [path for path in inputs if path is not None]
+    for step in steps:
+        files = [directory / name for name in (f"{step}.json", f"{step}.png", *FILES.get(step, ()))]
+        check(files, inputs=given, is_forced=is_forced or step in done)
+    if steps:
+        check([directory / CONFIG_FILE], is_forced=is_forced or _is_own(directory / CONFIG_FILE))
+
+
+def _is_own(config_file: Path) -> bool:
+    try:
+        with open_regular(config_file) as file:
+            return file.read(len(HEADER)) == HEADER.encode()
+    except OSError:
+        return False
 
 
 def load(directory: Path) -> dict[str, Verdict]:
@@ -47,21 +74,20 @@ def load(directory: Path) -> dict[str, Verdict]:
         if not path.exists():
             continue
         try:
-            verdict = from_json(path.read_text(encoding="utf-8"))
+            verdict = from_json(read_bounded(path, MAX_BYTES).decode())
         except (OSError, ValueError) as error:
-            raise CalibrationError(f"{path}: cannot be read ({error}): delete it and repeat the step.") from None
+            raise CalibrationError(
+                f"{path}: cannot be read ({reason(error)}): delete it and repeat the step."
+            ) from None
         found[step] = verdict
     return found
 
 
 def save(directory: Path, verdict: Verdict) -> Path:
-    """Write the step's result and the merged configuration; return the latter's path. Raises CalibrationError."""
+    """Write the step's result and the merged configuration; return the latter's path. Raises HapticdError."""
     path = directory / CONFIG_FILE
-    try:
-        (directory / f"{verdict.step}.json").write_text(to_json(verdict), encoding="utf-8")
-        path.write_text(HEADER + as_toml(merged(load(directory).values())), encoding="utf-8")
-    except OSError as error:
-        raise CalibrationError(f"{directory}: cannot be written ({error.strerror}): choose another --out.") from None
+    write_text(to_json(verdict), directory / f"{verdict.step}.json")
+    write_text(HEADER + as_toml(merged(load(directory).values())), path)
     return path
 
 

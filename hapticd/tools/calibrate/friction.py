@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import CalibrationError, reason
+from ...errors import CalibrationError, missing_library, reason
 from ...files import plotting
+from ...regular_file import read_bounded
 from . import simulated
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
@@ -29,6 +30,7 @@ COLUMNS = ("amplitude_um", "friction")
 KNOTS = 17  # of the curve, at equally spaced frictions
 MIN_LEVELS = 4  # different amplitudes: fewer show no curve
 MAX_READINGS = 100_000
+MAX_BYTES = 1 << 24  # of the file
 BARE_UM = 0.02  # up to here the glass counts as bare
 OUTLIER_SIGMA = 5.0
 SIGMA_PER_MEDIAN = 1.4826  # of normal noise: standard deviation over median size
@@ -52,14 +54,19 @@ class FrictionFit:
     left_out: npt.NDArray[np.bool_]
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    if options.sim:
+        return
+    if options.readings is None:
+        raise CalibrationError("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
+    read(options.readings)
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    if options.sim:
-        amplitude_um, friction = simulated.friction_readings(options.seed)
-    elif options.readings is None:
-        raise CalibrationError("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
-    else:
-        amplitude_um, friction = read(options.readings)
+    check(options)
+    amplitude_um, friction = simulated.friction_readings(options.seed) if options.sim else read(options.readings)
     found = fit_friction(amplitude_um, friction)
     draw(amplitude_um, friction, found, options.out / PICTURE_FILE)
     return verdict(found, is_simulated=options.sim)
@@ -68,11 +75,11 @@ def run(options: argparse.Namespace) -> Verdict:
 def read(path: Path) -> tuple[Array, Array]:
     """Read amplitudes and frictions (N,) of a CSV file with the header COLUMNS. Raises CalibrationError."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
-            if [cell.strip() for cell in next(rows, [])] != [*COLUMNS]:
-                raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")
-            table = [_row(path, place, row) for place, row in enumerate(rows, 1)]
+        lines = read_bounded(path, MAX_BYTES).decode("utf-8-sig").splitlines()
+        rows = csv.reader(line for line in lines if line.strip() and not line.startswith("#"))
+        if [cell.strip() for cell in next(rows, [])] != [*COLUMNS]:
+            raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")
+        table = [_row(path, place, row) for place, row in enumerate(rows, 1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not table:
@@ -135,7 +142,7 @@ def _isotonic(value: Array, weights: Array) -> Array:
     try:
         from scipy.optimize import isotonic_regression
     except ImportError:
-        raise CalibrationError("A friction curve needs scipy 1.12: pip install 'hapticd[design]'.") from None
+        raise missing_library("A friction curve needs scipy 1.12", "design") from None
     return np.asarray(isotonic_regression(value, weights=weights, increasing=False).x, np.float64)
 
 

@@ -24,9 +24,10 @@ from ...errors import CalibrationError, ModesError
 from ...files import plotting
 from ...files.mode_map import Scan, read_scan
 from . import simulated
+from .folder import MODES_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
-MODES_FILE, PICTURE_FILE = "modes.npz", "modes.png"
+PICTURE_FILE = "modes.png"
 
 USUAL_LIMIT_UM = LimitsConfig().w_limit_um
 GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # at the sticky finger, for 1 um at the other
@@ -66,18 +67,26 @@ class FittedMap:
     leak: ExpectedLeak
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    parse_size(options.size)
+    if not options.sim:
+        _read(options.scan)
+
+
+def _read(path: Path | None) -> Scan:
+    if path is None:
+        raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV or NPZ, or --sim.")
+    try:
+        return read_scan(path)
+    except ModesError as error:
+        raise CalibrationError(f"--scan: {error}") from None
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     size_mm = parse_size(options.size)
-    if options.sim:
-        scan = Scan(*simulated.scan(options.seed))
-    elif options.scan is None:
-        raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV or NPZ, or --sim.")
-    else:
-        try:
-            scan = read_scan(options.scan)
-        except ModesError as error:
-            raise CalibrationError(f"--scan: {error}") from None
+    scan = Scan(*simulated.scan(options.seed)) if options.sim else _read(options.scan)
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim))
     found.fit.modes.save(options.out / MODES_FILE)

@@ -10,9 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..arguments import number, whole
+
 if TYPE_CHECKING:
     from .verdict import Outcome, Verdict
 
+POSITIVE = number(0.0, is_above=True)
 DEFAULT_OUT = Path("calibration")
 
 
@@ -41,8 +44,9 @@ def _step(steps: Any, name: str, summary: str, example: str) -> argparse.Argumen
     )
     # Suppressed, so that the default of the parent parser remains.
     parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
+    parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
     parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated measurements (default 1)")
+    parser.add_argument("--seed", type=whole(0), default=1, help="of the simulated measurements (default 1)")
     parser.set_defaults(step=name)
     return parser
 
@@ -56,9 +60,9 @@ def _add_board(parser: argparse.ArgumentParser) -> None:
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
     parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
-    parser.add_argument("--points", type=int, default=41, help="frequencies of a sweep (default 41)")
-    parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
-    parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
+    parser.add_argument("--points", type=whole(1), default=41, help="frequencies of a sweep (default 41)")
+    parser.add_argument("--dwell", type=whole(1), default=100, metavar="MS", help="at each (default 100)")
+    parser.add_argument("--volts", type=POSITIVE, help="on the amplifier (default: a tenth of the board's limit)")
     parser.set_defaults(mode=0)  # the sweep is planned for the first mode and repeated for the others
 
 
@@ -76,12 +80,17 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", default="auto", help="of the trackpad (default: the connected one)")
     parser.add_argument(
-        "--within", type=float, default=120.0, metavar="S", help="time limit for all marks (default 120)"
+        "--within",
+        type=POSITIVE,
+        default=120.0,
+        metavar="S",
+        help="time limit for all marks (default 120)",
     )
 
 
 def _add_seconds(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10); move two fingers meanwhile")
+    what = "duration (default 10); move two fingers meanwhile"
+    parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
 
 
 def _add_resonance(steps: Any) -> None:
@@ -105,7 +114,9 @@ def _add_trackpad(steps: Any) -> None:
 def _add_latency(steps: Any) -> None:
     parser = _step(steps, "latency", "measure the delays that the prediction must cover", "--out DIR --seconds 20")
     parser.add_argument("--config", type=Path, help="the service's configuration (default: DIR/hapticd.toml)")
-    _add_seconds(parser)
+    parser.add_argument(
+        "--seconds", type=POSITIVE, default=10.0, help="duration (default 10); move two fingers meanwhile"
+    )
 
 
 def _add_friction(steps: Any) -> None:
@@ -119,13 +130,14 @@ def _add_all(steps: Any) -> None:
     _add_sweep(parser)
     _add_scan(parser)
     _add_marks(parser)
-    _add_seconds(parser)
+    parser.add_argument(
+        "--seconds", type=POSITIVE, default=10.0, help="duration (default 10); move two fingers meanwhile"
+    )
     parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
 
 
 def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
-    from ...errors import CalibrationError
     from ...files import plotting
     from . import folder
     from .verdict import Outcome
@@ -133,25 +145,22 @@ def _run(options: argparse.Namespace) -> int:
     if options.step is None:
         print(folder.overview(options.out))
         return 0
-    if options.seed < 0:
-        raise CalibrationError(f"--seed is {options.seed}: give 0 or more.")
     plotting.check(options.out / f"{options.step}.png")
-    folder.prepare(options.out, is_simulated=options.sim)
     steps = _steps()
-    outcomes = [_run_step(name, steps[name], options) for name in (steps if options.step == "all" else [options.step])]
+    names = list(steps) if options.step == "all" else [options.step]
+    given = [value for name, value in vars(options).items() if name in ("config", "scan", "readings")]
+    folder.prepare(options.out, names, given, is_simulated=options.sim, is_forced=options.force)
+    for name in names:
+        steps[name].check(options)  # what is wrong with the last step is said before the first
+    outcomes = [_run_step(name, steps[name].run, options) for name in names]
     return 1 if Outcome.FAIL in outcomes else 0
 
 
-def _steps() -> dict[str, Callable[[argparse.Namespace], Verdict]]:
+def _steps() -> dict[str, Any]:
+    """The steps' modules: `check` raises for arguments that `run` could not use."""
     from . import delays, friction, modes, resonance, trackpad
 
-    return {
-        "resonance": resonance.run,
-        "modes": modes.run,
-        "trackpad": trackpad.run,
-        "latency": delays.run,
-        "friction": friction.run,
-    }
+    return {"resonance": resonance, "modes": modes, "trackpad": trackpad, "latency": delays, "friction": friction}
 
 
 def _run_step(name: str, run: Callable[[argparse.Namespace], Verdict], options: argparse.Namespace) -> Outcome:

@@ -27,9 +27,10 @@ from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
+from ..progress import Progress
+from .folder import CALIBRATION_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
 
-CALIBRATION_FILE = "calibration.toml"
 PICTURE_FILE = "resonance.png"
 
 CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response
@@ -44,10 +45,15 @@ STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
 QUIET_WITHIN = 10  # status messages
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    if not MIN_POINTS <= options.points <= MOST_POINTS:
+        raise CalibrationError(f"--points: {options.points} is out of bounds, not {MIN_POINTS} .. {MOST_POINTS}.")
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
-    if not MIN_POINTS <= options.points <= MOST_POINTS:
-        raise CalibrationError(f"--points is {options.points}: a sweep has {MIN_POINTS} to {MOST_POINTS}.")
+    check(options)
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         hello, sweeps = asyncio.run(_sweep_on(port, baud, options))
@@ -76,8 +82,10 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]
 async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
     """Sweep piece by piece: on a loaded host the board may receive nothing for 50 ms, and ends a sweep."""
     points: list[SweepPoint] = []
-    for piece in pieces(plan):
-        points += await _measured_piece(board, piece)
+    with Progress(f"sweeping mode {plan.mode}") as progress:
+        for piece in pieces(plan):
+            points += await _measured_piece(board, piece)
+            progress(len(points) / plan.points)
     return sweep.fitted(points, plan.mode)
 
 

@@ -35,13 +35,20 @@ SCALE = (0.9, 1.1)  # of a pad's own millimetres, which are accurate to some per
 ENLARGED = 20.0  # magnification of the residuals in the picture
 
 
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    parse_marks(options.marks)
+    if options.model not in ("auto", *MODELS):
+        raise CalibrationError(f"--model: there is no {options.model!r}: give auto or one of {', '.join(MODELS)}.")
+
+
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     marks_mm = parse_marks(options.marks)
     if options.sim:
         model, touches_mm = SIMULATED_MODEL, _played(marks_mm, options.seed)
     else:
-        model, touches_mm = asyncio.run(_touched(_pad(options.model), marks_mm, options.within))
+        model, touches_mm = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within))
     found = fit_affine(touches_mm, marks_mm)
     draw(marks_mm, touches_mm, found, options.out / PICTURE_FILE)
     return verdict(found, {} if options.sim else {"source": "hid", "model": model}, is_simulated=options.sim)
@@ -74,16 +81,8 @@ def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
     return touched.rests_mm
 
 
-def _pad(model: str) -> HidTrackpad:
-    if model not in ("auto", *MODELS):
-        raise CalibrationError(f"--model is {model!r}: give auto or one of {', '.join(MODELS)}.")
-    return HidTrackpad(model)
-
-
 async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[str, list[Point]]:
     """Prompt for one mark after the other; return the pad's model and the touches."""
-    if not 0.0 < within_s < math.inf:
-        raise CalibrationError(f"--within is {within_s:g}: give a time above 0 s.")
     touched, decoders = TouchedMarks(), dict[str, Decoder]()
     done = asyncio.Event()
 

@@ -13,7 +13,6 @@ import argparse
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,9 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...config.sections import LimitsConfig
-from ...errors import HapticdError, UsageError
-from ...files import plotting
-from ...files.outputs import check_writable
+from ...errors import HapticdError, UsageError, missing_client
+from ...files import outputs, plotting
 from ...sim import lockstep
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
@@ -37,12 +35,15 @@ from ...sim.rig.process import RigProcess
 from ...sim.score import Score, score
 from ...tools import owned_process
 from ...values import AmplitudeTarget
+from ..arguments import number, whole
 from ..daemon_process import DaemonProcess
+from ..progress import Progress
 from .live_view import LiveView
 
 if TYPE_CHECKING:
     from hapticd_client import Client, PlateState
 
+DEFAULT_OUT = Path("demo.png")
 SCENARIO = "strokes"
 FINGERS = 2
 DAEMON_WITHIN_S = 15.0
@@ -59,9 +60,9 @@ BARE_PLATE = PlateSettings(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add duration, seed, board and outputs."""
-    parser.add_argument("--seconds", type=float, default=10.0, help="duration (default 10)")
-    parser.add_argument("--seed", type=int, default=1, help="of fingers, noise and mode map (default 1)")
-    parser.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (default demo.png)")
+    parser.add_argument("--seconds", type=number(0.0, is_above=True), default=10.0, help="duration (default 10)")
+    parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
+    outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
     parser.add_argument(
         "--board",
         choices=("library", "host"),
@@ -78,45 +79,56 @@ def run(options: argparse.Namespace) -> None:
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError("The demo needs the client library: install it with `pip install clients/python`.") from None
-    if not options.seconds > 0:
-        raise UsageError(f"--seconds: {options.seconds:g} is too short: give more than 0.")
-    check_writable(options.out)
-    plotting.check(options.out)
+        raise missing_client("The demo") from None
     if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
     program = None if options.board == "library" else find_program(options.image)
+    out = _picture_file(options)
     try:
-        _play(options, program)
+        _play(options, program, out)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
 
-def _play(options: argparse.Namespace, program: Path | None) -> None:
+def _picture_file(options: argparse.Namespace) -> Path | None:
+    """Return the picture's file, None without matplotlib if none was requested. Raises UsageError."""
+    if options.out is not None:
+        return Path(options.out)
+    try:
+        plotting.check(DEFAULT_OUT)
+    except HapticdError as error:
+        print(f"without a picture: {error}", flush=True)
+        return None
+    outputs.check([DEFAULT_OUT], is_forced=options.force)
+    return DEFAULT_OUT
+
+
+def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -> None:
     import hapticd_client
 
     board, seed = options.board, options.seed
     print("starting the simulated rig, the daemon and a client ...", flush=True)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # ends the child processes too
-    with tempfile.TemporaryDirectory(prefix="hapticd-demo-") as folder:
-        record = Path(folder, "plate.npz")
-        rig = RigProcess(SCENARIO, seed, record=record, program=program)
-        with rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
-            with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
-                user = _ScriptedUser(client, rig, seed)
-                with _watched(daemon.runtime_dir, opens=options.view):
-                    t_asked_s = _wait_for_fingers(client, user)
-                    status = _watch(client, user, options.seconds)
-                if status["board"].get("refused"):
-                    raise HapticdError(status["board"]["refused"])
-            t_end_s = time.monotonic() - rig.t_start_s
-        with np.load(record) as arrays:
-            ours = _film(dict(arrays), BOARD_NAMES[board]).between(t_asked_s, t_end_s)
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
+    rig = RigProcess(SCENARIO, seed, record=True, program=program)
+    with rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
+        with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
+            user = _ScriptedUser(client, rig, seed)
+            with _watched(daemon.runtime_dir, opens=options.view):
+                t_asked_s = _wait_for_fingers(client, user)
+                status = _watch(client, user, options.seconds)
+            if status["board"].get("refused"):
+                raise HapticdError(status["board"]["refused"])
+        t_end_s = time.monotonic() - rig.t_start_s
+    ours = _film(rig.history, BOARD_NAMES[board]).between(t_asked_s, t_end_s)
     print("\nscoring it, and the paper's scheme on the same fingers ...", flush=True)
     same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
-    paper_run = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
+    with Progress("the paper's scheme") as progress:
+        settings = lockstep.paper(same_plate)
+        paper_run = lockstep.run(SCENARIO, settings=settings, seed=seed, seconds=t_end_s, progress=progress)
     paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
-    draw([ours, paper], options.out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
+    if out is not None:
+        draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
     print(summary(ours.score, paper.score, status))
     if board == "library":
         print(
@@ -126,7 +138,8 @@ def _play(options: argparse.Namespace, program: Path | None) -> None:
         print("Without damping by fingers and parasitic modes, these figures are optimistic for both schemes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
-    print(f"picture: {options.out.resolve()}")
+    if out is not None:
+        print(f"picture: {out.resolve()}")
     print("To touch such a plate yourself, in the browser: hapticd view --sim")
 
 

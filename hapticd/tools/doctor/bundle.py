@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import platform
 import re
 import shutil
@@ -22,12 +21,16 @@ from pathlib import Path
 
 import zmq
 
-from ... import __version__
 from ...config import loader as configuration
-from ...errors import ConfigError, HapticdError
+from ...errors import HapticdError
+from ...files.outputs import opened
+from ...files.toml_file import MAX_BYTES
+from ...regular_file import read_bounded
 from ..record.attach import record
+from ..version import version_text
 from .finding import Finding, System, as_document
 
+SUFFIX = (".tar.gz",)
 RECORD_S = 10.0
 LOG_LINES = 5000
 LOG_WITHIN_S = 20.0
@@ -35,22 +38,6 @@ PACKAGES = ("hapticd", "hapticd-client", "hidapi", "mcap", "msgpack", "numpy", "
 SECRET = re.compile(r'(secret[\w-]*"?\s*[=:]\s*)("[^"\n]*"|\S+)', re.IGNORECASE)  # as ZeroMQ's certificates write it
 
 Record = Callable[[Path, Path | None, float | None], str]
-
-
-class BundleError(ConfigError):
-    """The bundle cannot be written to this file."""
-
-    exit_code = 2
-
-
-def check_name(path: Path) -> None:
-    """Check the path before the checks run. Raises BundleError."""
-    if not path.name.endswith(".tar.gz"):
-        raise BundleError(f"--bundle {path}: must end in .tar.gz.")
-    if path.exists():
-        raise BundleError(f"--bundle {path}: exists already: name another file.")
-    if not path.absolute().parent.is_dir():
-        raise BundleError(f"--bundle {path}: there is no folder {path.absolute().parent}: create it first.")
 
 
 def collect(
@@ -62,7 +49,7 @@ def collect(
     record: Record = record,
     log: Callable[[], str] | None = None,
 ) -> str:
-    """Write the bundle, readable by its owner only; return a list of its contents. Raises BundleError."""
+    """Write the bundle, readable by its owner only; return a list of its contents. Raises HapticdError."""
     parts = {
         "doctor.txt": "".join(f"{finding}\n" for finding in found),
         "doctor.json": as_document(found),
@@ -85,7 +72,7 @@ def collect(
 def versions() -> str:
     """Return the versions of the program, its platform and its libraries."""
     lines = [
-        f"hapticd {__version__}",
+        f"hapticd {version_text()}",
         f"python {sys.version.split()[0]} ({platform.python_implementation()})",
         f"system {platform.platform()}",
         f"zeromq {zmq.zmq_version()}",
@@ -116,7 +103,7 @@ def _configuration(system: System | None, config_path: Path | None) -> Mapping[s
     parts = {}
     if config_path is not None:
         try:
-            parts["hapticd.toml"] = config_path.read_text(encoding="utf-8", errors="replace")
+            parts["hapticd.toml"] = read_bounded(config_path, MAX_BYTES).decode(errors="replace")
         except OSError as error:
             parts["hapticd.toml"] = f"# {config_path}: cannot be read ({error.strerror})\n"
     if system is not None:
@@ -140,14 +127,9 @@ def _recording(system: System | None, record: Record) -> tuple[bytes, str]:
 
 
 def _write(path: Path, contents: Mapping[str, bytes]) -> None:
-    folder = path.name.removesuffix(".tar.gz")
-    try:
-        fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-        with os.fdopen(fd, "wb") as file, tarfile.open(fileobj=file, mode="w:gz") as archive:
-            for name, data in contents.items():
-                entry = tarfile.TarInfo(f"{folder}/{name}")
-                entry.size, entry.mtime, entry.mode = len(data), int(time.time()), 0o600
-                archive.addfile(entry, io.BytesIO(data))
-    except OSError as error:
-        path.unlink(missing_ok=True)
-        raise BundleError(f"--bundle {path}: cannot be written ({error.strerror}).") from None
+    folder = path.name.removesuffix(*SUFFIX)
+    with opened(path, mode=0o600) as file, tarfile.open(fileobj=file, mode="w:gz") as archive:
+        for name, data in contents.items():
+            entry = tarfile.TarInfo(f"{folder}/{name}")
+            entry.size, entry.mtime, entry.mode = len(data), int(time.time()), 0o600
+            archive.addfile(entry, io.BytesIO(data))

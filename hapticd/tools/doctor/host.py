@@ -152,7 +152,10 @@ def built(_: System) -> Finding:
     """Check the simulated board's firmware."""
     if importlib.util.find_spec("hapticd.sim.board._firmware") is None:
         return Finding(
-            WARN, "simulated board", "its firmware is not built", "sudo apt install gcc, and pip install hapticd again"
+            WARN,
+            "simulated board",
+            "its firmware is not built",
+            "sudo apt install gcc, then in the checkout: pip install .",
         )
     return Finding(PASS, "simulated board", "its firmware is built")
 
@@ -160,5 +163,5 @@ def built(_: System) -> Finding:
 def client_library(_: System) -> Finding:
     """Check the Python client library, which this program uses too."""
     if importlib.util.find_spec("hapticd_client") is None:
-        return Finding(WARN, "client library", "not installed", "pip install clients/python")
+        return Finding(WARN, "client library", "not installed", "in the checkout: pip install clients/python")
     return Finding(PASS, "client library", "installed")

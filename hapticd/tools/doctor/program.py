@@ -11,6 +11,7 @@ from pathlib import Path
 from ...config import loader as configuration
 from ...config.sections import Config
 from ...errors import HapticdError
+from ...files import outputs
 from . import bundle as bundles
 from . import devices, files, host, service
 from .finding import FAIL, PASS, WARN, Finding, System, as_document, has_failed
@@ -44,9 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = f"{parser.epilog}\n         hapticd doctor --bundle report.tar.gz"
     parser.add_argument("--config", type=Path, help="the service's configuration (default: the built-in one)")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
-    parser.add_argument(
+    outputs.add_file(
+        parser,
         "--bundle",
-        type=Path,
+        bundles.SUFFIX,
         metavar="F.tar.gz",
         help="collect findings, configuration, status, log, versions and 10 s of recording; nothing is sent",
     )
@@ -59,8 +61,6 @@ def _doctor(options: argparse.Namespace) -> int:
 
 def examine(config_path: Path | None, *, as_json: bool = False, bundle: Path | None = None) -> int:
     """Print the report, and write `bundle` if given. Return 1 if a check fails, else 0."""
-    if bundle is not None:
-        bundles.check_name(bundle)
     found: list[Finding] = []
     system = None
     for finding, system in _findings(config_path):  # noqa: B007 - the last one is used below

@@ -29,14 +29,17 @@ from ...board_values import (
 from ...config import loader as config
 from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
+from ...files import outputs
 from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
+from ..arguments import number, whole
 from . import sweep, telemetry, text
 from .conversation import Conversation
 
 STATUS_WITHIN_S = 1.0  # the board sends its status ten times a second
 ECHOES = 5
 FULL_FRAC = 0.999  # of the requested voltage, which the board rounds to float32
+MOST_RATE_HZ = 65535  # what the message holds
 SIM_SCENARIO = "step"  # its plate is not touched
 
 
@@ -89,7 +92,7 @@ def _add_sweep(commands: Any) -> None:
     parser.add_argument("--points", type=int, default=41, help="frequencies (default 41)")
     parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
     parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw amplitude and circle")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw amplitude and circle")
     parser.add_argument("--save", type=Path, metavar="F.toml", help="write the mode to a calibration file")
 
 
@@ -103,8 +106,10 @@ def _add_raw(commands: Any) -> None:
 
 def _add_telemetry(commands: Any) -> None:
     parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv", json=True)
-    parser.add_argument("--rate", type=int, default=100, metavar="HZ", help="samples a second, at most (default 100)")
-    parser.add_argument("--seconds", type=float, default=2.0, help="duration (default 2)")
+    parser.add_argument(
+        "--rate", type=whole(1, MOST_RATE_HZ), default=100, metavar="HZ", help="samples a second, at most (default 100)"
+    )
+    parser.add_argument("--seconds", type=number(0.0, is_above=True), default=2.0, help="duration (default 2)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -124,9 +129,12 @@ def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tupl
     device = DeviceConfig() if loaded is None else loaded.device
     named = options.port or (loaded is not None and device.port)
     if not (options.sim or named):
-        raise ConfigError("No board is given: add --port or --config, or --sim.")
+        raise UsageError("No board is given: add --port or --config, or --sim.")
     if options.baud is not None:
-        device = config.from_table({"device": {"baud": options.baud}}, where="--baud", folder=Path()).device
+        try:
+            device = config.from_table({"device": {"baud": options.baud}}, where="--baud", folder=Path()).device
+        except ConfigError as error:
+            raise UsageError(str(error)) from None
     baud = device.baud
     if options.sim or named == SIMULATED:
         rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1))

@@ -13,8 +13,7 @@ import numpy as np
 from ...board_values import BoardHello, BoardState, BoardStatus, ModeCalibration, Sweep, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
 from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
-from ...files import calibration, plotting
-from ...files.outputs import check_writable
+from ...files import calibration, outputs, plotting
 from ...wire import protocol
 from . import text
 from .conversation import Conversation
@@ -24,6 +23,7 @@ VOLTS_FRAC = 0.1  # of the board's limit
 SPARE_S = 2.0  # allowed beyond the sum of the dwells
 LAST_POINTS_S = 0.5  # for a full ring of points over a line of 9600 baud
 CURVE_POINTS = 400
+TOML = (".toml",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,9 @@ class ModeSweep:
 async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Sweep, print and fit; draw and save on request."""
     sweep = planned(board.hello, options)
-    check_writable(options.save, options.plot)
-    plotting.check(options.plot)
+    if options.save is not None:  # an existing one is read and gets the mode
+        outputs.check_suffix(options.save, TOML)
+        outputs.check([options.save], is_forced=True)
     saved = _saved(options.save, board.hello.modes)
     points = await measured(board, sweep, show=not options.json)
     swept = fitted(points, sweep.mode)
@@ -139,5 +140,8 @@ def _saved(path: Path | None, modes: int) -> tuple[ModeCalibration, ...]:
     if path is None or not path.exists():
         return ()
     if not path.is_file():
-        raise ConfigError(f"{path}: is not a file: name one for --save.")
-    return calibration.load(path, modes)
+        raise UsageError(f"{path}: is not a file: name one for --save.")
+    try:
+        return calibration.load(path, modes)
+    except ConfigError as error:
+        raise UsageError(f"--save: {error}") from None

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import ModesError, UsageError
-from ...files import plotting
-from ...files.outputs import check_writable
+from ...files import outputs
+from ..arguments import number, whole
+from ..progress import Progress
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
@@ -56,14 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     other.add_argument("--still", action="store_true", help="map where the other finger can be still")
     other.add_argument("--slip", action="store_true", help="map where the other finger can slip by --target")
     parser.add_argument(
-        "--target", type=float, default=1.0, metavar="UM", help="target of slipping fingers (default 1)"
+        "--target", type=number(1e-3, MOST_UM), default=1.0, metavar="UM", help="target of slipping fingers (default 1)"
     )
     parser.add_argument("--limit", metavar="UM[,UM..]", help="of each mode (default: the configuration's, or 4)")
     parser.add_argument(
-        "--cells", type=int, metavar="N", help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})"
+        "--cells",
+        type=whole(2, MOST_CELLS),
+        metavar="N",
+        help=f"per side (default {CELLS}; without --finger {PAIR_CELLS})",
     )
-    parser.add_argument("--plot", type=Path, metavar="F.png", help="draw it")
-    parser.add_argument("--out", type=Path, metavar="F.npz", help="write the arrays")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw it")
+    outputs.add_file(parser, "--out", outputs.NPZ, metavar="F.npz", help="write the arrays")
     parser.set_defaults(command=_map)
 
 
@@ -71,10 +75,10 @@ def _map(options: argparse.Namespace) -> None:
     from ...design.achievability import achievability_map
     from .picture import Panel, draw
 
-    check_writable(options.plot, options.out)
-    plotting.check(options.plot)
+    if not options.finger and options.cells is not None and options.cells > MOST_PAIR_CELLS:
+        raise UsageError(f"--cells: without --finger it must be 2 .. {MOST_PAIR_CELLS}, not {options.cells}.")
     modes, size_mm, limit_um = _plate(options)
-    target_um = _number(options.target, "--target", 1e-3, MOST_UM)
+    target_um = options.target
     if not options.finger:
         if options.still or options.slip:
             raise UsageError("--still and --slip need the other fingers: give a --finger, such as -30,20.")
@@ -90,8 +94,11 @@ def _map(options: argparse.Namespace) -> None:
             continue
         slipping = sum(um > 0.0 for um in (other_um, *(finger.target_um for finger in fingers)))
         usual_cells = CELLS if slipping == 1 or modes.M <= 2 else SEARCHED_CELLS
-        cells = _cells(options.cells, usual_cells, MOST_CELLS)
-        result = achievability_map(modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells)
+        cells = usual_cells if options.cells is None else options.cells
+        with Progress(_title(other_um)) as progress:
+            result = achievability_map(
+                modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells, progress=progress
+            )
         panels.append(Panel(_title(other_um), tuple(fingers), result))
     if not panels:
         raise UsageError("--still: no finger slips: give a --finger an amplitude above 0.")
@@ -112,8 +119,9 @@ def _map_pairs(
     from ...design.achievability import pair_map
     from .picture import draw_pairs
 
-    cells = _cells(options.cells, PAIR_CELLS, MOST_PAIR_CELLS)
-    pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells)
+    cells = PAIR_CELLS if options.cells is None else options.cells
+    with Progress("all pairs of positions") as progress:
+        pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells, progress=progress)
     print(_plate_line(modes, size_mm, limit_um))
     served = f"{100 * pairs.still.mean():.1f} % of all pairs of positions"
     print(f"one finger slips by {target_um:g} um and one is still: both reach their target on {served}")
@@ -182,12 +190,6 @@ def _finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
             f"to {size_mm[0] / 2:g},{size_mm[1] / 2:g} mm."
         )
     return Finger(x_mm, y_mm, _number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
-
-
-def _cells(given: int | None, usual: int, most: int) -> int:
-    if given is not None and not 2 <= given <= most:
-        raise UsageError(f"--cells: {given} is out of bounds, it must be 2 .. {most}.")
-    return usual if given is None else given
 
 
 def _other_um(options: argparse.Namespace, target_um: float) -> tuple[float, ...]:
@@ -269,6 +271,6 @@ def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> No
 
 
 def _save(arrays: dict[str, FloatArray], limit_um: Sequence[float], path: Path) -> None:
-    with path.open("wb") as file:
+    with outputs.opened(path) as file:
         np.savez_compressed(file, limit_um=np.array(limit_um), **arrays)  # type: ignore[arg-type]
     print(f"written: {path}", file=sys.stderr)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Sequence
 from pathlib import Path
+
+from ...errors import ConfigError, UsageError
+from ...files import outputs
+from ..progress import Progress
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,9 +54,15 @@ def _replay(options: argparse.Namespace) -> int:
     if options.set:
         from .whatif import compare, table
 
-        print(table(*compare(recording, options.set)))
+        try:
+            with Progress("comparing") as recording.progress:
+                compared = compare(recording, options.set)
+            print(table(*compared))
+        except ConfigError as error:  # in --set, not in a file
+            raise UsageError(str(error)) from None
         return 0
-    outcome = replay(recording)
+    with Progress("replaying") as recording.progress:
+        outcome = replay(recording)
     print(report(recording, outcome))
     return 0 if outcome.is_identical else 1
 
@@ -61,7 +72,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     _add_files(parser)
     forms = parser.add_mutually_exclusive_group(required=True)
     forms.add_argument("--csv", type=Path, metavar="DIR", help="a folder with one CSV file for each table")
-    forms.add_argument("--hdf5", type=Path, metavar="F.h5", help="one HDF5 file with all tables")
+    outputs.add_file(parser, "--hdf5", outputs.HDF5, group=forms, metavar="F.h5", help="one HDF5 file with all tables")
     forms.add_argument("--parquet", type=Path, metavar="DIR", help="a folder with one Parquet file for each table")
     parser.set_defaults(command=_export)
 
@@ -72,38 +83,51 @@ def _export(options: argparse.Namespace) -> None:
     from . import export
     from .tables import tables
 
+    if options.csv is None:
+        export.require("h5py" if options.hdf5 is not None else "pyarrow")
     recording = open_recording(options.files)
-    found, texts = tables(recording), texts_of(recording.header)
-    if options.csv is not None:
-        written = export.to_csv(found, texts, options.csv)
-    elif options.hdf5 is not None:
-        written = export.to_hdf5(found, texts, options.hdf5)
+    with Progress("reading") as recording.progress:
+        found, texts = tables(recording), texts_of(recording.header)
+    if options.hdf5 is not None:
+        written = [options.hdf5]
+        export.to_hdf5(found, texts, options.hdf5)
+    elif options.csv is not None:
+        written = export.csv_files(found, options.csv)
+        _prepare(options.csv, written, options)
+        export.to_csv(found, texts, options.csv)
     else:
-        written = export.to_parquet(found, texts, options.parquet)
+        written = export.parquet_files(found, options.parquet)
+        _prepare(options.parquet, written, options)
+        export.to_parquet(found, texts, options.parquet)
     for name, table in found.items():
         print(f"{name:<12} {len(table['t_ns']):>9} rows: {', '.join(table)}")
     print(f"written: {', '.join(map(str, written))}")
     _print_losses(recording.losses.report())
 
 
+def _prepare(folder: Path, files: Sequence[Path], options: argparse.Namespace) -> None:
+    outputs.create_folder(folder)
+    outputs.check(files, inputs=options.files, is_forced=options.force)
+
+
 def add_plot_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `plot`."""
     parser.add_argument("files", nargs=1, type=Path, metavar="F.mcap", help="the recording")
-    parser.add_argument("out", type=Path, metavar="OUT.png", help="the picture")
+    outputs.add_file(parser, "out", outputs.PICTURE, metavar="OUT.png", help="the picture")
     parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="in s from its start")
     parser.add_argument("--to", dest="end_s", type=float, metavar="S", help="default: its end")
     parser.set_defaults(command=_plot)
 
 
 def _plot(options: argparse.Namespace) -> None:
-    from ...files import plotting
     from ...files.recording.mcap_reader import open_recording
     from .picture import draw
     from .tables import tables
 
-    plotting.check(options.out)
     recording = open_recording(options.files)
-    draw(tables(recording), options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
+    with Progress("reading") as recording.progress:
+        found = tables(recording)
+    draw(found, options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
     _print_losses(recording.losses.report())
 
 

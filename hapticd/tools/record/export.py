@@ -3,61 +3,72 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
-import re
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import RecordingError
+from ...errors import missing_library
+from ...files.outputs import opened, write_text
 from .tables import Column
 
+HEADER = "header.json"
 Tables = Mapping[str, Mapping[str, Column]]
 MOST_FIXED_BYTES = 1 << 24  # of a column of texts, with all as long as the longest
 
 
-def to_csv(tables: Tables, texts: Mapping[str, str], folder: Path) -> list[Path]:
-    """One file for each table, and header.json; what was written. Raises RecordingError."""
-    with _Writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        written = [folder / f"{name}.csv" for name in tables]
-        for path, table in zip(written, tables.values(), strict=True):
-            with path.open("w", encoding="utf-8", newline="") as file:
-                lines = csv.writer(file)
-                lines.writerow(table)
-                lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-        header = folder / "header.json"
-        header.write_text(json.dumps(dict(texts), indent=2) + "\n", encoding="utf-8")
-        return [*written, header]
-
-
-def to_parquet(tables: Tables, texts: Mapping[str, str], folder: Path) -> list[Path]:
-    """One file for each table, each with the header in its metadata. Raises RecordingError."""
+def require(library: str) -> None:
+    """Raise HapticdError without a library, before a recording is read for nothing."""
     try:
-        import pyarrow
-        from pyarrow import parquet
+        import_module(library)
     except ImportError:
-        raise _missing("pyarrow") from None
-    with _Writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, table in tables.items():
-            made = pyarrow.table({column: values.tolist() for column, values in table.items()})
-            parquet.write_table(made.replace_schema_metadata(dict(texts)), folder / f"{name}.parquet")
-        return [folder / f"{name}.parquet" for name in tables]
+        raise missing_library(f"This format needs {library}", "export") from None
 
 
-def to_hdf5(tables: Tables, texts: Mapping[str, str], path: Path) -> list[Path]:
+def csv_files(tables: Tables, folder: Path) -> list[Path]:
+    """The files that `to_csv` writes."""
+    return [*(folder / f"{name}.csv" for name in tables), folder / HEADER]
+
+
+def parquet_files(tables: Tables, folder: Path) -> list[Path]:
+    """The files that `to_parquet` writes."""
+    return [folder / f"{name}.parquet" for name in tables]
+
+
+def to_csv(tables: Tables, texts: Mapping[str, str], folder: Path) -> None:
+    """One file for each table, and header.json. Raises HapticdError."""
+    for name, table in tables.items():
+        with opened(folder / f"{name}.csv") as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
+            lines = csv.writer(text)
+            lines.writerow(table)
+            lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    write_text(json.dumps(dict(texts), indent=2) + "\n", folder / HEADER)
+
+
+def to_parquet(tables: Tables, texts: Mapping[str, str], folder: Path) -> None:
+    """One file for each table, each with the header in its metadata. Raises HapticdError."""
+    import pyarrow
+    from pyarrow import parquet
+
+    for name, table in tables.items():
+        made = pyarrow.table({column: values.tolist() for column, values in table.items()})
+        with opened(folder / f"{name}.parquet") as file:
+            parquet.write_table(made.replace_schema_metadata(dict(texts)), file)
+
+
+def to_hdf5(tables: Tables, texts: Mapping[str, str], path: Path) -> None:
     """One file; each table a data set of its name, each row a compound, and the header as attributes of the file.
 
-    Raises RecordingError.
+    Raises HapticdError.
     """
-    try:
-        import h5py
-    except ImportError:
-        raise _missing("h5py") from None
-    with _Writing(path), h5py.File(path, "w") as file:
+    import h5py
+
+    made = io.BytesIO()  # the library also reads what it writes, which a device does not give back
+    with h5py.File(made, "w") as file:
         for name, value in texts.items():
             file.attrs[name] = value
         for name, table in tables.items():
@@ -66,7 +77,8 @@ def to_hdf5(tables: Tables, texts: Mapping[str, str], path: Path) -> list[Path]:
             for column, values in columns.items():
                 rows[column] = values
             file.create_dataset(name, data=rows, compression="gzip", shuffle=True)
-    return [path]
+    with opened(path) as output:
+        output.write(made.getbuffer())
 
 
 def _storable(values: Column, text: np.dtype[Any]) -> Column:
@@ -76,27 +88,3 @@ def _storable(values: Column, text: np.dtype[Any]) -> Column:
     encoded = [value.encode() for value in values]
     is_short = max(map(len, encoded)) * len(encoded) <= MOST_FIXED_BYTES
     return np.array(encoded) if is_short else values.astype(text)
-
-
-def _reason(error: OSError) -> str:
-    """The system's reason, which HDF5 puts among addresses and sizes."""
-    inner = re.search(r"error message = '([^']*)'", str(error))
-    return inner[1] if inner is not None else error.strerror or str(error)
-
-
-class _Writing:
-    """Turns an OSError into one sentence that names the file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
-        if isinstance(error, OSError):
-            raise RecordingError(f"{self._path}: cannot be written ({_reason(error)}).") from None
-
-
-def _missing(library: str) -> RecordingError:
-    return RecordingError(f'This format needs {library}: install it with `pip install "hapticd[export]"`.')

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from ...errors import RecordingError
 from ...files import plotting
 from ...sim.picture import FINGER_COLOURS, MODE_COLOURS
+from .references import in_force
 from .tables import Column
 
 Table = Mapping[str, Column]
@@ -80,9 +81,8 @@ def _draw_modes(axis: Any, tables: Mapping[str, Table]) -> None:
             axis.plot(found["t_s"], found[f"{name}_d_um"], color=colour, lw=1.1, label=f"$W_{{{label}d}}$ {name}")
         wanted = _of(references, "mode", mode)
         if wanted:
-            first = wanted["knot"] == 0
-            at_s = _seconds(wanted["t_knot_ns"][first], begin_s)
-            axis.plot(at_s, wanted["reference_d_um"][first], "--", color="black", lw=0.7)
+            t_ns, reference_um = in_force(wanted)
+            axis.plot(_seconds(t_ns, begin_s), reference_um.real, "--", color="black", lw=0.7)
     axis.plot([], [], "--", color="black", lw=0.7, label="references")
     axis.set_ylabel("modal amplitude, µm")
     _legend(axis)

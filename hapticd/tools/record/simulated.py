@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,21 @@ from ...daemon.recorder import header_of
 from ...files.recording.kinds import amplitudes
 from ...files.recording.mcap_writer import DirectRecording
 from ...sim import lockstep
+from ...sim.fingers.scenarios import Scenario
 from ...sim.lockstep import T_START_NS, Run, Settings
 
 UTC = "1970-01-01T00:00:00Z"  # virtual time has no date, and the same run gives the same bytes
 
 
-def run(scenario: str, path: Path, *, settings: Settings, seed: int, seconds: float | None) -> Run:
+def run(
+    scenario: str | Scenario,
+    path: Path,
+    *,
+    settings: Settings,
+    seed: int,
+    seconds: float | None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Run:
     """`lockstep.run`, recorded to `path`. Raises RecordingError, SimulationError."""
     recording: list[DirectRecording] = []
 
@@ -27,7 +37,7 @@ def run(scenario: str, path: Path, *, settings: Settings, seed: int, seconds: fl
         recording.append(DirectRecording(path, header))
         return recording[0].put
 
-    played = lockstep.run(scenario, settings=settings, seed=seed, seconds=seconds, observer=observer)
+    played = lockstep.run(scenario, settings=settings, seed=seed, seconds=seconds, observer=observer, progress=progress)
     _put_truth(recording[0], played)
     recording[0].close(T_START_NS + round(played.t_s[-1] * 1e9), "the scenario ended")
     return played

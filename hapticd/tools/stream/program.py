@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from ...errors import HapticdError, UsageError
+from ...errors import UsageError, missing_client, missing_library
 
 PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873
@@ -81,9 +81,7 @@ def _prometheus(options: argparse.Namespace) -> None:
     try:
         import prometheus_client  # noqa: F401
     except ImportError:
-        raise HapticdError(
-            'Metrics need prometheus-client: install it with `pip install "hapticd[streams]"`.'
-        ) from None
+        raise missing_library("Metrics need prometheus-client", "streams") from None
     from .prometheus import run
 
     _streaming(lambda: run(options.endpoint, options.host, options.port, threading.Event().wait))
@@ -94,10 +92,7 @@ def _lsl(options: argparse.Namespace) -> None:
     try:
         import pylsl
     except (ImportError, RuntimeError, OSError) as error:  # the latter two if pylsl finds no liblsl
-        raise HapticdError(
-            f"The Lab Streaming Layer cannot be loaded ({_first_line(error)}): "
-            'install it with `pip install "hapticd[lsl]"`.'
-        ) from None
+        raise missing_library(f"The Lab Streaming Layer cannot be loaded ({_first_line(error)})", "lsl") from None
     from .lsl import run
 
     _streaming(lambda: run(pylsl, options.endpoint, fingers))
@@ -108,7 +103,7 @@ def _streaming(run: Callable[[], None]) -> None:
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError("A stream needs the client library: install it with `pip install clients/python`.") from None
+        raise missing_client("A stream") from None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         run()

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import HapticdError
+from ...errors import missing_library
 from .protocol import Friction
 from .session import Session
 
@@ -131,5 +131,5 @@ def _stats() -> Any:
     try:
         from scipy import stats
     except ImportError:
-        raise HapticdError('A report needs scipy: install it with `pip install "hapticd[study]"`.') from None
+        raise missing_library("A report needs scipy", "study") from None
     return stats

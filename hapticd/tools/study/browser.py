@@ -15,7 +15,7 @@ from importlib import resources
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from ...errors import HapticdError
+from ...errors import missing_library
 from ..view import guard
 from .panel import Key, Screen
 from .protocol import StudyError
@@ -154,5 +154,5 @@ def _aiohttp_web() -> Any:
     try:
         from aiohttp import web
     except ImportError:
-        raise HapticdError('The page needs aiohttp: install it with `pip install "hapticd[study]"`.') from None
+        raise missing_library("The page needs aiohttp", "study") from None
     return web

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ... import __version__
-from ...errors import HapticdError
+from ...errors import HapticdError, missing_client
+from ...files import outputs
 from ..daemon_process import PATIENT, DaemonProcess
 from . import report
 from .browser import Browser
@@ -82,12 +83,12 @@ def _add_report(actions: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path, metavar="DIR", help="the --out of the sessions")
-    parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
+    outputs.add_json(parser)
     parser.set_defaults(command=_report)
 
 
 def _report(options: argparse.Namespace) -> None:
-    report.write(options.folder, options.json)
+    report.write(options.folder, options.json, is_forced=options.force)
 
 
 def rehearsal(scenario: str = SCENARIO) -> DaemonProcess:
@@ -177,9 +178,7 @@ def _ask(options: argparse.Namespace, file: SessionFile) -> None:
     try:
         import hapticd_client
     except ImportError:
-        raise HapticdError(
-            "The study needs the client library: install it with `pip install clients/python`."
-        ) from None
+        raise missing_client("The study") from None
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
         simulated = held.enter_context(rehearsal()) if options.sim else None

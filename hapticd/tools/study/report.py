@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import sys
@@ -11,9 +12,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...errors import reason
 from ...files import plotting
-from ...files.outputs import check_writable, write_text
+from ...files.outputs import check, opened, write_text
 from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
 from .protocol import StudyError
 from .session import SUFFIX, Session, read
@@ -24,13 +24,13 @@ BAR_IN = 0.55  # a participant's share of the figure's width
 MAX_WIDTH_IN = 16.0
 
 
-def write(folder: Path, json_file: str | None = None) -> None:
+def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False) -> None:
     """Analyse the sessions in `folder`, print the report, and write its files there.
 
     Raises HapticdError if no session is finished, a file is damaged, or an output cannot be written.
     """
-    check_writable(json_file)
     plotting.check(folder / FIGURE)
+    check([folder / name for name in (RESULTS, TRIALS, FIGURE)], is_forced=is_forced)
     sessions = sessions_in(folder)
     finished = [session for session in sessions if session.is_over]
     if not finished:
@@ -174,11 +174,8 @@ def _progress(sessions: Iterable[Session]) -> str:
 
 
 def _write_rows(path: Path, rows: Iterable[Sequence[object]]) -> None:
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows(rows)
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be written ({reason(error)}); choose another place.") from None
+    with opened(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
+        csv.writer(text).writerows(rows)
 
 
 def _percent(frac: float, digits: int) -> str:

@@ -20,12 +20,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
+from ...regular_file import read_bounded
 from .protocol import Design, Friction, StudyError, participant_name, presented
 
 VERSION = 1
 SUFFIX = ".jsonl"
 BEGIN = b'{"kind": "session", '  # of every session file: others are not overwritten
 MAX_SEED = 2**63 - 1
+MAX_BYTES = 1 << 24  # of a file, which has some 10 kB
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +143,7 @@ class SessionFile:
 def read(path: Path) -> Session:
     """Read a session file. Raises StudyError, which names a wrong line."""
     try:
-        data = path.read_bytes()
+        data = read_bounded(path, MAX_BYTES)
     except OSError as error:
         raise StudyError(f"{path}: cannot be read ({error.strerror}).") from None
     return decode(data[: data.rfind(b"\n") + 1], str(path))

@@ -13,7 +13,7 @@ import webbrowser
 from pathlib import Path
 
 from ...config.sections import SCENARIO_NAMES
-from ...errors import HapticdError, UsageError
+from ...errors import HapticdError, UsageError, missing_client, missing_library
 from ...sim.rig.process import RigProcess
 from ..daemon_process import PATIENT, DaemonProcess
 
@@ -51,13 +51,11 @@ def _check(options: argparse.Namespace) -> None:
     try:
         import aiohttp  # noqa: F401
     except ImportError:
-        raise HapticdError('The page needs aiohttp: install it with `pip install "hapticd[view]"`.') from None
+        raise missing_library("The page needs aiohttp", "view") from None
     try:
         import hapticd_client  # noqa: F401
     except ImportError:
-        raise HapticdError(
-            "The viewer needs the client library: install it with `pip install clients/python`."
-        ) from None
+        raise missing_client("The viewer") from None
     if not 0 <= options.port <= 65535:
         raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
     if options.sim and options.endpoint is not None:

@@ -115,5 +115,5 @@ def test_the_command_makes_allows_lists_and_revokes(tmp_path: Path, capsys: pyte
     assert (own, name) == ("hapticd", "study-7")
     assert keys.load(tmp_path / "daemon").clients == {public: "study-7"}
     assert main(["keys", "revoke", daemon, "study-7"]) == 0
-    assert main(["keys", "revoke", daemon, "study-7"]) == 1
+    assert main(["keys", "revoke", daemon, "study-7"]) == 2
     assert "cannot be removed" in capsys.readouterr().err

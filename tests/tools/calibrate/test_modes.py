@@ -123,13 +123,20 @@ GRID_MM = np.stack(np.meshgrid(np.linspace(-60, 60, 20), np.linspace(-60, 60, 20
 
 @pytest.mark.parametrize(
     ("points_mm", "scale"),
-    [(GRID_MM, 1.0), (GRID_MM, 1e11), (np.zeros((400, 2)), 1.0)],
-    ids=["noise", "huge", "a point"],
+    [(GRID_MM, 1.0), (GRID_MM, 1e11)],
+    ids=["noise", "huge"],
 )
 def test_readings_that_are_no_modes_fail(points_mm: np.ndarray, scale: float) -> None:
     readings = scale * np.random.default_rng(1).integers(-3, 4, (400, 1))
     found = fit_map(Scan(points_mm, readings), SIZE_MM, normalise=True)
     assert modes.verdict(found, 400, SIZE_MM, is_simulated=False).outcome is Outcome.FAIL
+
+
+@pytest.mark.parametrize("to_mm", [0.0, 1e-3], ids=["a point", "in metres"])
+def test_a_scan_in_other_units_than_mm_is_refused(to_mm: float) -> None:
+    readings = np.random.default_rng(1).integers(-3, 4, (400, 1))
+    with pytest.raises(CalibrationError, match="give positions in mm, or the plate's size"):
+        fit_map(Scan(GRID_MM * to_mm, readings), SIZE_MM, normalise=True)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 1e-200, np.inf, np.nan])

@@ -18,7 +18,7 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.service import ConfigLoader
-from hapticd.errors import CalibrationError
+from hapticd.errors import CalibrationError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from hapticd.sim.lockstep import Settings, Simulation
@@ -117,14 +117,16 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["resonance", "--sim", "--points", "-1"], "--points is -1"),
+        (["resonance", "--sim", "--points", "2"], "--points: 2 is out of bounds"),
         (["modes"], "No scan is given"),
         (["friction"], "No readings are given"),
         (["latency"], "No devices are configured"),
         (["modes", "--sim", "--size", "big"], "--size is 'big'"),
         (["trackpad", "--sim", "--marks", "1,2"], "--marks"),
-        (["trackpad", "--model", "mt9"], "--model is 'mt9'"),
-        (["friction", "--sim", "--seed", "-1"], "--seed is -1"),
+        (["trackpad", "--model", "mt9"], "--model: there is no 'mt9'"),
+        (["friction", "--sim", "--seed", "-1"], "--seed: -1 is out of bounds"),
+        (["all", "--port", "/dev/none", "--marks", "1,2"], "No scan is given"),
+        (["all", "--sim", "--marks", "1,2"], "--marks needs"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
@@ -203,7 +205,7 @@ def test_a_directory_or_a_result_that_cannot_be_used_is_one_sentence(tmp_path: P
     (tmp_path / "modes.json").write_text("{")
     with pytest.raises(CalibrationError, match="delete it and repeat"):
         folder.load(tmp_path)
-    with pytest.raises(CalibrationError, match="cannot be created"):
+    with pytest.raises(UsageError, match="cannot be created"):
         folder.prepare(tmp_path / "modes.json" / "below", is_simulated=True)
 
 

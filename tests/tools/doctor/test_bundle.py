@@ -99,7 +99,11 @@ def test_without_a_daemon_it_gives_the_reason_for_the_missing_recording(
 
 @pytest.mark.parametrize(
     ("name", "word"),
-    [("report.zip", "must end in .tar.gz"), ("none/report.tar.gz", "there is no folder"), ("old.tar.gz", "already")],
+    [
+        ("report.zip", "end it in .tar.gz"),
+        ("none/report.tar.gz", "its directory is missing"),
+        ("old.tar.gz", "already"),
+    ],
 )
 def test_an_unusable_path_is_refused_before_the_checks(
     name: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -115,7 +115,8 @@ def test_another_configuration_of_the_service_is_reported(tmp_path: Path) -> Non
 
 def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     axis_mm = np.linspace(-60.0, 60.0, 9)
-    ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 9, 9))).save(tmp_path / "modes.npz")
+    shapes = np.stack(np.meshgrid(axis_mm, axis_mm)) / 60.0
+    ModeShapes.from_grid(axis_mm, axis_mm, shapes).save(tmp_path / "modes.npz")
     text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
     code, output = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
     assert code == 1

@@ -64,6 +64,19 @@ def numbers(path: Path) -> list[int]:
     return [record.seq for record in open_recording(path).records()]
 
 
+def test_a_reading_tells_how_much_of_its_files_is_read(small: tuple[bytes, list[int]], tmp_path: Path) -> None:
+    path = tmp_path / "small.mcap"
+    path.write_bytes(small[0])
+    shares: list[float] = []
+    recording = open_recording([path, path])
+    recording.progress = shares.append
+    assert len(list(recording.records())) == 2 * CHUNKS * IN_EACH
+    assert shares == sorted(shares)
+    assert len({round(share, 3) for share in shares}) > 2 * CHUNKS
+    assert 0.0 <= shares[0] < 0.1
+    assert 0.8 < shares[-1] <= 1.0  # the index at the end is not read
+
+
 # --- what happened to the file --------------------------------------------------------------------------------------
 
 

@@ -129,6 +129,7 @@ def test_amplitudes_of_unequal_parts_and_points_without_a_key_are_judged_exporte
 def test_instants_beyond_all_clocks_are_no_records(strange: Callable[..., Path], tmp_path: Path, name: str) -> None:
     recording = open_recording(strange(a_pass(BEGIN_NS, 1, **{name: 2**63 - 1}), a_pass(BEGIN_NS, 1)))
 
+    (tmp_path / "out").mkdir()
     export.to_csv(tables(recording), {}, tmp_path / "out")
     assert recording.losses.unreadable == 1
 

@@ -36,4 +36,4 @@ def test_a_missing_library_is_named_with_what_installs_it(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     assert main(["stream", action]) == 1
-    assert f'pip install "hapticd[{extra}]"' in capsys.readouterr().err
+    assert f'pip install ".[{extra}]"' in capsys.readouterr().err

@@ -47,7 +47,7 @@ def test_a_port_in_use_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> No
     assert "choose another with --port" in output
 
 
-@pytest.mark.parametrize(("missing", "remedy"), [("aiohttp", "hapticd[view]"), ("hapticd_client", "clients/python")])
+@pytest.mark.parametrize(("missing", "remedy"), [("aiohttp", ".[view]"), ("hapticd_client", "clients/python")])
 def test_a_missing_library_is_named_with_its_command(
     missing: str, remedy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,109 @@
+"""Fingers of a file as a scenario: CSV with the columns t_s, finger, x_mm, y_mm, target_um (README of `sim/`)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import UsageError, reason
+from ...regular_file import read_bounded
+from .scenarios import Actor, Scenario
+
+COLUMNS = ("t_s", "finger", "x_mm", "y_mm", "target_um")
+MAX_BYTES = 1 << 26  # an hour of two fingers at 125 Hz has 40 MB
+MOST_FINGERS = 16
+MOST_UM = 1000.0  # the bound of a client's target
+MOST_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A path through samples: `at_s` (K,) rising, `at_mm` (K, 2), NaN where the finger is lifted."""
+
+    at_s: npt.NDArray[np.float64]
+    at_mm: npt.NDArray[np.float64]
+
+    def position_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        lines = [np.interp(t_s, self.at_s, along_mm, left=np.nan, right=np.nan) for along_mm in self.at_mm.T]
+        return np.stack(lines, axis=-1)
+
+
+def read(path: Path, size_mm: Sequence[float]) -> Scenario:
+    """Read a file of fingers on a plate of `size_mm`. Raises UsageError, which names the line."""
+    try:
+        lines = read_bounded(path, MAX_BYTES).decode("utf-8-sig").splitlines()
+        return _scenario(path.name, lines, size_mm)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UsageError(f"{path}: cannot be read ({reason(error)}): give a CSV file.") from None
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from None
+
+
+def _scenario(name: str, lines: Sequence[str], size_mm: Sequence[float]) -> Scenario:
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    rows = list(csv.reader((line for _, line in numbered), quoting=csv.QUOTE_NONE))  # a line is a row
+    if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
+        raise ValueError(f"does not begin with the header {','.join(COLUMNS)}: add it.")
+    fingers: dict[int, list[tuple[float, ...]]] = {}
+    for (number, _), row in zip(numbered[1:], rows[1:], strict=True):
+        finger, sample = _parsed(row, size_mm, f"line {number}")
+        samples = fingers.setdefault(finger, [])
+        if samples and sample[0] <= samples[-1][0]:
+            late_s = samples[-1][0]
+            raise ValueError(f"line {number}: finger {finger} is at {sample[0]:g} s after {late_s:g} s: sort it.")
+        samples.append(sample)
+    if not fingers:
+        raise ValueError("holds a header and no finger: add a line for each instant.")
+    actors = tuple(_actor(finger, np.array(fingers[finger])) for finger in sorted(fingers))
+    seconds = max(samples[-1][0] for samples in fingers.values())
+    return Scenario(name, "fingers of a file", seconds, lambda _seed, _speed_mm_s: actors)
+
+
+def _parsed(row: Sequence[str], size_mm: Sequence[float], where: str) -> tuple[int, tuple[float, ...]]:
+    """Return the finger and its t_s, x_mm, y_mm, target_um, NaN where a cell is empty."""
+    if len(row) != len(COLUMNS):
+        raise ValueError(f"{where}: has {len(row)} cells: give {', '.join(COLUMNS)}.")
+    values = [_value(cell, f"{where}: {name}") for name, cell in zip(COLUMNS, row, strict=True)]
+    t_s, finger, x_mm, y_mm, target_um = values
+    if not 0.0 <= t_s <= MOST_S:
+        raise ValueError(f"{where}: t_s is {t_s:g}: give 0 .. {MOST_S:g} s from the start of the run.")
+    if not (finger.is_integer() and 1 <= finger <= MOST_FINGERS):
+        raise ValueError(f"{where}: finger is {finger:g}: number fingers from 1 to {MOST_FINGERS}.")
+    for name, position_mm, edge_mm in (("x_mm", x_mm, size_mm[0]), ("y_mm", y_mm, size_mm[1])):
+        most_mm = edge_mm / 2.0
+        if abs(position_mm) > most_mm:
+            raise ValueError(
+                f"{where}: {name} is {position_mm:g}: the plate reaches from {-most_mm:g} to {most_mm:g} mm."
+            )
+    if math.isnan(x_mm) != math.isnan(y_mm):
+        raise ValueError(f"{where}: has one of x_mm and y_mm: give both, or none for a lifted finger.")
+    if not math.isnan(target_um) and not 0.0 <= target_um <= MOST_UM:
+        raise ValueError(f"{where}: target_um is {target_um:g}: give 0 .. {MOST_UM:g} um.")
+    return int(finger), (t_s, x_mm, y_mm, target_um)
+
+
+def _value(cell: str, where: str) -> float:
+    if not cell.strip():
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        raise ValueError(f"{where} is {cell.strip()!r}: give a number.") from None
+    if not math.isfinite(value):
+        raise ValueError(f"{where} is {cell.strip()}: give a finite number, or leave it empty.")
+    return value
+
+
+def _actor(finger: int, samples: npt.NDArray[np.float64]) -> Actor:
+    if np.isfinite(samples[:, 1]).sum() < 2:
+        raise ValueError(f"finger {finger} has fewer than two positions: give one for each instant that it touches.")
+    steps_um = tuple((t_s, um) for t_s, _, _, um in samples.tolist() if not math.isnan(um))
+    if not steps_um:
+        raise ValueError(f"finger {finger} has no target_um: give one in its first line.")
+    return Actor(steps_um, path=Sampled(samples[:, 0], samples[:, 1:3]))

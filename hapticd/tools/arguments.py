@@ -1,0 +1,91 @@
+"""Command-line arguments: a parser whose errors name what was typed, and numbers with bounds.
+
+A wrong value is refused while the arguments are read, before any work, with the option's own name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn
+
+from ..errors import UsageError
+
+
+class Parser(argparse.ArgumentParser):
+    """An `ArgumentParser` that reports unknown words as the command's own, with its usage and the nearest valid word.
+
+    A value that an argument refuses raises UsageError in place of the usage.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse; unknown words are an error here, where argparse lets the parent command report them."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self._refuse(unknown[0])
+        return found, []
+
+    def _refuse(self, word: str) -> NoReturn:
+        named = word.partition("=")[0]
+        hint = suggestion(named, self._option_string_actions) if word.startswith("-") else ""
+        self.error(f"unknown argument {word}{hint or f'; see `{self.prog} --help`'}")
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError as error:
+            raise UsageError(f"{_name(action)}: {error.message}.") from None
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            hint = suggestion(str(value), choices) or f": choose from {', '.join(choices)}"
+            raise UsageError(f"{_name(action)}: there is no {value!r}{hint}")
+
+
+def suggestion(word: str, valid: Iterable[str]) -> str:
+    """Return the end of a sentence about an unknown word: the nearest valid one, if any is near."""
+    close = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.6)
+    return f": did you mean {close[0]}?" if close else ""
+
+
+def number(low: float, high: float = math.inf, *, is_above: bool = False) -> Callable[[str], float]:
+    """Return the type of an argument that is a finite number from `low`, or with `is_above` above it, to `high`."""
+
+    def parsed(text: str) -> float:
+        return float(_bounded(_converted(float, text, "a number"), low, high, is_above=is_above))
+
+    return parsed
+
+
+def whole(low: int, high: float = math.inf) -> Callable[[str], int]:
+    """Return the type of an argument that is a whole number from `low` to `high`."""
+
+    def parsed(text: str) -> int:
+        return int(_bounded(_converted(int, text, "a whole number"), low, high, is_above=False))
+
+    return parsed
+
+
+def _converted(kind: Callable[[str], float], text: str, what: str) -> float:
+    try:
+        return kind(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}") from None
+
+
+def _bounded(value: float, low: float, high: float, *, is_above: bool) -> float:
+    if math.isfinite(value) and low <= value <= high and not (is_above and value == low):
+        return value
+    if math.isinf(high):
+        bounds = f"above {low:g}" if is_above else f"at least {low:g}"
+    else:
+        bounds = f"above {low:g} and at most {high:g}" if is_above else f"{low:g} .. {high:g}"
+    raise argparse.ArgumentTypeError(f"{value:g} is out of bounds, it must be {bounds}")
+
+
+def _name(action: argparse.Action) -> str:
+    names: Sequence[str] = action.option_strings
+    return names[-1] if names else str(action.metavar or action.dest)

@@ -1,0 +1,77 @@
+"""Child processes and entry points: what they import, and how many threads they start."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hapticd
+from hapticd.sim.rig.process import RigProcess
+from hapticd.tools import owned_process
+
+PACKAGE = Path(hapticd.__file__).parent
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+COUNT = "import os; print(len(os.listdir('/proc/self/task')), *(os.environ[name] for name in {names}))"
+
+
+def tasks_of(load: str, **environ: str) -> list[str]:
+    """Threads of a process that has loaded an entry point and then numpy's BLAS, and its thread counts."""
+    multiply = "import numpy as np; np.ones((300, 300)) @ np.ones((300, 300))"
+    program = f"{load}; {multiply}; {COUNT.format(names=THREADS)}"
+    clean = {name: value for name, value in os.environ.items() if name not in THREADS}
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, env=clean | environ, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+@pytest.mark.parametrize(
+    "entry",
+    ["hapticd.__main__", "hapticd.sim.rig.program", "hapticd.tools.owned_process", "hapticd.bench.stall_monitor"],
+)
+def test_an_entry_point_starts_no_threads_for_numpy(entry: str) -> None:
+    assert tasks_of(f"import {entry}") == ["1", "1", "1", "1"]
+
+
+def test_a_thread_count_that_the_user_set_is_kept() -> None:
+    assert tasks_of("import hapticd", OMP_NUM_THREADS="3", OPENBLAS_NUM_THREADS="1")[1:] == ["1", "3", "1"]
+
+
+def started_commands(path: Path) -> list[list[ast.expr]]:
+    """The lists of words in a file that begin with the interpreter."""
+    text = path.read_text(encoding="utf-8")
+    nodes = ast.walk(ast.parse(text)) if "sys.executable" in text else ()
+    lists = [node for node in nodes if isinstance(node, ast.List)]
+    return [one.elts for one in lists if one.elts and ast.unparse(one.elts[0]) == "sys.executable"]
+
+
+def test_every_child_process_is_started_isolated_from_the_current_directory() -> None:
+    found = [command for path in sorted(PACKAGE.rglob("*.py")) for command in started_commands(path)]
+    assert len(found) >= 5
+    assert [ast.unparse(command[1]) for command in found] == ["'-P'"] * len(found)
+
+
+@pytest.fixture
+def _in_a_folder_with_other_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hapticd").mkdir()
+    for name in ("hapticd/__init__.py", "json.py", "numpy.py"):
+        (tmp_path / name).write_text("raise SystemExit('what lies here was run')\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("_in_a_folder_with_other_modules")
+def test_a_command_as_a_child_runs_in_a_folder_that_holds_a_hapticd_and_a_json() -> None:
+    with owned_process.start(["run", "--print-config"], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert "[plate]" in process.stdout.read()
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("_in_a_folder_with_other_modules")
+def test_the_rig_starts_in_a_folder_that_holds_a_hapticd_and_a_json() -> None:
+    with RigProcess("rest", 1) as rig:
+        assert (rig.directory / "modes.npz").is_file()

@@ -1,0 +1,122 @@
+"""Wrong calls: the sentence names what was typed and the nearest valid word, and one mistake has one exit code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hapticd.__main__ import main
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Exit code and standard error of a call that prints nothing else."""
+    try:
+        code = main(arguments)
+    except SystemExit as left:
+        code = int(left.code or 0)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    return code, printed.err
+
+
+@pytest.fixture(autouse=True)
+def _in_an_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("call", "usage", "hint"),
+    [
+        ("simulate strokes --sped 50", "usage: hapticd simulate ", "unknown argument --sped: did you mean --speed?"),
+        ("keys make . --forse", "usage: hapticd keys make ", "unknown argument --forse"),
+        ("calibrate modes --sacn x.csv", "usage: hapticd calibrate modes ", "did you mean --scan?"),
+        ("firmware telemetry --sim --rates 5", "usage: hapticd firmware telemetry ", "did you mean --rate?"),
+        ("plot a.mcap b.mcap c.png", "usage: hapticd plot ", "unknown argument c.png"),
+        ("--vresion", "usage: hapticd ", ""),
+    ],
+)
+def test_an_unknown_word_gets_the_usage_of_its_own_command_and_the_nearest_word(
+    call: str, usage: str, hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, complaint = refused(capsys, *call.split())
+    assert code == 2
+    assert complaint.startswith(usage)
+    assert hint in complaint
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        ("simulat strokes", "COMMAND: there is no 'simulat': did you mean simulate?"),
+        ("simulate stroke", "SCENARIO: there is no 'stroke': did you mean strokes?"),
+        ("keys mak .", "ACTION: there is no 'mak': did you mean make?"),
+        ("simulate strokes --speed 0", "--speed: 0 is out of bounds, it must be above 0."),
+        ("simulate strokes --noise=-1", "--noise: -1 is out of bounds, it must be at least 0."),
+        ("simulate strokes --seconds abc", "--seconds: 'abc' is not a number."),
+        ("simulate strokes --seed 1.5", "--seed: '1.5' is not a whole number."),
+        ("map --cells=-1", "--cells: -1 is out of bounds, it must be 2 .. 401."),
+        ("firmware telemetry --sim --rate 0", "--rate: 0 is out of bounds, it must be 1 .. 65535."),
+        ("firmware telemetry --sim --rate 70000", "--rate: 70000 is out of bounds, it must be 1 .. 65535."),
+        ("bench tick --seconds 601", "--seconds: 601 is out of bounds, it must be 0 .. 600."),
+        ("calibrate trackpad --within nan", "--within: nan is out of bounds, it must be above 0."),
+        ("bench soak --hours 0", "--hours: 0 is out of bounds, it must be above 0."),
+    ],
+)
+def test_a_wrong_value_is_one_sentence_with_the_name_that_was_typed(
+    call: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert refused(capsys, *call.split()) == (2, f"hapticd: {sentence}\n")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        # a file that is not there
+        "replay none.mcap",
+        "plot none.mcap a.png",
+        "map --modes none.npz",
+        "calibrate modes --scan none.csv",
+        "calibrate friction --readings none.csv",
+        "keys allow . none.key",
+        "demo --board host --image none",
+        # a value that cannot be
+        "simulate strokes --speed nan",
+        "simulate dance",
+        "plate --material cheese",
+        "map --finger 900,0",
+        "keys make . a/b",
+        "stream lsl --fingers 0",
+        "firmware info --sim --baud 1",
+        "calibrate trackpad --sim --marks 1",
+        # an option that is missing
+        "firmware info",
+        "calibrate friction",
+    ],
+)
+def test_a_mistake_in_a_call_is_exit_code_2_everywhere(call: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, complaint = refused(capsys, *call.split())
+    assert (code, complaint.count("\n")) == (2, 1)
+
+
+CONFIGURATIONS = {
+    "missing": None,
+    "not TOML": "[plate",
+    "unknown key": "[plate]\nsize = 1\n",
+    "missing map": '[plate]\nmodes_file = "none.npz"\n',
+    "map that is none": '[plate]\nmodes_file = "hapticd.toml"\n[sim]\nrig_dir = "."\n',
+    "keys that are not there": '[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "none"\n[sim]\nrig_dir = "."\n',
+}
+
+
+@pytest.mark.parametrize("text", CONFIGURATIONS.values(), ids=list(CONFIGURATIONS))
+def test_a_mistake_in_the_configuration_is_exit_code_78(text: str | None, capsys: pytest.CaptureFixture[str]) -> None:
+    """By which systemd knows that a restart changes nothing."""
+    if text is not None:
+        Path("hapticd.toml").write_text(text, encoding="utf-8")
+    code, complaint = refused(capsys, "run", "--check", "--config", "hapticd.toml")
+    assert (code, complaint.count("\n")) == (78, 1)
+
+
+def test_what_fails_though_the_call_is_right_is_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(capsys, "firmware", "info", "--port", "none")[0] == 1
