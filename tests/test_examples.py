@@ -1,4 +1,4 @@
-"""The examples of property tests: fixed in `make test`, whatever the environment, and new only where they are asked for."""
+"""The examples of property tests: fixed in `make test`, whatever the environment, and new ones only on request."""
 
 from __future__ import annotations
 
