@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 import serial
 
-RETRY_S = 0.25  # as long as two handshakes; an attempt on a missing port takes a tenth of a millisecond
+RETRY_S = 0.25  # as long as two handshakes; an attempt on a missing port takes 0.02 ms
 READ_SIZE = 4096
 FRAME_END = b"\0"  # see firmware/PROTOCOL.md; empty frames are ignored
 
