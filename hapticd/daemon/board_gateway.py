@@ -26,7 +26,7 @@ from ..board_values import (
     Verdict,
 )
 from ..config.sections import Config
-from ..core.board.session import SILENT, BoardSession
+from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
 from ..core.board.supervisor import Event
 from ..errors import DeviceError, RequestError
 from ..values import Tick
@@ -40,7 +40,6 @@ log = logging.getLogger("hapticd")
 REST_AFTER_NS = 2_000_000_000  # without activity: keep-alives stop after this idle time
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
 INCOMPLETE_AFTER_NS = 1_500_000_000  # a handshake takes a tenth of that: then a sentence says what it lacks
-STOPPED_AFTER_NS = 600_000_000  # between two timers: the host was stopped, and did not wait for the board
 FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000

@@ -39,7 +39,8 @@ class Stand:
 
     def __init__(self, board: Board, *paths: Path, calibration: tuple[ModeCalibration, ...] = ()) -> None:
         self.board, self.t_ns = board, START_NS
-        self.is_cut = False
+        self.is_cut = False  # what the host writes is lost
+        self.is_stopped = False  # the host, as by SIGSTOP
         self._to_board: deque[tuple[int, bytes]] = deque()
         self._to_host: deque[tuple[int, bytes]] = deque()
         self.machine = Machine(Config(), machine_bench.PLATE, write_board=self._write, calibration=calibration)
@@ -65,11 +66,13 @@ class Stand:
             if self.board.said:
                 self._to_host.append((self.t_ns + LINK_NS, bytes(self.board.said)))
                 self.board.said.clear()
+            if self.is_stopped:
+                continue
+            if (self.t_ns - START_NS) % TIMER_NS == 0:
+                self.machine.timer(self.t_ns)
             while self._to_host and self._to_host[0][0] <= self.t_ns:
                 self.machine.board_bytes(self._to_host.popleft()[1], self.t_ns)
             self._touch()
-            if (self.t_ns - START_NS) % TIMER_NS == 0:
-                self.machine.timer(self.t_ns)
             if step % 200 == 0 and self.machine.pipeline.fingers:
                 self.want()
 
@@ -79,7 +82,8 @@ class Stand:
             self._report = next(self._reports, None)
 
     def want(self) -> None:
-        targets = [{"finger": 1, "amplitude_um": 1.0}, {"finger": 2, "amplitude_um": 0.0}]
+        ids = [finger.finger_id for finger in self.machine.pipeline.fingers]
+        targets = [{"finger": key, "amplitude_um": float(key == ids[0])} for key in ids]
         payload = msgpack.packb({"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets})
         self.machine.targets(payload, self.t_ns)
 
@@ -152,6 +156,23 @@ def test_a_cut_line_quiets_the_plate_within_the_dead_man_time_and_is_driven_agai
     assert stand.board.trips == 1
     stand.is_cut = False
     stand.run(100)
+    assert stand.board.state == outsider.LIVE
+    assert stand.peak_um(20) > 0.3
+
+
+@pytest.mark.parametrize("buffered_bytes", [4096, 1 << 30])
+def test_a_stopped_daemon_blames_no_board_and_drives_again(
+    buffered_bytes: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    stand = Stand(Board(), SLIPPERY, STICKY).driven()
+    stand.is_stopped = True
+    stand.run(4995)
+    assert stand.peak_um(1000) < 0.01
+    while sum(len(data) for _, data in stand._to_host) > buffered_bytes:
+        stand._to_host.pop()  # of a terminal whose buffer is full the newest are lost
+    stand.is_stopped = False
+    stand.run(150)
+    assert [line for line in said(caplog) if line.startswith("board")] == []
     assert stand.board.state == outsider.LIVE
     assert stand.peak_um(20) > 0.3
 

@@ -50,6 +50,7 @@ ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the round trip: then a reference 
 OVERDUE_NS: Final = 5_000_000  # beyond the round trip: then an answer is missing
 MUTE_AFTER_NS: Final = 150_000_000  # without a status, which comes every 100 ms: what is sent may never be read
 SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
+STOPPED_AFTER_NS: Final = 600_000_000  # between two timers: the host was stopped, and has not read what the board sent
 STALE_NS: Final = 50_000_000  # the board drops what is later than that
 REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
@@ -60,10 +61,11 @@ SILENT: Final = "silent; requesting its hello until it answers"
 NO_STATUS: Final = "sends no status, only other messages; requesting its hello until it does"
 
 
-def _leapt(before_us: int, after_us: int) -> bool:
-    """Whether the board's wrapped clock moved by more than a slow line or a stalled host explains."""
+def _leapt(before_us: int, after_us: int, passed_ns: int) -> bool:
+    """Whether the board's wrapped clock moved by more than a slow line, or `passed_ns` on the host's clock, explains."""
     half_us = CLOCK_WRAP_US // 2
-    return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
+    moved_us = (after_us - before_us + half_us) % CLOCK_WRAP_US - half_us
+    return abs(moved_us) > LEAP_US and abs(moved_us - passed_ns // 1000) > LEAP_US
 
 
 class BoardSession:
@@ -93,6 +95,7 @@ class BoardSession:
         self._held: tuple[SafeDrive, Tick] | None = None
         self._t_received_ns = 0
         self._t_status_ns = 0
+        self._t_timer_ns = 0
         self._greeting = PeriodicTimer(GREET_EVERY_NS)
         self._instructing = PeriodicTimer(INSTRUCT_EVERY_NS)
         self._asking_time = PeriodicTimer(SETTLE_TIME_EVERY_NS)
@@ -189,8 +192,9 @@ class BoardSession:
         """Add the acknowledged frame to the ledger: link delay, and how late its first knot took effect."""
         if self.hello is None:
             return  # before the handshake no status counts
+        passed_ns = t_now_ns - self._t_status_ns
         self._t_received_ns = self._t_status_ns = t_now_ns
-        if self.status is not None and _leapt(self.status.t_board_us, status.t_board_us):
+        if self.status is not None and _leapt(self.status.t_board_us, status.t_board_us, passed_ns):
             self._start_over(DISCONTINUITY)
             return
         self.status = status
@@ -238,6 +242,9 @@ class BoardSession:
 
     def timer(self, t_now_ns: int) -> list[BoardCommand]:
         """Return what is due: hello and time requests, keep-alives, and zero frames until the board is armed."""
+        if t_now_ns - self._t_timer_ns > STOPPED_AFTER_NS:
+            self._t_received_ns = self._t_status_ns = t_now_ns
+        self._t_timer_ns = t_now_ns
         if not self._linked:
             return []
         t_last_ns = self._t_status_ns if self._is_reporting else self._t_received_ns
