@@ -12,6 +12,8 @@ from typing import Any
 import machine_bench
 import msgpack
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from outsiders import board as outsider
 from outsiders.board import Board
 
@@ -45,7 +47,7 @@ class Stand:
         self._to_host: deque[tuple[int, bytes]] = deque()
         self.machine = Machine(Config(), machine_bench.PLATE, write_board=self._write, calibration=calibration)
         sensor = SensorModel(SensorSettings(noise_mm=0.0, stamp_jitter_ms=0.0), 1)
-        self._reports = iter(sensor.reports([Touch(path, 0.3) for path in paths], 6.0))
+        self._reports = iter(sensor.reports([Touch(path, 0.3) for path in paths], 10.0))
         self._report = next(self._reports, None)
         self.machine.trackpad_link(True, "a pad", self.t_ns)
         self.machine.board_link(True, "a board", self.t_ns)
@@ -265,6 +267,10 @@ def only(*silent: int) -> Any:
     return lambda kind, payload: None if kind in silent else payload
 
 
+def refusing(kind: int, payload: bytes) -> bytes:
+    return bytes((payload[0], outsider.OUT_OF_RANGE)) if kind == outsider.VERDICT else payload
+
+
 INVALID_HELLO = "board: not driven: it sends no valid HELLO: flash the firmware that came with this hapticd"
 FLASH = "flash the firmware that came with this hapticd."
 
@@ -311,7 +317,7 @@ FLASH = "flash the firmware that came with this hapticd."
             "flash the firmware that came with this hapticd",
         ),
         (
-            lambda kind, payload: bytes((payload[0], outsider.OUT_OF_RANGE)) if kind == outsider.VERDICT else payload,
+            refusing,
             "board refused: The board refuses the control law or its gains: a value is out of range.",
         ),
     ],
@@ -366,3 +372,51 @@ def test_a_board_speaks_again_and_again_and_the_machine_keeps_its_limits(boot_id
         stand.run(333)
     assert stand.peak_um(2000) <= 4.0
     assert not any(map(math.isnan, (um for _, um in stand.board.peaks_um)))
+
+
+# --- whatever it does ---
+
+WHIMS: dict[str, Any] = {
+    "in order": lambda _, payload: payload,
+    "mute": only(*range(0x80, 0x90)),
+    "no HELLO": only(outsider.HELLO),
+    "no TIME": only(outsider.TIME),
+    "no STATUS": without_status,
+    "no VERDICT": only(outsider.VERDICT),
+    "STATUS of NaN": with_status_of_nan,
+    "HELLO of NaN": hello_with(limits=(math.nan, math.nan)),
+    "HELLO of no modes": hello_with(modes=0),
+    "HELLO without a dead-man": hello_with(deadman_ms=0),
+    "refusing": refusing,
+}
+
+
+@pytest.mark.long
+@settings(max_examples=40)
+@given(st.lists(st.tuples(st.sampled_from([*WHIMS, "reset", "backwards"]), st.integers(1, 15)), max_size=5))
+def test_a_board_of_any_whims_is_driven_only_while_it_reports_and_again_once_it_is_in_order(
+    whims: list[tuple[str, int]],
+) -> None:
+    stand, reported_us = Stand(Board(), SLIPPERY, STICKY), [0]
+    board = stand.board
+
+    def witnessed(kind: int, payload: bytes) -> bytes | None:
+        let_pass: bytes | None = censor(kind, payload)
+        if kind == outsider.STATUS and let_pass == payload:
+            reported_us.append(board.t_us)
+        return let_pass
+
+    board.censor = witnessed
+    for boot_id, (whim, tenths) in enumerate([*whims, ("reset", 1), ("in order", 20)]):
+        censor = WHIMS.get(whim, WHIMS["in order"])
+        if whim == "reset":
+            board.reset(boot_id=boot_id)
+        board.runs_backwards = whim == "backwards"
+        stand.run(100 * tenths)
+    for t_us, kind in board.received:
+        if kind == outsider.REFERENCE:
+            assert t_us - max(told_us for told_us in reported_us if told_us <= t_us) <= 180_000
+    assert max(um for _, um in board.peaks_um) <= 4.0
+    assert board.state == outsider.LIVE
+    assert stand.peak_um(20) > 0.3
+    assert stand.status.keys().isdisjoint({"refused", "lacking"})

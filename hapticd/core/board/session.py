@@ -62,7 +62,7 @@ NO_STATUS: Final = "sends no status, only other messages; requesting its hello u
 
 
 def _leapt(before_us: int, after_us: int, passed_ns: int) -> bool:
-    """Whether the board's wrapped clock moved by more than a slow line, or `passed_ns` on the host's clock, explains."""
+    """Whether the board's wrapped clock moved by more than a slow line, or `passed_ns` on the host's, explains."""
     half_us = CLOCK_WRAP_US // 2
     moved_us = (after_us - before_us + half_us) % CLOCK_WRAP_US - half_us
     return abs(moved_us) > LEAP_US and abs(moved_us - passed_ns // 1000) > LEAP_US
