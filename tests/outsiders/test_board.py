@@ -162,7 +162,7 @@ def test_a_cut_line_quiets_the_plate_within_the_dead_man_time_and_is_driven_agai
     assert stand.peak_um(20) > 0.3
 
 
-@pytest.mark.parametrize("buffered_bytes", [4096, 1 << 30])
+@pytest.mark.parametrize("buffered_bytes", [1024, 1 << 30])
 def test_a_stopped_daemon_blames_no_board_and_drives_again(
     buffered_bytes: int, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -53,6 +53,7 @@ SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
 STOPPED_AFTER_NS: Final = 600_000_000  # between two timers: the host was stopped, and has not read what the board sent
 STALE_NS: Final = 50_000_000  # the board drops what is later than that
 REARM_FRAMES: Final = 3  # in a row; the board takes them at once
+COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
 SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
 
 # Why a session ended, for the log.
@@ -61,11 +62,10 @@ SILENT: Final = "silent; requesting its hello until it answers"
 NO_STATUS: Final = "sends no status, only other messages; requesting its hello until it does"
 
 
-def _leapt(before_us: int, after_us: int, passed_ns: int) -> bool:
-    """Whether the board's wrapped clock moved by more than a slow line, or `passed_ns` on the host's, explains."""
+def _leapt(before_us: int, after_us: int) -> bool:
+    """Whether the board's wrapped clock moved by more than a slow line explains."""
     half_us = CLOCK_WRAP_US // 2
-    moved_us = (after_us - before_us + half_us) % CLOCK_WRAP_US - half_us
-    return abs(moved_us) > LEAP_US and abs(moved_us - passed_ns // 1000) > LEAP_US
+    return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
 
 
 class BoardSession:
@@ -96,6 +96,7 @@ class BoardSession:
         self._t_received_ns = 0
         self._t_status_ns = 0
         self._t_timer_ns = 0
+        self._t_stopped_ns = -COMPARABLE_AFTER_NS
         self._greeting = PeriodicTimer(GREET_EVERY_NS)
         self._instructing = PeriodicTimer(INSTRUCT_EVERY_NS)
         self._asking_time = PeriodicTimer(SETTLE_TIME_EVERY_NS)
@@ -134,7 +135,7 @@ class BoardSession:
         """The port is open: start the handshake."""
         self.link_down()
         self._linked = True
-        self._t_received_ns = t_now_ns
+        self._t_received_ns = self._t_timer_ns = t_now_ns
         self._greeting.restart(t_now_ns)
         return [HelloRequest()]
 
@@ -192,9 +193,9 @@ class BoardSession:
         """Add the acknowledged frame to the ledger: link delay, and how late its first knot took effect."""
         if self.hello is None:
             return  # before the handshake no status counts
-        passed_ns = t_now_ns - self._t_status_ns
         self._t_received_ns = self._t_status_ns = t_now_ns
-        if self.status is not None and _leapt(self.status.t_board_us, status.t_board_us, passed_ns):
+        was_stopped = t_now_ns - self._t_stopped_ns < COMPARABLE_AFTER_NS
+        if self.status is not None and not was_stopped and _leapt(self.status.t_board_us, status.t_board_us):
             self._start_over(DISCONTINUITY)
             return
         self.status = status
@@ -242,11 +243,11 @@ class BoardSession:
 
     def timer(self, t_now_ns: int) -> list[BoardCommand]:
         """Return what is due: hello and time requests, keep-alives, and zero frames until the board is armed."""
-        if t_now_ns - self._t_timer_ns > STOPPED_AFTER_NS:
-            self._t_received_ns = self._t_status_ns = t_now_ns
-        self._t_timer_ns = t_now_ns
+        passed_ns, self._t_timer_ns = t_now_ns - self._t_timer_ns, t_now_ns
         if not self._linked:
             return []
+        if passed_ns > STOPPED_AFTER_NS:
+            self._t_received_ns = self._t_status_ns = self._t_stopped_ns = t_now_ns
         t_last_ns = self._t_status_ns if self._is_reporting else self._t_received_ns
         if self.hello is not None and t_now_ns - t_last_ns > SILENT_AFTER_NS:
             is_answering = t_now_ns - self._t_received_ns <= MUTE_AFTER_NS + self._patience_ns
