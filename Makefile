@@ -20,7 +20,7 @@ test: $(TESTS)
 # What `make test` leaves out: emulated machines, browsers, mutants, new property examples, real time with nothing beside it.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 test-all: $(TESTS)
-	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs -m "long and not alone"
+	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs -m "(long or hypothesis) and not alone"
 	$(BIN)/python -m pytest -p no:xdist -rs -m alone
 
 # Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.

@@ -7,14 +7,22 @@ import os
 import sys
 from pathlib import Path
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-# The same examples each time, so that a commit is judged the same everywhere; `make test-all` sets NEW_EXAMPLES.
-settings.register_profile("same-each-time", derandomize=True)
-if not os.environ.get("NEW_EXAMPLES"):
-    settings.load_profile("same-each-time")
+# The same examples each time, so that a commit is judged the same everywhere; `make test-all` sets NEW_EXAMPLES. Each
+# setting is named, because hypothesis has other defaults where CI is set, and a deadline where it is not.
+settings.register_profile(
+    "same-each-time",
+    database=None,
+    deadline=None,
+    derandomize=True,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False)
+settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
 
 
 def pytest_collection_finish() -> None:

@@ -16,15 +16,10 @@
 
 #define ALL_MODES 255 /* in the log: no single one is concerned */
 
-static bool positive(float value)
+/* A limit in V or um, or a frequency: its square, and that of a hundredth of it, neither overflow nor underflow. */
+static bool sensible(float value)
 {
-    return value > 0.0f && value <= FLT_MAX;
-}
-
-/* A limit in V or um: its square, and that of a hundredth of it, neither overflow nor underflow. */
-static bool sensible(float limit)
-{
-    return limit >= 1e-6f && limit <= 1e6f;
+    return value >= 1e-6f && value <= 1e6f;
 }
 
 bool hd_model_valid(const hd_mode_model_t *model)
@@ -37,7 +32,7 @@ bool hd_model_valid(const hd_mode_model_t *model)
 
 static bool config_valid(const hd_config_t *config)
 {
-    bool valid = config->control_hz >= 500.0f && config->control_hz <= 50000.0f && positive(config->drive_hz)
+    bool valid = config->control_hz >= 500.0f && config->control_hz <= 50000.0f && sensible(config->drive_hz)
         && sensible(config->v_limit_v) && hd_gains_valid(&config->gains)
         && config->output_delay_frac >= 0.0f && config->output_delay_frac <= 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
@@ -51,16 +46,19 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     memset(core, 0, sizeof *core);
     core->config = *config;
     core->config.gains = hd_gains_complete(config->gains);
-    core->drive_hz = config->drive_hz;
     core->t_status_us = now_us;
     core->state = HD_STATE_FAULT;
     hd_log_recover(&core->config.log);
     hd_deadman_reset(&core->deadman);
-    if (!config_valid(&core->config)) {
+    if (!config_valid(&core->config)) { /* the board still answers: with figures that a host can read, all 0 */
         core->fault = HD_FAULT_CONFIG;
+        core->config = (hd_config_t){
+            .boot_id = config->boot_id, .reset_cause = config->reset_cause, .log = core->config.log,
+        };
         return false;
     }
     core->state = HD_STATE_QUIET;
+    core->drive_hz = config->drive_hz;
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     core->no_response_limit_ticks = (uint16_t)(config->control_hz * NO_RESPONSE_S);
     hd_design_t *design = &core->heard.design;
@@ -279,11 +277,6 @@ static void note_flags(hd_core_t *core, bool saturated)
     core->status_flags |= (uint8_t)((saturated ? HD_STATUS_SATURATED : 0) | (limited ? HD_STATUS_LIMITED : 0));
 }
 
-static float finite_or_zero(float value)
-{
-    return fabsf(value) <= FLT_MAX ? value : 0.0f;
-}
-
 static void sample_telemetry(hd_core_t *core, uint32_t now_us)
 {
     if (!hd_telemetry_due(&core->telemetry)) {
@@ -302,8 +295,8 @@ static void sample_telemetry(hd_core_t *core, uint32_t now_us)
         sample.mode[k] = (hd_wire_telemetry_mode_t){
             .reference = {asked_um.d, asked_um.q},
             .now = {w_um.d, w_um.q, v_v.d, v_v.q},
-            .decay_1_s = finite_or_zero(estimate.decay_1_s),
-            .detuning_rad_s = finite_or_zero(estimate.detuning_rad_s),
+            .decay_1_s = hd_sendable(estimate.decay_1_s),
+            .detuning_rad_s = hd_sendable(estimate.detuning_rad_s),
         };
     }
     hd_telemetry_push(&core->telemetry, &sample);

@@ -3,6 +3,8 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "phasor.h"
+
 #define WORDS ((sizeof(hd_log_t) - offsetof(hd_log_t, events)) / sizeof(uint32_t))
 
 _Static_assert(offsetof(hd_log_t, events) + WORDS * sizeof(uint32_t) == sizeof(hd_log_t), "the check is over whole words");
@@ -54,5 +56,6 @@ void hd_log_read(const hd_log_t *log, hd_wire_log_t *wire)
     wire->entries = (uint8_t)n;
     for (uint32_t i = 0; i < n; i++) {
         wire->entry[i] = log->entry[(log->events - n + i) % HD_LOG_ENTRIES];
+        wire->entry[i].value = hd_sendable(wire->entry[i].value); /* a magnitude is infinite above 1.8e19 */
     }
 }

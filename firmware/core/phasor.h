@@ -68,6 +68,12 @@ static inline bool hd_finite(hd_phasor_t a)
     return fabsf(a.d) <= FLT_MAX && fabsf(a.q) <= FLT_MAX;
 }
 
+/* What is sent of a value: the nearest finite one, 0 for NaN. The host refuses a frame with any other. */
+static inline float hd_sendable(float value)
+{
+    return value > FLT_MAX ? FLT_MAX : value < -FLT_MAX ? -FLT_MAX : value == value ? value : 0.0f;
+}
+
 /* Returns `a` if `b` is NaN. */
 static inline float hd_smaller(float a, float b)
 {

@@ -107,7 +107,7 @@ static void push_point(hd_tool_t *tool)
     float averaged = (float)(tool->dwell_ticks - tool->dwell_ticks / 2);
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t mean_um = hd_scale(1.0f / averaged, tool->sum_um[k]);
-        point.measured[k] = (hd_wire_phasor_t){mean_um.d, mean_um.q};
+        point.measured[k] = (hd_wire_phasor_t){hd_sendable(mean_um.d), hd_sendable(mean_um.q)};
     }
     if (tool->count == HD_SWEEP_RING) { /* the oldest goes: its index will be missing */
         tool->first = (uint8_t)((tool->first + 1) % HD_SWEEP_RING);

@@ -11,6 +11,7 @@
  * libFuzzer writes such scripts; with HD_FUZZ_REPLAY a plain program plays files of them instead.
  */
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,6 +127,45 @@ static void receive_frame(world_t *world, uint8_t type, script_t payload)
     world->references += type == HD_MSG_REFERENCE;
 }
 
+/* `n` floats from `bytes` on, `stride` bytes apart. */
+static void expect_finite(const uint8_t *bytes, size_t n, size_t stride)
+{
+    for (size_t i = 0; i < n; i++) {
+        float value;
+        memcpy(&value, bytes + i * stride, sizeof value);
+        expect(fabsf(value) <= FLT_MAX, "the host can read every number that is sent");
+    }
+}
+
+#define EXPECT_FINITE_FROM(type, field) \
+    expect_finite(payload + offsetof(type, field), (sizeof(type) - offsetof(type, field)) / sizeof(float), sizeof(float))
+
+static void expect_readable(const uint8_t *frame)
+{
+    const uint8_t *payload = frame + 1;
+    switch (frame[0]) {
+    case HD_MSG_STATUS:
+        EXPECT_FINITE_FROM(hd_wire_status_t, mode);
+        break;
+    case HD_MSG_CONTROLLER:
+        expect_finite(payload + offsetof(hd_wire_controller_t, bandwidth_1_s), 2, sizeof(float));
+        EXPECT_FINITE_FROM(hd_wire_controller_t, model);
+        break;
+    case HD_MSG_SWEEP_POINT:
+        EXPECT_FINITE_FROM(hd_wire_sweep_point_t, frequency_hz);
+        break;
+    case HD_MSG_TELEMETRY:
+        EXPECT_FINITE_FROM(hd_wire_telemetry_t, mode);
+        break;
+    case HD_MSG_LOG:
+        expect_finite(payload + offsetof(hd_wire_log_t, entry) + offsetof(hd_wire_log_entry_t, value), HD_LOG_ENTRIES,
+                      sizeof(hd_wire_log_entry_t));
+        break;
+    default:
+        break;
+    }
+}
+
 static void receive_from(world_t *world)
 {
     uint8_t out[3 * HD_TRANSMIT_MIN];
@@ -133,7 +173,11 @@ static void receive_from(world_t *world)
     size_t n = hd_transmit(&world->core, world->now_us, out, sizeof out), frame_n;
     expect(n <= sizeof out, "what is sent fits");
     for (size_t i = 0; i < n; i++) {
-        expect(hd_receiver_push(&host, out[i], &frame_n) != HD_RX_DAMAGED, "what is sent is made of sound frames");
+        hd_rx_t event = hd_receiver_push(&host, out[i], &frame_n);
+        expect(event != HD_RX_DAMAGED, "what is sent is made of sound frames");
+        if (event == HD_RX_FRAME) {
+            expect_readable(host.bytes);
+        }
     }
     expect(host.n == 0, "what is sent ends with a whole frame");
 }

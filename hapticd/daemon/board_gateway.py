@@ -20,11 +20,13 @@ from ..board_values import (
     ClearFault,
     HelloRequest,
     ModeCalibration,
+    SelectController,
+    SetModel,
     ToolMessage,
     Verdict,
 )
 from ..config.sections import Config
-from ..core.board.session import BoardSession
+from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
 from ..core.board.supervisor import Event
 from ..errors import DeviceError, RequestError
 from ..values import Tick
@@ -37,9 +39,15 @@ log = logging.getLogger("hapticd")
 
 REST_AFTER_NS = 2_000_000_000  # without activity: keep-alives stop after this idle time
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
+INCOMPLETE_AFTER_NS = 1_500_000_000  # a handshake takes a tenth of that: then a sentence says what it lacks
 FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000
+ANSWERED_AS = {SelectController: protocol.MSG_SET_CONTROLLER, SetModel: protocol.MSG_SET_MODEL}  # by VERDICT
+LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
+CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
+CHECK_THE_FIRMWARE = "flash the firmware that came with this hapticd"
+VERDICTS = {Verdict.OUT_OF_RANGE: "a value is out of range", Verdict.NOT_QUIET: "it is busy or has a fault"}
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
 
@@ -65,6 +73,7 @@ class BoardGateway:
         )
         self.unsent = 0
         self.refused = ""  # why the present board is not accepted
+        self.lacking = ""  # what a handshake lacks that should be complete
         self.write = write
         self.observer: Observer | None = None
         self._w_limit_um = config.limits.w_limit_um
@@ -74,6 +83,9 @@ class BoardGateway:
         self._decoder = device_wire.Decoder()
         self._t_clear_until_ns: int | None = None
         self._t_active_ns = 0
+        self._t_complete_ns: int | None = None  # when the handshake was last complete, or began; None: no port
+        self._t_tended_ns = 0
+        self._reported = ""  # the message that a logged handshake lacked
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -86,7 +98,8 @@ class BoardGateway:
         """Take note that the serial port was opened or lost."""
         log.log(logging.INFO if up else logging.WARNING, "board: %s", reason)
         self._decoder = device_wire.Decoder()
-        self.refused = ""
+        self.refused = self.lacking = self._reported = ""
+        self._t_complete_ns = t_now_ns if up else None
         if up:
             self._send(self.session.link_up(t_now_ns), t_now_ns)
         else:
@@ -100,7 +113,7 @@ class BoardGateway:
             self._handle(message, t_now_ns)
         self._send(self.session.resume(t_now_ns), t_now_ns)
         if was_accepted and self.session.hello is None:
-            log.warning("board: Clock discontinuity (board reset?): reconnecting")
+            log.warning("board: %s", self.session.ended)
 
     def _handle(self, message: BoardMessage | ToolMessage, t_now_ns: int) -> None:
         match message:
@@ -110,13 +123,23 @@ class BoardGateway:
                 self._check_hello(message, t_now_ns)
             case BoardStatus():
                 self._take_status(message, t_now_ns)
-            case BoardVerdict(request, verdict):
-                if verdict is not Verdict.DONE:
-                    log.error("board: refused %s", protocol.COMMANDS.get(request, f"message {request:#04x}"))
-                if request in (protocol.MSG_SET_CONTROLLER, protocol.MSG_SET_MODEL):
-                    self._send(self.session.receive_answer(t_now_ns), t_now_ns)
+            case BoardVerdict():
+                self._take_verdict(message, t_now_ns)
             case _:
                 pass  # answers to a bench tool
+
+    def _take_verdict(self, answer: BoardVerdict, t_now_ns: int) -> None:
+        """Send the next setting, if this one was taken. A board that refuses one is not driven."""
+        setting, is_taken = self.session.setting, answer.verdict is Verdict.DONE
+        is_awaited = setting is not None and ANSWERED_AS.get(type(setting)) == answer.request
+        if is_awaited:
+            self._send(self.session.receive_answer(t_now_ns, is_taken=is_taken), t_now_ns)
+        what = protocol.COMMANDS.get(answer.request, f"message {answer.request:#04x}")
+        refusal = "" if is_taken else f"The board refuses {what}: {VERDICTS[answer.verdict]}."
+        if refusal and refusal != self.refused:
+            log.error("board refused: %s", refusal)
+        if is_awaited:
+            self.refused = refusal
 
     def _check_hello(self, hello: BoardHello, t_now_ns: int) -> None:
         try:
@@ -164,12 +187,39 @@ class BoardGateway:
         was_accepted = self.session.hello is not None
         commands = self.session.timer(t_now_ns)
         if was_accepted and self.session.hello is None:
-            log.warning("board: silent; requesting its hello until it answers")
+            self.lacking = self.session.ended
+            self._reported = "HELLO" if self.session.ended == SILENT else "STATUS"
+            log.warning("board: %s", self.session.ended)
         self._send(commands, t_now_ns)  # may find that the port is gone
+        self._report_lack(t_now_ns)
         if self.session.ready:
             self._supervise(Event.LINK_UP, "the board answers and its clock is known", t_now_ns)
         else:
             self._supervise(Event.LINK_DOWN, "the board does not answer", t_now_ns)
+
+    def _report_lack(self, t_now_ns: int) -> None:
+        """Log once what an incomplete handshake lacks, and when it is complete again. A refusal was logged before."""
+        awaited, was_stopped = self.session.awaited, t_now_ns - self._t_tended_ns > STOPPED_AFTER_NS
+        self._t_tended_ns = t_now_ns
+        if self._t_complete_ns is None:
+            return
+        if was_stopped:
+            self._t_complete_ns = t_now_ns
+        if not awaited or self.refused:
+            if not awaited and self._reported not in ("", "HELLO"):  # whose arrival has a line of its own
+                log.info("board: its %s has arrived: references are sent", self._reported)
+            self.lacking = self._reported = ""
+            self._t_complete_ns = t_now_ns
+        elif t_now_ns - self._t_complete_ns > INCOMPLETE_AFTER_NS and awaited != self._reported:
+            self._reported = awaited
+            self.lacking = f"not driven: {self._lack(awaited)}"
+            log.warning("board: %s", self.lacking)
+
+    def _lack(self, awaited: str) -> str:
+        """Return what the board does not send, and what to check."""
+        is_invalid = getattr(protocol, f"MSG_{awaited}") in self._decoder.invalid_types
+        remedy = CHECK_THE_LINE if awaited == "HELLO" and not is_invalid else CHECK_THE_FIRMWARE
+        return f"it sends no {'valid ' if is_invalid else ''}{awaited}{LACK_OF.get(awaited, '')}: {remedy}"
 
     def rest_or_wake(self, is_active: bool, t_now_ns: int) -> None:
         """Let the board rest after REST_AFTER_NS without activity, and arm it again as soon as there is some."""

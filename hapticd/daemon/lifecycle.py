@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..errors import HapticdError
+from ..errors import DeviceError, HapticdError
 from ..io.host.realtime import quiet_collector
 from .daemon import Daemon
 
@@ -19,12 +19,16 @@ Again = TypeVar("Again")
 
 
 async def serve(
-    daemon: Daemon, modes: ModeShapes, reread: Callable[[], Awaitable[Again]] | None = None
+    daemon: Daemon,
+    modes: ModeShapes,
+    reread: Callable[[], Awaitable[Again]] | None = None,
+    watch: Callable[[Callable[[str], None]], None] | None = None,
 ) -> Again | None:
     """Run `daemon` until SIGTERM or SIGINT, then leave a quiet plate.
 
     At SIGHUP `reread` returns the next configuration; then the plate is silenced and that is returned. If it raises
-    HapticdError, its sentence is logged and the daemon continues.
+    HapticdError, its sentence is logged and the daemon continues. `watch` is given what to call when something is lost
+    that does not come back: the plate is silenced, and DeviceError raised with that sentence.
     """
     loop = asyncio.get_running_loop()
     asked: asyncio.Future[Again | None] = loop.create_future()
@@ -48,6 +52,8 @@ async def serve(
         loop.add_signal_handler(number, _answer, asked, None, f"{number.name}: stopping, silencing the plate")
     if reread is not None:
         loop.add_signal_handler(signal.SIGHUP, on_hangup)
+    if watch is not None:
+        watch(lambda sentence: None if asked.done() else asked.set_exception(DeviceError(sentence)))
     try:
         daemon.start(loop, modes)
         quiet_collector()

@@ -85,6 +85,11 @@ class ConfigLoader:
         for rig in self._rigs.values():
             rig.close()
 
+    def watch(self, on_end: Callable[[str], None]) -> None:
+        """Call `on_end` with a sentence when a rig ends that should run."""
+        for rig in self._rigs.values():
+            rig.watch(on_end)
+
     def prepare(self, config: Config) -> Prepared:
         """Read the files that the configuration names. Raises HapticdError in one sentence."""
         measured = config.device.calibration_file
@@ -142,7 +147,9 @@ async def _serve(
         return reread()
 
     while True:
-        wanted = await serve(prepared.daemon(notifier), prepared.modes, read_again if reread else None)
+        wanted = await serve(
+            prepared.daemon(notifier), prepared.modes, read_again if reread else None, config_loader.watch
+        )
         if wanted is None:
             break
         prepared = await _prepared(config_loader, wanted, prepared.config, notifier)

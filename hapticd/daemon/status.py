@@ -227,6 +227,8 @@ def _board(board: BoardGateway) -> dict[str, object]:
     }
     if board.refused:
         fields |= {"refused": board.refused}
+    if board.lacking:
+        fields |= {"lacking": board.lacking}
     if hello is not None:
         fields |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
     if last is not None:

@@ -40,6 +40,7 @@ class Decoder:
     def __init__(self) -> None:
         self._splitter = FrameSplitter(FRAME_MAX)
         self._refused = {"type": 0, "length": 0, "value": 0}
+        self.invalid_types: set[int] = set()  # of messages that were refused for their length or a value
 
     @property
     def counters(self) -> dict[str, int]:
@@ -59,10 +60,12 @@ class Decoder:
         try:
             message = read(frame[1:])
         except struct.error:
-            self._refused["length"] += 1
-            return None
+            message, fault = None, "length"
+        else:
+            fault = "value"
         if message is None:
-            self._refused["value"] += 1
+            self._refused[fault] += 1
+            self.invalid_types.add(frame[0])
         return message
 
 

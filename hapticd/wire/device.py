@@ -161,6 +161,17 @@ def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v
     A board may allow more than the settings: each side applies its own limit.
     """
     check_protocol(hello)
+    for name, value, bounds in (
+        ("control_hz", hello.control_hz, protocol.CONTROL_HZ),
+        ("drive_hz", hello.drive_hz, protocol.DRIVE_HZ),
+        ("v_limit_v", hello.v_limit_v, protocol.V_LIMIT_V),
+        ("deadman_ms", hello.deadman_ms, (protocol.DEADMAN_MS, protocol.DEADMAN_MS)),
+    ):
+        if not protocol.is_within(value, bounds):
+            raise DeviceError(
+                f"The board's HELLO makes no sense: {name} is {value:g}, not within {bounds[0]:g}..{bounds[1]:g}: "
+                f"flash the firmware that came with this hapticd."
+            )
     if hello.modes != modes:
         raise DeviceError(
             f"The board drives {hello.modes} modes, the mode map has {modes}: use a matching map and firmware."

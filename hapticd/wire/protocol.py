@@ -58,6 +58,11 @@ LOG: Final = struct.Struct("<BBI")  # then LOG_ENTRIES entries
 LOG_ENTRY: Final = struct.Struct("<IIBBf")
 VERDICT: Final = struct.Struct("<BB")
 
+# Bounds of a sound HELLO, ends included.
+CONTROL_HZ: Final = (500.0, 50000.0)
+DRIVE_HZ: Final = (1.0, 1e6)
+V_LIMIT_V: Final = (1e-6, 1e6)
+
 # Bounds of command fields, ends included.
 BANDWIDTH_1_S: Final = (10.0, 20000.0)
 INTEGRAL_TIME_S: Final = (0.0001, 1.0)

@@ -207,6 +207,7 @@ def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later
         pass
     bench.board.state = LIVE  # it never heard it
     bench.board.mute = False
+    bench.board.status()
     assert "keep-alive" in [each.name for each in bench.run(60)]
     assert not bench.machine.session.is_resting
     rested(bench)
@@ -347,7 +348,9 @@ def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> N
     for request, verdict in ((protocol.MSG_SET_CONTROLLER, 0), (protocol.MSG_SET_MODEL, 1)):
         bench.board.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(request, verdict))
     bench.run(50)
-    assert [line for line in lines(caplog) if "refused" in line] == ["board: refused the calibration of a mode"]
+    assert [line for line in lines(caplog) if "refused" in line] == [
+        "board refused: The board refuses the calibration of a mode: a value is out of range."
+    ]
 
 
 def test_a_calibration_reaches_the_board_with_every_greeting() -> None:

@@ -6,7 +6,9 @@ import asyncio
 import os
 import signal
 import socket
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +21,7 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
-from hapticd.errors import ConfigError
+from hapticd.errors import ConfigError, DeviceError
 from hapticd.io.host.systemd import Notifier
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.files import write_measured
@@ -194,6 +196,36 @@ def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
     assert (
         "has 1 limits for a plate of 2 modes: give one for each mode. The present configuration stays." in caplog.text
     )
+
+
+def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
+    configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class IdleRig(service.RigProcess):
+        """A process in the rig's place, with a directory that has a map and no devices."""
+
+        def __init__(self, scenario: str, seed: int) -> None:
+            del scenario, seed
+            self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
+            self.directory = Path(self._directory.name)
+            sine_plate().save(self.directory / MODES_FILE)
+            self.process = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    monkeypatch.setattr(service, "RigProcess", IdleRig)
+    config = replace(configuration, sim=replace(configuration.sim, rig_dir=""))
+
+    async def serve(config_loader: ConfigLoader) -> None:
+        prepared = config_loader.prepare(config)
+        serving = asyncio.create_task(service._serve(config_loader, prepared, Notifier({}), None))
+        await until((tmp_path / "run" / "control").exists)
+        (rig,) = config_loader._rigs.values()
+        rig.process.kill()
+        with pytest.raises(DeviceError, match="The simulated rig has ended: start this command again"):
+            await asyncio.wait_for(serving, PATIENCE_S)
+
+    with ConfigLoader() as config_loader:
+        asyncio.run(serve(config_loader))
+    assert not (tmp_path / "run" / "control").exists()
 
 
 def test_a_configuration_is_checked_without_opening_anything(

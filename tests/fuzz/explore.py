@@ -45,6 +45,7 @@ def main() -> int:
     parser.add_argument("target", nargs="?", help="all, one after the other, where it is left out")
     parser.add_argument("--seconds", type=int, default=20, help="for each target")
     parser.add_argument("--runs", type=int, default=-1, help="at most so many inputs for each target")
+    parser.add_argument("--seed", type=int, default=0, help="the same inputs each time; 0, the default, draws new ones")
     parser.add_argument("--keep", action="store_true", help="rewrite the corpus")
     parser.add_argument("--child", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -59,7 +60,9 @@ def main() -> int:
 
     for name in [given.target] if given.target else TARGETS:
         with tempfile.TemporaryDirectory() as folder:
-            code = run(name, Path(folder), [f"-max_total_time={given.seconds}", f"-runs={given.runs}"])
+            code = run(
+                name, Path(folder), [f"-max_total_time={given.seconds}", f"-runs={given.runs}", f"-seed={given.seed}"]
+            )
             if code == 0 and given.keep:
                 keep(name, Path(folder))
         if code != 0:
@@ -77,7 +80,7 @@ def run(name: str, folder: Path, flags: list[str]) -> int:
         directory.mkdir()
     for label, data in target.seeds().items():
         (seeds / label).write_bytes(data)
-    fixed = [f"-max_len={target.max_len}", f"-timeout={TIME_OUT_S}", f"-rss_limit_mb={MEMORY_MB}", "-seed=1"]
+    fixed = [f"-max_len={target.max_len}", f"-timeout={TIME_OUT_S}", f"-rss_limit_mb={MEMORY_MB}"]
     corpus = [str(target.corpus)] if target.corpus.exists() else []
     return subprocess.run(
         [sys.executable, __file__, name, "--child", *fixed, *flags, str(found), str(seeds), *corpus], check=False

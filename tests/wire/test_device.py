@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import dataclasses
 import math
+import re
 import struct
 from itertools import pairwise
 
@@ -275,6 +277,29 @@ def test_other_modes_and_lower_limits_are_refused() -> None:
         device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
     with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are rated for 100 V"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 4.0), v_limit_v=100.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "sentence"),
+    [
+        ("control_hz", 0.0, "control_hz is 0, not within 500..50000"),
+        ("drive_hz", 0.0, "drive_hz is 0, not within 1..1e"),
+        ("deadman_ms", 0, "deadman_ms is 0, not within 50..50"),
+        ("deadman_ms", 500, "deadman_ms is 500, not within 50..50"),
+        ("v_limit_v", 0.0, "v_limit_v is 0, not within"),
+    ],
+)
+def test_a_hello_that_makes_no_sense_is_refused_by_its_field(field: str, value: float, sentence: str) -> None:
+    with pytest.raises(DeviceError, match=re.escape(f"The board's HELLO makes no sense: {sentence}")):
+        device.check_hello(dataclasses.replace(hello(), **{field: value}), modes=2, w_limit_um=(4.0, 4.0))
+
+
+def test_a_decoder_knows_which_messages_were_invalid() -> None:
+    decoder = device.Decoder()
+    decoder.feed(frame(protocol.MSG_STATUS, STATUS))
+    assert decoder.invalid_types == set()
+    decoder.feed(frame(protocol.MSG_STATUS, STATUS[:-1]) + frame(protocol.MSG_VERDICT, b"\x06\x09"))
+    assert decoder.invalid_types == {protocol.MSG_STATUS, protocol.MSG_VERDICT}
 
 
 def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:

@@ -247,6 +247,50 @@ static void a_frame_that_promises_more_than_it_has_is_refused(void)
     hd_board_free(bench.board);
 }
 
+/* Figures of a HELLO are 0 or more and below 1e9: the host refuses a frame with any other. */
+static void expect_readable_hello(hd_core_t *core)
+{
+    uint8_t out[HD_TRANSMIT_MIN];
+    size_t frame_n = 0, n = hd_transmit(core, 0, out, sizeof out);
+    hd_receiver_t host = {0};
+    for (size_t i = 0; i < n && frame_n == 0; i++) {
+        hd_receiver_push(&host, out[i], &frame_n);
+    }
+    hd_wire_hello_t hello;
+    expect(frame_n == 1 + sizeof hello && host.bytes[0] == HD_MSG_HELLO, "a misconfigured board answers");
+    memcpy(&hello, host.bytes + 1, sizeof hello);
+    float figures[] = {hello.control_hz, hello.drive_hz, hello.v_limit_v, hello.w_limit_um[0]};
+    for (size_t i = 0; i < sizeof figures / sizeof *figures; i++) {
+        expect(figures[i] >= 0.0f && figures[i] < 1e9f, "the host can read the figures of a misconfigured board");
+    }
+}
+
+static void a_misconfigured_board_answers_and_drives_nothing(void)
+{
+    const hd_config_t sound = {
+        .boot_id = 1, .control_hz = 2000.0f, .drive_hz = 29205.0f, .v_limit_v = 150.0f, .w_limit_um = {4.0f, 4.0f},
+    };
+    const float bad[] = {NAN, INFINITY, -1.0f, 0.0f, 3e38f};
+    for (size_t i = 0; i < 4 * sizeof bad / sizeof *bad; i++) {
+        hd_config_t config = sound;
+        float *figures[] = {&config.control_hz, &config.drive_hz, &config.v_limit_v, &config.w_limit_um[0]};
+        *figures[i % 4] = bad[i / 4];
+        hd_core_t core;
+        expect(!hd_init(&core, &config, 0) && core.fault == HD_FAULT_CONFIG, "a bad configuration is refused");
+        uint8_t line[HD_LINE_SIZE(16)];
+        const hd_wire_set_telemetry_t telemetry = {2000};
+        hd_receive(&core, line, hd_frame_encode(HD_MSG_HELLO_REQUEST, NULL, 0, line), 0);
+        expect_readable_hello(&core);
+        hd_receive(&core, line, hd_frame_encode(HD_MSG_SET_TELEMETRY, &telemetry, sizeof telemetry, line), 0);
+        const hd_phasor_t measured_um[HD_MODES] = {{1.0f, 0.0f}};
+        hd_phasor_t voltage_v[HD_MODES];
+        for (uint32_t tick = 1; tick <= 20; tick++) {
+            hd_tick(&core, tick * TICK_US, measured_um, voltage_v);
+            expect(voltage_v[0].d == 0.0f && voltage_v[0].q == 0.0f, "a misconfigured board drives nothing");
+        }
+    }
+}
+
 int main(void)
 {
     for (enum hd_law law = HD_LAW_PI; law <= HD_LAW_DEADBEAT; law++) {
@@ -259,6 +303,7 @@ int main(void)
     a_sensor_that_is_not_a_number_silences_the_plate();
     hostile_bytes_move_nothing();
     a_frame_that_promises_more_than_it_has_is_refused();
+    a_misconfigured_board_answers_and_drives_nothing();
     printf("selftest, %d modes: all true\n", HD_MODES);
     return 0;
 }

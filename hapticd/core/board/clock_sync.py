@@ -47,6 +47,7 @@ class BoardClock:
     def __init__(self) -> None:
         self.ignored = 0
         self.relocks = 0
+        self.senseless = 0  # replies in a row whose own times contradict the round trip
         self._pending: deque[int] | None = None
         self._exchanges: deque[Exchange] = deque(maxlen=self._WINDOW)
         self._anchor = Exchange(0, 0, 0)
@@ -77,6 +78,7 @@ class BoardClock:
 
     def reset(self) -> None:
         """Reset: the board was replaced; drop its clock and the pending requests."""
+        self.senseless = 0
         self._exchanges.clear()
         if self._pending is not None:
             self._pending.clear()
@@ -120,6 +122,7 @@ class BoardClock:
             self._pending.remove(sent_ns)
         held_us = (reply.t_sent_us - reply.t_received_us) % _WRAP_US
         rtt_ns = t_received_ns - sent_ns - held_us * 1000
+        self.senseless = self.senseless + 1 if rtt_ns < 0 else 0
         if not (0 <= t_received_ns - sent_ns <= self._MAX_RTT_NS and rtt_ns >= 0):
             return None
         middle_ns = reply.t_received_us % _WRAP_US * 1000 + held_us * 500

@@ -1,14 +1,14 @@
 """Board session: handshake, clock synchronisation, numbered frames, keep-alives, and the latency ledger.
 
 Messages and instants in, commands out. A hello is requested when the link comes up, and again when the board stays
-silent or reboots. References are sent only once the hello was accepted, the clock is known, and the board has answered
-the settings of its controller and its modes, one by one.
+silent or reboots. References are sent only once the hello was accepted, the clock is known, the board has taken the
+settings of its controller and its modes, one by one, and it sends its status.
 
 While nothing is driven the session may `rest`: after a last hello request the board is quiet and needs no keep-alives.
 It keeps clock, controller and models, so `wake` takes one write and no answer.
 
-A board that does not answer is sent no more than the send window allows: of the references held back only the newest is
-kept, and is sent when the board answers again.
+A board that does not answer is sent no more than the send window allows, and nothing once its status is overdue. Of the
+references held back only the newest is kept, and is sent when the board answers again.
 """
 
 from __future__ import annotations
@@ -48,14 +48,22 @@ KEEP_ALIVE_AFTER_NS: Final = 12_500_000  # without a command: with a timer of 10
 ARM_EVERY_NS: Final = 20_000_000  # slower than references come: zero frames must not come between them
 ANSWER_WITHIN_NS: Final = 10_000_000  # beyond the round trip: then a reference was lost, and is sent again
 OVERDUE_NS: Final = 5_000_000  # beyond the round trip: then an answer is missing
-MUTE_AFTER_NS: Final = 150_000_000  # without a status, which comes every 100 ms; keep-alives would only be queued
+MUTE_AFTER_NS: Final = 150_000_000  # without a status, which comes every 100 ms: what is sent may never be read
 SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
+STOPPED_AFTER_NS: Final = 600_000_000  # between two timers: the host was stopped, and has not read what the board sent
 STALE_NS: Final = 50_000_000  # the board drops what is later than that
 REARM_FRAMES: Final = 3  # in a row; the board takes them at once
+COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
+SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
+
+# Why a session ended, for the log.
+DISCONTINUITY: Final = "Clock discontinuity (board reset?): reconnecting"
+SILENT: Final = "silent; requesting its hello until it answers"
+NO_STATUS: Final = "sends no status, only other messages; requesting its hello until it does"
 
 
 def _leapt(before_us: int, after_us: int) -> bool:
-    """Whether the board's wrapped clock moved by more than a slow line or a stalled host explains."""
+    """Whether the board's wrapped clock moved by more than a slow line explains."""
     half_us = CLOCK_WRAP_US // 2
     return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
 
@@ -72,7 +80,9 @@ class BoardSession:
         self.reboots = 0
         self.held_back = 0  # references and keep-alives not sent when they were due, since the board did not answer
         self.is_resting = False
+        self.ended = ""  # why the last session ended
         self._is_leaving = False
+        self._is_reporting = False  # a status has arrived since the handshake
         self._controller = controller
         self._calibration = tuple(calibration)
         self._settings_left: deque[BoardCommand] = deque()
@@ -84,6 +94,9 @@ class BoardSession:
         self._window = SendWindow()
         self._held: tuple[SafeDrive, Tick] | None = None
         self._t_received_ns = 0
+        self._t_status_ns = 0
+        self._t_timer_ns = 0
+        self._t_stopped_ns = -COMPARABLE_AFTER_NS
         self._greeting = PeriodicTimer(GREET_EVERY_NS)
         self._instructing = PeriodicTimer(INSTRUCT_EVERY_NS)
         self._asking_time = PeriodicTimer(SETTLE_TIME_EVERY_NS)
@@ -92,8 +105,24 @@ class BoardSession:
 
     @property
     def ready(self) -> bool:
-        """Whether references may be sent: handshake and settings are answered and the clock is known."""
-        return self._linked and self.hello is not None and self.clock.ready and not self._settings_left
+        """Whether references may be sent: the handshake lacks nothing."""
+        return self._linked and not self.awaited
+
+    @property
+    def awaited(self) -> str:
+        """The message that the handshake lacks, by its name in firmware/PROTOCOL.md; "" if it is complete."""
+        if self.hello is None:
+            return "HELLO"
+        if self._settings_left:
+            return "VERDICT"
+        if not self.clock.ready:
+            return "TIME"
+        return "" if self._is_reporting else "STATUS"
+
+    @property
+    def setting(self) -> BoardCommand | None:
+        """The setting that the board has not taken yet."""
+        return self._settings_left[0] if self._settings_left else None
 
     def follows(self, t_now_ns: int) -> bool:
         """Whether the board follows references and has the last one, or may still acknowledge it."""
@@ -106,13 +135,13 @@ class BoardSession:
         """The port is open: start the handshake."""
         self.link_down()
         self._linked = True
-        self._t_received_ns = t_now_ns
+        self._t_received_ns = self._t_timer_ns = t_now_ns
         self._greeting.restart(t_now_ns)
         return [HelloRequest()]
 
     def link_down(self) -> None:
         """The port is gone: drop all state of the board."""
-        self._linked = self.is_resting = self._is_leaving = False
+        self._linked = self.is_resting = self._is_leaving = self._is_reporting = False
         self.hello = self.status = self._boot_id = None
         self.clock.reset()
         self.latency.reset()
@@ -123,11 +152,12 @@ class BoardSession:
         if self._boot_id not in (None, hello.boot_id):
             self.reboots += 1
             self.clock.reset()
+            self._is_reporting = False
         self.is_resting = self._is_leaving and self._boot_id == hello.boot_id
         self._is_leaving = False
         self.hello, self._boot_id = hello, hello.boot_id
         self.status = None  # an earlier status does not hold for this session
-        self._t_received_ns = t_now_ns
+        self._t_received_ns = self._t_status_ns = t_now_ns
         self._forget_sent()
         if self.is_resting:
             return []
@@ -136,9 +166,11 @@ class BoardSession:
         self._settings_left = deque([SelectController(self._controller), *models])
         return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
 
-    def receive_answer(self, t_now_ns: int) -> list[BoardCommand]:
-        """The board answered the last setting, whether it took it or not: send the next one."""
+    def receive_answer(self, t_now_ns: int, *, is_taken: bool = True) -> list[BoardCommand]:
+        """The board answered the last setting: send the next one. One that it refused is repeated by the timer."""
         self._t_received_ns = t_now_ns
+        if not is_taken:
+            return []
         if self._settings_left:
             self._settings_left.popleft()
         return self._instruction(t_now_ns)
@@ -146,22 +178,28 @@ class BoardSession:
     def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
         """Take a time reply; a stray one is ignored. A discontinuity means a reset behind an open port."""
         self._t_received_ns = t_now_ns
-        relocks = self.clock.relocks
-        if self.clock.update(reply, t_now_ns):
+        was_known, relocks = self.clock.ready, self.clock.relocks
+        if self.clock.update(reply, t_now_ns) and not self._is_mute(t_now_ns):
             self._window.read_until(min(reply.t_host_ns, t_now_ns - self._patience_ns), t_now_ns)
             self._window.answered()
-        if self.clock.relocks != relocks:
-            self._start_over()
+        if self.clock.senseless >= SENSELESS_TIMES:
+            self.clock.reset()
+        elif self.clock.relocks == relocks:
+            return
+        if was_known:  # else the handshake waits for it
+            self._start_over(DISCONTINUITY)
 
     def receive_status(self, status: BoardStatus, t_now_ns: int) -> None:
         """Add the acknowledged frame to the ledger: link delay, and how late its first knot took effect."""
         if self.hello is None:
             return  # before the handshake no status counts
-        self._t_received_ns = t_now_ns
-        if self.status is not None and _leapt(self.status.t_board_us, status.t_board_us):
-            self._start_over()
+        self._t_received_ns = self._t_status_ns = t_now_ns
+        was_stopped = t_now_ns - self._t_stopped_ns < COMPARABLE_AFTER_NS
+        if self.status is not None and not was_stopped and _leapt(self.status.t_board_us, status.t_board_us):
+            self._start_over(DISCONTINUITY)
             return
         self.status = status
+        self._is_reporting = True
         self._window.named(status.seq)
         self._window.answered()
         if self.clock.ready:  # a board that sends also reads: frames missing from the acknowledgement were lost
@@ -186,7 +224,7 @@ class BoardSession:
         answer, the drive is held back and replaces the one before."""
         if not self.ready:
             return []
-        if self._window.is_full(t_now_ns, self._patience_ns):
+        if self._must_wait(t_now_ns):
             self.held_back += 1
             self._held = drive, tick
             return self._question(t_now_ns)
@@ -198,17 +236,22 @@ class BoardSession:
 
     def resume(self, t_now_ns: int) -> list[BoardCommand]:
         """The board answered: send the reference that was held back, if it may go now and is not past."""
-        if self._held is None or self._window.is_full(t_now_ns, self._patience_ns):
+        if self._held is None or self._must_wait(t_now_ns):
             return []
         drive, tick = self._held
         return [] if t_now_ns - drive.t_apply_ns > STALE_NS else self.reference(drive, tick, t_now_ns)
 
     def timer(self, t_now_ns: int) -> list[BoardCommand]:
         """Return what is due: hello and time requests, keep-alives, and zero frames until the board is armed."""
+        passed_ns, self._t_timer_ns = t_now_ns - self._t_timer_ns, t_now_ns
         if not self._linked:
             return []
-        if self.hello is not None and t_now_ns - self._t_received_ns > SILENT_AFTER_NS:
-            self._start_over()  # it hung or was replaced
+        if passed_ns > STOPPED_AFTER_NS:
+            self._t_received_ns = self._t_status_ns = self._t_stopped_ns = t_now_ns
+        t_last_ns = self._t_status_ns if self._is_reporting else self._t_received_ns
+        if self.hello is not None and t_now_ns - t_last_ns > SILENT_AFTER_NS:
+            is_answering = t_now_ns - self._t_received_ns <= MUTE_AFTER_NS + self._patience_ns
+            self._start_over(NO_STATUS if is_answering else SILENT)  # it hung or was replaced
         if self.hello is None:
             return [HelloRequest()] if self._greeting.due(t_now_ns) else []
         commands: list[BoardCommand] = []
@@ -221,7 +264,7 @@ class BoardSession:
             return commands
         if self.status.state is BoardState.TOOL:
             return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
-        is_full = self._window.is_full(t_now_ns, self._patience_ns)
+        is_full = self._must_wait(t_now_ns)
         if is_full or self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns):
             commands += self._question(t_now_ns)
         if is_full:
@@ -237,7 +280,7 @@ class BoardSession:
         """Return the keep-alive that is due for a board that `follows`, if any."""
         if not self._keeping_alive.due(t_now_ns):
             return []
-        if t_now_ns - self._t_received_ns > MUTE_AFTER_NS + self._patience_ns:
+        if self._is_mute(t_now_ns):
             self.held_back += 1
             return self._question(t_now_ns)
         self._is_leaving = False  # no answer came in time: the hello request was lost, and the session goes on
@@ -254,6 +297,7 @@ class BoardSession:
         if not self.is_resting or self.hello is None:
             return []
         self.is_resting = False
+        self._t_status_ns = t_now_ns  # while the host rests, what the board sends waits in the port
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
         return [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
 
@@ -261,6 +305,14 @@ class BoardSession:
     def _patience_ns(self) -> int:
         """How long the board may take to acknowledge a reference."""
         return 2 * self.latency.link_ns + OVERDUE_NS
+
+    def _is_mute(self, t_now_ns: int) -> bool:
+        """Whether the status is overdue: time replies alone do not show that references are followed."""
+        return t_now_ns - self._t_status_ns > MUTE_AFTER_NS + self._patience_ns
+
+    def _must_wait(self, t_now_ns: int) -> bool:
+        """Whether another reference would only be queued, or followed without a report."""
+        return self._is_mute(t_now_ns) or self._window.is_full(t_now_ns, self._patience_ns)
 
     def _question(self, t_now_ns: int) -> list[BoardCommand]:
         """Return a time request, which a board that reads answers at once, if one is due."""
@@ -272,10 +324,11 @@ class BoardSession:
         self._window.clear()
         self._held = None
 
-    def _start_over(self) -> None:
+    def _start_over(self, reason: str) -> None:
         """Restart the handshake with the next timer: a board that was reset has lost controller and models."""
+        self.ended = reason
         self.hello = self.status = None
-        self.is_resting = self._is_leaving = False
+        self.is_resting = self._is_leaving = self._is_reporting = False
 
     def _instruction(self, t_now_ns: int) -> list[BoardCommand]:
         """Return the setting to send now: one at a time, because an answer names only the kind of command."""

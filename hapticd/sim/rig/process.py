@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +77,17 @@ class RigProcess:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def watch(self, on_end: Callable[[str], None]) -> None:
+        """Call `on_end` with a sentence, on the running loop, if the process ends by itself or is killed."""
+        loop, pipe = asyncio.get_running_loop(), self.process.stdout
+        assert pipe is not None
+
+        def ended() -> None:  # it writes nothing after its first line: only the end makes the pipe readable
+            loop.remove_reader(pipe)
+            on_end("The simulated rig has ended: start this command again.")
+
+        loop.add_reader(pipe, ended)
 
     def close(self) -> None:
         """Stop the rig, which first writes its recording."""

@@ -105,7 +105,7 @@ async def _measured_piece(board: Conversation, piece: Sweep) -> list[SweepPoint]
     for tries_left in reversed(range(TRIES)):
         await _quiet(board)
         try:
-            return await sweep.measured(board, piece, show=False)
+            return await sweep.measured(board, piece)
         except SweepEndedError:
             if tries_left == 0:
                 raise

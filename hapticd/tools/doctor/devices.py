@@ -153,7 +153,8 @@ def firmware(system: System) -> Finding:
         if refused:
             return Finding(FAIL, "firmware", str(refused), "make -C firmware flash")
         if version is None or not system.reported("board", "ready"):
-            return Finding(WARN, "firmware", "the board does not answer the daemon", "journalctl -u hapticd -n 20")
+            lacking = system.reported("board", "lacking") or "the board does not answer the daemon"
+            return Finding(WARN, "firmware", str(lacking), "journalctl -u hapticd -n 20")
         return Finding(PASS, "firmware", f"version {version}, reported to the daemon")
     port = system.config.device.port
     if not system.has_board:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +44,13 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         outputs.check_suffix(options.save, TOML)
         outputs.check([options.save], is_forced=True)
     saved = _saved(options.save, board.hello.modes)
-    points = await measured(board, sweep, show=not options.json)
+    show = partial(text.show, is_all=options.plot is None and options.save is None)
+    points = await measured(board, sweep, show=None if options.json else show)
     swept = fitted(points, sweep.mode)
     if options.json:
-        print(text.as_json({"sweep": sweep, "points": points, "resonance": swept.fit}))
+        show(text.as_json({"sweep": sweep, "points": points, "resonance": swept.fit}))
     else:
-        print("\n" + text.resonance(sweep.mode, swept.fit, points))
+        show("\n" + text.resonance(sweep.mode, swept.fit, points))
     if options.plot is not None:
         draw([swept], options.plot)
     if options.save is not None:
@@ -80,8 +82,8 @@ def check_drive(hello: BoardHello, mode: int, volts: float) -> None:
         raise UsageError(f"--volts is {volts:g}: open loop the board takes more than 0 and at most {limit_v:g} V.")
 
 
-async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[SweepPoint]:
-    """Return all points of the sweep; `show` prints them as they arrive. Raises DeviceError for missing points,
+async def measured(board: Conversation, sweep: Sweep, *, show: Callable[[str], None] | None = None) -> list[SweepPoint]:
+    """Return all points of the sweep; `show` prints their lines as they arrive. Raises DeviceError for missing points,
     SweepEndedError if the board ended the sweep."""
     points: list[SweepPoint] = []
     loop = asyncio.get_running_loop()
@@ -89,14 +91,14 @@ async def measured(board: Conversation, sweep: Sweep, *, show: bool) -> list[Swe
     is_over = False
     with board.driving():
         await board.demand(sweep)
-        if show:
-            print(text.sweep_head(board.hello.modes))
+        if show is not None:
+            show(text.sweep_head(board.hello.modes))
         while loop.time() < end_s and (not points or points[-1].index + 1 < sweep.points):
             message = await board.receive(end_s - loop.time())
             if isinstance(message, SweepPoint):
                 points.append(message)
-                if show:
-                    print(text.sweep_row(message), flush=True)
+                if show is not None:
+                    show(text.sweep_row(message))
             elif isinstance(message, BoardStatus) and message.state in (BoardState.FAULT, BoardState.QUIET):
                 is_over = True
                 end_s = min(end_s, loop.time() + LAST_POINTS_S)  # a STATUS overtakes points on their way to the line

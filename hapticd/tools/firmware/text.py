@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
+import sys
 from collections.abc import Sequence
 from enum import Enum
 from typing import Any
@@ -19,6 +21,17 @@ STATES = {
     BoardState.FAULT: "fault",
     BoardState.TOOL: "busy with a sweep or a raw voltage",
 }
+
+
+def show(line: str, *, is_all: bool) -> None:
+    """Print a line at once. If its reader has gone, as by `| head`, raise BrokenPipeError where printing `is_all` that
+    is wanted, else print nothing from now on."""
+    try:
+        print(line, flush=True)
+    except BrokenPipeError:
+        if is_all:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def plain(value: Any) -> Any:

@@ -109,6 +109,7 @@ def test_the_fast_path_solves_what_the_general_path_solves(
 ) -> None:
     phi, target_um = np.array(rows), np.array(targets[: len(rows)])
     assume(np.linalg.svd(phi)[1].min() > 1e-3)  # rank decisions near a singular position may differ
+    assume(((phi == 0.0) | (np.abs(phi) > 1e-9)).all())  # a mode of 1e-16 adds a rounding: to use it or not is the same
     problem = tuple(rows), tuple(target_um.tolist()), limits, previous
     (fast_um, fast_limited), (general_um, general_limited) = solve_fast(*problem), solve_general(*problem)
     slips = target_um > 0.0

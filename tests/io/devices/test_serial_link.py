@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from virtual_board import in_virtual_time
 
 from hapticd.io.devices import serial_link
 from hapticd.io.devices.serial_link import SerialLink
@@ -87,13 +88,16 @@ class Bench:
             while not condition():
                 await asyncio.sleep(0.002)
 
+    async def tried_again(self) -> None:
+        """Wait for another attempt to open the port."""
+        planned = self.link._retry
+        await self.until(lambda: self.link._retry is not planned)
+
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.setattr(serial_link, "FIRST_RETRY_S", 0.01)
-    monkeypatch.setattr(serial_link, "LAST_RETRY_S", 0.02)
+    monkeypatch.setattr(serial_link, "RETRY_S", 0.01)
     bench = Bench(tmp_path / "board")
-    bench.link._retry_s = 0.01
     yield bench
     bench.port.pull()
 
@@ -130,10 +134,31 @@ async def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench:
     bench.start()
     assert bench.links == [(False, f"{bench.port.path} cannot be opened: No such file or directory")]
     assert not bench.link.write(b"not open")
-    await bench.until(lambda: bench.link._retry_s == 0.02)  # it was tried again
+    await bench.tried_again()
     bench.port.plug()
     await bench.until(lambda: len(bench.links) == 2)
     assert bench.links[1][0]
+
+
+@pytest.mark.parametrize("gone_s", [0.3, 2.0, 20.0])
+def test_however_long_a_port_was_gone_it_is_opened_a_quarter_of_a_second_after_it_is_back(
+    gone_s: float, tmp_path: Path
+) -> None:
+    bench = Bench(tmp_path / "board")
+
+    async def story() -> float:
+        loop = asyncio.get_running_loop()
+        bench.start()
+        await asyncio.sleep(gone_s)
+        bench.port.plug()
+        t_back_s = loop.time()
+        while len(bench.links) < 2:
+            await asyncio.sleep(0.005)
+        bench.link.close()
+        return loop.time() - t_back_s
+
+    assert in_virtual_time(story()) <= 0.26
+    bench.port.pull()
 
 
 @played
@@ -144,7 +169,7 @@ async def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Benc
     await bench.until(lambda: len(bench.links) == 2)
     assert not bench.links[1][0]
     assert bench.links[1][1].startswith(f"{bench.port.path} lost: ")
-    await bench.until(lambda: bench.link._retry_s == 0.02)
+    await bench.tried_again()
     assert len(bench.links) == 2
     bench.port.plug()
     await bench.until(lambda: len(bench.links) == 3)
@@ -159,7 +184,7 @@ async def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None
     bench.port.pull()
     assert not bench.link.write(b"too late")  # before the loop could see it
     assert [up for up, _ in bench.links] == [True, False]
-    await bench.until(lambda: bench.link._retry_s == 0.02)
+    await bench.tried_again()
     assert len(bench.links) == 2
 
 

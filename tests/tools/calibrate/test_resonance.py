@@ -113,10 +113,10 @@ def test_a_piece_that_the_board_ends_is_swept_again_but_not_for_ever(
 ) -> None:
     left = [SweepEndedError("ended")] * ended
 
-    async def stumbling(board: Conversation, plan: Sweep, *, show: bool) -> list[SweepPoint]:
+    async def stumbling(board: Conversation, plan: Sweep) -> list[SweepPoint]:
         if left:
             raise left.pop()
-        return await measured(board, plan, show=show)
+        return await measured(board, plan)
 
     measured = resonance.sweep.measured
     monkeypatch.setattr(resonance.sweep, "measured", stumbling)

@@ -225,6 +225,12 @@ def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.Mo
     assert "usermod -aG hapticd" in found.remedy
 
 
+def test_what_the_handshake_of_the_daemons_board_lacks_is_told(tmp_path: Path, reported: Any) -> None:
+    lacking = "not driven: it sends no STATUS: flash the firmware that came with this hapticd"
+    found = devices.firmware(system(tmp_path, reported | {"board": {"ready": False, "lacking": lacking}}))
+    assert (found.verdict, found.text) == (WARN, lacking)
+
+
 def test_a_daemon_of_another_version_is_a_warning(tmp_path: Path, reported: Any) -> None:
     found = service.daemon(system(tmp_path, reported, "0.0.9"))
     assert found.verdict == WARN

@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import os
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -59,6 +61,20 @@ def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tm
     assert drawn.read_bytes().startswith(b"\x89PNG")
     assert link.peak_v <= 15.0001
     assert not link.voltage_v.any()
+
+
+def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_ends(
+    link: Any, new_link: Any, type_in: TypeIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)  # as `| head` does
+    with os.fdopen(writing, "w") as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        with pytest.raises(BrokenPipeError):
+            type_in(link, *SWEEP)
+        assert not link.voltage_v.any()
+        type_in(new_link(), *SWEEP, "--save", str(tmp_path / "plate.toml"))
+    assert len(calibration.load(tmp_path / "plate.toml", 2)) == 1
 
 
 def test_a_sweep_as_json_holds_points_and_fit(link: Any, type_in: TypeIn) -> None:
