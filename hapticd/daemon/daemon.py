@@ -30,6 +30,7 @@ from ..io.host import cpu_latency as awake
 from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
 from ..io.host.systemd import Notifier
 from ..values import RawReport
+from ..wire import client as client_wire
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
 
@@ -98,6 +99,7 @@ class Daemon:
             on_message=self._message,
             on_request=self._request,
             on_listener=self._listener,
+            refusal_of_parts=client_wire.REFUSAL_OF_PARTS,
         )
         self._recorders = Recorders(self._machine, self._config.record, self.runtime_dir, _header)
         self._recorders.start(loop)

@@ -175,6 +175,9 @@ def encode_error(request_id: int, sentence: str) -> bytes:
     return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": False, "error": sentence}))
 
 
+REFUSAL_OF_PARTS = encode_error(UNREAD_REQUEST_ID, "A message has one part, this one has several.")
+
+
 def _request(fields: Fields, request_id: int) -> Request:
     _check_version(fields)
     op = fields.label("op")

@@ -26,7 +26,7 @@ def runtime_directory(environ: Mapping[str, str]) -> Path:
 
 
 def own_directory(path: Path) -> None:
-    """Create the directory if it is missing. Raises HapticdError if another user owns it or others may write to it.
+    """Create the directory if it is missing. Raises HapticdError if others own it or may write to it.
 
     A link is followed only if root or this user created it: systemd links a dynamic user's directory.
     """
@@ -45,8 +45,8 @@ def own_directory(path: Path) -> None:
         raise HapticdError(
             f"{path}: belongs to another user: remove it, or set HAPTICD_RUNTIME_DIR to your own directory."
         )
-    if status.st_mode & stat.S_IWOTH:
-        raise HapticdError(f"{path}: all users may write to it: run `chmod o-w` on it.")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise HapticdError(f"{path}: other users may write to it: run `chmod go-w` on it.")
 
 
 def endpoint_path(directory: Path, name: str) -> Path:
