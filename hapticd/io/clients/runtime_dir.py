@@ -32,11 +32,21 @@ def own_directory(path: Path) -> None:
     """
     try:
         path.mkdir(mode=0o750, exist_ok=True)
-        creator, status = path.lstat().st_uid, path.stat()
     except FileNotFoundError:
         raise HapticdError(
             f"{path.parent}: does not exist, so {path.name} cannot be created in it: create it first."
         ) from None
+    except OSError as error:
+        raise HapticdError(
+            f"{path}: cannot be used as runtime directory ({error.strerror}): set HAPTICD_RUNTIME_DIR."
+        ) from None
+    check_own(path)
+
+
+def check_own(path: Path) -> None:
+    """Raise HapticdError if others own the directory or may write to it: its sockets would be anybody's."""
+    try:
+        creator, status = path.lstat().st_uid, path.stat()
     except OSError as error:
         raise HapticdError(
             f"{path}: cannot be used as runtime directory ({error.strerror}): set HAPTICD_RUNTIME_DIR."

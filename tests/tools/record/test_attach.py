@@ -182,7 +182,7 @@ def test_a_machine_is_used_by_fingers_by_targets_and_by_a_board_tool() -> None:
     bench = Bench()
     bench.run(200)
     assert bench.machine.is_unused
-    bench.want({7: 1.0}, ttl_s=0.5)  # of a finger that is not there yet
+    bench.ask("set", client="test", ttl_s=0.5, virtuals=[{"name": "rests", "path_mm": [[0, 0]]}])  # moves nothing
     assert not bench.machine.is_unused
     bench.run(600)
     assert bench.machine.is_unused
