@@ -146,11 +146,13 @@ class Scene:
         from one, and the virtual fingers with a target, in the order in which they came."""
         held = self._held
         keys: list[Key] = []
+        held_down = 0
         for finger_id in finger_ids:
             mine = held.get(finger_id)
+            held_down += mine is not None
             if (mine is not None and mine.target is not None) or finger_id in released:
                 keys.append(finger_id)
-        if len(held) > len(keys):
+        if len(held) > held_down:  # virtual fingers, or fingers that have lifted
             for name, virtual, _ in self._walking():
                 if virtual.target is not None and t_ns < virtual.t_expires_ns:
                     keys.append(name)

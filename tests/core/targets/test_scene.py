@@ -296,3 +296,9 @@ def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not
     assert scene.virtuals(T0_NS) == ()
     edge = VirtualPath(((-68.75, 68.75), (68.75, -68.75)), 50.0, loop=True)
     assert scene.apply(wants("a", {"edge": SLIPPERY}, {"edge": edge}), T0_NS) == ()
+
+
+def test_a_virtual_finger_takes_part_beside_fingers_whose_targets_have_ended() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
+    assert scene.requested((1, 2), {1, 2}, T0_NS) == [1, 2, "ghost"]
