@@ -119,6 +119,11 @@ class Pipeline:
         return self._fingers.down
 
     @property
+    def newest_finger_id(self) -> int:
+        """The largest finger id so far; 0 before the first finger."""
+        return self._fingers.newest_id
+
+    @property
     def modal_um(self) -> tuple[complex, ...]:
         """The modal phasors at the first knot of the reference in force."""
         return self._active.knots[0].modal_um

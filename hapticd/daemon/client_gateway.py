@@ -24,6 +24,10 @@ MAX_MARKERS = 64  # in one state; more between two passes are dropped
 class Host(Protocol):
     """What the gateway needs of the machine."""
 
+    @property
+    def newest_finger_id(self) -> int:
+        """The largest finger id so far; 0 before the first finger."""
+
     def wake_if_resting(self, t_now_ns: int) -> None:
         """Arm a resting board: targets are in force."""
 
@@ -56,7 +60,8 @@ class ClientGateway:
         """Take a message of the targets socket; an error in it is counted and kept for `status`."""
         try:
             message = client_wire.decode_targets(payload)
-            refusals = self.want(message, t_now_ns) if self._is_newest(message, user, t_now_ns) else ()
+            is_newest = self._is_newest(message.client, user, message.stamp, message.ttl_ns, t_now_ns)
+            refusals = self._apply(message, t_now_ns) if is_newest else ()
         except RequestError as error:
             refusals = (str(error),)
         if refusals:
@@ -69,22 +74,37 @@ class ClientGateway:
         self._host.wake_if_resting(t_now_ns)
         return refusals
 
+    def _apply(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
+        """Apply targets that a socket received: only for fingers that are or were down.
+
+        Ids count up, so a client could otherwise own each finger before it touches.
+        """
+        newest = self._host.newest_finger_id
+        unseen = [key for key in message.targets if isinstance(key, int) and key > newest]
+        if unseen:
+            known = {key: target for key, target in message.targets.items() if key not in unseen}
+            message = replace(message, targets=known)
+        refusals = (f"finger {key} has not touched the plate: use an id from the newest state." for key in unseen)
+        return (*refusals, *self.want(message, t_now_ns))
+
     def request(self, payload: bytes, t_now_ns: int, user: str) -> bytes:
         """Return the answer to a message of the control socket."""
         return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
 
     def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
-        if isinstance(request.body, client_wire.Marker):
-            return self._mark(replace(request.body, t_ns=t_now_ns))
-        if request.body is not None and not self._is_newest(request.body, user, t_now_ns):
-            raise RequestError("A newer message of this client came before this one: nothing was changed.")
-        if isinstance(request.body, ClientTargets):
-            refusals = self.want(request.body, t_now_ns)
-            if refusals:
-                raise RequestError(" ".join(refusals))
-            return {}
-        if isinstance(request.body, client_wire.Release):
-            return {"released": self._release(request.body)}
+        match request.body:
+            case client_wire.Marker() as marker:
+                self._client_registry.is_newest(marker.client, user, None, 0, t_now_ns)
+                return self._mark(replace(marker, t_ns=t_now_ns))
+            case ClientTargets() as targets:
+                self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)
+                refusals = self._apply(targets, t_now_ns)
+                if refusals:
+                    raise RequestError(" ".join(refusals))
+                return {}
+            case client_wire.Release() as release:
+                self._require_newest(release.client, user, release.stamp, 0, t_now_ns)
+                return {"released": self._release(release)}
         if request.op == "clear_fault":
             self._host.clear_fault(t_now_ns)
             return {}
@@ -94,10 +114,13 @@ class ClientGateway:
             return self._host.describe_plate()
         return {"version": __version__, "instance": self._instance, **client_wire.CAPABILITIES}
 
-    def _is_newest(self, message: ClientTargets | client_wire.Release, user: str, t_now_ns: int) -> bool:
+    def _require_newest(self, client: str, user: str, stamp: int | None, ttl_ns: int, t_now_ns: int) -> None:
+        if not self._is_newest(client, user, stamp, ttl_ns, t_now_ns):
+            raise RequestError("A newer message of this client came before this one: nothing was changed.")
+
+    def _is_newest(self, client: str, user: str, stamp: int | None, ttl_ns: int, t_now_ns: int) -> bool:
         """Return False if a newer message of the client came first. Raises RequestError for another user's name."""
-        ttl_ns = message.ttl_ns if isinstance(message, ClientTargets) else 0
-        is_newest = self._client_registry.is_newest(message.client, user, message.stamp, ttl_ns, t_now_ns)
+        is_newest = self._client_registry.is_newest(client, user, stamp, ttl_ns, t_now_ns)
         self.overtaken += not is_newest
         return is_newest
 

@@ -30,6 +30,7 @@ from ..io.host import cpu_latency as awake
 from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
 from ..io.host.systemd import Notifier
 from ..values import RawReport
+from ..wire import client as client_wire
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
 
@@ -40,6 +41,7 @@ AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 SWEEP_EVERY_NS = 100_000_000  # sockets are read to their end at each wake-up; this covers a lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
+STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
 
 
 class Link(NamedTuple):
@@ -75,6 +77,7 @@ class Daemon:
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
         self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = 0
+        self._t_awake_ns: int | None = None
         self._logged_missed = 0
         self._machine: Machine | None = None
         self._pad_link: Link | None = None
@@ -98,6 +101,7 @@ class Daemon:
             on_message=self._message,
             on_request=self._request,
             on_listener=self._listener,
+            refusal_of_parts=client_wire.REFUSAL_OF_PARTS,
         )
         self._recorders = Recorders(self._machine, self._config.record, self.runtime_dir, _header)
         self._recorders.start(loop)
@@ -201,6 +205,7 @@ class Daemon:
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
+        self._notice_stall(now_ns())
         self._update_subscription()
         machine, t_begin_ns = self.machine, now_ns()
         t_written_ns = machine.reports(batch, t_begin_ns)
@@ -233,6 +238,7 @@ class Daemon:
         self._set_pace()
 
     def _on_timer(self, late_ns: int, missed: int) -> None:
+        self._notice_stall(now_ns())
         self._update_subscription()
         if self.machine.session.is_resting:
             self._link.read()
@@ -241,6 +247,16 @@ class Daemon:
         machine.timer(t_now_ns)
         self._set_pace()
         self._housekeep(t_now_ns)
+
+    def _notice_stall(self, t_now_ns: int) -> None:
+        """After a stall of this process read what the board has sent meanwhile, before its silence is judged."""
+        before_ns, self._t_awake_ns = self._t_awake_ns, t_now_ns
+        if before_ns is not None and t_now_ns - before_ns > STALL_NS:
+            stalled_s = (t_now_ns - before_ns) * 1e-9
+            log.warning(
+                "this process did not run for %.1f s: it was stopped, or the host was busy or asleep", stalled_s
+            )
+            self._link.read()
 
     def _housekeep(self, t_now_ns: int) -> None:
         """Do what is due besides the touch, after timer ticks or reports."""

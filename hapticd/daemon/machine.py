@@ -294,6 +294,11 @@ class Machine:
             self._observer("request", t_now_ns, payload, user)
         return self.clients.request(payload, t_now_ns, user)
 
+    @property
+    def newest_finger_id(self) -> int:
+        """The largest finger id so far; 0 before the first finger."""
+        return self.pipeline.newest_finger_id
+
     def wake_if_resting(self, t_now_ns: int) -> None:
         """Arm a board that rests: targets are in force."""
         if self.session.is_resting:

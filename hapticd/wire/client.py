@@ -18,7 +18,7 @@ import msgpack
 
 from ..errors import RequestError
 from ..values import ClientTargets
-from .fields import MAX_PAYLOAD_BYTES, Fields, unpack
+from .fields import MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
 from .targets import (
     MAX_MAP_SIDE,
     MAX_PATH_POINTS,
@@ -156,13 +156,12 @@ def decode_request(payload: bytes) -> Request:
 
 def answer(payload: bytes, handle: Callable[[Request], Mapping[str, object]]) -> bytes:
     """Return the reply to a control message: the result of `handle`, or the sentence of a RequestError."""
-    request_id = UNREAD_REQUEST_ID
     try:
-        fields = Fields(unpack(payload))
-        request_id = fields.whole("id", 1, MAX_REQUEST_ID)
-        return encode_reply(request_id, handle(_request(fields, request_id)))
+        request = decode_request(payload)
+        return encode_reply(request.id, handle(request))
     except RequestError as error:
-        return encode_error(request_id, str(error))
+        request_id = peek_whole(payload, "id") or UNREAD_REQUEST_ID
+        return encode_error(request_id if 0 < request_id <= MAX_REQUEST_ID else UNREAD_REQUEST_ID, str(error))
 
 
 def encode_reply(request_id: int, body: Mapping[str, object]) -> bytes:
@@ -173,6 +172,9 @@ def encode_reply(request_id: int, body: Mapping[str, object]) -> bytes:
 def encode_error(request_id: int, sentence: str) -> bytes:
     """Encode the reply to a refused request."""
     return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": False, "error": sentence}))
+
+
+REFUSAL_OF_PARTS = encode_error(UNREAD_REQUEST_ID, "A message has one part, this one has several.")
 
 
 def _request(fields: Fields, request_id: int) -> Request:
@@ -187,6 +189,8 @@ def _request(fields: Fields, request_id: int) -> Request:
         body = _release(Fields(fields.take("body"), "body"))
     elif op == "marker":
         body = _marker(Fields(fields.take("body"), "body"))
+    elif "body" in fields:
+        Fields(fields.take("body"), "body").end()
     fields.end()
     return Request(op, request_id, body)
 

@@ -17,6 +17,14 @@ MAX_ENTRIES = 64  # of a list or a map: a path's points are the longest list
 MAX_TEXT_BYTES = 128  # 32 characters of four bytes
 MAX_BINARY_BYTES = 128 * 128  # an amplitude map
 
+_LIMITS = {
+    "max_str_len": MAX_TEXT_BYTES,
+    "max_bin_len": MAX_BINARY_BYTES,
+    "max_array_len": MAX_ENTRIES,
+    "max_map_len": MAX_ENTRIES,
+    "max_ext_len": 0,
+}
+
 _KINDS = {dict: "a map", list: "a list", str: "a text", bytes: "bytes", bool: "a truth value", int: "a whole number"}
 _KINDS |= {float: "a number", type(None): "nil"}
 
@@ -31,17 +39,28 @@ def unpack(payload: bytes) -> object:
             raw=False,
             strict_map_key=True,
             object_pairs_hook=_distinct,
-            max_str_len=MAX_TEXT_BYTES,
-            max_bin_len=MAX_BINARY_BYTES,
-            max_array_len=MAX_ENTRIES,
-            max_map_len=MAX_ENTRIES,
-            max_ext_len=0,
+            **_LIMITS,
         )
     except RequestError:
         raise
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
         reason = str(error).rstrip(".") or type(error).__name__
         raise RequestError(f"The message ({len(payload)} bytes) is not valid MessagePack: {reason}.") from None
+
+
+def peek_whole(payload: bytes, name: str) -> int | None:
+    """Return a whole number of a message that `unpack` refuses, so that its sender can be told; None without one."""
+    unpacker = msgpack.Unpacker(raw=False, strict_map_key=True, max_buffer_size=MAX_PAYLOAD_BYTES, **_LIMITS)
+    try:
+        unpacker.feed(payload)
+        for _ in range(unpacker.read_map_header()):
+            if unpacker.unpack() == name:
+                value = unpacker.unpack()
+                return value if type(value) is int else None
+            unpacker.skip()
+    except (ValueError, TypeError, RecursionError, msgpack.UnpackException):
+        pass
+    return None
 
 
 def _distinct(pairs: list[tuple[object, object]]) -> dict[object, object]:

@@ -19,7 +19,7 @@ from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.io.clients import senders, server, sockets
 from hapticd.wire import client as wire
-from hapticd_client import Grating, HapticdError, Map, RefusedError, messages, target_set
+from hapticd_client import Grating, HapticdError, Map, RefusedError, endpoint, messages, target_set
 from hapticd_client.endpoint import default_directory, directory
 from hapticd_client.targets import label, number, path_fields, target_fields
 
@@ -266,3 +266,33 @@ def test_the_daemon_is_found_where_its_sockets_are(tmp_path: Path) -> None:
         assert default_directory(environ) == mine
     assert default_directory(environ | {"HAPTICD_RUNTIME_DIR": "/there"}) == Path("/there")
     assert default_directory({}) in (Path(f"/tmp/hapticd-{os.getuid()}"), Path("/run/hapticd"))
+
+
+def test_a_directory_in_tmp_that_others_may_have_made_is_not_trusted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(endpoint, "TEMPORARY", tmp_path)
+    monkeypatch.setattr(endpoint, "SYSTEM_DIRECTORY", tmp_path / "system")
+    mine = tmp_path / f"hapticd-{os.getuid()}"
+    for place in (mine, tmp_path / "system"):
+        place.mkdir(mode=0o755)
+    with socket.socket(socket.AF_UNIX) as own, socket.socket(socket.AF_UNIX) as systems:
+        own.bind(str(mine / "control"))
+        assert default_directory({}) == mine
+        for mode in (0o777, 0o775):
+            mine.chmod(mode)
+            with pytest.raises(HapticdError, match="a daemon there is not trusted: remove it"):
+                default_directory({})
+        mine.rename(tmp_path / "elsewhere").chmod(0o755)
+        mine.symlink_to(tmp_path / "elsewhere")
+        with pytest.raises(HapticdError, match="not trusted"):
+            default_directory({})
+        systems.bind(str(tmp_path / "system" / "control"))
+        assert default_directory({}) == tmp_path / "system"
+
+
+def test_what_a_daemon_says_cannot_command_the_terminal() -> None:
+    reply = msgpack.packb({"v": 1, "id": 1, "ok": False, "error": "no \x1b]0;owned\x07 \x1b[2J µ"})
+    with pytest.raises(RefusedError) as raised:
+        messages.read_reply(reply, 1)
+    assert str(raised.value) == r"no \x1b]0;owned\x07 \x1b[2J µ"

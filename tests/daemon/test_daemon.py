@@ -276,6 +276,30 @@ def test_each_batch_of_reports_is_timed_from_its_reading(hardware: Hardware) -> 
     asyncio.run(story())
 
 
+def test_after_a_stall_of_the_process_the_log_names_it_and_the_board_is_read_before_it_is_judged(
+    hardware: Hardware, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def story() -> None:
+        service = hardware.daemon()
+        service.start(asyncio.get_running_loop(), MODES)
+        await until(lambda: service._t_awake_ns is not None)
+        calls: list[str] = []
+        monkeypatch.setattr(service.machine, "timer", lambda _: calls.append("judged"))
+        monkeypatch.setattr(service.machine, "board_bytes", lambda *_: calls.append("read"))
+        os.write(hardware.master, b"a status of the meantime")
+        assert service._t_awake_ns is not None
+        service._t_awake_ns -= 2_000_000_000  # as after SIGSTOP and SIGCONT
+        service._on_timer(0, 0)
+        assert calls == ["read", "judged"]
+        service._on_timer(0, 0)
+        monkeypatch.undo()
+        await service.stop()
+
+    asyncio.run(story())
+    warnings = [record.getMessage() for record in caplog.records if "did not run" in record.getMessage()]
+    assert warnings == ["this process did not run for 2.0 s: it was stopped, or the host was busy or asleep"]
+
+
 def test_a_second_daemon_is_refused_in_its_own_words_and_opens_no_device(hardware: Hardware) -> None:
     async def story() -> None:
         first, second = hardware.daemon(), hardware.daemon()

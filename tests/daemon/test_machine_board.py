@@ -180,7 +180,7 @@ def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anyth
 
 def test_a_board_at_rest_is_armed_by_the_message_that_wants_something() -> None:
     bench = rested(Bench())
-    bench.want({7: 1.0})
+    bench.ask("set", client="test", ttl_s=5.0, virtuals=[{"name": "rests", "path_mm": [[0, 0]]}])
     assert not bench.machine.session.is_resting
     assert bench.board.state == LIVE
     bench.run(300)

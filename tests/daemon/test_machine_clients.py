@@ -40,6 +40,8 @@ def held(*, is_running: bool = False) -> Bench:
     bench = Bench(SLIPPERY, STICKY)
     if is_running:
         bench.run(400)
+    while len(bench.machine.pipeline.fingers) < 2:
+        bench.run(10)
     items = [{"finger": 1, "amplitude_um": 1.0}, {"finger": 2, "amplitude_um": 0.0}]
     message = {"v": 1, "client": "study", "ttl_s": 5.0, "stamp": 100, "targets": items}
     bench.machine.targets(msgpack.packb(message), bench.t_ns, VICTIM)
@@ -100,6 +102,33 @@ def test_a_name_in_use_is_refused_to_another_user_with_a_sentence() -> None:
     assert "in use by uid 1000: choose another" in ask(bench, ATTACKER, "release", client="study")["error"]
     bench.machine.targets(msgpack.packb({"v": 1, "client": "study"}), bench.t_ns, ATTACKER)
     assert "in use by uid 1000" in bench.machine.clients.last_refusal
+
+
+def test_a_marker_under_another_users_name_is_refused_and_one_under_a_free_name_takes_it() -> None:
+    bench = held()
+    refused = ask(bench, ATTACKER, "marker", client="study", text="trial 7 begins")
+    assert refused["error"] == "The client name 'study' is in use by uid 1000: choose another."
+    assert bench.machine.clients.markers == []
+    assert ask(bench, VICTIM, "marker", client="study", text="trial 7 begins")["ok"]
+    assert ask(bench, VICTIM, "marker", client="notes", text="a dog barks")["ok"]
+    assert "in use by uid 1000" in ask(bench, ATTACKER, "marker", client="notes", text="trial 8 begins")["error"]
+
+
+def test_a_finger_that_has_not_touched_yet_can_be_held_by_nobody() -> None:
+    bench = held()
+    future = [{"finger": finger, "amplitude_um": 0.0} for finger in range(3, 19)]
+    bench.machine.targets(msgpack.packb({"v": 1, "client": "greedy", "targets": future}), bench.t_ns, ATTACKER)
+    assert bench.machine.clients.last_refusal == "finger 3 has not touched the plate: use an id from the newest state."
+    reply = ask(bench, ATTACKER, "set", client="greedy", targets=[{"finger": 77, "amplitude_um": 1.0}])
+    assert reply["error"] == "finger 77 has not touched the plate: use an id from the newest state."
+    assert [bench.machine.scene.owner_of(finger) for finger in (3, 18, 77)] == [None] * 3
+
+
+def test_a_finger_that_has_lifted_may_stay_in_a_message_with_others() -> None:
+    bench = held()
+    bench.machine.trackpad_link(False, "unplugged", bench.t_ns)
+    items = [{"finger": 1, "amplitude_um": 1.0}]
+    assert ask(bench, VICTIM, "set", client="study", targets=items)["ok"]
 
 
 @pytest.mark.parametrize("op", ["set", "release"])

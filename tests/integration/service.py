@@ -135,9 +135,12 @@ class Bench:
         self._running.append(process)
         return process
 
-    def close(self) -> None:
+    def close_clients(self) -> None:
         for client in self._clients:
             client.close()
+
+    def close(self) -> None:
+        self.close_clients()
         for process in reversed(self._running):
             if process.poll() is None:
                 process.kill()

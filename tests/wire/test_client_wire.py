@@ -407,3 +407,35 @@ def test_what_cannot_be_a_stamp_is_refused_by_name(stamp: object) -> None:
 
 def test_the_stamp_is_announced_so_that_clients_know_whether_to_send_one() -> None:
     assert "stamp" in client.CAPABILITIES["optional"]  # type: ignore[operator]
+
+
+# --- what an outsider tried --------------------------------------------------------------------------------------
+
+
+def replied(**request: object) -> dict[str, Any]:
+    reply = msgpack.unpackb(client.answer(msgpack.packb({"v": 1, **request}), lambda request: {"op": request.op}))
+    assert isinstance(reply, dict)
+    return reply
+
+
+@pytest.mark.parametrize("op", ["hello", "capabilities", "status", "plate", "clear_fault"])
+def test_a_request_without_fields_may_have_an_empty_body(op: str) -> None:
+    assert replied(id=5, op=op, body={})["body"] == {"op": op}
+    assert replied(id=5, op=op)["ok"]
+    assert (
+        replied(id=5, op=op, body={"client": "a"})["error"] == "'body.client': unknown field, see clients/PROTOCOL.md."
+    )
+    assert replied(id=5, op=op, body=7)["error"] == "body: must be a map, not a whole number."
+
+
+@pytest.mark.parametrize("body", ["x" * 10_000, {"client": "x" * 200}, [0] * 200, b"x" * 60_000])
+def test_the_refusal_of_a_field_that_is_too_long_has_the_request_s_id(body: object) -> None:
+    first = replied(id=77, op="set", body=body)
+    last = msgpack.unpackb(client.answer(msgpack.packb({"v": 1, "op": "set", "body": body, "id": 77}), lambda _: {}))
+    assert [first["id"], last["id"]] == [77, 77]
+    assert not first["ok"]
+
+
+@pytest.mark.parametrize("request_id", [0, -1, 2**32, 1.0, "7", None])
+def test_the_refusal_of_an_id_that_is_none_has_the_id_0(request_id: object) -> None:
+    assert replied(id=request_id, op="hello")["id"] == 0

@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, SupportsIndex
 
 import zmq
 
@@ -237,7 +237,11 @@ class Client:
 
 def _key(finger: FingerState | Key) -> Key:
     key = finger.id if isinstance(finger, FingerState) else finger
-    return label("finger", key) if isinstance(key, str) else int(number("finger", key, 1, 2**32 - 1))
+    if isinstance(key, str):
+        return label("finger", key)
+    if isinstance(key, bool) or not isinstance(key, SupportsIndex):
+        raise RefusedError(f"finger: must be one of fingers(), its id or a name, not {repr(key)[:40]}.")
+    return int(number("finger", key.__index__(), 1, 2**32 - 1))
 
 
 def _generated_name() -> str:
@@ -249,7 +253,7 @@ def _hello(control: Control, timeout_s: float) -> dict[str, Any]:
     hello = control.request("hello", timeout_s=timeout_s)
     if hello.get("protocol") != PROTOCOL_VERSION:
         raise HapticdError(
-            f"The daemon has protocol version {hello.get('protocol')}, this library {PROTOCOL_VERSION}: "
+            f"The daemon has protocol version {hello.get('protocol')!r}, this library {PROTOCOL_VERSION}: "
             "install the hapticd-client of the daemon's version."
         )
     return hello

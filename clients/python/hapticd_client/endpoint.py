@@ -14,6 +14,7 @@ from zmq.utils import z85
 
 from .errors import HapticdError
 
+TEMPORARY = Path("/tmp")
 SYSTEM_DIRECTORY = Path("/run/hapticd")  # of the system service
 ENDPOINTS = ("targets", "control", "telemetry")  # sockets in the directory, and TCP ports in this order
 
@@ -75,7 +76,10 @@ def find(
 
 
 def default_directory(environ: Mapping[str, str]) -> Path:
-    """Return $HAPTICD_RUNTIME_DIR, else the first directory with sockets, this user's before the system's."""
+    """Return $HAPTICD_RUNTIME_DIR, else the first directory with sockets, this user's before the system's.
+
+    Raises HapticdError if the only one is in /tmp and not this user's alone: anybody may have put a daemon there.
+    """
     if environ.get("HAPTICD_RUNTIME_DIR"):
         return Path(environ["HAPTICD_RUNTIME_DIR"]).absolute()
     candidates = []
@@ -83,8 +87,24 @@ def default_directory(environ: Mapping[str, str]) -> Path:
         candidates.append(Path(environ["RUNTIME_DIRECTORY"].split(":")[0]))
     if environ.get("XDG_RUNTIME_DIR"):
         candidates.append(Path(environ["XDG_RUNTIME_DIR"], "hapticd"))
-    candidates += [Path(f"/tmp/hapticd-{os.getuid()}"), SYSTEM_DIRECTORY]
-    return next((path for path in candidates if _has_socket(path)), candidates[0])
+    temporary = TEMPORARY / f"hapticd-{os.getuid()}"
+    candidates += [temporary, SYSTEM_DIRECTORY]
+    found = [path for path in candidates if _has_socket(path)]
+    if temporary in found and not _is_own(temporary):
+        found.remove(temporary)
+        if not found:
+            raise HapticdError(
+                f"{temporary}: other users may have made it, so a daemon there is not trusted: remove it, or set "
+                "HAPTICD_RUNTIME_DIR."
+            )
+    return found[0] if found else candidates[0]
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether the directory is no link, is this user's, and others may not write to it."""
+    status = path.lstat()
+    is_directory = stat.S_ISDIR(status.st_mode)
+    return is_directory and status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def directory(endpoint: str | os.PathLike[str] | None, environ: Mapping[str, str]) -> Path:

@@ -93,7 +93,12 @@ def read_reply(payload: bytes, request_id: int) -> dict[str, Any] | None:
     if reply.get("ok") is True:
         body = reply.get("body")
         return dict(body) if isinstance(body, dict) else {}
-    raise RefusedError(str(reply.get("error", "The daemon refused the request and gave no reason.")))
+    raise RefusedError(_printable(str(reply.get("error", "The daemon refused the request and gave no reason."))))
+
+
+def _printable(text: str) -> str:
+    """Escape what a terminal would obey."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def decode_state(payload: bytes) -> PlateState:
@@ -101,7 +106,7 @@ def decode_state(payload: bytes) -> PlateState:
     fields = _unpacked(payload)
     if fields.get("v") != PROTOCOL_VERSION:
         raise HapticdError(
-            f"The daemon's states have protocol version {fields.get('v')}, this library {PROTOCOL_VERSION}: "
+            f"The daemon's states have protocol version {fields.get('v')!r}, this library {PROTOCOL_VERSION}: "
             "install the hapticd-client of the daemon's version."
         )
     try:

@@ -22,6 +22,7 @@ MAX_PATH_POINTS = 64
 MAX_POSITION_MM = 1000.0
 MAX_SPEED_MM_S = 2000.0
 MIN_TTL_S, MAX_TTL_S = 0.02, 5.0
+NOT_ROWS = "must have rows of numbers, such as a two-dimensional array."
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,10 @@ class Map:
 
         Raises RefusedError for NaN and values out of bounds.
         """
-        rows = [[number("map", float(value), 0.0, MAX_AMPLITUDE_UM) for value in row] for row in rows_um]
+        try:
+            rows = [[number("map", value, 0.0, MAX_AMPLITUDE_UM) for value in row] for row in rows_um]
+        except TypeError:
+            raise RefusedError(f"map: {NOT_ROWS}") from None
         low_um = min((min(row, default=math.inf) for row in rows), default=math.inf)
         high_um = max((max(row, default=-math.inf) for row in rows), default=-math.inf)
         if not low_um <= high_um:
@@ -106,11 +110,15 @@ class Map:
 
     def fields(self) -> Fields:
         """Return the fields of the message. Raises RefusedError."""
-        rows = list(self.rows)
-        height, width = len(rows), len(rows[0]) if rows else 0
+        try:
+            rows = list(self.rows)
+            height, width = len(rows), len(rows[0]) if rows else 0
+            has_one_width = all(len(row) == width for row in rows)
+        except TypeError:
+            raise RefusedError(f"map: {NOT_ROWS}") from None
         if not (1 <= width <= MAX_MAP_SIDE and 1 <= height <= MAX_MAP_SIDE):
             raise RefusedError(f"map: {width} x {height} pixels, each side must have 1 .. {MAX_MAP_SIDE}.")
-        if any(len(row) != width for row in rows):
+        if not has_one_width:
             raise RefusedError("map: all rows must have the same length.")
         try:
             levels = bytes(level for row in rows for level in row)
@@ -134,6 +142,9 @@ def target_fields(
         given["friction"] = number("friction", friction, 0.0, 1.0)
     if amplitude_um is not None:
         given["amplitude_um"] = number("amplitude_um", amplitude_um, 0.0, MAX_AMPLITUDE_UM)
+    for name, value, kind in (("grating", grating, Grating), ("map", image, Map)):
+        if value is not None and not isinstance(value, kind):
+            raise RefusedError(f"{name}: must be a {kind.__name__}, not {_shown(value)}.")
     if grating is not None:
         given["grating"] = grating.fields()
     if image is not None:
@@ -145,7 +156,10 @@ def target_fields(
 
 def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: bool) -> Fields:
     """Return the fields of a virtual finger's path. Raises RefusedError."""
-    points = [[number("position", value, -MAX_POSITION_MM, MAX_POSITION_MM) for value in point] for point in points_mm]
+    try:
+        points = [[number("position", value, -MAX_POSITION_MM, MAX_POSITION_MM) for value in one] for one in points_mm]
+    except TypeError:
+        raise RefusedError("path: a point has two numbers, x and y.") from None
     if not 1 <= len(points) <= MAX_PATH_POINTS:
         raise RefusedError(f"path: has {len(points)} points, it must have 1 .. {MAX_PATH_POINTS}.")
     if any(len(point) != 2 for point in points):
@@ -154,15 +168,25 @@ def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: b
     return {"path_mm": points, "speed_mm_s": speed, "loop": bool(loop)}
 
 
-def number(name: str, value: float, low: float, high: float) -> float:
+def number(name: str, value: object, low: float, high: float) -> float:
     """Validate a number within low .. high; NaN is refused."""
-    if low <= value <= high:
-        return float(value)
-    raise RefusedError(f"{name}: {value:g} is out of bounds, it must be {low:g} .. {high:g}.")
+    try:
+        given = math.nan if isinstance(value, str) else float(value)  # type: ignore[arg-type]
+    except TypeError:
+        given = math.nan
+    if math.isnan(given) and not isinstance(value, float):
+        raise RefusedError(f"{name}: must be a number, not {_shown(value)}.")
+    if low <= given <= high:
+        return given
+    raise RefusedError(f"{name}: {given:g} is out of bounds, it must be {low:g} .. {high:g}.")
 
 
-def label(name: str, value: str) -> str:
+def label(name: str, value: object) -> str:
     """Validate a name of 1 .. 32 printable characters."""
-    if 1 <= len(value) <= 32 and value.isprintable():
+    if isinstance(value, str) and 1 <= len(value) <= 32 and value.isprintable():
         return value
     raise RefusedError(f"{name}: must have 1 .. 32 printable characters.")
+
+
+def _shown(value: object) -> str:
+    return repr(value)[:40]

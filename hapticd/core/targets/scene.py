@@ -146,11 +146,13 @@ class Scene:
         from one, and the virtual fingers with a target, in the order in which they came."""
         held = self._held
         keys: list[Key] = []
+        held_down = 0
         for finger_id in finger_ids:
             mine = held.get(finger_id)
+            held_down += mine is not None
             if (mine is not None and mine.target is not None) or finger_id in released:
                 keys.append(finger_id)
-        if len(held) > len(keys):
+        if len(held) > held_down:  # virtual fingers, or fingers that have lifted
             for name, virtual, _ in self._walking():
                 if virtual.target is not None and t_ns < virtual.t_expires_ns:
                     keys.append(name)
@@ -171,9 +173,19 @@ class Scene:
             return f"{_spoken(key)} is held by {owner!r}: wait until that client releases it."
         if isinstance(key, str) and key not in message.virtuals:
             return f"{_spoken(key)} has a target but no path: send its path in the same message."
+        if isinstance(key, str) and not self._is_on_plate(message.virtuals[key]):
+            width_mm, depth_mm = self._plate_size_mm
+            return (
+                f"{_spoken(key)} leaves the plate: its path must lie within ±{0.5 * width_mm:g} mm in x and "
+                f"±{0.5 * depth_mm:g} mm in y."
+            )
         if isinstance(key, str) and room <= 0:
             return f"{_spoken(key)} is one too many: the plate serves {MAX_VIRTUALS} virtual fingers at once."
         return self._refusal_of_target(key, message.targets.get(key))
+
+    def _is_on_plate(self, path: VirtualPath) -> bool:
+        width_mm, depth_mm = self._plate_size_mm
+        return all(abs(x_mm) <= 0.5 * width_mm and abs(y_mm) <= 0.5 * depth_mm for x_mm, y_mm in path.points_mm)
 
     def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
         if target is None or isinstance(target, FrictionTarget):

@@ -50,6 +50,11 @@ class Fingers:
         self._t_read_ns = 0
         self._old_in_a_row = 0
 
+    @property
+    def newest_id(self) -> int:
+        """The largest finger id so far; 0 before the first finger."""
+        return self._tracker.newest_id
+
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         if frame.t_ns == self._t_stamp_ns:

@@ -85,6 +85,11 @@ class Tracker:
         self._tracks: dict[int, _Track] = {}  # by contact id, in the order of finger ids
         self._unreported: tuple[int, ...] = ()
 
+    @property
+    def newest_id(self) -> int:
+        """The largest finger id so far; 0 before the first finger."""
+        return self._next_id - 1
+
     def reset(self) -> None:
         """Lift every finger (the next frame reports it) and accept any time next: the trackpad is gone."""
         self._unreported += tuple(track.finger_id for track in self._tracks.values())

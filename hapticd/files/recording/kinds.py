@@ -201,7 +201,8 @@ def _kind(topic: str, form: dict[str, Form | Maybe], flatten: Callable[..., Fiel
 
 
 _TRUE_FINGER: dict[str, Form | Maybe] = {
-    "finger": WHOLE,
+    "finger": WHOLE,  # number of the simulated path
+    "finger_id": Maybe(WHOLE),  # as in a pass, once one has seen it
     "x_mm": NUMBER,
     "y_mm": NUMBER,
     "target_um": Maybe(NUMBER),

@@ -15,13 +15,15 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
-from .runtime_dir import endpoint_path, masked
-from .sockets import MAX_SUBSCRIPTION_BYTES, SOCKET_UMASK
+from .gate import Door, Gate, bind_inner, inner_path, local_listener
+from .runtime_dir import endpoint_path
+from .sockets import HANDSHAKE_MS, MAX_SUBSCRIPTION_BYTES
 
 NAME = "record"
 NOW = b""
 WHOLE = b"record"
 WAITS = b"waits"
+TOPICS = frozenset({NOW, WHOLE, WAITS})
 SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
@@ -35,6 +37,7 @@ class RecordSocket:
         self._path = directory / NAME
         self._directory = directory
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
+        self._gate: Gate | None = None
         self._subscribed: frozenset[bytes] = frozenset()
 
     def start(self, loop: asyncio.AbstractEventLoop, on_recorder: Callable[[bytes, bool], None]) -> None:
@@ -49,11 +52,17 @@ class RecordSocket:
         self._socket.linger = LINGER_MS
         self._socket.sndhwm = SEND_HIGH_WATER
         self._socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES
+        self._socket.handshake_ivl = HANDSHAKE_MS
         self._socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # the second recorder needs a header, too
+        self._gate = Gate(loop)
+        path = endpoint_path(self._directory, NAME)
         try:
-            with masked(SOCKET_UMASK):
-                self._socket.bind(f"ipc://{endpoint_path(self._directory, NAME)}")
-        except zmq.ZMQError as error:
+            bind_inner(self._socket, inner_path(path))
+            self._gate.open(Door(local_listener(path), inner_path(path), TOPICS))
+        except HapticdError:
+            self.close()
+            raise
+        except (zmq.ZMQError, OSError) as error:
             self.close()
             raise HapticdError(f"{self._path}: recorders cannot be served here ({error.strerror}).") from None
         loop.add_reader(self._socket.FD, self._on_readable)
@@ -108,4 +117,5 @@ class RecordSocket:
         self._socket.close()
         self._context.term()
         self._context = None
-        self._path.unlink(missing_ok=True)
+        if self._gate is not None:
+            self._gate.close()

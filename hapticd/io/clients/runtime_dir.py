@@ -26,13 +26,12 @@ def runtime_directory(environ: Mapping[str, str]) -> Path:
 
 
 def own_directory(path: Path) -> None:
-    """Create the directory if it is missing. Raises HapticdError if another user owns it or others may write to it.
+    """Create the directory if it is missing. Raises HapticdError if others own it or may write to it.
 
     A link is followed only if root or this user created it: systemd links a dynamic user's directory.
     """
     try:
         path.mkdir(mode=0o750, exist_ok=True)
-        creator, status = path.lstat().st_uid, path.stat()
     except FileNotFoundError:
         raise HapticdError(
             f"{path.parent}: does not exist, so {path.name} cannot be created in it: create it first."
@@ -41,12 +40,23 @@ def own_directory(path: Path) -> None:
         raise HapticdError(
             f"{path}: cannot be used as runtime directory ({error.strerror}): set HAPTICD_RUNTIME_DIR."
         ) from None
+    check_own(path)
+
+
+def check_own(path: Path) -> None:
+    """Raise HapticdError if others own the directory or may write to it: its sockets would be anybody's."""
+    try:
+        creator, status = path.lstat().st_uid, path.stat()
+    except OSError as error:
+        raise HapticdError(
+            f"{path}: cannot be used as runtime directory ({error.strerror}): set HAPTICD_RUNTIME_DIR."
+        ) from None
     if status.st_uid != os.geteuid() or creator not in (0, os.geteuid()):
         raise HapticdError(
             f"{path}: belongs to another user: remove it, or set HAPTICD_RUNTIME_DIR to your own directory."
         )
-    if status.st_mode & stat.S_IWOTH:
-        raise HapticdError(f"{path}: all users may write to it: run `chmod o-w` on it.")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise HapticdError(f"{path}: other users may write to it: run `chmod go-w` on it.")
 
 
 def endpoint_path(directory: Path, name: str) -> Path:

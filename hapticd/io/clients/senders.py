@@ -13,11 +13,13 @@ from typing import Generic, TypeVar
 
 import zmq
 
+from .zmtp import PEER_PROPERTY
+
 RATE_HZ = 500.0  # messages of one sender on one socket; the plate is updated 90 times a second
 BURST = 100  # messages at once after a pause
 MAX_SENDERS = 64  # tracked; the one idle longest is dropped first
 
-_IPC_PEER = re.compile(r"[^:]*:(\d+):\d+:(-?\d+)")  # libzmq's "host:uid:gid:pid", from SO_PEERCRED
+_LOCAL_PEER = re.compile(r"(\d+):(-?\d+):(\d+)")  # UID:PID:CONNECTION, which the gate adds
 _UNKNOWN_USER = "an unknown user"
 
 Message = TypeVar("Message")
@@ -25,26 +27,29 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True, slots=True)
 class Sender:
-    """`user` owns the targets of the message; messages of one `source` share one rate limit."""
+    """`user` owns the targets of the message; messages of one `source` share one rate limit.
+
+    `connection` is the gate's number of a local connection.
+    """
 
     user: str
     source: str
+    connection: int | None = None
 
 
 def sender_of(frame: zmq.Frame, key_names: Mapping[str, str]) -> Sender:
     """Return the sender of a received frame; `key_names` maps the allowed public keys (Z85) to names.
 
-    The kernel's credentials take precedence: on ipc no authenticator runs, and a client may set a User-Id in the
-    handshake. On TCP libzmq keeps the User-Id that the authenticator assigned.
+    Over TCP libzmq keeps the User-Id that the authenticator assigned, so it takes precedence: such a client may claim a
+    local identity. A local client cannot claim a User-Id, for the gate removes it.
     """
-    address = _property(frame, "Peer-Address")
-    local = _IPC_PEER.fullmatch(address)
-    if local is not None:
-        return Sender(f"uid {local[1]}", f"process {local[2]} of uid {local[1]}")
-    name = key_names.get(_property(frame, "User-Id"))
-    if name is None:
+    key = _property(frame, "User-Id")
+    name, local = key_names.get(key), _LOCAL_PEER.fullmatch(_property(frame, PEER_PROPERTY))
+    if name is not None:
+        return Sender(f"key {name}", f"key {name}")
+    if key or local is None:
         return Sender(_UNKNOWN_USER, _UNKNOWN_USER)
-    return Sender(f"key {name}", f"key {name}")
+    return Sender(f"uid {local[1]}", f"process {local[2]} of uid {local[1]}", int(local[3]))
 
 
 def _property(frame: zmq.Frame, name: str) -> str:

@@ -24,9 +24,10 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
+from .gate import CAUSES, Gate
 from .runtime_dir import endpoint_path, locked, own_directory, runtime_directory
 from .senders import RateLimiter, Sender, sender_of
-from .sockets import ENDPOINTS, MAX_MESSAGE_BYTES, AllowList, Remote, Socket, Sockets, bound
+from .sockets import ENDPOINTS, MAX_MESSAGE_BYTES, AllowList, Remote, Socket, Sockets, bound, open_doors
 
 __all__ = ["MAX_MESSAGE_BYTES", "ClientServer", "runtime_directory"]
 
@@ -49,9 +50,11 @@ class _Service:
 
     loop: asyncio.AbstractEventLoop
     sockets: Sockets
+    gate: Gate
     on_message: Callable[[bytes, str], None]
     on_request: Callable[[bytes, str], bytes]
     on_listener: Callable[[], None]
+    refusal_of_parts: bytes
 
 
 class ClientServer:
@@ -78,34 +81,41 @@ class ClientServer:
         on_message: Callable[[bytes, str], None],
         on_request: Callable[[bytes, str], bytes],
         on_listener: Callable[[], None] = lambda: None,
+        refusal_of_parts: bytes = b"",
     ) -> None:
         """Lock the directory, bind, and serve on `loop`. Raises AlreadyRunningError, or HapticdError for the directory.
 
         `on_message` receives each payload of `targets` and its user, `on_request` answers each payload of `control`,
-        `on_listener` is called at the first telemetry subscription. All are called on the loop and must not raise. With
-        `remote`, call it on the running loop.
+        `on_listener` is called at the first telemetry subscription. All are called on the loop and must not raise.
+        `refusal_of_parts` answers a request in several parts. With `remote`, call it on the running loop.
         """
         own_directory(self._directory)
         paths = [endpoint_path(self._directory, name) for name in ENDPOINTS]
         self._lock_fd = locked(self._directory / "lock")
+        gate = Gate(loop)
         try:
             sockets = bound(paths, self._remote, self._allow_list)
-        except zmq.ZMQError as error:
+            self._service = _Service(loop, sockets, gate, on_message, on_request, on_listener, refusal_of_parts)
+            open_doors(gate, paths, self._remote)
+        except (zmq.ZMQError, OSError) as error:
             self.close()
             where = self._directory if self._remote is None else f"{self._directory}, TCP port {self._remote.port}"
             raise HapticdError(f"{where}: clients cannot be served here ({error.strerror}).") from None
-        self._service = _Service(loop, sockets, on_message, on_request, on_listener)
+        except HapticdError:
+            self.close()
+            raise
         for socket in sockets.all:
             loop.add_reader(socket.FD, self._on_edge)
         self.sweep()  # an edge before add_reader would be missed
 
     @property
     def counters(self) -> dict[str, int]:
-        """Dropped messages by reason: rate limit, wrong number of parts, key not allowed."""
+        """Dropped messages and connections by reason: rate limit, number of parts, key not allowed, and the gate's."""
         return {
             "too_fast": self._messages.lost + self._requests.lost,
             "misshapen": self.misshapen,
             "denied": 0 if self._allow_list is None else self._allow_list.denied,
+            **(dict.fromkeys(CAUSES, 0) if self._service is None else self._service.gate.counters),
         }
 
     @property
@@ -144,9 +154,8 @@ class ClientServer:
             for socket in self._service.sockets.all:
                 self._service.loop.remove_reader(socket.FD)
             self._service.sockets.close()
+            self._service.gate.close()
             self._service = None
-            for name in ENDPOINTS:  # ZeroMQ leaves its files; while the lock is held they belong to this daemon
-                (self._directory / name).unlink(missing_ok=True)
         self._is_subscribed = False
         if self._lock_fd is not None:
             os.close(self._lock_fd)
@@ -169,7 +178,7 @@ class ClientServer:
         def handle(sender: Sender, parts: Parts) -> None:
             service.on_message(parts[0], sender.user)
 
-        return self._read(service.loop, service.sockets.targets, self._messages, (1,), handle)
+        return self._read(service, service.sockets.targets, self._messages, (1,), handle)
 
     def _read_requests(self, service: _Service) -> bool:
         socket = service.sockets.control
@@ -177,17 +186,18 @@ class ClientServer:
         def handle(sender: Sender, parts: Parts) -> None:
             socket.send_multipart([*parts[:-1], service.on_request(parts[-1], sender.user)], zmq.NOBLOCK)
 
-        return self._read(service.loop, socket, self._requests, (2, 3), handle)
+        return self._read(service, socket, self._requests, (2, 3), handle)
 
     def _read(
         self,
-        loop: asyncio.AbstractEventLoop,
+        service: _Service,
         socket: Socket,
         rate_limiter: RateLimiter[Message],
         shapes: tuple[int, ...],
         handle: Callable[[Sender, Parts], None],
     ) -> bool:
         """Handle waiting messages within rate and budget; `shapes` are the valid numbers of parts."""
+        loop = service.loop
         t_s = loop.time()
         t_end_s = t_s + BUDGET_S
         for sender, parts in rate_limiter.due(t_s):
@@ -198,12 +208,16 @@ class ClientServer:
             frames = _received(socket)
             if frames is None:
                 return rate_limiter.is_waiting
+            sender, parts = sender_of(frames[-1], self._key_names), [frame.bytes for frame in frames]
+            if sender.connection is not None and service.gate.is_stale(sender.connection):
+                continue
             if not _has_shape(frames, shapes):
                 self.misshapen += 1
-                continue
-            message = sender_of(frames[-1], self._key_names), [frame.bytes for frame in frames]
-            if rate_limiter.admit(message[0].source, message, t_s):
-                handle(*message)
+                if socket is service.sockets.control:
+                    envelope = parts[: 2 if len(parts[1]) == 0 else 1]
+                    socket.send_multipart([*envelope, service.refusal_of_parts], zmq.NOBLOCK)
+            elif rate_limiter.admit(sender.source, (sender, parts), t_s):
+                handle(sender, parts)
             if loop.time() >= t_end_s:
                 return True
         return True

@@ -1,7 +1,7 @@
-"""The daemon's three ZeroMQ sockets, bound to ipc for local users and to TCP for clients with a key.
+"""The daemon's three ZeroMQ sockets behind the gate, for local users and for clients over TCP with a key.
 
-Each socket has both endpoints. Socket options apply to later binds only, so ipc is bound first without keys, and TCP
-last with CURVE required.
+Each socket has two inner endpoints. Socket options apply to later binds only, so the local one is bound first without
+keys, and the one for TCP last with CURVE required.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ from pathlib import Path
 import zmq
 from zmq.auth.asyncio import AsyncioAuthenticator
 
+from ...errors import HapticdError
+from .gate import Door, Gate, bind_inner, inner_path, local_listener, remote_listener
 from .keys import ServerKeys
-from .runtime_dir import masked
 
 ENDPOINTS = ("targets", "control", "telemetry")  # socket files in the runtime directory, and ports in this order
 
 MAX_MESSAGE_BYTES = 65536  # ZeroMQ disconnects the sender of a larger one
 MAX_SUBSCRIPTION_BYTES = 1024  # a subscription is one byte; the handshake has a key
+HANDSHAKE_MS = 2000  # for a complete handshake; a connection without one is closed
 RECEIVE_HIGH_WATER = 32  # messages per client; the rest waits in the client's buffers
 SEND_HIGH_WATER = 16  # states for a slow subscriber, which misses the next
 # Pending replies to one client. ZeroMQ learns late how many were read and silently drops replies beyond the mark:
 # with 16, a client that waits for each reply missed one in a few dozen.
 REPLY_HIGH_WATER = 256
-SOCKET_UMASK = 0o117  # owner and group may connect, others may not
 ZAP_DOMAIN = "hapticd"
+TELEMETRY_TOPICS = frozenset({b""})
 
 Context = zmq.Context[zmq.Socket[bytes]]
 Socket = zmq.Socket[bytes]
@@ -34,7 +36,7 @@ Socket = zmq.Socket[bytes]
 
 @dataclass(frozen=True, slots=True)
 class Remote:
-    """TCP endpoint for clients with a key: `host` (an address or interface) and the first of three ports."""
+    """TCP endpoint for clients with a key: `host` (an address, or "*") and the first of three ports."""
 
     host: str
     port: int
@@ -80,9 +82,10 @@ class Sockets:
 
 
 def bound(paths: Sequence[Path], remote: Remote | None, allow_list: AllowList | None) -> Sockets:
-    """Bind sockets to the paths of ENDPOINTS and to `remote`'s ports. Raises zmq.ZMQError and leaves nothing open.
+    """Bind sockets behind the gate, for the public paths of ENDPOINTS and for `remote`'s ports.
 
-    With `remote`, call it on the running loop, which the authenticator uses.
+    Raises zmq.ZMQError and leaves nothing open. With `remote`, call it on the running loop, which the authenticator
+    uses.
     """
     context = zmq.Context()
     sockets = Sockets(
@@ -95,30 +98,40 @@ def bound(paths: Sequence[Path], remote: Remote | None, allow_list: AllowList | 
     try:
         _bind_local(sockets, paths)
         if remote is not None:
-            _bind_remote(sockets, remote, allow_list)
-    except zmq.ZMQError:
+            _bind_remote(sockets, paths, remote, allow_list)
+    except (zmq.ZMQError, HapticdError):
         sockets.close()
         raise
     return sockets
 
 
+def open_doors(gate: Gate, paths: Sequence[Path], remote: Remote | None) -> None:
+    """Accept clients at the public paths of ENDPOINTS and at `remote`'s ports. Raises HapticdError, OSError."""
+    for index, path in enumerate(paths):
+        topics, is_reply = (TELEMETRY_TOPICS if path.name == "telemetry" else None), path.name == "control"
+        gate.open(Door(local_listener(path), inner_path(path), topics, is_reply))
+        if remote is not None:
+            listener = remote_listener(remote.host, remote.port + index)
+            gate.open(Door(listener, inner_path(path, is_remote=True), topics, is_reply))
+
+
 def _bind_local(sockets: Sockets, paths: Sequence[Path]) -> None:
-    with masked(SOCKET_UMASK):
-        for socket, path in zip(sockets.all, paths, strict=True):
-            socket.linger = 0
-            socket.rcvhwm = RECEIVE_HIGH_WATER
-            socket.sndhwm = REPLY_HIGH_WATER if socket is sockets.control else SEND_HIGH_WATER
-            socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES if socket is sockets.telemetry else MAX_MESSAGE_BYTES
-            socket.bind(f"ipc://{path}")
+    for socket, path in zip(sockets.all, paths, strict=True):
+        socket.linger = 0
+        socket.handshake_ivl = HANDSHAKE_MS
+        socket.rcvhwm = RECEIVE_HIGH_WATER
+        socket.sndhwm = REPLY_HIGH_WATER if socket is sockets.control else SEND_HIGH_WATER
+        socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES if socket is sockets.telemetry else MAX_MESSAGE_BYTES
+        bind_inner(socket, inner_path(path))
 
 
-def _bind_remote(sockets: Sockets, remote: Remote, allow_list: AllowList | None) -> None:
+def _bind_remote(sockets: Sockets, paths: Sequence[Path], remote: Remote, allow_list: AllowList | None) -> None:
     sockets.authenticator.start()
     sockets.authenticator.configure_curve_callback(ZAP_DOMAIN, credentials_provider=allow_list)
-    for port, socket in enumerate(sockets.all, remote.port):
+    for path, socket in zip(paths, sockets.all, strict=True):
         socket.zap_domain = ZAP_DOMAIN.encode()
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)  # without an authenticator no client is admitted
         socket.curve_server = True
         socket.curve_secretkey = remote.keys.secret
         socket.curve_publickey = remote.keys.public
-        socket.bind(f"tcp://{remote.host}:{port}")
+        bind_inner(socket, inner_path(path, is_remote=True))

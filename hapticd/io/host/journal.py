@@ -1,7 +1,8 @@
-"""Non-blocking log output: a slow reader never delays the touch path.
+"""Non-blocking, rate-limited log output: neither a slow reader nor a flood of lines delays the touch path.
 
 A write to a terminal stopped with Ctrl-S, a pager or a full pipe blocks until it is read. Such a line is dropped here,
-and the next written line reports how many were.
+and the next written line reports how many were. So are lines beyond one a second from one place in the code: a board or
+a client that repeats a fault must not fill the disk.
 """
 
 from __future__ import annotations
@@ -11,8 +12,50 @@ import os
 import socket
 import stat
 from collections.abc import Callable
+from dataclasses import dataclass
 
 Write = Callable[[bytes], int]
+
+BURST = 5  # lines of one place at once, such as the refusals of one start
+LINES_HZ = 1.0  # afterwards
+
+
+@dataclass(slots=True)
+class _Place:
+    """Token bucket of one place in the code; `dropped` counts its lines since the last one that passed."""
+
+    tokens: float
+    t_s: float
+    dropped: int = 0
+
+
+class LineRateLimiter(logging.Filter):
+    """Pass BURST lines of each place in the code, then LINES_HZ; the next line reports how many were dropped.
+
+    Lines of level DEBUG pass: only a developer requests them.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._places: dict[tuple[str, int], _Place] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether the line passes; adds the number of dropped ones to its text."""
+        if record.levelno < logging.INFO:
+            return True
+        t_s = record.created
+        place = self._places.setdefault((record.pathname, record.lineno), _Place(BURST, t_s))
+        place.tokens = min(place.tokens + max(t_s - place.t_s, 0.0) * LINES_HZ, BURST)
+        place.t_s = t_s
+        if place.tokens < 1.0:
+            place.dropped += 1
+            return False
+        place.tokens -= 1.0
+        if place.dropped:
+            record.msg = f"{record.getMessage()} ({place.dropped} more lines of this kind were dropped)"
+            record.args = None
+            place.dropped = 0
+        return True
 
 
 class JournalHandler(logging.Handler):
@@ -20,6 +63,7 @@ class JournalHandler(logging.Handler):
 
     def __init__(self, fd: int = 2) -> None:
         super().__init__()
+        self.addFilter(LineRateLimiter())
         self.dropped = 0
         self._write, self._release = _non_blocking(fd)
 

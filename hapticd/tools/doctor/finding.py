@@ -24,7 +24,7 @@ class Finding:
     remedy: str = ""
 
     def __str__(self) -> str:
-        line = f"{self.verdict}  {self.check}: {self.text}"
+        line = f"{self.verdict}  {self.check}: {_printable(self.text)}"
         return f"{line}\n      -> {self.remedy}" if self.remedy else line
 
 
@@ -62,6 +62,11 @@ class System:
             return self.root.joinpath(*parts).read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError):
             return None
+
+
+def _printable(text: str) -> str:
+    """Escape what a terminal would obey: a daemon's replies are in it."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def is_accessible(path: Path) -> bool:

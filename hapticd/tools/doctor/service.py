@@ -14,10 +14,11 @@ import zmq
 from ... import __version__
 from ...config.sections import Config
 from ...errors import HapticdError
-from ...io.clients.runtime_dir import endpoint_path, runtime_directory
+from ...io.clients.runtime_dir import check_own, endpoint_path, runtime_directory
 from .finding import FAIL, PASS, WARN, Finding, System, is_accessible
 
 SYSTEM_DIRECTORY = Path("/run/hapticd")  # of the system service
+TEMPORARY = Path("/tmp")
 ANSWER_S = 1.5
 START = "hapticd run --config F, or: sudo systemctl start hapticd"
 RESTART = "sudo systemctl restart hapticd, or end that process and start `hapticd run` again"
@@ -25,7 +26,7 @@ RESTART = "sudo systemctl restart hapticd, or end that process and start `haptic
 
 def directories(environ: Mapping[str, str]) -> tuple[Path, ...]:
     """Return the runtime directories of daemons on this host, this user's first."""
-    known = [runtime_directory(environ), Path(f"/tmp/hapticd-{os.getuid()}")]
+    known = [runtime_directory(environ), TEMPORARY / f"hapticd-{os.getuid()}"]
     if environ.get("XDG_RUNTIME_DIR"):
         known.append(Path(environ["XDG_RUNTIME_DIR"], "hapticd"))
     return tuple(dict.fromkeys([*known, SYSTEM_DIRECTORY]))
@@ -38,6 +39,8 @@ def find(config: Config, environ: Mapping[str, str]) -> System:
     else:
         places = directories(environ)
     for place in places:
+        if _distrust(place):
+            continue
         status, version = _request(place)
         if status is not None:
             return System(config, place, status, version)
@@ -82,6 +85,9 @@ def daemon(system: System) -> Finding:
         control = endpoint_path(directory, "control")
     except HapticdError as error:
         return Finding(FAIL, "daemon", str(error), "export HAPTICD_RUNTIME_DIR=/tmp/hapticd")
+    distrust = _distrust(directory)
+    if distrust:
+        return Finding(FAIL, "daemon", distrust, f"rm -r {directory}, or set HAPTICD_RUNTIME_DIR")
     if system.status is not None:
         if system.version != __version__:
             text = f"version {system.version} in {directory}, this program is {__version__}"
@@ -120,6 +126,17 @@ def alone(system: System, environ: Mapping[str, str] = os.environ) -> Finding:
         return Finding(PASS, "other daemons", "none")
     text = f"one runs in {', '.join(map(str, others))} as well; clients connect to the first they find"
     return Finding(WARN, "other daemons", text, f"fuser -k -TERM {others[0] / 'lock'}, or set HAPTICD_RUNTIME_DIR")
+
+
+def _distrust(directory: Path) -> str:
+    """Return why a daemon in a directory under /tmp is not trusted, where any user may make one; "" if it is."""
+    if directory.parent != TEMPORARY or not directory.exists():
+        return ""
+    try:
+        check_own(directory)
+    except HapticdError as error:
+        return str(error)
+    return ""
 
 
 def is_locked(directory: Path) -> bool:

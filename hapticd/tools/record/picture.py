@@ -55,7 +55,7 @@ def _draw_positions(axes: Any, tables: Mapping[str, Table]) -> None:
     begin_s = _begin_s(tables)
     for axis, name in zip(axes, ("x_mm", "y_mm"), strict=True):
         for colour, key in _coloured(tables):
-            predicted = _of(tables.get("predictions"), "finger", key)
+            predicted = _of(tables.get("predictions"), "finger_id", key)
             if predicted:
                 axis.plot(_seconds(predicted["t_plate_ns"], begin_s), predicted[name], color=colour, lw=0.9)
             seen = _of(tables.get("fingers"), "finger_id", int(key) if key.isdigit() else -1)
@@ -91,7 +91,7 @@ def _draw_modes(axis: Any, tables: Mapping[str, Table]) -> None:
 def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
     """Targets dashed; the amplitude at each finger as a line: the truth, else what the solved modes give it."""
     for colour, key in _coloured(tables):
-        table = _of(tables.get("targets"), "finger", key)
+        table = _of(tables.get("targets"), "finger_id", key)
         if not table:
             continue
         axis.plot(table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
@@ -99,8 +99,8 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
             label = f"$|W|$, finger {_plain(key)}: solved"
             axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=label)
     truth = tables.get("truth")
-    for finger in sorted(set(truth["finger"].tolist())) if truth else []:
-        felt = _of(truth, "finger", finger)
+    for finger in sorted(set(truth["path"].tolist())) if truth else []:
+        felt = _of(truth, "path", finger)
         colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
         amplitude_um = np.hypot(felt["plate_d_um"], felt["plate_q_um"])
         axis.plot(felt["t_s"], amplitude_um, color=colour, lw=1.0, label=f"$|W_{finger + 1}|$ of the plate")
@@ -123,7 +123,7 @@ def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
 def _coloured(tables: Mapping[str, Table]) -> list[tuple[str, str]]:
     """The fingers in the order in which they came, each with its colour."""
     keys: dict[str, None] = {}
-    for name, column in (("fingers", "finger_id"), ("targets", "finger")):
+    for name, column in (("fingers", "finger_id"), ("targets", "finger_id")):
         if name in tables:
             keys |= dict.fromkeys(map(str, tables[name][column].tolist()))
     return [(FINGER_COLOURS[index % len(FINGER_COLOURS)], key) for index, key in enumerate(keys)]

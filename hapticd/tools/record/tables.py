@@ -20,6 +20,7 @@ Row = tuple[Any, ...]
 Column = npt.NDArray[Any]
 _STATUS = {name: form for name, form in KINDS["status"].form.items() if isinstance(form, str)}
 _NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
+_TRUE = ("x_mm", "y_mm", "target_um", "plate_d_um", "plate_q_um")
 _TEXTS = np.object_  # of any length: one long message must not make all others as long
 
 
@@ -39,8 +40,8 @@ def _texts(*names: str) -> dict[str, type]:
 TABLES: dict[str, dict[str, type]] = {
     "reports": _wholes("t_host_ns") | _texts("data_hex"),
     "fingers": _wholes("t_sample_ns", "finger_id", "contact_id") | _numbers("x_mm", "y_mm"),
-    "predictions": _wholes("t_plate_ns") | _texts("finger") | _numbers("x_mm", "y_mm", "end_x_mm", "end_y_mm"),
-    "targets": _texts("finger") | _numbers("target_um", "achieved_um"),
+    "predictions": _wholes("t_plate_ns") | _texts("finger_id") | _numbers("x_mm", "y_mm", "end_x_mm", "end_y_mm"),
+    "targets": _texts("finger_id") | _numbers("target_um", "achieved_um"),
     "references": _wholes("t_knot_ns", "knot", "mode") | _numbers("reference_d_um", "reference_q_um"),
     "passes": {
         **_numbers("age_ms", "horizon_ms"),
@@ -54,7 +55,7 @@ TABLES: dict[str, dict[str, type]] = {
     "markers": _texts("client", "text"),
     "messages": _texts("socket", "user", "message_json"),
     "links": {**_texts("device"), "is_up": _TRUTHS, **_texts("reason")},
-    "truth": _wholes("finger") | _numbers("x_mm", "y_mm", "target_um", "plate_d_um", "plate_q_um"),
+    "truth": _wholes("path") | _texts("finger_id") | _numbers(*_TRUE),
     "truth_modes": _wholes("mode") | _numbers("plate_d_um", "plate_q_um"),
 }
 
@@ -104,7 +105,8 @@ def _rows(record: Record) -> Iterator[tuple[str, Row]]:
             yield "links", (record.kind.removesuffix("_link"), fields["is_up"], fields["reason"])
         case "truth":
             for finger in fields["fingers"]:
-                yield "truth", tuple(finger.get(name, np.nan) for name in TABLES["truth"])
+                finger_id = str(finger.get("finger_id", ""))
+                yield "truth", (finger["finger"], finger_id, *(finger.get(name, np.nan) for name in _TRUE))
             for mode, w_um in enumerate(zip(fields["modal_um"]["d"], fields["modal_um"]["q"], strict=False)):
                 yield "truth_modes", (mode, *w_um)
 

@@ -71,12 +71,14 @@ class RigTruth:
             if not path < message["paths"] <= MAX_PATHS:
                 raise ValueError("path")
             finger = {"finger": path, "x_mm": x_mm, "y_mm": y_mm, "plate_d_um": d_um, "plate_q_um": q_um}
-            target_um = self._target_um(x_mm, y_mm)
-            fingers.append(finger if target_um is None else finger | {"target_um": target_um})
+            fingers.append(finger | self._of_pass(x_mm, y_mm))
         d_um, q_um = zip(*message["modal_um"][: self._modes], strict=True)
         return {"fingers": fingers, "modal_um": {"d": list(d_um), "q": list(q_um)}}
 
-    def _target_um(self, x_mm: float, y_mm: float) -> float | None:
-        near = [(math.hypot(x_mm - point["x_mm"], y_mm - point["y_mm"]), point["target_um"]) for point in self._points]
-        distance_mm, target_um = min(near, default=(math.inf, None))
-        return target_um if distance_mm <= NEAR_MM else None
+    def _of_pass(self, x_mm: float, y_mm: float) -> Fields:
+        """Id and target of the pass's finger that is nearest; empty if none is near."""
+        distances_mm = [math.hypot(x_mm - point["x_mm"], y_mm - point["y_mm"]) for point in self._points]
+        if not distances_mm or min(distances_mm) > NEAR_MM:
+            return {}
+        point = self._points[distances_mm.index(min(distances_mm))]
+        return {name: point[name] for name in ("finger_id", "target_um")}

@@ -285,3 +285,20 @@ def test_a_finger_always_has_one_living_owner_or_nobodys_target(
         held_before = held
     assert held_before <= set(scene.expire(t_ns + TTL_NS))
     assert scene.next_expiry_ns is None
+
+
+def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not() -> None:
+    scene = a_scene()
+    beside = VirtualPath(((0.0, 0.0), (500.0, 0.0)), 50.0, loop=True)
+    (refusal,) = scene.apply(wants("a", {"far": SLIPPERY}, {"far": beside}), T0_NS)
+    expected = "virtual finger 'far' leaves the plate: its path must lie within ±68.75 mm in x and ±68.75 mm in y."
+    assert refusal == expected
+    assert scene.virtuals(T0_NS) == ()
+    edge = VirtualPath(((-68.75, 68.75), (68.75, -68.75)), 50.0, loop=True)
+    assert scene.apply(wants("a", {"edge": SLIPPERY}, {"edge": edge}), T0_NS) == ()
+
+
+def test_a_virtual_finger_takes_part_beside_fingers_whose_targets_have_ended() -> None:
+    scene = a_scene()
+    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
+    assert scene.requested((1, 2), {1, 2}, T0_NS) == [1, 2, "ghost"]

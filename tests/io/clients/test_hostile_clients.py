@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import logging
 import os
 import signal
@@ -21,9 +22,10 @@ import zmq
 from asynchronous import asynchronous
 
 from hapticd.io.clients import server as server_module
+from hapticd.io.clients.gate import inner_path
 from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import BUDGET_S, MAX_READS, ClientServer
-from hapticd.io.clients.sockets import MAX_SUBSCRIPTION_BYTES
+from hapticd.io.clients.zmtp import MAX_FRAME_BYTES
 
 PATIENCE_S = 10.0
 STATE = bytes(400)
@@ -97,17 +99,19 @@ def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subpr
             process.communicate()
 
 
-@contextmanager
-def greeted(path: Path, properties: dict[bytes, bytes]) -> Iterator[socket.socket]:
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
+
+
+@asynccontextmanager
+async def greeted(path: Path, properties: dict[bytes, bytes]) -> AsyncIterator[socket.socket]:
     """A raw ZMTP 3.0 client after its handshake."""
     with socket.socket(socket.AF_UNIX) as client:
         client.settimeout(PATIENCE_S)
         client.connect(str(path))
-        greeting = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
-        client.sendall(greeting)
+        client.sendall(GREETING)
         answered = b""
-        while len(answered) < len(greeting):  # who goes on before has broken the protocol
-            answered += client.recv(len(greeting) - len(answered))
+        while len(answered) < len(GREETING):  # who goes on before has broken the protocol
+            answered += await in_thread(functools.partial(client.recv, len(GREETING) - len(answered)))
         ready = b"\x05READY" + b"".join(
             bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in properties.items()
         )
@@ -188,7 +192,8 @@ def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
         loop = asyncio.get_running_loop()
         running.start(loop, slow, lambda payload, _: payload)
         try:
-            with connected(tmp_path, zmq.PUSH, "targets") as client:
+            inner = inner_path(tmp_path / "targets").name  # for the gate stands still with the loop
+            with connected(tmp_path, zmq.PUSH, inner) as client:
                 for n in range(12):
                     client.send(b"%d" % n)
                 monkeypatch.setattr(loop, "time", lambda: clock)
@@ -259,17 +264,15 @@ async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_
 
 @asynchronous
 async def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connection(tmp_path: Path) -> None:
-    async with served(tmp_path) as (server, _):
-        with (
-            greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy,
-            connected(tmp_path, zmq.SUB, "telemetry") as modest,
-        ):
+    async with served(tmp_path) as (server, _), greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy:
+        with connected(tmp_path, zmq.SUB, "telemetry") as modest:
             modest.subscribe(b"")
             await until(server, lambda: server.has_subscribers)
-            greedy.sendall(b"\x02" + struct.pack(">Q", MAX_SUBSCRIPTION_BYTES + 1) + b"\x01")
+            greedy.sendall(b"\x02" + struct.pack(">Q", MAX_FRAME_BYTES + 1) + b"\x01")
             assert await in_thread(lambda: all_received(greedy)) is not None
             server.publish(STATE)
             assert await in_thread(modest.recv) == STATE
+            assert server.counters["broken"] == 1
 
 
 def all_received(rude: socket.socket) -> bytes:
@@ -290,8 +293,8 @@ async def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_b
 
     async with served(tmp_path) as (server, seen):
         server._key_names = {"Z" * 40: "the boss"}
-        lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"Peer-Address": b"localhost:12345:1:1"}
-        with greeted(tmp_path / "targets", lies) as liar:
+        lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"X-Hapticd-Peer": b"12345:1:1"}
+        async with greeted(tmp_path / "targets", lies) as liar:
             liar.sendall(b"\x00\x04lies")
             await until(server, lambda: len(seen) == 1)
         assert seen == [(b"lies", f"uid {os.getuid()}")]

@@ -27,12 +27,12 @@ class Frame:
 @pytest.mark.parametrize(
     ("frame", "sender"),
     [
-        (Frame(Peer_Address="localhost:1000:100:4242"), Sender("uid 1000", "process 4242 of uid 1000")),
-        (Frame(Peer_Address=":0:0:-1"), Sender("uid 0", "process -1 of uid 0")),
-        (Frame(Peer_Address="10.0.0.7", User_Id="Z" * 40), Sender("key study-7", "key study-7")),
-        (Frame(Peer_Address="localhost:7:7:7", User_Id="Z" * 40), Sender("uid 7", "process 7 of uid 7")),
-        (Frame(Peer_Address="10.0.0.7", User_Id="Y" * 40), Sender("an unknown user", "an unknown user")),
-        (Frame(Peer_Address="::1"), Sender("an unknown user", "an unknown user")),
+        (Frame(X_Hapticd_Peer="1000:4242:3"), Sender("uid 1000", "process 4242 of uid 1000", 3)),
+        (Frame(X_Hapticd_Peer="0:-1:0"), Sender("uid 0", "process -1 of uid 0", 0)),
+        (Frame(User_Id="Z" * 40), Sender("key study-7", "key study-7")),
+        (Frame(X_Hapticd_Peer="7:7:7", User_Id="Z" * 40), Sender("key study-7", "key study-7")),
+        (Frame(X_Hapticd_Peer="7:7:7", User_Id="Y" * 40), Sender("an unknown user", "an unknown user")),
+        (Frame(Peer_Address="localhost:7:7:7"), Sender("an unknown user", "an unknown user")),
         (Frame(), Sender("an unknown user", "an unknown user")),
     ],
 )

@@ -16,6 +16,7 @@ import zmq
 from asynchronous import asynchronous
 
 from hapticd.errors import AlreadyRunningError, HapticdError
+from hapticd.io.clients.record_socket import RecordSocket
 from hapticd.io.clients.runtime_dir import own_directory
 from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
@@ -51,7 +52,12 @@ class Served:
 @asynccontextmanager
 async def served(directory: Path) -> AsyncIterator[Served]:
     running = Served(ClientServer(directory), directory)
-    running.server.start(asyncio.get_running_loop(), running.on_message, lambda payload, _: b"answer to " + payload)
+    running.server.start(
+        asyncio.get_running_loop(),
+        running.on_message,
+        lambda payload, _: b"answer to " + payload,
+        refusal_of_parts=b"one part, please",
+    )
     try:
         yield running
     finally:
@@ -163,11 +169,13 @@ async def test_a_reply_goes_to_the_requester(tmp_path: Path, kind: int) -> None:
 
 
 @asynchronous
-async def test_a_request_in_strange_parts_is_dropped_and_the_next_is_answered(tmp_path: Path) -> None:
+async def test_a_request_in_several_parts_is_refused_and_the_next_is_answered(tmp_path: Path) -> None:
     async with served(tmp_path) as running:
         with connected(tmp_path, zmq.DEALER, "control") as client:
             client.send_multipart([b"a", b"b"])
+            assert await in_thread(client.recv_multipart) == [b"one part, please"]
             client.send_multipart([b""] * 100)
+            assert await in_thread(client.recv_multipart) == [b"", b"one part, please"]
             client.send(b"fine")
             assert await in_thread(client.recv) == b"answer to fine"
             assert running.server.misshapen == 2
@@ -321,10 +329,28 @@ def test_a_missing_directory_is_made_for_owner_and_group_only(tmp_path: Path) ->
     own_directory(tmp_path / "run")
 
 
-def test_a_directory_that_anybody_may_write_to_is_refused(tmp_path: Path) -> None:
-    tmp_path.chmod(0o777)
-    with pytest.raises(HapticdError, match="all users may write to it"):
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
+def test_a_directory_that_others_may_write_to_is_refused(tmp_path: Path, mode: int) -> None:
+    tmp_path.chmod(mode)
+    with pytest.raises(HapticdError, match="other users may write to it: run `chmod go-w`"):
         own_directory(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["control", "record"])
+def test_a_file_of_the_name_of_a_socket_is_kept_and_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("results of a week")
+
+    async def start() -> None:
+        loop = asyncio.get_running_loop()
+        if name == "record":
+            RecordSocket(tmp_path).start(loop, lambda *_: None)
+        else:
+            ClientServer(tmp_path).start(loop, lambda *_: None, lambda payload, _: payload)
+
+    with pytest.raises(HapticdError, match=f"{name}: is not a socket, so clients cannot be served here: move it away"):
+        asyncio.run(start())
+    assert (tmp_path / name).read_text() == "results of a week"
+    assert not (tmp_path / "targets").exists()
 
 
 def test_another_users_directory_or_link_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.io.host.journal import JournalHandler
+from hapticd.io.host.journal import BURST, JournalHandler
 
 
 def pipe() -> tuple[int, int]:
@@ -39,8 +39,10 @@ def ends(request: pytest.FixtureRequest) -> Iterator[tuple[int, int]]:
     os.close(writer)
 
 
-def record(text: str) -> logging.LogRecord:
-    return logging.LogRecord("hapticd", logging.INFO, __file__, 1, text, None, None)
+def record(text: str, t_s: float = 0.0, *, line: int = 1, level: int = logging.INFO) -> logging.LogRecord:
+    made = logging.LogRecord("hapticd", level, __file__, line, text, None, None)
+    made.created = t_s
+    return made
 
 
 def drain(reader: int) -> bytes:
@@ -93,3 +95,34 @@ def test_a_file_gets_every_line_behind_what_others_wrote(tmp_path: Path) -> None
         journal.close()
         file.write(b"third\n")
     assert (tmp_path / "log").read_bytes() == b"first\nsecond \\udcff\nthird\n"
+
+
+def written(tmp_path: Path, records: list[logging.LogRecord]) -> list[str]:
+    """The lines of the log after these records."""
+    with (tmp_path / "log").open("wb", buffering=0) as file:
+        journal = JournalHandler(file.fileno())
+        for one in records:
+            journal.handle(one)
+        journal.close()
+    return (tmp_path / "log").read_text().splitlines()
+
+
+def test_a_flood_of_lines_from_one_place_becomes_one_line_a_second(tmp_path: Path) -> None:
+    lines = written(tmp_path, [record(f"flood {n}", n / 8192) for n in range(3 * 8192)])
+    assert len(lines) == BURST + 2
+    assert lines[0] == "flood 0"
+    assert lines[-1] == "flood 16384 (8191 more lines of this kind were dropped)"
+
+
+def test_a_flood_hides_no_line_of_another_place_and_none_of_level_debug(tmp_path: Path) -> None:
+    flood = [record("flood", 0.0) for _ in range(100)]
+    traced = [record("traced", 0.0, level=logging.DEBUG) for _ in range(100)]
+    lines = written(tmp_path, [*flood, record("port lost", 0.0, line=2), *traced])
+    assert lines == ["flood"] * BURST + ["port lost"] + ["traced"] * 100
+
+
+def test_a_wall_clock_that_steps_back_ends_no_line_for_long(tmp_path: Path) -> None:
+    lines = written(
+        tmp_path, [record("before", 9000.0) for _ in range(100)] + [record("after", 1.0 + n) for n in range(2)]
+    )
+    assert lines[BURST:] == [f"after ({100 - BURST + 1} more lines of this kind were dropped)"]

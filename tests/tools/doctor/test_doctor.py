@@ -215,6 +215,25 @@ def test_a_daemon_that_answers_is_asked_for_its_status(tmp_path: Path, answering
     assert devices.firmware(found).text == "version 9.9, reported to the daemon"
 
 
+def test_a_daemon_in_a_directory_that_others_may_have_made_is_not_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answering: Callable[[], list[str]]
+) -> None:
+    monkeypatch.setattr(service, "TEMPORARY", tmp_path.parent)
+    monkeypatch.setattr(service, "directories", lambda _: (tmp_path,))
+    tmp_path.chmod(0o777)
+    found = service.find(Config(), {})
+    assert (found.status, found.directory) == (None, tmp_path)
+    finding = service.daemon(found)
+    assert (finding.verdict, "other users may write to it" in finding.text) == (FAIL, True)
+    assert answering() == []
+
+
+def test_a_daemon_s_version_cannot_command_the_terminal(tmp_path: Path, reported: Any) -> None:
+    shown = str(service.daemon(system(tmp_path, reported, "1\x1b]0;owned\x07")))
+    assert r"version 1\x1b]0;owned\x07 in" in shown
+    assert all(line.isprintable() for line in shown.splitlines())
+
+
 def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     closed = tmp_path / "closed"
     closed.mkdir()

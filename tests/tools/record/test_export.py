@@ -32,7 +32,7 @@ def test_the_tables_hold_what_the_records_do(strokes: Path) -> None:
     assert len(found["passes"]["t_ns"]) == len(passes)
     assert len(found["fingers"]["x_mm"]) == sum(len(record.fields["fingers"]) for record in passes)
     assert len(found["references"]["mode"]) == 2 * sum(len(record.fields.get("knots", [])) for record in passes)
-    assert set(found["targets"]["finger"]) == {"1", "2"}
+    assert set(found["targets"]["finger_id"]) == {"1", "2"}
     assert set(found["targets"]["target_um"]) == {0.0, 1.0}
     assert np.abs(np.hypot(found["truth"]["plate_d_um"], found["truth"]["plate_q_um"])).max() < 4.4
     late_ms = found["ledger"]["late_ns"] * 1e-6

@@ -43,6 +43,7 @@ def test_markers_that_nobody_reads_do_not_pile_up() -> None:
 
 def test_a_marker_changes_nothing_of_what_its_client_holds() -> None:
     bench = Bench(SLIPPERY)
+    bench.run(400)
     bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])
     bench.ask("marker", client="study", text="later")
     assert bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])["ok"]

@@ -1,0 +1,353 @@
+"""Gate in front of the ZeroMQ sockets: accepts clients' connections, bounds what they cost, and relays their bytes.
+
+libzmq bounds messages per peer, but neither connections, nor subscriptions, nor the bytes that a peer leaves unread.
+Here each user has a number of connections, each connection's inbound bytes are checked (zmtp.py), and a client that
+leaves too many bytes of replies unread is disconnected. Behind the gate libzmq serves sockets that only the daemon's
+user may open.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import socket
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import zmq
+
+from ...errors import HapticdError
+from .runtime_dir import masked
+from .zmtp import EncryptedInbound, Inbound, LocalInbound, ProtocolError, unchecked
+
+SOCKET_UMASK = 0o117  # owner and group may connect, others may not
+INNER_UMASK = 0o177  # the owner alone
+
+MAX_CONNECTIONS, MAX_CONNECTIONS_PER_USER = 128, 64  # 16 clients of one user have 48
+MAX_UNREAD_BYTES = 262_144  # of replies to one connection, beside the kernel's buffers; the longest reply has 140 kB
+MAX_UNREAD_BYTES_PER_USER, MAX_UNREAD_BYTES_IN_ALL = 2**20, 2**22
+
+BACKLOG = 64  # connections that wait to be accepted
+REFUSALS = 32  # per wake-up of a listener, or one admission; it rests afterwards, lest connecting delays the touch
+REST_S = 0.01
+STALE_S = 0.5  # after a client's end its requests are dropped: a flood of them is handled for minutes
+CHUNK_BYTES = 65_536
+INNER_BUFFER_BYTES = 16_384  # of requests that wait in the kernel: what a lost client left is handled to its end
+CAUSES = ("crowded", "unread", "broken")  # too many connections, replies not read, not the protocol
+_CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """A public listener, the inner ipc path behind it, and how its connections are checked.
+
+    `topics` are those of a publisher, None for other sockets. With `is_reply`, bytes that a client leaves unread are
+    bounded by disconnecting it; else by ZeroMQ, which drops messages at its high-water mark.
+    """
+
+    listener: socket.socket
+    inner: Path
+    topics: frozenset[bytes] | None = None
+    is_reply: bool = False
+
+
+class Gate:
+    """Relays between clients and ZeroMQ, from `open` to `close`. `counters` has closed connections by cause."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.counters = dict.fromkeys(CAUSES, 0)
+        self.loop = loop
+        self._doors: list[Door] = []
+        self._relays: dict[int, _Relay] = {}  # by a number that no other connection gets
+        self._connections = 0
+        self._rests: dict[Door, asyncio.TimerHandle] = {}
+
+    def open(self, door: Door) -> None:
+        """Accept connections at a door."""
+        self._doors.append(door)
+        self.loop.add_reader(door.listener, self._accept, door)
+
+    def close(self) -> None:
+        """Pass on what ZeroMQ has sent, close all connections and remove the socket files."""
+        for rest in self._rests.values():
+            rest.cancel()
+        for door in self._doors:
+            self.unwatch(door.listener)
+            close_listener(door.listener)
+            door.inner.unlink(missing_ok=True)
+        for relay in tuple(self._relays.values()):
+            relay.finish()
+
+    def unwatch(self, one: socket.socket) -> None:
+        """Remove a socket from the loop, which may be closed."""
+        if not self.loop.is_closed():
+            self.loop.remove_reader(one)
+            self.loop.remove_writer(one)
+
+    def forget(self, relay: _Relay) -> None:
+        """Take note that a connection is closed."""
+        del self._relays[relay.number]
+
+    def is_stale(self, number: int) -> bool:
+        """Return whether requests of a connection are dropped: its client left long ago, and ZeroMQ still has some."""
+        relay = self._relays.get(number)
+        return relay is not None and self.loop.time() - relay.t_lost_s > STALE_S
+
+    def leaves_too_much(self, relay: _Relay) -> bool:
+        """Return whether a connection whose replies are not read has to be closed."""
+        users, in_all = 0, 0
+        for one in self._relays.values():
+            if one.is_reply:
+                in_all += len(one.to_client)
+                users += len(one.to_client) if one.user == relay.user else 0
+        return (
+            len(relay.to_client) > MAX_UNREAD_BYTES
+            or users > MAX_UNREAD_BYTES_PER_USER
+            or in_all > MAX_UNREAD_BYTES_IN_ALL
+        )
+
+    def _accept(self, door: Door) -> None:
+        for _ in range(REFUSALS):
+            try:
+                outer = door.listener.accept()[0]
+            except OSError:  # none is left, or no descriptor is
+                break
+            if self._is_admitted(door, outer):
+                break
+            self.counters["crowded"] += 1
+            outer.close()
+        self.loop.remove_reader(door.listener)
+        self._rests[door] = self.loop.call_later(REST_S, self.loop.add_reader, door.listener, self._accept, door)
+
+    def _is_admitted(self, door: Door, outer: socket.socket) -> bool:
+        try:
+            user, inbound = _checks(door, outer, self._connections)
+        except OSError:  # it is closed already
+            return False
+        users = sum(relay.user == user for relay in self._relays.values())
+        if users >= MAX_CONNECTIONS_PER_USER or len(self._relays) >= MAX_CONNECTIONS:
+            return False
+        inner = socket.socket(socket.AF_UNIX)
+        inner.setblocking(False)
+        inner.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, INNER_BUFFER_BYTES)
+        try:
+            inner.connect(str(door.inner))
+        except OSError:  # libzmq is behind with accepting
+            inner.close()
+            return False
+        self._relays[self._connections] = _Relay(
+            self, self._connections, user, outer, inner, inbound, is_reply=door.is_reply
+        )
+        self._connections += 1
+        return True
+
+
+class _Relay:
+    """One client's connection and its counterpart to ZeroMQ, each read only while the other takes the bytes.
+
+    libzmq goes on to answer the requests that a lost client has left, and frees the answers only when they are read. So
+    that counterpart is read to its end.
+    """
+
+    def __init__(
+        self,
+        gate: Gate,
+        number: int,
+        user: str,
+        outer: socket.socket,
+        inner: socket.socket,
+        inbound: Inbound,
+        *,
+        is_reply: bool,
+    ) -> None:
+        self.number = number
+        self.user = user
+        self.t_lost_s = math.inf
+        self.is_reply = is_reply
+        self.to_client = b""
+        self._to_daemon = b""
+        self._gate, self._loop = gate, gate.loop
+        self._outer: socket.socket | None = outer
+        self._inner = inner
+        self._inbound = inbound
+        self._loop.add_reader(outer, self._from_client)
+        self._loop.add_reader(inner, self._from_daemon)
+
+    def _from_client(self) -> None:
+        assert self._outer is not None
+        try:
+            data = self._outer.recv(CHUNK_BYTES)
+            self._to_daemon = _unsent(self._inner, self._inbound(data))
+        except BlockingIOError:
+            return
+        except ProtocolError:
+            self._lose("broken")
+        except OSError:
+            self._lose()
+        else:
+            if not data:
+                self._lose()
+            elif self._to_daemon:
+                self._loop.remove_reader(self._outer)
+                self._loop.add_writer(self._inner, self._push_to_daemon)
+
+    def _push_to_daemon(self) -> None:
+        try:
+            self._to_daemon = _unsent(self._inner, self._to_daemon)
+        except OSError:
+            self._close()
+            return
+        if not self._to_daemon:
+            self._loop.remove_writer(self._inner)
+            if self._outer is not None:
+                self._loop.add_reader(self._outer, self._from_client)
+
+    def _from_daemon(self) -> None:
+        try:
+            data = self._inner.recv(CHUNK_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        was_behind = bool(self.to_client)
+        self._to_outer(data)
+        if not data:
+            self._close()
+        elif self._outer is None or not self.to_client:
+            return
+        elif self.is_reply and self._gate.leaves_too_much(self):
+            self._lose("unread")
+        elif not was_behind:
+            self._loop.add_writer(self._outer, self._push_to_client)
+            if not self.is_reply:
+                self._loop.remove_reader(self._inner)
+
+    def _push_to_client(self) -> None:
+        self._to_outer(b"")
+        if self._outer is not None and not self.to_client:
+            self._loop.remove_writer(self._outer)
+            self._loop.add_reader(self._inner, self._from_daemon)
+
+    def _to_outer(self, data: bytes) -> None:
+        """Send to the client what waits for it; without a client, nothing waits."""
+        if self._outer is None:
+            return
+        try:
+            self.to_client = _unsent(self._outer, self.to_client + data)
+        except OSError:
+            self._lose()
+
+    def _lose(self, cause: str | None = None) -> None:
+        """Close the client's side, and read the other to its end."""
+        if cause is not None:
+            self._gate.counters[cause] += 1
+        self.to_client = b""
+        if self._outer is None:
+            return
+        self._gate.unwatch(self._outer)
+        self._outer.close()
+        self._outer = None
+        self.t_lost_s = self._loop.time()
+        self._to_daemon = b""
+        self._loop.remove_writer(self._inner)
+        self._loop.add_reader(self._inner, self._from_daemon)
+        with contextlib.suppress(OSError):
+            self._inner.shutdown(socket.SHUT_WR)
+
+    def finish(self) -> None:
+        """Pass on what ZeroMQ has sent, as far as the client takes it at once, and close."""
+        try:
+            while data := self._inner.recv(CHUNK_BYTES):
+                self.to_client += data
+        except OSError:  # nothing more
+            pass
+        if self._outer is not None:
+            with contextlib.suppress(OSError):
+                _unsent(self._outer, self.to_client)
+        self._close()
+
+    def _close(self) -> None:
+        for one in (self._outer, self._inner):
+            if one is not None:
+                self._gate.unwatch(one)
+                one.close()
+        self._outer = None
+        self._gate.forget(self)
+
+
+def _unsent(to: socket.socket, data: bytes) -> bytes:
+    """Send without blocking; return the rest. Raises OSError if the other side is gone."""
+    if not data:
+        return b""
+    try:
+        return data[to.send(data) :]
+    except BlockingIOError:
+        return data
+
+
+def _checks(door: Door, outer: socket.socket, number: int) -> tuple[str, Inbound]:
+    """Return the user of a connection, as far as it is known before the handshake, and the check of its bytes."""
+    outer.setblocking(False)
+    if outer.family == socket.AF_UNIX:
+        found = outer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        pid, uid, _ = _CREDENTIALS.unpack(found)
+        return f"uid {uid}", LocalInbound(f"{uid}:{pid}:{number}", door.topics).feed
+    outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return f"address {outer.getpeername()[0]}", unchecked if door.topics is None else EncryptedInbound().feed
+
+
+# --- sockets behind the gate, and listeners in front of it ---------------------------------------------------------
+
+
+def inner_path(path: Path, *, is_remote: bool = False) -> Path:
+    """Return where ZeroMQ listens behind the gate for the clients of a public socket; not a longer path than that."""
+    return path.with_name(f".{path.name[:4]}{'-r' if is_remote else ''}")
+
+
+def bind_inner(to: zmq.Socket[bytes], path: Path) -> None:
+    """Bind a ZeroMQ socket to an inner path, which only this user may open. Raises HapticdError, zmq.ZMQError."""
+    remove_socket(path)
+    with masked(INNER_UMASK):
+        to.bind(f"ipc://{path}")
+
+
+def local_listener(path: Path) -> socket.socket:
+    """Listen at a socket file, in place of one that a killed daemon left. Raises HapticdError, OSError."""
+    remove_socket(path)
+    listener = socket.socket(socket.AF_UNIX)
+    try:
+        with masked(SOCKET_UMASK):
+            listener.bind(str(path))
+        listener.listen(BACKLOG)
+    except OSError:
+        listener.close()
+        raise
+    listener.setblocking(False)
+    return listener
+
+
+def remote_listener(host: str, port: int) -> socket.socket:
+    """Listen at a TCP address; "*" is every one of IPv4. Raises OSError."""
+    address = "" if host == "*" else host.strip("[]")
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.create_server((address, port), family=family, backlog=BACKLOG)
+    listener.setblocking(False)
+    return listener
+
+
+def close_listener(listener: socket.socket) -> None:
+    """Close a listener, and remove its socket file if it has one."""
+    name = listener.getsockname()
+    listener.close()
+    if isinstance(name, str):
+        Path(name).unlink(missing_ok=True)
+
+
+def remove_socket(path: Path) -> None:
+    """Remove a socket file if there is one. Raises HapticdError for a file of another kind, which is not ours."""
+    if path.is_socket():
+        path.unlink()
+    elif path.is_symlink() or path.exists():
+        raise HapticdError(f"{path}: is not a socket, so clients cannot be served here: move it away.")

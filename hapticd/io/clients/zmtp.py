@@ -1,0 +1,151 @@
+"""Inbound bytes of one client connection, checked before ZeroMQ gets them (ZMTP 3, https://rfc.zeromq.org/spec/23).
+
+libzmq stores every distinct subscription of a peer without a bound, and the daemon's thread pays for each. So a local
+subscriber's frames are parsed here, and only the daemon's own topics pass. Over TCP the frames are encrypted, so their
+bytes are bounded. A local client's handshake is rebuilt: it carries the identity that the kernel reports, and no other.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+
+PEER_PROPERTY = "X-Hapticd-Peer"  # "UID:PID:CONNECTION", from the kernel and the gate; `frame.get` returns it
+
+GREETING_BYTES = 64
+MAX_FRAME_BYTES = 512  # of a handshake with the longest identity, or of a heartbeat
+MAX_CHANGES = 16  # of one connection's subscriptions; a client subscribes once
+MAX_ENCRYPTED_BYTES = 1024  # from one subscriber: a handshake of up to 900 bytes, its subscription, a few heartbeats
+
+_LONG, _COMMAND = 0x02, 0x04
+_KEPT = (b"Socket-Type", b"Identity")
+
+Inbound = Callable[[bytes], bytes]  # takes what arrived, returns what to pass on; raises ProtocolError
+
+
+class ProtocolError(Exception):
+    """The connection must be closed."""
+
+
+class LocalInbound:
+    """Inbound bytes of a local client: rebuilds its handshake, and with `topics` drops all other subscriptions."""
+
+    def __init__(self, peer: str, topics: frozenset[bytes] | None = None) -> None:
+        """`peer` is the value of PEER_PROPERTY."""
+        self._peer = peer.encode()
+        self._topics = topics
+        self._waiting = b""
+        self._greeting_left = GREETING_BYTES
+        self._is_ready = False
+        self._changes_left = MAX_CHANGES
+        self._subscribed: set[bytes] = set()
+
+    def feed(self, data: bytes) -> bytes:
+        """Return the bytes to pass on. Raises ProtocolError."""
+        if self._is_ready and self._topics is None:
+            return data
+        self._waiting += data
+        passed = self._greeting()
+        if self._greeting_left > 0:
+            return passed
+        for header, body in self._frames():
+            if not self._is_ready:
+                passed += self._rebuilt(header, body)
+                self._is_ready = True
+                if self._topics is None:
+                    break
+            elif self._is_passed(header, body, self._topics or frozenset()):
+                passed += header + body
+        if self._is_ready and self._topics is None:
+            passed, self._waiting = passed + self._waiting, b""
+        return passed
+
+    def _greeting(self) -> bytes:
+        """Return the part of the greeting that arrived: signature, version 3 or later, mechanism."""
+        begin = GREETING_BYTES - self._greeting_left
+        part, self._waiting = self._waiting[: self._greeting_left], self._waiting[self._greeting_left :]
+        self._greeting_left -= len(part)
+        if begin == 0 and part[:1] not in (b"", b"\xff"):
+            raise ProtocolError("no ZMTP")
+        if begin <= 10 < begin + len(part) and part[10 - begin] < 3:
+            raise ProtocolError("a version of ZMTP before 3")
+        return part
+
+    def _frames(self) -> Iterator[tuple[bytes, bytes]]:
+        """Take whole frames from the waiting bytes, as header and body."""
+        while len(self._waiting) >= 2:
+            header_bytes = 9 if self._waiting[0] & _LONG else 2
+            if len(self._waiting) < header_bytes:
+                return
+            header = self._waiting[:header_bytes]
+            size = struct.unpack(">Q", header[1:])[0] if header_bytes == 9 else header[1]
+            if size > MAX_FRAME_BYTES:
+                raise ProtocolError("too long a frame")
+            if len(self._waiting) < header_bytes + size:
+                return
+            body = self._waiting[header_bytes : header_bytes + size]
+            self._waiting = self._waiting[header_bytes + size :]
+            yield header, body
+
+    def _rebuilt(self, header: bytes, body: bytes) -> bytes:
+        """Return the READY command with the client's socket type and routing id, and the kernel's identity."""
+        if not header[0] & _COMMAND or not body.startswith(b"\x05READY"):
+            raise ProtocolError("no READY")
+        properties = {name: value for name, value in _properties(body[6:]) if name in _KEPT}
+        properties[PEER_PROPERTY.encode()] = self._peer
+        ready = b"\x05READY" + b"".join(
+            bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in properties.items()
+        )
+        return struct.pack(">BQ", _COMMAND | _LONG, len(ready)) + ready
+
+    def _is_passed(self, header: bytes, body: bytes, topics: frozenset[bytes]) -> bool:
+        """Return whether a subscriber's frame concerns the daemon: a change of a known topic, or a heartbeat."""
+        if header[0] & _COMMAND:
+            length = body[0] if body else 0
+            name, topic = body[1 : 1 + length], body[1 + length :]
+            if name in (b"PING", b"PONG"):
+                return True
+            begins, ends = name == b"SUBSCRIBE", name == b"CANCEL"
+        else:
+            topic, begins, ends = body[1:], body[:1] == b"\x01", body[:1] == b"\x00"
+        if topic not in topics or not (begins or ends) or begins == (topic in self._subscribed):
+            return False
+        self._subscribed ^= {topic}
+        self._changes_left -= 1
+        if self._changes_left < 0:
+            raise ProtocolError("too many changes of its subscriptions")
+        return True
+
+
+class EncryptedInbound:
+    """Inbound bytes of a subscriber over TCP: at most MAX_ENCRYPTED_BYTES, which bounds its subscriptions."""
+
+    def __init__(self) -> None:
+        self._left = MAX_ENCRYPTED_BYTES
+
+    def feed(self, data: bytes) -> bytes:
+        """Return the bytes to pass on. Raises ProtocolError."""
+        self._left -= len(data)
+        if self._left < 0:
+            raise ProtocolError("more than a subscriber has to send")
+        return data
+
+
+def unchecked(data: bytes) -> bytes:
+    """Pass all bytes on."""
+    return data
+
+
+def _properties(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Parse the name-value pairs of a handshake."""
+    at = 0
+    while at < len(data):
+        at_size = at + 1 + data[at]
+        at_value = at_size + 4
+        if at_value > len(data):
+            raise ProtocolError("an incomplete property")
+        end = at_value + struct.unpack(">I", data[at_size:at_value])[0]
+        if end > len(data):
+            raise ProtocolError("an incomplete property")
+        yield data[at + 1 : at_size], data[at_value:end]
+        at = end

@@ -1,0 +1,96 @@
+"""A hostile client: `flooder.py KIND DIRECTORY`, or `flooder.py KIND tcp://HOST:PORT SERVER_KEY OWN_KEY`."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+import sys
+import time
+
+import msgpack
+import zmq
+import zmq.auth
+
+NAMES = {"targets": zmq.PUSH, "control": zmq.DEALER, "telemetry": zmq.SUB}
+SOCKETS = 500
+REQUESTERS = 140
+HALF_A_GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL"
+
+context = zmq.Context()
+context.set(zmq.MAX_SOCKETS, 2 * SOCKETS)
+endpoint = sys.argv[2]
+is_remote = endpoint.startswith("tcp://")
+
+
+def address(name: str) -> tuple[str, int]:
+    host, _, port = endpoint.removeprefix("tcp://").rpartition(":")
+    return host, int(port) + list(NAMES).index(name)
+
+
+def connected(name: str) -> zmq.Socket[bytes]:
+    client = context.socket(NAMES[name])
+    client.linger = 0
+    if is_remote:
+        client.curve_serverkey = zmq.auth.load_certificate(sys.argv[3])[0]
+        client.curve_publickey, client.curve_secretkey = zmq.auth.load_certificate(sys.argv[4])
+        client.connect("tcp://{}:{}".format(*address(name)))
+    else:
+        client.connect(f"ipc://{endpoint}/{name}")
+    return client
+
+
+def subscriptions() -> None:
+    """Thousands of distinct subscriptions of a kilobyte."""
+    client = connected("telemetry")
+    for n in itertools.count():
+        client.subscribe(b"%08d" % n + os.urandom(992))
+        time.sleep(0.0001 if n < 26_000 else 1.0)
+
+
+def unread() -> None:
+    """Requests for the longest reply, none of which is read."""
+    clients = [connected("control") for _ in range(REQUESTERS)]
+    for n in itertools.count(1):
+        for client in clients:
+            if client.poll(0, zmq.POLLOUT):
+                client.send(msgpack.packb({"v": 1, "id": n, "op": "plate"}), zmq.NOBLOCK)
+        time.sleep(0.02)
+
+
+def churn() -> None:
+    """500 sockets that connect, and close again."""
+    for _ in itertools.count():
+        clients = [connected(name) for _, name in zip(range(SOCKETS), itertools.cycle(NAMES), strict=False)]
+        for client in clients:
+            if client.type == zmq.SUB:
+                client.subscribe(b"")
+        time.sleep(0.1)
+        for client in clients:
+            client.close()
+
+
+def half() -> None:
+    """500 connections that never complete their handshake."""
+    held: list[socket.socket] = []
+    for name in itertools.cycle(NAMES):
+        try:
+            if is_remote:
+                client = socket.create_connection(address(name))
+            else:
+                client = socket.socket(socket.AF_UNIX)
+                client.connect(f"{endpoint}/{name}")
+            client.setblocking(False)
+            client.send(HALF_A_GREETING)
+            held.append(client)
+        except OSError:
+            time.sleep(0.01)
+        if len(held) > SOCKETS:
+            held.pop(0).close()
+
+
+KINDS = {one.__name__: one for one in (subscriptions, unread, churn, half)}
+
+if __name__ == "__main__":
+    print("ready", flush=True)
+    KINDS[sys.argv[1]]()

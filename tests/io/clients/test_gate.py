@@ -1,0 +1,260 @@
+"""The gate in front of ZeroMQ: what one connection, one user and all of them may cost."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
+from pathlib import Path
+
+import pytest
+import zmq
+from asynchronous import asynchronous
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd.io.clients import gate as gate_module
+from hapticd.io.clients import sockets as sockets_module
+from hapticd.io.clients.gate import Gate
+from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.zmtp import (
+    MAX_CHANGES,
+    MAX_ENCRYPTED_BYTES,
+    MAX_FRAME_BYTES,
+    EncryptedInbound,
+    LocalInbound,
+    ProtocolError,
+)
+
+PATIENCE_S = 10.0
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
+REPLY = bytes(60_000)
+
+
+def command(name: bytes, body: bytes = b"") -> bytes:
+    return frame(bytes([len(name)]) + name + body, flags=4)
+
+
+def frame(body: bytes, flags: int = 0) -> bytes:
+    if len(body) > 255:
+        return struct.pack(">BQ", flags | 2, len(body)) + body
+    return bytes([flags, len(body)]) + body
+
+
+def ready(**properties: bytes) -> bytes:
+    pairs = ((name.replace("_", "-").encode(), value) for name, value in properties.items())
+    body = b"".join(bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in pairs)
+    return command(b"READY", body)
+
+
+# --- what passes -------------------------------------------------------------------------------------------------
+
+
+def passed(*frames: bytes, topics: frozenset[bytes] | None = frozenset({b""}), piece: int = 10_000) -> bytes:
+    """What ZeroMQ gets of these frames after a handshake."""
+    inbound = LocalInbound("7:42:1", topics)
+    data = GREETING + ready(Socket_Type=b"SUB") + b"".join(frames)
+    got = b"".join(inbound.feed(data[at : at + piece]) for at in range(0, len(data), piece))
+    shaken = GREETING + struct.pack(">BQ", 6, len(READY_OF_7) - 2) + READY_OF_7[2:]
+    assert got.startswith(shaken)
+    return got[len(shaken) :]
+
+
+READY_OF_7 = ready(Socket_Type=b"SUB", X_Hapticd_Peer=b"7:42:1")
+OTHER_TOPICS = [frame(b"\x01" + b"%d" % n + bytes(400)) for n in range(1000)]
+WANTED = [frame(b"\x01"), command(b"PING", b"\x00\x10"), command(b"CANCEL"), command(b"SUBSCRIBE")]
+
+
+def test_of_a_flood_of_subscriptions_only_those_to_the_states_reach_zeromq() -> None:
+    also = [command(b"SUBSCRIBE", b"x"), command(b"ERROR"), frame(b"\x02"), frame(b""), frame(b"\x01"), frame(b"\x01x")]
+    assert passed(*OTHER_TOPICS, *WANTED, *also) == b"".join(WANTED)
+
+
+@given(piece=st.integers(1, 3000))
+def test_any_chunking_passes_the_same(piece: int) -> None:
+    assert passed(*OTHER_TOPICS[:5], *WANTED, piece=piece) == b"".join(WANTED)
+    assert passed(b"anything", bytes(999), topics=None, piece=piece) == b"anything" + bytes(999)
+
+
+def test_a_local_handshake_keeps_socket_type_and_routing_id_and_nothing_that_it_claims() -> None:
+    inbound = LocalInbound("7:42:1")
+    lies = ready(Socket_Type=b"PUSH", Identity=b"me", User_Id=b"Z" * 40, X_Hapticd_Peer=b"0:1:1")
+    found = inbound.feed(GREETING + lies)[len(GREETING) :]
+    assert found[9:] == ready(Socket_Type=b"PUSH", Identity=b"me", X_Hapticd_Peer=b"7:42:1")[2:]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"GET / HTTP/1.1\r\n",
+        GREETING[:10] + b"\x01" + GREETING[11:],
+        GREETING + frame(b"no command"),
+        GREETING + command(b"ERROR"),
+        GREETING + command(b"READY", b"\x05short"),
+        GREETING + command(b"READY", b"\x01x\x00\x00\x01\x00"),
+        GREETING + frame(bytes(MAX_FRAME_BYTES + 1)),
+        GREETING + ready(Socket_Type=b"SUB") + frame(bytes(MAX_FRAME_BYTES + 1)),
+        GREETING + ready(Socket_Type=b"SUB") + (frame(b"\x01") + frame(b"\x00")) * MAX_CHANGES,
+    ],
+)
+def test_what_is_not_the_protocol_ends_the_connection(data: bytes) -> None:
+    with pytest.raises(ProtocolError):
+        LocalInbound("7:42:1", frozenset({b""})).feed(data)
+
+
+@given(st.lists(st.binary(max_size=200)), st.booleans())
+def test_no_bytes_raise_anything_else(pieces: list[bytes], is_publisher: bool) -> None:
+    inbound = LocalInbound("7:42:1", frozenset({b""}) if is_publisher else None)
+    try:
+        for piece in (GREETING, *pieces):
+            inbound.feed(piece)
+    except ProtocolError:
+        pass
+
+
+def test_a_subscriber_over_tcp_may_send_no_more_than_a_handshake_and_its_subscription() -> None:
+    inbound = EncryptedInbound()
+    assert inbound.feed(bytes(MAX_ENCRYPTED_BYTES)) == bytes(MAX_ENCRYPTED_BYTES)
+    with pytest.raises(ProtocolError):
+        inbound.feed(b"x")
+
+
+# --- what it may cost --------------------------------------------------------------------------------------------
+
+
+@asynccontextmanager
+async def served(directory: Path) -> AsyncIterator[tuple[ClientServer, Gate, list[bytes]]]:
+    handled: list[bytes] = []
+
+    def answer(payload: bytes, _: str) -> bytes:
+        handled.append(payload)
+        return REPLY
+
+    server = ClientServer(directory)
+    server.start(asyncio.get_running_loop(), lambda *_: None, answer)
+    assert server._service is not None
+    try:
+        yield server, server._service.gate, handled
+    finally:
+        server.close()
+
+
+async def until(server: ClientServer, is_true: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not is_true():
+            await asyncio.sleep(0.002)
+            server.sweep()
+
+
+@contextmanager
+def raw(path: Path, *data: bytes) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(PATIENCE_S)
+        client.connect(str(path))
+        client.sendall(b"".join(data))
+        yield client
+
+
+@asynccontextmanager
+async def requester(directory: Path, requests: bytes) -> AsyncIterator[socket.socket]:
+    """A client that has sent these requests, as soon as its handshake allowed it, and reads no reply."""
+    with raw(directory / "control", GREETING) as client:
+        left = len(GREETING)
+        while left > 0:
+            left -= len(await asyncio.to_thread(client.recv, left))
+        await asyncio.to_thread(client.sendall, ready(Socket_Type=b"DEALER") + requests)
+        yield client
+
+
+async def answered(directory: Path) -> bytes:
+    """The reply to an ordinary client."""
+
+    def ask() -> bytes:
+        with zmq.Context() as context, context.socket(zmq.REQ) as client:
+            client.linger, client.rcvtimeo = 0, int(1000 * PATIENCE_S)
+            client.connect(f"ipc://{directory / 'control'}")
+            client.send(b"please")
+            return client.recv()
+
+    return await asyncio.to_thread(ask)
+
+
+@asynchronous
+async def test_a_user_has_a_number_of_connections_and_the_next_are_closed_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS_PER_USER", 4)
+    async with served(tmp_path) as (server, gate, _):
+        with ExitStack() as stack:
+            clients = [stack.enter_context(raw(tmp_path / "targets", GREETING)) for _ in range(10)]
+            await until(server, lambda: server.counters["crowded"] == 6)
+            assert len(gate._relays) == 4
+            closed = [client for client in clients[4:] if await asyncio.to_thread(_is_closed, client)]
+            assert len(closed) == 6
+        await until(server, lambda: not gate._relays)
+        assert await answered(tmp_path) == REPLY
+
+
+def _is_closed(client: socket.socket) -> bool:
+    try:
+        return client.recv(100) == b""
+    except ConnectionResetError:
+        return True
+
+
+@asynchronous
+async def test_a_client_that_leaves_its_replies_unread_is_disconnected_and_the_others_are_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with served(tmp_path) as (server, gate, _):
+        unread: list[int] = []
+        decide = gate.leaves_too_much
+        monkeypatch.setattr(gate, "leaves_too_much", lambda one: unread.append(len(one.to_client)) or decide(one))
+        async with requester(tmp_path, frame(b"plate") * 60):
+            await until(server, lambda: server.counters["unread"] == 1)
+            assert gate_module.MAX_UNREAD_BYTES < max(unread) <= gate_module.MAX_UNREAD_BYTES + gate_module.CHUNK_BYTES
+            assert await answered(tmp_path) == REPLY
+            await until(server, lambda: not gate._relays)  # what ZeroMQ still answered was read and dropped
+
+
+@asynchronous
+async def test_unread_replies_are_bounded_per_user_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate_module, "MAX_UNREAD_BYTES", 2**40)
+    async with served(tmp_path) as (server, gate, _), AsyncExitStack() as stack:
+        for _ in range(4):
+            await stack.enter_async_context(requester(tmp_path, frame(b"plate") * 20))
+        await until(server, lambda: server.counters["unread"] >= 1)
+        unread = sum(len(relay.to_client) for relay in gate._relays.values())
+        assert unread <= gate_module.MAX_UNREAD_BYTES_PER_USER
+
+
+@asynchronous
+async def test_the_requests_of_a_client_that_left_are_not_handled_for_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate_module, "STALE_S", 0.0)
+    async with served(tmp_path) as (server, gate, handled):
+        async with requester(tmp_path, frame(b"x") * 2000):
+            await until(server, lambda: len(handled) > 0)
+        await until(server, lambda: not gate._relays)
+        assert len(handled) < 1000
+        assert await answered(tmp_path) == REPLY
+
+
+@asynchronous
+async def test_the_last_message_of_a_client_that_leaves_at_once_is_handled(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, gate, handled):
+        async with requester(tmp_path, frame(b"goodbye")):
+            pass
+        await until(server, lambda: handled == [b"goodbye"] and not gate._relays)
+
+
+@asynchronous
+async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sockets_module, "HANDSHAKE_MS", 30)
+    async with served(tmp_path) as (server, gate, _):
+        with raw(tmp_path / "control", GREETING[:40]), raw(tmp_path / "telemetry", GREETING, ready(A=b"")[:5]):
+            await until(server, lambda: len(gate._relays) == 2)
+            await until(server, lambda: not gate._relays)
