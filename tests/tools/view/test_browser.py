@@ -17,6 +17,7 @@ from viewprocess import View, first
 
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.daemon_process import DaemonProcess
+from hapticd.tools.view import program
 from hapticd_client import Client
 
 PATIENCE_S = 60.0
@@ -143,6 +144,13 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
     assert len(names) > 8
     assert all(name.startswith(origin) for name in names)
     assert page.complaints() == []
+
+
+def test_the_private_file_that_the_browser_is_given_leads_to_the_page(browser: Chrome, view: View) -> None:
+    with program._private_link(view.address) as link:
+        browser.get(link)
+        Page(browser).until(lambda: browser.current_url == view.address)
+    assert browser.title == "hapticd: the plate"
 
 
 def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page: Page) -> None:
