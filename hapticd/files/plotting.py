@@ -6,10 +6,12 @@ import io
 from pathlib import Path
 from typing import Any, Literal
 
+from .. import __version__
 from ..errors import HapticdError, UsageError, reason
 
 SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 110
+SIGNATURE_PT = 7
 
 
 def check(*paths: Path | None) -> None:
@@ -31,16 +33,22 @@ def subplots(
     rows: int = 1,
     columns: int = 1,
     *,
+    source: str = "",
     layout: Literal["constrained", "compressed"] = "constrained",
     **options: Any,
 ) -> tuple[Any, Any]:
-    """Return a figure and its axes (rows, columns); `options` are those of `Figure.subplots`. Raises HapticdError."""
+    """Return a figure and its axes (rows, columns); `options` are those of `Figure.subplots`. Raises HapticdError.
+
+    The version, and the `source` of what is shown, such as scenario and seed, stand below the figure.
+    """
     _require_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in), layout=layout, dpi=DPI)
     FigureCanvasAgg(figure)
+    signature = ", ".join(filter(None, (f"hapticd {__version__}", source)))
+    figure.supxlabel(plain(signature), x=0.995, ha="right", fontsize=SIGNATURE_PT, color="grey")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
@@ -63,6 +71,11 @@ def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None)
         raise HapticdError(
             f"The picture cannot be written to {path} ({reason(error)}): choose another place."
         ) from None
+
+
+def plain(text: str) -> str:
+    """A text of somebody else's, not to be set as a formula."""
+    return text.replace("$", r"\$")
 
 
 def _require_matplotlib() -> None:

@@ -34,7 +34,7 @@ def draw(
     part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
     figure, grid = plotting.subplots(9.0, 10.0, 4, sharex=True, height_ratios=(1, 1, 1.6, 1.6))
     axes = grid[:, 0]
-    axes[0].set_title(_plain(title), loc="left")
+    axes[0].set_title(plotting.plain(title), loc="left")
     _draw_positions(axes[0:2], part)
     _draw_modes(axes[2], part)
     _draw_fingers(axes[3], part)
@@ -96,7 +96,7 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
             continue
         axis.plot(table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
         if "truth" not in tables:
-            label = f"$|W|$, finger {_plain(key)}: solved"
+            label = f"$|W|$, finger {plotting.plain(key)}: solved"
             axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=label)
     truth = tables.get("truth")
     for finger in sorted(set(truth["finger"].tolist())) if truth else []:
@@ -116,7 +116,7 @@ def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
     for t_s, text in zip(markers["t_s"], markers["text"], strict=True):
         for axis in axes:
             axis.axvline(t_s, color="grey", lw=0.8, ls=":")
-        label, place = _plain(text[:24]), ("data", "axes fraction")
+        label, place = plotting.plain(text[:24]), ("data", "axes fraction")
         axes[0].annotate(label, (t_s, 1.0), xycoords=place, rotation=45, fontsize="x-small", va="bottom")
 
 
@@ -135,11 +135,6 @@ def _of(table: Table | None, column: str, value: object) -> Table:
         return {}
     part = table[column] == value
     return {name: values[part] for name, values in table.items()} if part.any() else {}
-
-
-def _plain(text: str) -> str:
-    """A text of somebody else's, not to be set as a formula."""
-    return text.replace("$", r"\$")
 
 
 def _begin_s(tables: Mapping[str, Table]) -> float:
