@@ -52,6 +52,18 @@ def subplots(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
+def show_at_least(axis: Any, low: float, high: float) -> None:
+    """Have the vertical axis reach these values at least, so that noise does not fill it."""
+    axis.update_datalim([(0.0, low), (0.0, high)], updatex=False)
+    axis.autoscale_view(scalex=False)
+
+
+def mark_empty(axis: Any, text: str) -> None:
+    """Say in the middle of an axis why nothing is drawn there."""
+    axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", va="center", color="grey")
+    axis.set_yticks([])
+
+
 def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None) -> None:
     """Write the figure in the format of the path's suffix. Raises UsageError, HapticdError.
 

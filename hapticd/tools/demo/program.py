@@ -116,7 +116,8 @@ def _play(options: argparse.Namespace, program: Path | None) -> None:
     same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
     paper_run = lockstep.run(SCENARIO, settings=lockstep.paper(same_plate), seed=seed, seconds=t_end_s)
     paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
-    draw([ours, paper], options.out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
+    limit_um, source = max(LimitsConfig().w_limit_um), f"demo, seed {seed}"
+    draw([ours, paper], options.out, w_limit_um=limit_um, seconds=PICTURE_S, source=source)
     print(summary(ours.score, paper.score, status))
     if board == "library":
         print(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ...errors import RecordingError
 from ...files import plotting
-from ...sim.picture import FINGER_COLOURS, MODE_COLOURS
+from ...sim.picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS
 from .tables import Column
 
 Table = Mapping[str, Column]
@@ -39,6 +39,9 @@ def draw(
     _draw_modes(axes[2], part)
     _draw_fingers(axes[3], part)
     _draw_markers(axes, part)
+    if not _coloured(part):
+        for axis in (*axes[0:2], axes[3]):
+            plotting.mark_empty(axis, "no finger touches")
     axes[3].set_xlim(start_s, end_s)
     axes[3].set_xlabel("time, s")
     plotting.save(figure, path)
@@ -84,6 +87,7 @@ def _draw_modes(axis: Any, tables: Mapping[str, Table]) -> None:
             at_s = _seconds(wanted["t_knot_ns"][first], begin_s)
             axis.plot(at_s, wanted["reference_d_um"][first], "--", color="black", lw=0.7)
     axis.plot([], [], "--", color="black", lw=0.7, label="references")
+    plotting.show_at_least(axis, -LEAST_UM, LEAST_UM)
     axis.set_ylabel("modal amplitude, µm")
     _legend(axis)
 
@@ -105,7 +109,8 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
         amplitude_um = np.hypot(felt["plate_d_um"], felt["plate_q_um"])
         axis.plot(felt["t_s"], amplitude_um, color=colour, lw=1.0, label=f"$|W_{finger + 1}|$ of the plate")
     axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
-    axis.set_ylabel("at the finger, µm")
+    plotting.show_at_least(axis, 0.0, LEAST_UM)
+    axis.set_ylabel("vibration at the finger, µm")
     _legend(axis)
 
 
