@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> Verdict:
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim))
     found.fit.modes.save(options.out / MODES_FILE)
-    draw(scan, found, options.out / PICTURE_FILE)
+    draw(scan, found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, len(scan.points_mm), size_mm, is_simulated=options.sim)
 
 
@@ -239,11 +239,11 @@ def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float], *, seed: in
     return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
 
 
-def draw(scan: Scan, found: FittedMap, path: Path) -> None:
+def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
     """Draw readings, map and difference of each mode. Raises HapticdError."""
     modes, scale = found.fit.modes, found.fit.scale
     figure, axes = plotting.subplots(
-        8.6, 2.6 * modes.M + 1.0, modes.M, 3, layout="compressed", sharex=True, sharey=True
+        8.6, 2.6 * modes.M + 1.0, modes.M, 3, source=source, layout="compressed", sharex=True, sharey=True
     )
     extent = (modes.x_mm[0], modes.x_mm[-1], modes.y_mm[0], modes.y_mm[-1])
     values = (scan.readings / scale).real

@@ -161,7 +161,8 @@ def test_the_picture_has_labels_and_a_scale_of_each_kind(
 ) -> None:
     figures: list[Any] = []
     monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: figures.append(figure))
-    modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png")
+    modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png", source="simulated, seed 1")
+    assert figures[0].get_supxlabel().endswith(", simulated, seed 1")
     *maps, shapes, differences = figures[0].axes
     assert [axis.get_xlabel() for axis in maps[-3:]] == ["x, mm"] * 3
     assert "its largest value is 1" in shapes.get_xlabel()
