@@ -52,6 +52,13 @@ def subplots(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
+def stepped(name: str, levels: int) -> Any:
+    """Return a colour map in so many steps: exact, and a third of the bytes, in a PNG of few colours."""
+    from matplotlib import colormaps
+
+    return colormaps[name].resampled(levels)
+
+
 def show_at_least(axis: Any, low: float, high: float) -> None:
     """Have the vertical axis reach these values at least, so that noise does not fill it."""
     axis.update_datalim([(0.0, low), (0.0, high)], updatex=False)
@@ -78,7 +85,8 @@ def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None)
 
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=dpi, format="png")
-        Image.open(drawn).convert("RGB").quantize(colours).save(path, optimize=True)
+        few = Image.open(drawn).convert("RGB").quantize(colours, method=Image.Quantize.MAXCOVERAGE)
+        few.save(path, optimize=True)
     except (OSError, ValueError) as error:
         raise HapticdError(
             f"The picture cannot be written to {path} ({reason(error)}): choose another place."

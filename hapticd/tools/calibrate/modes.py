@@ -250,8 +250,8 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
     residual = values - modes.evaluate(found.fit.pose.on_plate(scan.points_mm))
     largest = float(np.abs(modes.shapes).max())
     reach = max(float(np.nanpercentile(np.abs(residual), 99.0)), 1e-12)
-    look = {"cmap": "RdBu", "vmin": -largest, "vmax": largest}
-    off = {"cmap": "RdBu", "vmin": -100 * reach, "vmax": 100 * reach}
+    look = {"cmap": plotting.stepped("RdBu", 20), "vmin": -largest, "vmax": largest}
+    off = {"cmap": plotting.stepped("RdBu", 20), "vmin": -100 * reach, "vmax": 100 * reach}
     for mode, (left, middle, right) in enumerate(axes):
         left.scatter(*scan.points_mm.T, c=values[:, mode], s=SCAN_PT2, marker="s", **look)
         shapes = middle.imshow(modes.shapes[mode], origin="lower", extent=extent, **look)
@@ -266,4 +266,4 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
         plot.set_xlabel("x, mm")
     figure.colorbar(shapes, ax=axes[:, :2], location="bottom", label="mode shape; its largest value is 1", aspect=40)
     figure.colorbar(differences, ax=axes[:, 2], location="bottom", label="difference, % of that", extend="both")
-    plotting.save(figure, path, dpi=PICTURE["dpi"], colours=256)
+    plotting.save(figure, path, dpi=PICTURE["dpi"], colours=96)
