@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from hapticd import __version__
 from hapticd.__main__ import main
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
@@ -73,3 +77,37 @@ def test_the_make_targets_that_are_named_exist() -> None:
     for readme, target in found(r"(?m)(?:`|^)make ([a-z]+[a-z-]*)"):
         own = (ROOT / "firmware/Makefile").read_text(encoding="utf-8") if readme.startswith("firmware") else ""
         assert re.search(rf"^{target}:", makefile + own, re.MULTILINE), f"{readme}: make {target}"
+
+
+def test_the_citation_is_of_this_version_and_of_the_paper_that_the_front_page_links() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    (paper,) = re.findall(r"^\[paper\]: (.*)$", README, flags=re.MULTILINE)
+    assert re.findall(r"^version: (.*)$", citation, flags=re.MULTILINE) == [__version__]
+    assert re.findall(r'^    url: "(.*)"$', citation, flags=re.MULTILINE) == [paper]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["urls"]["Paper"] == paper
+    assert project["authors"]
+    assert "Topic :: Scientific/Engineering :: Human Machine Interfaces" in project["classifiers"]
+
+
+WORDS = re.findall(
+    r"(?m)^\| ([^|]+?) \| [^|]", ALL[ROOT / "hapticd/core/README.md"].partition("## Words")[2].partition("## ")[0]
+)
+
+
+@pytest.mark.parametrize("word", ["ultrasonic", "squeeze film", "peak to peak", "leak", "knot", "W_LIM", "gate"])
+def test_a_newcomer_finds_each_word_in_the_glossary_that_the_front_page_links(word: str) -> None:
+    assert word in WORDS
+    assert "(hapticd/core/README.md#words)" in README
+
+
+@pytest.mark.parametrize("word", ["ultrasonic", "squeeze\nfilm", "peak to peak", "*leak*"])
+def test_the_front_page_says_its_physics_before_its_commands(word: str) -> None:
+    assert word in README.partition("## Try it")[0]
+
+
+@pytest.mark.long
+def test_the_concept_figure_is_drawn_by_its_script(tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / ".github" / "concept.py"), str(tmp_path / "concept.png")]
+    subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert (tmp_path / "concept.png").read_bytes().startswith(b"\x89PNG")

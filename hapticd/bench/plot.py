@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ _COLOURS = [f"tab:{name}" for name in ("blue", "orange", "green", "purple", "bro
 _MARKERS = "osD^v"
 _BARS = (("hot_us", "tab:blue"), ("paced_us", "tab:orange"))
 _TITLE_COLUMNS = 84
+_LEAST_SPAN = 10.0  # of a logarithmic axis: a shorter one may have no labelled tick
 
 
 def draw(tables: Sequence[Table], path: Path) -> None:
@@ -52,8 +54,15 @@ def _scatter(axis: Any, table: Table) -> None:
             linestyle="none",
             label=name if y > table.floor else f"{name} (rounding)",
         )
+    for index, row in enumerate(table.rows):
+        if table.time not in row.figures and row.figures.get(table.error, -1.0) > table.floor:
+            colour = _COLOURS[index % len(_COLOURS)]
+            axis.axhline(row.figures[table.error], color=colour, ls=":", lw=1.2, label=f"{row.name} (no run time)")
     for scaled, set_scale in ((axis.xaxis, axis.set_xscale), (axis.yaxis, axis.set_yscale)):
         set_scale("log")
+        low, high = scaled.get_view_interval()
+        wider = max(math.sqrt(_LEAST_SPAN * low / high), 1.0)
+        scaled.set_view_interval(low / wider, high * wider, ignore=True)
         scaled.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         scaled.set_major_formatter("{x:.6g}")
         scaled.set_minor_formatter(NullFormatter())

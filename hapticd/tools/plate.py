@@ -180,16 +180,17 @@ def draw(
 ) -> None:
     """Draw both shapes of each pair, and the common nodes of the selected one. Raises HapticdError."""
     rows = len(pairs)
-    figure, axes = plotting.subplots(7.5, 2.5 * rows, rows, 3)
+    figure, axes = plotting.subplots(8.6, 2.6 * rows + 1.0, rows, 3, layout="compressed", sharex=True, sharey=True)
     width_mm, depth_mm = taken.shapes[0].size_mm
     x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, 161) for edge_mm in (width_mm, depth_mm))
+    signed, greys = plotting.stepped("RdBu", 20), plotting.stepped("Greys", 20)
     extent = (-width_mm / 2, width_mm / 2, -depth_mm / 2, depth_mm / 2)
     for row, pair in zip(axes, pairs, strict=True):
         grids = [shape.on_grid(x_mm, y_mm) for shape in pair.shapes]
         for plot, grid, shape, hz in zip(row, grids, pair.shapes, pair.frequency_hz, strict=False):
-            plot.imshow(grid, origin="lower", extent=extent, cmap="RdBu", vmin=-1, vmax=1)
+            shapes = plot.imshow(grid, origin="lower", extent=extent, cmap=signed, vmin=-1, vmax=1)
             plot.set_title(f"{shape.name}: {hz:.0f} Hz", fontsize=9)
-        row[2].imshow(abs(grids[0]) + abs(grids[1]), origin="lower", extent=extent, cmap="Greys", vmin=0, vmax=2)
+        both = row[2].imshow(abs(grids[0]) + abs(grids[1]), origin="lower", extent=extent, cmap=greys, vmin=0, vmax=2)
         if pair is taken:
             row[2].scatter([one.x_mm for one in nodes], [one.y_mm for one in nodes], s=6, color="tab:blue")
             row[2].scatter(
@@ -199,6 +200,10 @@ def draw(
                 facecolors="none",
                 edgecolors="tab:red",
             )
-        row[2].set_title("both at once; stamps" if pair is taken else "both at once", fontsize=9)
+        row[2].set_title("both: nodes blue, stamps red" if pair is taken else "both", fontsize=9)
         row[0].set_ylabel("y, mm")
-    plotting.save(figure, path, dpi=80, colours=64)
+    for plot in axes[-1]:
+        plot.set_xlabel("x, mm")
+    figure.colorbar(shapes, ax=axes[:, :2], location="bottom", label="mode shape; its largest value is 1", aspect=40)
+    figure.colorbar(both, ax=axes[:, 2], location="bottom", label="sum of both magnitudes")
+    plotting.save(figure, path, dpi=80, colours=96)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hapticd.bench.plot import draw
 from hapticd.bench.tables import Table, finite_rows, number, plain, ratio_name, render, stem, unit
 from hapticd.bench.timing import compare, least, least_by_pass, optional
+from hapticd.files import plotting
 
 SKIPPED = {"oracle": "it is not installed"}
 
@@ -103,3 +105,24 @@ def test_every_kind_of_panel_can_be_drawn(tmp_path: Path) -> None:
     picture = tmp_path / "bench.png"
     draw(tables, picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_panel_of_nearly_equal_times_has_labelled_ticks_and_shows_rows_without_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, _: figures.append(figure))
+    rows = finite_rows(
+        [
+            ("exact", {"time_us": 0.83, "leak_um": 4.1}),
+            ("other", {"time_us": 0.81, "leak_um": 4.2}),
+            ("bound", {"leak_um": 3.4}),
+        ]
+    )
+    draw([table(rows=rows)], Path("bench.png"))
+    (axis,) = figures[0].axes
+    figures[0].draw_without_rendering()
+    for low, high, scaled in ((*axis.get_xlim(), axis.xaxis), (*axis.get_ylim(), axis.yaxis)):
+        shown = [place for place in scaled.get_majorticklocs() if low <= place <= high]
+        assert len(shown) >= 3
+    assert [float(line.get_ydata()[0]) for line in axis.get_lines()] == [4.1, 4.2, 3.4]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from hapticd import __version__
 from hapticd.errors import HapticdError, UsageError
 from hapticd.files import plotting
 
@@ -20,6 +21,12 @@ def test_a_picture_has_the_format_of_its_suffix(suffix: str, begin: bytes, tmp_p
     for colours in (None, 8):
         plotting.save(figure, tmp_path / f"picture{suffix}", colours=colours)
         assert (tmp_path / f"picture{suffix}").read_bytes().startswith(begin)
+
+
+def test_a_figure_carries_the_version_and_what_it_shows() -> None:
+    figure, _ = plotting.subplots(2.0, 1.0, source="strokes of $x$, seed 3")
+    assert figure.get_supxlabel() == rf"hapticd {__version__}, strokes of \$x\$, seed 3"
+    assert plotting.subplots(2.0, 1.0)[0].get_supxlabel() == f"hapticd {__version__}"
 
 
 def test_another_suffix_is_refused_before_the_work_and_no_path_is_not() -> None:

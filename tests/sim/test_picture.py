@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hapticd.errors import HapticdError
+from hapticd.files import plotting
 from hapticd.sim import lockstep, picture
 from hapticd.sim.lockstep import Run
 from hapticd.sim.picture import Film
@@ -36,7 +38,8 @@ def test_two_films_are_drawn_side_by_side(run: Run, tmp_path: Path) -> None:
     picture.draw([ours, paper], tmp_path / "two.png", w_limit_um=4.0, seconds=1.5)
 
     one, two = size_px(tmp_path / "one.png"), size_px(tmp_path / "two.png")
-    assert two == (2 * one[0], one[1])
+    assert one == pytest.approx((3.2 * picture.INCHES_PER_S * plotting.DPI, 880), abs=1)
+    assert two == (2 * round(picture.LEAST_IN * plotting.DPI), 880)
 
 
 @pytest.mark.parametrize("scenario", ["paper-figure-11", "step"])
@@ -57,17 +60,48 @@ def test_a_scenario_without_fingers_of_its_own_is_drawn_without_a_legend_for_the
     assert size_px(tmp_path / "hands.png")[0] > 600
 
 
-def test_the_quadrature_of_two_slipping_fingers_is_shown_whole(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    drawn = []
-    canvas = picture._canvas
-    monkeypatch.setattr(picture, "_canvas", lambda columns: drawn.append(canvas(columns)) or drawn[-1])
+def axes_of(run: Run, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The axes of the run's picture, from top to bottom."""
+    figures: list[Any] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(plotting, "save", lambda figure, _: figures.append(figure))
+        picture.draw_run(run, Path("run.png"))
+    return list(figures[0].axes)
+
+
+def test_the_quadrature_of_two_slipping_fingers_is_shown_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     run = lockstep.run("both-slip", seconds=1.0)
-
-    picture.draw_run(run, tmp_path / "both.png")
-
     highest_um = float(np.abs(run.modal_um.imag).max())
     assert highest_um > 1.0
-    assert drawn[0][1][1, 0].get_ylim() == (-highest_um, highest_um)
+    assert axes_of(run, monkeypatch)[1].get_ylim() == (-highest_um, highest_um)
+
+
+def test_references_lie_behind_the_amplitudes_that_follow_them(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = axes_of(run, monkeypatch)[0].get_lines()
+    for mode, (reference, amplitude) in enumerate((lines[0:2], lines[2:4])):
+        np.testing.assert_array_equal(reference.get_ydata(), run.reference_um[:, mode].real)
+        np.testing.assert_array_equal(amplitude.get_ydata(), run.modal_um[:, mode].real)
+        assert reference.get_linewidth() > 2 * amplitude.get_linewidth()
+        assert reference.get_color() == amplitude.get_color()
+
+
+def test_of_a_long_run_its_first_seconds_are_drawn_and_its_title_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    modes, _, fingers = axes_of(lockstep.run("paper-figure-10", seconds=7.0), monkeypatch)
+    assert modes.get_title(loc="left") == "paper-figure-10, 5 s of 7 s"
+    assert fingers.get_xlim() == pytest.approx((0.0, 5.0), abs=0.001)
+    assert fingers.get_title(loc="left").endswith("(in 7 s)")
+
+
+def test_the_time_from_the_steps_target_to_the_plate_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    *_, fingers = axes_of(lockstep.run("step", seconds=1.3), monkeypatch)
+    assert any("5.5 ms: the link's 5 ms" in text.get_text() for text in fingers.texts)
+
+
+def test_a_still_plates_noise_does_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    modes, _, fingers = axes_of(lockstep.run("hands", seconds=0.4), monkeypatch)
+    assert modes.get_ylim() == pytest.approx((-picture.LEAST_UM, picture.LEAST_UM), rel=0.15)
+    assert [text.get_text() for text in fingers.texts] == ["no finger has a target"]
+    assert modes.figure.get_supxlabel().endswith("simulated hands, seed 1")
 
 
 def test_a_window_of_a_film_is_judged_by_itself(run: Run) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import free_plate_modes
+from hapticd.files import plotting
 
 
 def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(
@@ -31,6 +33,17 @@ def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(
     table = json.loads(files["json"].read_text())
     assert table["pairs"][table["taken"] - 1]["modes"] == ["11x0", "0x11"]
     assert len(table["stamps"]) == 121
+
+
+def test_the_picture_has_labels_and_a_scale_of_each_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: figures.append(figure))
+    assert main(["plate", "--plot", str(tmp_path / "plate.png")]) == 0
+    *maps, shapes, both = figures[0].axes
+    assert [axis.get_xlabel() for axis in maps[-3:]] == ["x, mm"] * 3
+    assert [axis.get_ylabel() for axis in maps[::3]] == ["y, mm"] * (len(maps) // 3)
+    assert "its largest value is 1" in shapes.get_xlabel()
+    assert "sum of both" in both.get_xlabel()
 
 
 def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(

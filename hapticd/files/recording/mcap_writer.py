@@ -55,15 +55,12 @@ class RecordingFile:
         self._index_bytes = SUMMARY_BYTES
         self._mcap: McapWriter
         self._output = _Output(-1)
-        try:
-            if not path.name or path.is_dir():
-                raise RecordingError(f"{path}: is a folder: name a file in it, such as session{SUFFIX}.")
-            self._open(seq)
-        except OSError as error:
-            self._output.close()
-            raise RecordingError(
-                f"{path}: no recording can be written there ({error.strerror}): name a file in a folder of yours."
-            ) from None
+        with _in_a_sentence(path):
+            try:
+                self._open(seq)
+            except OSError:
+                self._output.close()
+                raise
 
     @property
     def path(self) -> Path:
@@ -136,16 +133,10 @@ class RecordingFile:
         self._mcap.add_metadata("hapticd", texts_of(self._header))
 
     def _created(self) -> int:
-        while True:
-            number, self._number = self._number, self._number + 1
-            stem, suffix = self._requested.stem, self._requested.suffix
-            path = self._requested if number == 1 else self._requested.with_name(f"{stem}-{number}{suffix}")
-            try:
-                fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640)
-            except FileExistsError:
-                continue
-            self._paths.append(path)
-            return fd
+        fd, path, number = _create(self._requested, self._number)
+        self._number = number + 1
+        self._paths.append(path)
+        return fd
 
     def _register(self, name: str) -> int:
         kind, schema_id = KINDS[name], 0
@@ -157,6 +148,37 @@ class RecordingFile:
     def _add(self, kind: str, seq: int, t_ns: int, data: bytes) -> None:
         self._mcap.add_message(self._channels[kind], t_ns, data, t_ns, seq & 0xFFFFFFFF)
         self._pending_bytes += len(data) + MESSAGE_BYTES
+
+
+def check_destination(path: Path) -> None:
+    """Raise RecordingError where no recording of this name can be made: create its file, and remove it."""
+    with _in_a_sentence(path):
+        fd, created, _ = _create(path, 1)
+        os.close(fd)
+        created.unlink()
+
+
+@contextmanager
+def _in_a_sentence(path: Path) -> Iterator[None]:
+    """Raise RecordingError for a folder, and for a file that cannot be created."""
+    if not path.name or path.is_dir():
+        raise RecordingError(f"{path}: is a folder: name a file in it, such as session{SUFFIX}.")
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: no recording can be written there ({error.strerror}): name a file in a folder of yours."
+        ) from None
+
+
+def _create(requested: Path, number: int) -> tuple[int, Path, int]:
+    """Create the first free file of this name from `number` on; return it open, its path and its number."""
+    while True:
+        path = requested if number == 1 else requested.with_name(f"{requested.stem}-{number}{requested.suffix}")
+        try:
+            return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640), path, number
+        except FileExistsError:
+            number += 1
 
 
 class DirectRecording:

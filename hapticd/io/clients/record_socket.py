@@ -3,7 +3,7 @@
 XPUB, ipc://<directory>/record. Without a subscriber nothing is encoded. A slow subscriber loses records, and sees by
 their numbers which. A subscription to everything (`NOW`) requests the records from now on; one to `WHOLE`, with which
 each record begins, a recording from a core's first input on. Where that has to wait, the subscribers of `WAITS` get
-that message.
+that message, followed by the directory of the simulated rig if the trackpad is simulated.
 """
 
 from __future__ import annotations

@@ -69,12 +69,14 @@ class HeldFinger:
 class Hands:
     """All fingers of a user: `MAX_HANDS` paths, lifted until used.
 
-    `t_taken_s` is the time of the first message, from which on the scenario's own fingers are lifted.
+    `t_taken_s` is the time of the first message, from which on the scenario's own fingers are lifted; `lifted_s` is the
+    newest interval in which they lift on request.
     """
 
     def __init__(self) -> None:
         self.fingers: tuple[HeldFinger, ...] = tuple(HeldFinger() for _ in range(MAX_HANDS))
         self.t_taken_s = math.inf
+        self.lifted_s = (math.inf, -math.inf)
         self._held: dict[str, HeldFinger] = {}
         self._t_message_s = -math.inf
 
@@ -90,6 +92,11 @@ class Hands:
             else:
                 self._take(name).land(t_s, point_mm)
 
+    def lift_scripted(self, t_s: float) -> None:
+        """Lift the scenario's own fingers from `t_s` on, until TIMEOUT_S after the last request."""
+        start_s, end_s = self.lifted_s
+        self.lifted_s = (start_s if t_s <= end_s else t_s, t_s + TIMEOUT_S)
+
     def expire(self, t_s: float) -> None:
         """Lift all fingers after TIMEOUT_S without a message."""
         if self._held and t_s - self._t_message_s > TIMEOUT_S:
@@ -104,23 +111,27 @@ class Hands:
 
 @dataclass(frozen=True)
 class YieldingPath:
-    """A scenario's path that is lifted for good once a user takes over."""
+    """A scenario's path that is lifted on request, and for good once a user takes over."""
 
     path: Path
     hands: Hands
 
     def position_mm(self, t_s: Array) -> Array:
-        position = self.path.position_mm(t_s)
-        if self.hands.t_taken_s < math.inf:
-            position = np.where((np.asarray(t_s) < self.hands.t_taken_s)[:, np.newaxis], position, np.nan)
+        position, t_s = self.path.position_mm(t_s), np.asarray(t_s)
+        start_s, end_s = self.hands.lifted_s
+        if min(self.hands.t_taken_s, start_s) < math.inf:
+            is_lifted = (t_s >= self.hands.t_taken_s) | ((t_s >= start_s) & (t_s < end_s))
+            position = np.where(is_lifted[:, np.newaxis], np.nan, position)
         return position
 
 
-def decode_hands(payload: bytes) -> dict[str, Point]:
-    """Decode the fingers that are down, by name. Raises RequestError."""
+def decode_hands(payload: bytes) -> dict[str, Point] | None:
+    """Decode the fingers that are down, by name, or None: the scenario's fingers are to lift. Raises RequestError."""
     fields = Fields(unpack(payload))
     fingers = fields.take("fingers")
     fields.end()
+    if fingers is None:
+        return None
     if not isinstance(fingers, dict) or len(fingers) > MAX_HANDS:
         raise RequestError(f"fingers: must be a map of at most {MAX_HANDS} fingers to [x_mm, y_mm].")
     return {label(name, "fingers"): _point(point, f"fingers.{name}"[:48]) for name, point in fingers.items()}

@@ -168,7 +168,10 @@ class Rig:
         """Apply the positions of a user's fingers, from the first time not yet computed."""
         t_s = self.world.t_ahead_s
         for points_mm in self._sockets.held():
-            self.hands.hold(points_mm, t_s)
+            if points_mm is None:
+                self.hands.lift_scripted(t_s)
+            else:
+                self.hands.hold(points_mm, t_s)
         self.hands.expire(t_s)
 
     def _publish_truth(self) -> None:

@@ -1,18 +1,18 @@
 """Sockets of the simulated rig for a viewer: two ZeroMQ sockets in its directory.
 
     truth     XPUB   the plate's ground truth, up to 100 times a second, while subscribed
-    fingers   PULL   a user's fingers that are down now; they replace the scenario's
+    fingers   PULL   a user's fingers that are down now; they replace the scenario's. Nil lifts the scenario's
 
 Each message is one MessagePack map:
 
     truth     {"t_ns": .., "paths": .., "path": [.., ..], "fingers": [[x_mm, y_mm], ..], "modal_um": [[d, q], ..],
                "truth_um": [[d, q], ..]}
-    fingers   {"fingers": {"1": [x_mm, y_mm], ..}}
+    fingers   {"fingers": {"1": [x_mm, y_mm], ..}} or {"fingers": nil}
 
 `t_ns` is the host's monotonic clock; `fingers` are those that touch; `path` is the index of each of the rig's `paths`
 fingers, first the scenario's, then the user's; `modal_um` are all modes of the plate, driven ones first; `truth_um` is
-the complex displacement under each touching finger, peak to peak. A sender repeats its fingers: after
-`hands.TIMEOUT_S` without a message all lift.
+the complex displacement under each touching finger, peak to peak. A sender repeats its message: after
+`hands.TIMEOUT_S` without one its fingers lift, or the scenario's land again.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class RigSockets:
         }
         self._truth.send(msgpack.packb(message), zmq.NOBLOCK)
 
-    def held(self) -> Iterator[dict[str, Point]]:
-        """Yield the messages of fingers since the last call; invalid ones are counted."""
+    def held(self) -> Iterator[dict[str, Point] | None]:
+        """Yield the messages of fingers since the last call, None for nil; invalid ones are counted."""
         while True:
             try:
                 yield decode_hands(self._fingers.recv(zmq.NOBLOCK))

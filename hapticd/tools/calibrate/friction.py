@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> Verdict:
     check(options)
     amplitude_um, friction = simulated.friction_readings(options.seed) if options.sim else read(options.readings)
     found = fit_friction(amplitude_um, friction)
-    draw(amplitude_um, friction, found, options.out / PICTURE_FILE)
+    draw(amplitude_um, friction, found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, is_simulated=options.sim)
 
 
@@ -199,9 +199,9 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
     return Verdict("friction", outcome, sentence, figures, {"plate": {"friction_curve": curve_um}}, is_simulated)
 
 
-def draw(amplitude_um: Array, friction: Array, found: FrictionFit, path: Path) -> None:
+def draw(amplitude_um: Array, friction: Array, found: FrictionFit, path: Path, *, source: str = "") -> None:
     """Draw readings, outliers and the curve. Raises HapticdError."""
-    figure, axes = plotting.subplots(6.0, 4.0)
+    figure, axes = plotting.subplots(6.0, 4.0, source=source)
     left_out = found.left_out
     (plot,) = axes[0]
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")

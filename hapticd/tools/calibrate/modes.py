@@ -43,6 +43,7 @@ W_LIMIT_UM = 4.0
 PAIRS = 1000
 MARGIN_MM = 8.0  # least distance of fingers from an edge
 APART_MM = 15.0  # and from each other
+SCAN_PT2 = 8  # area of a reading's mark in the picture
 
 
 class ExpectedLeak(NamedTuple):
@@ -90,7 +91,7 @@ def run(options: argparse.Namespace) -> Verdict:
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim))
     found.fit.modes.save(options.out / MODES_FILE)
-    draw(scan, found, options.out / PICTURE_FILE)
+    draw(scan, found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, len(scan.points_mm), size_mm, is_simulated=options.sim)
 
 
@@ -247,26 +248,31 @@ def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float], *, seed: in
     return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
 
 
-def draw(scan: Scan, found: FittedMap, path: Path) -> None:
+def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
     """Draw readings, map and difference of each mode. Raises HapticdError."""
     modes, scale = found.fit.modes, found.fit.scale
-    figure, axes = plotting.subplots(7.5, 2.5 * modes.M, modes.M, 3)
+    figure, axes = plotting.subplots(
+        8.6, 2.6 * modes.M + 1.0, modes.M, 3, source=source, layout="compressed", sharex=True, sharey=True
+    )
     extent = (modes.x_mm[0], modes.x_mm[-1], modes.y_mm[0], modes.y_mm[-1])
-    on_map = modes.evaluate(found.fit.pose.on_plate(scan.points_mm))
-    for mode in range(modes.M):
-        values = (scan.readings[:, mode] / scale[mode]).real
-        largest = float(np.abs(modes.shapes[mode]).max())
-        look = {"cmap": "RdBu", "vmin": -largest, "vmax": largest}
-        left, middle, right = axes[mode]
-        left.scatter(*scan.points_mm.T, c=values, s=7, marker="s", **look)
-        middle.imshow(modes.shapes[mode], origin="lower", extent=extent, **look)
-        residual = values - on_map[:, mode]
-        reach = max(float(np.nanpercentile(np.abs(residual), 99.0)), 1e-12)
-        right.scatter(*scan.points_mm.T, c=residual, s=7, marker="s", cmap="RdBu", vmin=-reach, vmax=reach)
+    values = (scan.readings / scale).real
+    residual = values - modes.evaluate(found.fit.pose.on_plate(scan.points_mm))
+    largest = float(np.abs(modes.shapes).max())
+    reach = max(float(np.nanpercentile(np.abs(residual), 99.0)), 1e-12)
+    look = {"cmap": plotting.stepped("RdBu", 20), "vmin": -largest, "vmax": largest}
+    off = {"cmap": plotting.stepped("RdBu", 20), "vmin": -100 * reach, "vmax": 100 * reach}
+    for mode, (left, middle, right) in enumerate(axes):
+        left.scatter(*scan.points_mm.T, c=values[:, mode], s=SCAN_PT2, marker="s", **look)
+        shapes = middle.imshow(modes.shapes[mode], origin="lower", extent=extent, **look)
+        differences = right.scatter(*scan.points_mm.T, c=100 * residual[:, mode], s=SCAN_PT2, marker="s", **off)
         like = found.like[mode][0] if found.like else "mode"
         left.set(title=f"mode {mode}: readings", ylabel="y, mm")
         middle.set(title=f"map, like {like}")
-        right.set(title=f"difference, to {100 * reach:.1f} %")
+        right.set(title="readings - map")
     for plot in axes.ravel():
         plot.set(aspect="equal", xlim=extent[:2], ylim=extent[2:])
-    plotting.save(figure, path, **PICTURE)
+    for plot in axes[-1]:
+        plot.set_xlabel("x, mm")
+    figure.colorbar(shapes, ax=axes[:, :2], location="bottom", label="mode shape; its largest value is 1", aspect=40)
+    figure.colorbar(differences, ax=axes[:, 2], location="bottom", label="difference, % of that", extend="both")
+    plotting.save(figure, path, dpi=PICTURE["dpi"], colours=96)

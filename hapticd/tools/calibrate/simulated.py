@@ -7,6 +7,7 @@ curve. Left out: a rotated scan, fingers that miss their mark, friction that dri
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,6 +31,11 @@ REPEATS = 5  # readings at each amplitude
 SLIPS = 3  # readings in which the finger stuck
 
 Array = npt.NDArray[np.float64]
+
+
+def source(options: argparse.Namespace) -> str:
+    """Return what the pictures of a step say of their measurements."""
+    return f"simulated, seed {options.seed}" if options.sim else ""
 
 
 def scan(seed: int) -> tuple[Array, npt.NDArray[np.complex128]]:

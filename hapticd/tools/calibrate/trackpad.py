@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> Verdict:
     else:
         model, touches_mm = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within))
     found = fit_affine(touches_mm, marks_mm)
-    draw(marks_mm, touches_mm, found, options.out / PICTURE_FILE)
+    draw(marks_mm, touches_mm, found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, {} if options.sim else {"source": "hid", "model": model}, is_simulated=options.sim)
 
 
@@ -174,9 +174,11 @@ def _findings(found: AffineFit) -> list[Finding]:
     return findings
 
 
-def draw(marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path) -> None:
+def draw(
+    marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path, *, source: str = ""
+) -> None:
     """Draw marks, mapped touches and their difference, enlarged. Raises HapticdError."""
-    figure, axes = plotting.subplots(5.5, 4.5)
+    figure, axes = plotting.subplots(5.5, 4.5, source=source)
     (plot,) = axes[0]
     marks = np.array(marks_mm)
     mapped = np.array([found.plate_from_pad.apply(*touch) for touch in touches_mm])

@@ -128,7 +128,8 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
         paper_run = lockstep.run(SCENARIO, settings=settings, seed=seed, seconds=t_end_s, progress=progress)
     paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
     if out is not None:
-        draw([ours, paper], out, w_limit_um=max(LimitsConfig().w_limit_um), seconds=PICTURE_S)
+        limit_um, source = max(LimitsConfig().w_limit_um), f"demo, seed {seed}"
+        draw([ours, paper], out, w_limit_um=limit_um, seconds=PICTURE_S, source=source)
     print(summary(ours.score, paper.score, status))
     if board == "library":
         print(

@@ -26,12 +26,13 @@ from ...errors import HapticdError
 from ...files.outputs import opened
 from ...files.toml_file import MAX_BYTES
 from ...regular_file import read_bounded
-from ..record.attach import record
+from ..record import attach
 from ..version import version_text
 from .finding import Finding, System, as_document
 
 SUFFIX = (".tar.gz",)
 RECORD_S = 10.0
+WAIT_S = 3.0  # for an idle plate, whose recording replays; then the recording begins in mid-session
 LOG_LINES = 5000
 LOG_WITHIN_S = 20.0
 PACKAGES = ("hapticd", "hapticd-client", "hidapi", "mcap", "msgpack", "numpy", "pyserial", "pyzmq")
@@ -46,7 +47,7 @@ def collect(
     config_path: Path | None,
     found: Sequence[Finding],
     *,
-    record: Record = record,
+    record: Record = lambda *arguments: attach.record(*arguments, wait_s=WAIT_S),
     log: Callable[[], str] | None = None,
 ) -> str:
     """Write the bundle, readable by its owner only; return a list of its contents. Raises HapticdError."""

@@ -1,7 +1,8 @@
 """`hapticd record`: writes the records of a running daemon to a file, with the ground truth of a simulated plate.
 
 Only a recording that begins with the daemon's core replays exactly. So the daemon is requested to restart its core,
-which it does as soon as no finger touches and no target stands; with `is_now` recording begins in mid-session instead.
+which it does as soon as no finger touches and no target stands; the scripted fingers of a simulated plate are lifted
+for that. With `is_now`, and after `wait_s`, recording begins in mid-session instead.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ import zmq
 from ...errors import RecordingError
 from ...files.recording.header import header_from
 from ...files.recording.kinds import HEADER, Record
-from ...files.recording.mcap_writer import RecordingFile
+from ...files.recording.mcap_writer import RecordingFile, check_destination
 from ...io.clients.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
 from ...io.clients.runtime_dir import endpoint_path, runtime_directory
+from ..view.rig import PadSender
 from .truth import RigTruth
 
 HEADER_WITHIN_S = 3.0
@@ -45,14 +47,17 @@ def record(
     seconds: float | None,
     *,
     is_now: bool = False,
+    wait_s: float = math.inf,
     notify: Notify = _print,
 ) -> str:
     """Record for `seconds`, until KeyboardInterrupt, or until the daemon stops. Returns a sentence on the file.
 
-    `notify` is given what a person should know meanwhile. Raises RecordingError.
+    `notify` is given what a person should know meanwhile. Raises RecordingError, before the daemon is asked if the file
+    cannot be made.
     """
     if seconds is not None and not 0.0 < seconds < math.inf:
         raise RecordingError(f"--seconds {seconds:g}: give a finite number above 0.")
+    check_destination(out)
     directory = runtime_directory(os.environ) if directory is None else directory
     context = zmq.Context()
     socket = context.socket(zmq.SUB)
@@ -62,7 +67,9 @@ def record(
         socket.connect(f"ipc://{endpoint_path(directory, NAME)}")
         for topic in (NOW,) if is_now else (WAITS, WHOLE):
             socket.subscribe(topic)
-        opening = _opening(socket, directory, notify)
+        with closing(_Wait(context, socket, wait_s, notify)) as wait:
+            opening = _opening(socket, directory, wait)
+        notify(BEGUN)
         header = header_from(opening.fields)
         if not is_now and not (header.is_whole and opening.seq == 0):
             notify(LATE)
@@ -106,25 +113,64 @@ def _record(
     return f"{file.path}: {records} records of {time.monotonic() - begun_s:.1f} s{missing}"
 
 
-def _opening(socket: zmq.Socket[bytes], directory: Path, notify: Notify) -> Record:
+def _opening(socket: zmq.Socket[bytes], directory: Path, wait: _Wait) -> Record:
     """The first header: sent to this recorder, or to another that attached at the same time."""
-    deadline_s, t_waits_s, is_notified = time.monotonic() + HEADER_WITHIN_S, math.inf, False
+    deadline_s = time.monotonic() + HEADER_WITHIN_S
     for message in _messages(socket, math.inf):
-        t_now_s = time.monotonic()
         found = _decoded(message)
         if found is not None and found.kind == HEADER:
-            notify(BEGUN)
             return found
-        if message == WAITS:
-            deadline_s, t_waits_s = math.inf, min(t_waits_s, t_now_s)
-        if t_now_s > deadline_s:
+        if message.startswith(WAITS):
+            wait.begin(message.removeprefix(WAITS))
+        wait.look(time.monotonic())
+        if not wait.is_begun and time.monotonic() > deadline_s:
             raise RecordingError(
                 f"No hapticd answers in {directory}: start one, or name its directory with --runtime-dir."
             )
-        if t_now_s - t_waits_s > SOON_S and not is_notified:
-            is_notified = True
-            notify(WAITING)
     raise RecordingError("Nothing is recorded: it ended before the recording began.")
+
+
+class _Wait:
+    """The time until the daemon can restart its core, from `begin` on: at most `wait_s`."""
+
+    def __init__(
+        self, context: zmq.Context[zmq.Socket[bytes]], socket: zmq.Socket[bytes], wait_s: float, notify: Notify
+    ) -> None:
+        self._context, self._socket, self._notify = context, socket, notify
+        self._wait_s = wait_s
+        self._t_begin_s = math.inf
+        self._is_notified = False
+        self._pad: PadSender | None = None
+
+    @property
+    def is_begun(self) -> bool:
+        """The daemon has answered that it waits."""
+        return self._t_begin_s < math.inf
+
+    def begin(self, rig_directory: bytes) -> None:
+        """The daemon waits, on the simulated plate of that rig unless it is empty."""
+        if self.is_begun:
+            return
+        self._t_begin_s = time.monotonic()
+        if rig_directory:
+            self._pad = PadSender(self._context, Path(os.fsdecode(rig_directory)))
+
+    def look(self, t_now_s: float) -> None:
+        """Keep scripted fingers lifted, notify a person, and in the end have the recording begin in mid-session."""
+        if self._pad is not None:
+            self._pad.lift_scripted()
+        if t_now_s - self._t_begin_s > SOON_S and not self._is_notified:
+            self._is_notified = True
+            self._notify(WAITING)
+        if t_now_s - self._t_begin_s > self._wait_s:
+            self._wait_s = math.inf
+            self._socket.unsubscribe(WHOLE)
+            self._socket.subscribe(NOW)
+
+    def close(self) -> None:
+        """Let scripted fingers land again."""
+        if self._pad is not None:
+            self._pad.close()
 
 
 def _messages(socket: zmq.Socket[bytes], deadline_s: float) -> Iterator[bytes]:

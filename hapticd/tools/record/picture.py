@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ...errors import RecordingError
 from ...files import plotting
-from ...sim.picture import FINGER_COLOURS, MODE_COLOURS
+from ...sim.picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS
 from .references import in_force
 from .tables import Column
 
@@ -35,11 +35,14 @@ def draw(
     part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
     figure, grid = plotting.subplots(9.0, 10.0, 4, sharex=True, height_ratios=(1, 1, 1.6, 1.6))
     axes = grid[:, 0]
-    axes[0].set_title(_plain(title), loc="left")
+    axes[0].set_title(plotting.plain(title), loc="left")
     _draw_positions(axes[0:2], part)
     _draw_modes(axes[2], part)
     _draw_fingers(axes[3], part)
     _draw_markers(axes, part)
+    if not _coloured(part):
+        for axis in (*axes[0:2], axes[3]):
+            plotting.mark_empty(axis, "no finger touches")
     axes[3].set_xlim(start_s, end_s)
     axes[3].set_xlabel("time, s")
     plotting.save(figure, path)
@@ -84,6 +87,7 @@ def _draw_modes(axis: Any, tables: Mapping[str, Table]) -> None:
             t_ns, reference_um = in_force(wanted)
             axis.plot(_seconds(t_ns, begin_s), reference_um.real, "--", color="black", lw=0.7)
     axis.plot([], [], "--", color="black", lw=0.7, label="references")
+    plotting.show_at_least(axis, -LEAST_UM, LEAST_UM)
     axis.set_ylabel("modal amplitude, µm")
     _legend(axis)
 
@@ -96,7 +100,7 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
             continue
         axis.plot(table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
         if "truth" not in tables:
-            label = f"$|W|$, finger {_plain(key)}: solved"
+            label = f"$|W|$, finger {plotting.plain(key)}: solved"
             axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=label)
     truth = tables.get("truth")
     for finger in sorted(set(truth["path"].tolist())) if truth else []:
@@ -105,7 +109,8 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
         amplitude_um = np.hypot(felt["plate_d_um"], felt["plate_q_um"])
         axis.plot(felt["t_s"], amplitude_um, color=colour, lw=1.0, label=f"$|W_{finger + 1}|$ of the plate")
     axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
-    axis.set_ylabel("at the finger, µm")
+    plotting.show_at_least(axis, 0.0, LEAST_UM)
+    axis.set_ylabel("vibration at the finger, µm")
     _legend(axis)
 
 
@@ -116,7 +121,7 @@ def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
     for t_s, text in zip(markers["t_s"], markers["text"], strict=True):
         for axis in axes:
             axis.axvline(t_s, color="grey", lw=0.8, ls=":")
-        label, place = _plain(text[:24]), ("data", "axes fraction")
+        label, place = plotting.plain(text[:24]), ("data", "axes fraction")
         axes[0].annotate(label, (t_s, 1.0), xycoords=place, rotation=45, fontsize="x-small", va="bottom")
 
 
@@ -135,11 +140,6 @@ def _of(table: Table | None, column: str, value: object) -> Table:
         return {}
     part = table[column] == value
     return {name: values[part] for name, values in table.items()} if part.any() else {}
-
-
-def _plain(text: str) -> str:
-    """A text of somebody else's, not to be set as a formula."""
-    return text.replace("$", r"\$")
 
 
 def _begin_s(tables: Mapping[str, Table]) -> float:

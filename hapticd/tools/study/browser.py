@@ -91,7 +91,7 @@ class Browser:
         application.router.add_get(f"{root}/{{name}}", self._guarded(self._page))
         application.router.add_get(f"{root}/now/screen", self._guarded(self._now))
         application.router.add_post(f"{root}/press", self._guarded(self._press))
-        self._runner = self._web.AppRunner(application, access_log=None)
+        self._runner = self._web.AppRunner(application, access_log=None, logger=guard.logger())
         await self._runner.setup()
         site = self._web.TCPSite(self._runner, ADDRESS, self._port)
         try:

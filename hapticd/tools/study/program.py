@@ -107,7 +107,7 @@ def run_session(options: argparse.Namespace) -> None:
         if file.session.is_over:
             raise StudyError(f"{path}: this session is over: see `hapticd study report {options.out}`.")
         try:
-            _simulate(file, given) if options.simulate else _ask(options, file)
+            _simulate(file, given) if options.simulate else _ask(options, file, path)
         except KeyboardInterrupt:
             print(f"\n{_progress(file.session)} answers in {path}: the same command continues it.")
             raise
@@ -143,15 +143,18 @@ def _given(options: argparse.Namespace) -> Session:
     about: dict[str, object] = {"hapticd": __version__, "begun": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
     if options.simulate:
         speed_mm_s = DEFAULT_SPEED_MM_S if options.speed is None else options.speed
-        about |= {"simulated": True, "scheme": options.scheme or "hapticd", "speed_mm_s": speed_mm_s}
+        about |= {"simulated": "participant", "scheme": options.scheme or "hapticd", "speed_mm_s": speed_mm_s}
     seed = secrets.randbelow(2**32) if options.seed is None else options.seed
     return Session(participant_name(options.participant), seed, design, about=about)
 
 
 def _check_same(options: argparse.Namespace, session: Session, given: Session, path: Path) -> None:
     """Check that the options do not change a continued session."""
-    started = {name: session.about.get(name) for name in ("simulated", "scheme", "speed_mm_s")}
-    for name, value in started.items():
+    if (session.simulated == "participant") != options.simulate:
+        who, same = ("a person", "without") if options.simulate else ("a simulated participant", "with")
+        raise StudyError(f"{path}: was started by {who}: continue {same} --simulate.")
+    for name in ("scheme", "speed_mm_s"):
+        value = session.about.get(name)
         if value != given.about.get(name):
             raise StudyError(
                 f"{path}: was started with {name} = {value}, not {given.about.get(name)}: continue with the same."
@@ -173,7 +176,7 @@ def _simulate(file: SessionFile, given: Session) -> None:
     file.end()
 
 
-def _ask(options: argparse.Namespace, file: SessionFile) -> None:
+def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
     """Run the session with a person, on the plate."""
     try:
         import hapticd_client
@@ -183,7 +186,9 @@ def _ask(options: argparse.Namespace, file: SessionFile) -> None:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
         simulated = held.enter_context(rehearsal()) if options.sim else None
         try:
-            stage = Stage(held.enter_context(_client(options, simulated)), file.session.design)
+            client = held.enter_context(_client(options, simulated))
+            file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
+            stage = Stage(client, file.session.design)
             if not options.browser:
                 conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
                 return

@@ -19,6 +19,7 @@ from .protocol import StudyError
 from .session import SUFFIX, Session, read
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
+SIMULATED = {"": "real", "participant": "simulated participants", "plate": "simulated plate"}
 LIGHT, DARK = "#9ecae1", "#08519c"
 BAR_IN = 0.55  # a participant's share of the figure's width
 MAX_WIDTH_IN = 16.0
@@ -27,7 +28,8 @@ MAX_WIDTH_IN = 16.0
 def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False) -> None:
     """Analyse the sessions in `folder`, print the report, and write its files there.
 
-    Raises HapticdError if no session is finished, a file is damaged, or an output cannot be written.
+    Raises HapticdError if no session is finished, a file is damaged, simulated sessions are among others, or an output
+    cannot be written.
     """
     plotting.check(folder / FIGURE)
     check([folder / name for name in (RESULTS, TRIALS, FIGURE)], is_forced=is_forced)
@@ -35,16 +37,17 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     finished = [session for session in sessions if session.is_over]
     if not finished:
         raise StudyError(f"{folder}: holds no finished session: {_progress(sessions) or 'run one with --out first'}.")
+    simulated = _simulated(folder, finished)
     results = [analyse(session) for session in finished]
     group = analyse_group(results)
-    print(text(results, group), file=sys.stderr if json_file == "-" else sys.stdout)
+    print(text(results, group, simulated), file=sys.stderr if json_file == "-" else sys.stdout)
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
-    _write_rows(folder / RESULTS, result_rows(results, group))
-    _write_rows(folder / TRIALS, trial_rows(finished))
-    draw(results, group, folder / FIGURE)
+    _write_rows(folder / RESULTS, result_rows(results, group), simulated)
+    _write_rows(folder / TRIALS, trial_rows(finished), simulated)
+    draw(results, group, folder / FIGURE, simulated)
     if json_file is not None:
-        write_text(json.dumps(figures(results, group), indent=2) + "\n", json_file)
+        write_text(json.dumps({"simulated": simulated or None, **figures(results, group)}, indent=2) + "\n", json_file)
 
 
 def sessions_in(folder: Path) -> list[Session]:
@@ -61,8 +64,19 @@ def sessions_in(folder: Path) -> list[Session]:
     return sorted(sessions, key=lambda session: (len(session.participant), session.participant))
 
 
-def text(results: Sequence[Result], group: Group) -> str:
-    """Return the report as text."""
+def _simulated(folder: Path, sessions: Sequence[Session]) -> str:
+    """Return what was simulated in all sessions, as `Session.simulated`. Raises StudyError if they differ."""
+    kinds: dict[str, list[str]] = {}
+    for session in sessions:
+        kinds.setdefault(session.simulated, []).append(session.participant)
+    if len(kinds) > 1:
+        found = ", ".join(f"{' '.join(names)}: {SIMULATED[kind]}" for kind, names in kinds.items())
+        raise StudyError(f"{folder}: mixes real and simulated sessions ({found}): give each kind a folder of its own.")
+    return next(iter(kinds))
+
+
+def text(results: Sequence[Result], group: Group, simulated: str = "") -> str:
+    """Return the report as text; `simulated` as `Session.simulated`."""
     lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}{'low':>9}{'high':>8}"]
     for one in results:
         low, high = one.interval_frac
@@ -72,7 +86,7 @@ def text(results: Sequence[Result], group: Group) -> str:
             f"{_of(one.low):>9}{_of(one.high):>8}"
         )
     spread = "" if math.isnan(group.sd_frac) else f", standard deviation {_percent(group.sd_frac, 2)}"
-    lines += ["", f"average success rate {_percent(group.mean_frac, 2)}{spread} ({_people(len(results))})"]
+    lines += ["", f"average success rate {_percent(group.mean_frac, 2)}{spread} ({_people(len(results), simulated)})"]
     lines += ["against guessing, 50 %, two-sided:", *_tests(results, group)]
     return "\n".join(lines)
 
@@ -127,12 +141,16 @@ def trial_rows(sessions: Iterable[Session]) -> list[list[object]]:
     return rows
 
 
-def draw(results: Sequence[Result], group: Group, path: Path) -> None:
+def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "") -> None:
     """Draw the paper's figure 12: success rates, light, and their average with its standard deviation, dark."""
     width_in = min(2.4 + BAR_IN * len(results), MAX_WIDTH_IN)
     figure, ((axes,),) = plotting.subplots(max(width_in, 4.0), 3.2)
     top = max(105.0, 5.0 + 100 * (group.mean_frac + (0.0 if math.isnan(group.sd_frac) else group.sd_frac)))
+    trials = sorted({one.trials for one in results})
     axes.set(ylabel="stimuli recognised, %", ylim=(0, top))
+    axes.set_title(
+        f"{_people(len(results), simulated)}, {' or '.join(map(str, trials))} trials each", fontsize="medium"
+    )
     places = range(1, len(results) + 1)
     axes.bar(places, [100 * one.rate_frac for one in results], width=0.7, color=LIGHT)
     spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
@@ -148,9 +166,10 @@ def draw(results: Sequence[Result], group: Group, path: Path) -> None:
         fontsize="small",
         color="grey",
     )
+    definition = "average" if spread is None else f"average ± SD\nn = {len(results)}"
     names = [one.participant for one in results]
     is_crowded = sum(map(len, names)) > 8 * width_in
-    axes.set_xticks([*places, len(results) + 1.5], [*names, "average"], rotation=45 if is_crowded else 0)
+    axes.set_xticks([*places, len(results) + 1.5], [*names, definition], rotation=45 if is_crowded else 0)
     axes.spines[["top", "right"]].set_visible(False)
     plotting.save(figure, path)
 
@@ -160,11 +179,8 @@ def _remarks(sessions: Sequence[Session]) -> list[str]:
     remarks = [f"not finished, so not analysed: {progress}" for progress in [_progress(sessions)] if progress]
     if len({session.design for session in sessions if session.is_over}) > 1:
         remarks.append("These sessions have different designs (trials, amplitude, line): analyse them separately.")
-    people = {bool(session.about.get("simulated")) for session in sessions if session.is_over}
-    if people == {True}:
-        remarks.append("These participants are simulated: this is no evidence about people.")
-    elif len(people) > 1:
-        remarks.append("Simulated participants and people share one folder: analyse them separately.")
+    kinds = {session.simulated for session in sessions if session.is_over}
+    remarks += [f"{SIMULATED[kind]}: this is no evidence about people on glass." for kind in kinds if kind]
     return remarks
 
 
@@ -173,7 +189,9 @@ def _progress(sessions: Iterable[Session]) -> str:
     return ", ".join(f"{one.participant} ({len(one.answers)} of {one.design.trials})" for one in open_ones)
 
 
-def _write_rows(path: Path, rows: Iterable[Sequence[object]]) -> None:
+def _write_rows(path: Path, rows: Iterable[Sequence[object]], simulated: str) -> None:
+    """Write the table, with a last column that tells what was simulated."""
+    rows = [[*row, simulated if number else "simulated"] for number, row in enumerate(rows)]
     with opened(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
         csv.writer(text).writerows(rows)
 
@@ -190,5 +208,6 @@ def _of(counts: tuple[int, int]) -> str:
     return f"{counts[0]}/{counts[1]}"
 
 
-def _people(count: int) -> str:
-    return f"{count} participant{'' if count == 1 else 's'}"
+def _people(count: int, simulated: str) -> str:
+    people = f"{'simulated ' if simulated == 'participant' else ''}participant{'' if count == 1 else 's'}"
+    return f"{count} {people}{' on the simulated plate' if simulated == 'plate' else ''}"

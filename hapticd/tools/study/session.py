@@ -1,11 +1,11 @@
 """Session file: JSON lines, append-only, each answer flushed to the disk.
 
-    {"kind": "session", "version": 1, "participant": .., "seed": .., "design": {..}, ..}
+    {"kind": "session", "version": 1, "participant": .., "seed": .., "design": {..}, "simulated": "plate", ..}
     {"kind": "answer", "trial": 1, "answer": "low", ..}
     {"kind": "end", "presented": ["high", ..]}
 
-Only the last line holds the stimuli, so that an unfinished file keeps the study blind. A line cut short by a crash is
-dropped, and its trial presented again.
+`simulated` is there for a simulated plate or participant. Only the last line holds the stimuli, so that an unfinished
+file keeps the study blind. A line cut short by a crash is dropped, and its trial presented again.
 """
 
 from __future__ import annotations
@@ -59,6 +59,12 @@ class Session:
     about: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def simulated(self) -> str:
+        """What was simulated: "participant", "plate" (under a person's answers), or "" for neither."""
+        found = self.about.get("simulated", "")
+        return "participant" if found is True else str(found)
+
+    @property
     def presented(self) -> tuple[Friction, ...]:
         """Stimulus of each trial (trials,)."""
         return presented(self.seed, self.design.trials)
@@ -97,6 +103,16 @@ class SessionFile:
     ) -> None:
         self._file.close()
 
+    def mark_simulated_plate(self, path: Path, *, is_simulated: bool) -> None:
+        """Write on which plate the session is held. Raises StudyError if its answers are from the other."""
+        if is_simulated is (self.session.simulated == "plate"):
+            return
+        if self.session.answers:
+            before = "the simulated plate" if self.session.simulated else "a real plate"
+            raise StudyError(f"{path}: was started on {before}: continue there, or choose another --out.")
+        about = {name: value for name, value in self.session.about.items() if name != "simulated"}
+        self._restart(replace(self.session, about=about | ({"simulated": "plate"} if is_simulated else {})))
+
     def append(self, answer: Answer) -> None:
         """Write an answer; it is on the disk when this returns."""
         if answer.trial != len(self.session.answers) + 1 or self.session.is_complete:
@@ -129,10 +145,14 @@ class SessionFile:
                 return started
         elif not data.startswith(BEGIN[: len(data)]):
             raise StudyError(f"{path}: is not a session of hapticd study: choose another --out.")
+        self._restart(given)
+        return given
+
+    def _restart(self, given: Session) -> None:
         self._file.truncate(0)
         header = {"kind": "session", "version": VERSION, "participant": given.participant, "seed": given.seed}
         self._write({**header, "design": asdict(given.design), **given.about})
-        return given
+        self.session = given
 
     def _write(self, line: Mapping[str, Any]) -> None:
         self._file.write(json.dumps(line).encode() + b"\n")
@@ -181,6 +201,8 @@ def _started(entry: dict[str, Any]) -> Session:
     design = Design(table["trials"], float(table["slippery_um"]), (from_mm, to_mm), float(table["line_speed_mm_s"]))
     known = ("kind", "version", "participant", "seed", "design")
     about = {name: value for name, value in entry.items() if name not in known}
+    if about.get("simulated", True) not in (True, "participant", "plate"):
+        raise ValueError("unknown simulation")
     return Session(participant_name(entry["participant"]), entry["seed"], design, about=about)
 
 

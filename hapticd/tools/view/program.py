@@ -9,7 +9,10 @@ import os
 import signal
 import socket
 import sys
+import tempfile
 import webbrowser
+from collections.abc import Iterator
+from html import escape
 from pathlib import Path
 
 from ...config.sections import SCENARIO_NAMES
@@ -88,20 +91,34 @@ async def _serve(listener: socket.socket, endpoint: str | None, *, open_browser:
 
     viewer = Viewer(endpoint)
     viewer.port = listener.getsockname()[1]
-    runner = web.AppRunner(viewer.app(), access_log=None, handle_signals=False)
+    runner = viewer.runner()
     await runner.setup()
     try:
-        await web.SockSite(runner, listener, shutdown_timeout=1.0).start()
+        await web.SockSite(runner, listener).start()
         ended = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, ended.set)
         address = f"http://{HOST}:{viewer.port}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
-        if open_browser and has_screen():
-            await asyncio.to_thread(webbrowser.open, address)
-        await ended.wait()
+        with contextlib.ExitStack() as stack:
+            if open_browser and has_screen():
+                await asyncio.to_thread(webbrowser.open, stack.enter_context(_private_link(address)))
+            await ended.wait()
     finally:
         await runner.cleanup()
+
+
+@contextlib.contextmanager
+def _private_link(address: str) -> Iterator[str]:
+    """Address of a file that leads to `address`, readable by this user only.
+
+    Each user of the computer can read a browser's command line, so it must not hold the key.
+    """
+    with tempfile.TemporaryDirectory(prefix="hapticd-view-") as folder:
+        file = Path(folder, "open.html")
+        file.touch(mode=0o600)
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">\n')
+        yield file.as_uri()
 
 
 def has_screen() -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,10 +74,15 @@ class PadSender:
 
     def hold(self, points_mm: Mapping[str, Point]) -> None:
         """Send all fingers that are held now."""
-        try:
-            self._socket.send(msgpack.packb({"fingers": dict(points_mm)}), zmq.NOBLOCK)
-        except zmq.Again:
-            return
+        self._send(dict(points_mm))
+
+    def lift_scripted(self) -> None:
+        """Lift the scenario's fingers; to be repeated while they must not touch."""
+        self._send(None)
+
+    def _send(self, fingers: dict[str, Point] | None) -> None:
+        with contextlib.suppress(zmq.Again):
+            self._socket.send(msgpack.packb({"fingers": fingers}), zmq.NOBLOCK)
 
     def close(self) -> None:
         """Close the socket; the rig releases the fingers after a timeout."""

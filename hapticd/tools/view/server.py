@@ -25,6 +25,7 @@ from .rig import PadSender
 
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 KEYED = ("/", "/shapes", "/layer", "/socket")  # all but the page's own files
+END_WITHIN_S = 1.0
 MAX_PAGES = 8
 MAX_HELD = 16  # fingers that a client may hold
 
@@ -95,6 +96,10 @@ class Viewer:
                 app.router.add_get(f"/{entry.name}", partial(_file, entry.name))
         app.on_shutdown.append(self._close)
         return app
+
+    def runner(self) -> web.AppRunner:
+        """The server of that application."""
+        return web.AppRunner(self.app(), access_log=None, logger=guard.logger(), shutdown_timeout=END_WITHIN_S)
 
     # --- responses ---
 

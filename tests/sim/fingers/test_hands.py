@@ -95,12 +95,25 @@ def test_the_scenarios_fingers_leave_when_a_person_comes_and_do_not_return() -> 
     assert np.isnan(at(scripted, 2.0, 9.0)).all()
 
 
+def test_the_scenarios_fingers_lift_on_request_and_land_again_after_it() -> None:
+    hands = Hands()
+    scripted = YieldingPath(Rest((3.0, 4.0)), hands)
+    for t_s in (2.0, 2.4):
+        hands.lift_scripted(t_s)
+    assert at(scripted, 1.99, 2.4 + TIMEOUT_S) == [[3.0, 4.0]] * 2
+    assert np.isnan(at(scripted, 2.0, 2.4, 2.39 + TIMEOUT_S)).all()
+    hands.lift_scripted(9.0)
+    assert at(scripted, 8.99, 9.0 + TIMEOUT_S) == [[3.0, 4.0]] * 2
+    assert np.isnan(at(scripted, 9.0)).all()
+
+
 def test_a_message_names_each_finger_and_its_place() -> None:
     assert decode_hands(msgpack.packb({"fingers": {"1": [1, -2.5], "left": [0.0, 0.0]}})) == {
         "1": (1.0, -2.5),
         "left": (0.0, 0.0),
     }
     assert decode_hands(msgpack.packb({"fingers": {}})) == {}
+    assert decode_hands(msgpack.packb({"fingers": None})) is None
 
 
 @pytest.mark.parametrize(
@@ -130,4 +143,4 @@ def test_any_bytes_are_fingers_or_a_refusal(payload: bytes) -> None:
         fingers = decode_hands(payload)
     except RequestError:
         return
-    assert len(fingers) <= MAX_HANDS
+    assert fingers is None or len(fingers) <= MAX_HANDS

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.errors import CalibrationError
+from hapticd.files import plotting
 from hapticd.files.mode_map import Scan
 from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from hapticd.tools.calibrate import folder, modes, simulated
@@ -159,3 +161,16 @@ def test_the_map_s_file_is_one_that_the_service_loads_and_the_picture_one(
     assert np.array_equal(ModeShapes.load(tmp_path / "modes.npz").shapes, found.fit.modes.shapes)
     modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png")
     assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_picture_has_labels_and_a_scale_of_each_kind(
+    found: modes.FittedMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: figures.append(figure))
+    modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png", source="simulated, seed 1")
+    assert figures[0].get_supxlabel().endswith(", simulated, seed 1")
+    *maps, shapes, differences = figures[0].axes
+    assert [axis.get_xlabel() for axis in maps[-3:]] == ["x, mm"] * 3
+    assert "its largest value is 1" in shapes.get_xlabel()
+    assert "difference, %" in differences.get_xlabel()

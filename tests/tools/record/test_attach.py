@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import tempfile
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,13 +14,16 @@ from machine_bench import SLIPPERY, START_NS, STICKY, Bench
 
 from hapticd.__main__ import main
 from hapticd.board_values import BoardState
-from hapticd.config.sections import RecordConfig
+from hapticd.config.sections import Config, RecordConfig, SimConfig
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.recorder import RESTART_EVERY_NS, Recorders, header_of
 from hapticd.errors import RecordingError
 from hapticd.files.recording.header import Header, header_from
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.io.clients.record_socket import NOW, WAITS, WHOLE, RecordSocket
+from hapticd.sim.rig.sockets import RigSockets
+from hapticd.tools.doctor import bundle
+from hapticd.tools.doctor.finding import System
 from hapticd.tools.record.attach import _decoded, record
 from hapticd.tools.record.replay import replay
 
@@ -201,6 +206,64 @@ def test_without_a_place_for_its_file_the_daemon_goes_on(tmp_path: Path, caplog:
 
     assert bench.machine.observer is None
     assert [one.getMessage() for one in caplog.records if "the touch goes on" in one.getMessage()]
+
+
+def test_a_file_that_cannot_be_made_is_refused_before_the_daemon_is_asked(tmp_path: Path) -> None:
+    bench = Bench()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    seen: list[dict[str, object]] = []
+    ours._on_recorder = lambda *_: seen.append({})  # type: ignore[method-assign]
+    errors: list[str] = []
+
+    def refused() -> None:
+        for out in (tmp_path / "no" / "a.mcap", tmp_path):
+            with pytest.raises(RecordingError) as raised:
+                record(out, tmp_path, 0.1)
+            errors.append(str(raised.value))
+
+    asyncio.run(served(bench, ours, threading.Thread(target=refused)))
+    assert [error.partition(": ")[0] for error in errors] == [str(tmp_path / "no" / "a.mcap"), str(tmp_path)]
+    assert seen == []
+
+
+def test_a_bundles_recording_begins_in_mid_session_where_fingers_stay_down(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value_s in (("RECORD_S", 0.2), ("WAIT_S", 0.1)):
+        monkeypatch.setattr(bundle, name, value_s)
+    bench = Bench(SLIPPERY, STICKY).driven()
+    ours = recorders(bench, tmp_path, RecordConfig())
+    listings: list[str] = []
+
+    def collect() -> None:
+        system = System(Config(), tmp_path, {})
+        listings.append(bundle.collect(tmp_path / "b.tar.gz", system, None, (), log=str))
+
+    thread = threading.Thread(target=collect, daemon=True)
+    asyncio.run(asyncio.wait_for(served(bench, ours, thread), 20.0))
+    assert "recording.mcap: 0.2 s" in listings[0]
+
+
+def test_the_simulated_fingers_are_lifted_while_the_core_cannot_restart(tmp_path: Path) -> None:
+    rig = Path(tempfile.mkdtemp(dir=tmp_path))
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.machine.config = replace(bench.machine.config, sim=SimConfig(rig_dir=str(rig)))
+    ours = recorders(bench, tmp_path, RecordConfig())
+    asked: list[object] = []
+
+    def lifts() -> None:
+        pad = RigSockets(rig)
+        recorder = threading.Thread(target=lambda: record(tmp_path / "a.mcap", tmp_path, 0.1, wait_s=0.5), daemon=True)
+        recorder.start()
+        while recorder.is_alive():
+            asked.extend(pad.held())
+            recorder.join(STEP_S)
+        pad.close()
+
+    asyncio.run(asyncio.wait_for(served(bench, ours, threading.Thread(target=lifts, daemon=True)), 20.0))
+    assert len(asked) > 2
+    assert set(asked) == {None}
+    assert not open_recording(tmp_path / "a.mcap").is_whole
 
 
 def test_no_daemon_is_one_sentence(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,9 +14,11 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.errors import RecordingError
+from hapticd.files import plotting
 from hapticd.files.recording.header import texts_of
 from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.tools.record import picture
+from hapticd.sim import lockstep
+from hapticd.tools.record import picture, simulated
 from hapticd.tools.record.tables import TABLES, tables
 
 pytestmark = pytest.mark.long
@@ -153,3 +156,16 @@ def test_the_texts_of_exported_files_name_version_date_and_units(eventful: Path)
     texts = texts_of(open_recording(eventful).header)
 
     assert set(texts) == {"hapticd", "started_utc", "t_start_ns", "trackpad_model", "config_toml", "units"}
+
+
+def test_a_picture_without_fingers_says_so_and_does_not_magnify_the_plates_noise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, _: figures.append(figure))
+    simulated.run("hands", tmp_path / "hands.mcap", settings=lockstep.Settings(), seed=1, seconds=0.4)
+    picture.draw(tables(open_recording(tmp_path / "hands.mcap")), tmp_path / "out.png")
+    x, y, modes, fingers = figures[0].axes
+    for axis in (x, y, fingers):
+        assert [text.get_text() for text in axis.texts] == ["no finger touches"]
+    assert modes.get_ylim() == pytest.approx((-0.1, 0.1), rel=0.15)

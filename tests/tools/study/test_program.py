@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from fake_daemon import FakeDaemon
 
 from hapticd.tools.study.protocol import Friction
 from hapticd.tools.study.session import read
+from hapticd.wire import client as wire
 
 pytestmark = pytest.mark.long
 
@@ -77,6 +78,26 @@ def test_a_session_runs_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> No
     assert [answer.answer for answer in held.answers] == [Friction.LOW, Friction.LOW]
     assert held.is_over
     assert daemon.scene.owner_of(1) is None
+
+
+class SimulatedDaemon(FakeDaemon):
+    """A daemon on the simulated plate, as `hapticd run --sim` starts it."""
+
+    def _handle(self, request: wire.Request, user: str) -> Mapping[str, object]:
+        return {"simulated": "/rig"} if request.op == "plate" else super()._handle(request, user)
+
+
+def test_a_session_with_a_daemon_on_the_simulated_plate_is_marked(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    running = SimulatedDaemon(tmp_path / "run")
+    running.start()
+    with study(running, tmp_path / "answers") as process:
+        assert process.stdout is not None
+        assert any("Training" in line for line in process.stdout)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE_S)
+    running.stop()
+    assert read(tmp_path / "answers" / "P1.jsonl").simulated == "plate"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

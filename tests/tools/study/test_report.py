@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from people import session, write
 from test_analysis import PAPER
 
 from hapticd.__main__ import main
+from hapticd.files import plotting
 from hapticd.tools.study import report
 from hapticd.tools.study.session import read
 
@@ -145,7 +148,7 @@ def test_conflicting_options_are_one_sentence_and_leave_no_file(
     [
         (("--trials", "10"), "was started with 20 trials"),
         (("--seed", "6"), "another seed"),
-        (("--simulate",), "simulated = None, not True"),
+        (("--simulate",), "was started by a person: continue without --simulate"),
     ],
 )
 def test_a_continued_session_cannot_be_changed(
@@ -182,7 +185,49 @@ def test_a_simulated_session_is_run_and_analysed(tmp_path: Path, capsys: pytest.
     assert output.startswith(f"2 of 2 answers in {tmp_path}/S1.jsonl")
     _, output, complaint = outcome(capsys, "report", str(tmp_path))
     assert "of 2" in output
-    assert complaint == "These participants are simulated: this is no evidence about people.\n"
+    assert "(1 simulated participant)" in output
+    assert complaint == "simulated participants: this is no evidence about people on glass.\n"
+
+
+SAID = {
+    "": "7 participants",
+    "participant": "7 simulated participants",
+    "plate": "7 participants on the simulated plate",
+}
+
+
+@pytest.mark.parametrize("simulated", SAID)
+def test_each_output_tells_what_was_simulated_and_the_figure_its_number_and_error_bar(
+    simulated: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, _: figures.append(figure))
+    for place, correct in enumerate(PAPER, 1):
+        about = {"simulated": simulated} if simulated else {}
+        write(tmp_path, replace(session(f"P{place}", correct, seed=place), about=about))
+    _, output, complaint = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
+
+    who = SAID[simulated]
+    assert f"({who})" in output
+    assert bool(complaint) is bool(simulated)
+    for table in ("results.csv", "trials.csv"):
+        assert {row["simulated"] for row in rows(tmp_path / table)} == {simulated}
+    assert json.loads((tmp_path / "f.json").read_text())["simulated"] == (simulated or None)
+    (axes,) = figures[0].axes
+    assert axes.get_title() == f"{who}, 20 trials each"
+    assert axes.get_xticklabels()[-1].get_text() == "average ± SD\nn = 7"
+
+
+def test_real_and_simulated_sessions_are_not_mixed(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(papers, replace(session("P8", 20), about={"simulated": "plate"}))
+    write(papers, replace(session("P9", 20), about={"simulated": True}))
+    code, output, complaint = outcome(capsys, "report", str(papers))
+    assert (code, output) == (2, "")
+    assert (
+        "mixes real and simulated sessions (P1 P2 P3 P4 P5 P6 P7: real, P8: simulated plate, P9: simulated" in complaint
+    )
+    assert complaint.count("\n") == 1
+    assert not (papers / "results.csv").exists()
 
 
 def test_the_page_of_documentation_shows_what_is_printed(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:

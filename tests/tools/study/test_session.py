@@ -71,6 +71,32 @@ def test_a_session_without_an_answer_may_restart_with_other_options(tmp_path: Pa
         assert read(path) == given_
 
 
+def test_a_session_on_the_simulated_plate_is_marked_and_cannot_continue_on_a_real_one(tmp_path: Path) -> None:
+    path = tmp_path / "P1.jsonl"
+    with SessionFile(path, Session("P1", 1, Design())) as file:
+        for is_simulated in (True, False, True):  # without answers the participant may move
+            file.mark_simulated_plate(path, is_simulated=is_simulated)
+            assert read(path).simulated == ("plate" if is_simulated else "")
+        file.append(HELD.answers[0])
+    with SessionFile(path, Session("P1", 2, Design())) as file:
+        file.mark_simulated_plate(path, is_simulated=True)
+        before = path.read_bytes()
+        with pytest.raises(StudyError, match="was started on the simulated plate: continue there"):
+            file.mark_simulated_plate(path, is_simulated=False)
+    assert path.read_bytes() == before
+    assert (read(path).simulated, read(path).seed, len(read(path).answers)) == ("plate", 1, 1)
+
+
+def test_a_mark_of_older_files_is_a_simulated_participant_and_an_unknown_one_is_refused(tmp_path: Path) -> None:
+    lines = lines_of(HELD, tmp_path)
+    lines[0]["simulated"] = True
+    assert decode(joined(lines), "file").simulated == "participant"
+    for unknown in (False, "no", ["plate"], 2):
+        lines[0]["simulated"] = unknown
+        with pytest.raises(StudyError):
+            decode(joined(lines), "file")
+
+
 def test_until_the_last_answer_the_file_holds_no_stimulus(tmp_path: Path) -> None:
     """Two sessions with other orders and the same answers differ in the seed alone."""
     answers = HELD.answers[:19]

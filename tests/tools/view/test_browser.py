@@ -17,6 +17,7 @@ from viewprocess import View, first
 
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.daemon_process import DaemonProcess
+from hapticd.tools.view import program
 from hapticd_client import Client
 
 PATIENCE_S = 60.0
@@ -76,10 +77,10 @@ class Page:
         """Of the plate's picture on average: the field is colourful however it moves, a layer over it is grey."""
         return self.average("Math.max(red, green, blue) - Math.min(red, green, blue)")
 
-    def average(self, of_pixel: str) -> float:
+    def average(self, of_pixel: str, of: str = "plate") -> float:
         return float(
             self.browser.execute_script(
-                "const plate = document.getElementById('plate');"
+                f"const plate = document.getElementById('{of}');"
                 "const { data } = plate.getContext('2d').getImageData(0, 0, plate.width, plate.height);"
                 "let sum = 0;"
                 "for (let i = 0; i < data.length; i += 4) {"
@@ -145,6 +146,13 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
     assert page.complaints() == []
 
 
+def test_the_private_file_that_the_browser_is_given_leads_to_the_page(browser: Chrome, view: View) -> None:
+    with program._private_link(view.address) as link:
+        browser.get(link)
+        Page(browser).until(lambda: browser.current_url == view.address)
+    assert browser.title == "hapticd: the plate"
+
+
 def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page: Page) -> None:
     lay_down(page, 150, 80)
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))  # the first is slippery
@@ -184,9 +192,13 @@ def test_a_layer_shows_where_another_finger_could_reach_its_target(page: Page) -
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))
     page.until(lambda: "Light: where one more finger could be sticky" in page["layer-text"].text)
     page.until(lambda: page.colourfulness() < 30)
+    page.until(lambda: page["scale-text"].text == "share of the target that is reached")
+    assert page.average("Math.max(red, green, blue) - Math.min(red, green, blue)", of="scale") < 5
     page.lay("none")
     page.until(lambda: not page["layer-text"].is_displayed())
     page.until(lambda: page.colourfulness() > 60)
+    page.until(lambda: page["scale-text"].text == "|W|, µm peak to peak")
+    assert page.average("Math.max(red, green, blue) - Math.min(red, green, blue)", of="scale") > 20
     page.lay("could be sticky")
     lay_down(page, -120, -30)
     page.until(lambda: "2 fingers" in page["state"].text)
@@ -248,6 +260,49 @@ def test_nothing_sticks_out_of_a_window_of_any_width(page: Page, width_px: int) 
     page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     page.until(lambda: page["plate"].size["width"] > 200)
     assert page.browser.execute_script("return document.documentElement.scrollWidth") <= width_px
+
+
+def test_the_last_seconds_are_on_the_screen_of_a_laptop_while_two_fingers_touch(page: Page) -> None:
+    metrics = {"width": 1280, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    lay_down(page, 100, 80)
+    lay_down(page, -100, -80)
+    page.until(lambda: "2 fingers" in page["state"].text and "µm" in page["leak"].text)
+    assert page.browser.execute_script("return document.documentElement.scrollHeight") <= 800
+    page["plate"].send_keys(Keys.ESCAPE)
+    page.until(lambda: page["untouched"].is_displayed())
+
+
+def test_a_mode_at_its_limit_is_shown_and_is_no_alarm(page: Page) -> None:
+    def flag() -> str:
+        drag(page, 20)
+        ActionChains(page.browser).release().perform()
+        return str(page.browser.execute_script("return window.flagged"))
+
+    page.browser.execute_script(
+        "window.flagged = ''; setInterval(() => { for (const flag of document.querySelectorAll('#flags li')) "
+        "if (flag.textContent === 'limit met' && flag.className) window.flagged = flag.className; }, 20)"
+    )
+    lay_down(page, 40, -34)
+    page.until(lambda: "1 finger" in page["state"].text)
+    page.until(lambda: flag() != "")
+    assert page.browser.execute_script("return window.flagged") == "is"
+    page["plate"].send_keys(Keys.ESCAPE)
+    page.until(lambda: page["untouched"].is_displayed())
+
+
+def test_no_vibration_that_the_limits_allow_is_brighter_than_the_scale(page: Page) -> None:
+    """Both modes at their limit, at a point where both shapes have their peak."""
+    top, below = page.browser.execute_async_script(
+        "const done = arguments[0];"
+        "import('/field.js').then(({ Field }) => {"
+        "  const field = new Field(new Float32Array(8).fill(1), [137.5, 137.5], [4, 4]);"
+        "  const top = field.update([[4, 0], [4, 0]]); const level = field.pixels[0];"
+        "  field.update([[4, 0], [3.9, 0]]);"
+        "  done([[top, field.full_um], level !== field.pixels[0]]); })"
+    )
+    assert top == [8, 8]
+    assert below
 
 
 def test_what_can_be_worked_has_a_name_for_a_screen_reader(page: Page) -> None:

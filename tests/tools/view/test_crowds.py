@@ -16,7 +16,7 @@ from hapticd.tools.view.server import MAX_HELD, MAX_PAGES, Page, Viewer
 def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
     async def crowd() -> tuple[int, int | None, str]:
         viewer = Viewer(str(tmp_path), key="key")
-        runner = web.AppRunner(viewer.app())
+        runner = viewer.runner()
         await runner.setup()
         await web.TCPSite(runner, "127.0.0.1", 0).start()
         viewer.port = runner.addresses[0][1]

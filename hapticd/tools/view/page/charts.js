@@ -1,12 +1,36 @@
 // Charts: the modes' phasors, the delays, and the targets of the last 30 s.
 
-import { prepared } from "./colours.js";
+import { LEVELS, PIXELS, prepared } from "./colours.js";
+import { brightness } from "./field.js";
 import { SPAN_S } from "./history.js";
 
 const NAMES = ["X", "Y", "Z"];
 const SPANS = { age: "sample's age", compute: "compute", link: "link", horizon: "horizon" };
 const FULL_UM = 2;
 const GAP_S = 0.5;
+
+/** Draw the colours of the field, which end at `full_um`; with null the grey of a layer over it. */
+export function drawScale(canvas, full_um, colours) {
+  const { context, width } = prepared(canvas);
+  const tall = 10;
+  for (let x = 0; x < width; x++) {
+    const level = Math.round((x / (width - 1)) * (LEVELS - 1));
+    const [r, g, b] = full_um === null ? [level, level, level] : [0, 8, 16].map((shift) => (PIXELS[level] >> shift) & 255);
+    context.fillStyle = `rgb(${r} ${g} ${b})`;
+    context.fillRect(x, 0, 1, tall);
+  }
+  const ticks = full_um === null
+    ? [0, 0.5, 1].map((part) => [part, `${100 * part} %`])
+    : [0, 0.1, 0.5, 1, 2, 4, 8, 16].filter((um) => um <= full_um).map((um) => [brightness(um, full_um), `${um}`]);
+  context.font = "11px system-ui, sans-serif";
+  context.fillStyle = colours.quiet;
+  for (const [part, text] of ticks) {
+    context.textAlign = part === 0 ? "left" : part > 0.98 ? "right" : "center";
+    context.fillRect(Math.min(Math.round(part * width), width - 1), tall, 1, 4);
+    context.fillText(text, part * width, tall + 15);
+  }
+  context.textAlign = "left";
+}
 
 /** Draw each mode's phasor against its limit: reference and best known value. */
 export function drawModes(canvas, modes, limits_um, colours) {

@@ -2,13 +2,17 @@
 
 import { LEVELS, PIXELS } from "./colours.js";
 
-const FULL_UM = 2; // the brightest colour
+/** The part of the colours, 0 to 1, at |W|: its square root, for small amplitudes matter as much as large ones. */
+export const brightness = (w_um, full_um) => Math.sqrt(w_um / full_um);
 
 export class Field {
-  /** `shapes` holds `modes` grids, rows from the top (+y) down; `size_mm` is the plate's width and depth. */
-  constructor(shapes, modes, size_mm) {
+  /** `shapes` holds a grid for each mode, rows from the top (+y) down; `size_mm` is the plate's width and depth.
+   * The brightest colour is the largest |W| that the modes' limits `w_limit_um` allow. */
+  constructor(shapes, size_mm, w_limit_um) {
+    const modes = w_limit_um.length;
     this.modes = modes;
     this.size_mm = size_mm;
+    this.full_um = w_limit_um.reduce((sum, limit_um) => sum + limit_um, 0);
     this.side = Math.round(Math.sqrt(shapes.length / modes));
     this.cells = this.side * this.side;
     this.shapes = Array.from({ length: modes }, (_, k) => shapes.subarray(k * this.cells, (k + 1) * this.cells));
@@ -35,7 +39,7 @@ export class Field {
     for (let i = 0; i < cells; i++) {
       const w_um = Math.sqrt(real[i] * real[i] + imaginary[i] * imaginary[i]); // a tenth of Math.hypot's time
       if (w_um > largest) largest = w_um;
-      this.pixels[i] = PIXELS[Math.min(LEVELS - 1, (w_um / FULL_UM) * (LEVELS - 1)) | 0];
+      this.pixels[i] = PIXELS[Math.min(LEVELS - 1, brightness(w_um, this.full_um) * (LEVELS - 1)) | 0];
     }
     this.canvas.getContext("2d").putImageData(this.image, 0, 0);
     return largest;

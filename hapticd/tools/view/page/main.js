@@ -1,7 +1,7 @@
 // The page: messages of the server go into the history, and each picture shows one of its frames.
 
-import { drawLatency, drawModes, drawStrip } from "./charts.js";
-import { LEVELS, PIXELS, theme } from "./colours.js";
+import { drawLatency, drawModes, drawScale, drawStrip } from "./charts.js";
+import { theme } from "./colours.js";
 import { Field } from "./field.js";
 import { FingerList, write } from "./fingers.js";
 import { Hands } from "./hands.js";
@@ -48,7 +48,7 @@ const link = new Link({
     history.clear();
     const shapes = await link.shapes();
     if (plate !== message) return;
-    picture.field = new Field(shapes, message.modes, message.size_mm);
+    picture.field = new Field(shapes, message.size_mm, message.w_limit_um);
     hands.allow(message.simulated ? message.size_mm : null);
     write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
     $("new-box").hidden = !message.simulated;
@@ -197,10 +197,13 @@ function writeTexts(frame) {
   const fingers = frame.fingers.length;
   if (isLive) write($("state"), `${frame.state.toLowerCase()} · ${fingers === 1 ? "1 finger" : `${fingers} fingers`}`);
   write($("field-of"), `|W| ${FIELDS[is.of]}`);
-  write($("modes-text"), `Grey: asked. Blue: ${is.of}. The circle is the limit; ${drive()}.`);
+  const isLayered = !history.paused && layers.canvas !== null;
+  if (picture.field) drawScale($("scale"), isLayered ? null : picture.field.full_um, colours);
+  write($("scale-text"), isLayered ? "share of the target that is reached" : "|W|, µm peak to peak");
+  write($("modes-text"), `Grey: asked. Blue: ${is.of}. Circle: limit. ${drive()}.`);
   const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
-  const rate = status?.frames_hz ? `; ${status.frames_hz.toFixed(0)} frames a second` : "";
-  write($("latency-text"), `Now predicted ${horizon} ms ahead of the sample${rate}. Milliseconds, since the daemon began.`);
+  const rate = status?.frames_hz ? `, ${status.frames_hz.toFixed(0)} frames/s` : "";
+  write($("latency-text"), `Now predicted ${horizon} ms ahead${rate}.`);
   const { leak_um, off_um } = history.leak();
   const labelled = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
   write($("leak"), [labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
@@ -209,7 +212,7 @@ function writeTexts(frame) {
   flags(frame);
 }
 
-const drive = () => (plate?.drive_hz ? `driven at ${(plate.drive_hz / 1000).toFixed(3)} kHz` : "the board has not answered");
+const drive = () => (plate?.drive_hz ? `${(plate.drive_hz / 1000).toFixed(3)} kHz` : "The board has not answered");
 
 const counts = new Map();
 /** A counter since the daemon's start; it is highlighted for a while when it grows. */
@@ -217,34 +220,27 @@ function count(name, value = 0) {
   const known = counts.get(name);
   if (!known || value < known.value) counts.set(name, { value, grew_ms: -Infinity });
   else if (value > known.value) counts.set(name, { value, grew_ms: performance.now() });
-  return [`${name} ${value}`, performance.now() - counts.get(name).grew_ms < NEW_MS];
+  return [`${name} ${value}`, performance.now() - counts.get(name).grew_ms < NEW_MS && "bad"];
 }
 
 function flags(frame) {
   const board = status?.board ?? {};
   const flags = [
-    ["limit met", frame.limited],
-    ["amplifier saturated", board.saturated === true],
-    ...(board.ready === false ? [["board is silent", true]] : []),
-    ...(frame.state === "FAULT" ? [[`fault ${board.fault_code ?? ""}`, true]] : []),
+    ["limit met", frame.limited && "is"], // of a mode, as at many pairs of positions
+    ["amplifier saturated", board.saturated === true && "is"], // as in each fast change of a reference
+    ...(board.ready === false ? [["board is silent", "bad"]] : []),
+    ...(frame.state === "FAULT" ? [[`fault ${board.fault_code ?? ""}`, "bad"]] : []),
     count("dead-man trips", board.deadman_trips ?? 0),
     count("late frames", status?.late_frames),
     count("missed ticks", status?.missed_ticks),
   ];
   const box = $("flags");
   while (box.children.length > flags.length) box.lastChild.remove();
-  flags.forEach(([text, isOn], index) => {
+  flags.forEach(([text, how], index) => {
     const flag = box.children[index] ?? box.appendChild(document.createElement("li"));
     write(flag, text);
-    flag.classList.toggle("on", Boolean(isOn));
+    flag.className = how || "";
   });
 }
 
-function drawScale() {
-  const canvas = $("scale");
-  [canvas.width, canvas.height] = [LEVELS, 1];
-  canvas.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(PIXELS.buffer), LEVELS, 1), 0, 0);
-}
-
-drawScale();
 requestAnimationFrame(draw);
