@@ -8,6 +8,8 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
+PIECE_BYTES = 1 << 16
+
 
 def open_regular(path: Path) -> BinaryIO:
     """Open a file for reading. Raises OSError, also for what is not a regular file."""
@@ -23,8 +25,10 @@ def open_regular(path: Path) -> BinaryIO:
 
 def read_bounded(path: Path, max_bytes: int) -> bytes:
     """Return a file's bytes. Raises OSError, also for more than `max_bytes`."""
+    data = bytearray()
     with open_regular(path) as file:
-        data = file.read(max_bytes + 1)
-    if len(data) > max_bytes:
-        raise OSError(errno.EFBIG, f"More than {max_bytes} bytes", str(path))
-    return data
+        while piece := file.read(PIECE_BYTES):  # a read of `max_bytes` would take that much memory at once
+            data += piece
+            if len(data) > max_bytes:
+                raise OSError(errno.EFBIG, f"More than {max_bytes} bytes", str(path))
+    return bytes(data)

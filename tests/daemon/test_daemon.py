@@ -371,8 +371,8 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     assert main(["run", "--config", str(config)]) == 78
     assert "client.tcp: needs keys: make them with `hapticd keys make`" in capsys.readouterr().err
     config.write_text('[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "keys"\n', encoding="utf-8")
-    assert main(["run", "--config", str(config)]) == 1
+    assert main(["run", "--config", str(config)]) == 78
     assert f"run `hapticd keys make {tmp_path / 'keys'}`" in capsys.readouterr().err
     assert main(["keys", "make", str(tmp_path / "keys")]) == 0
-    assert main(["run", "--config", str(config)]) == 1
+    assert main(["run", "--config", str(config)]) == 78
     assert "the allow-list is empty" in capsys.readouterr().err
