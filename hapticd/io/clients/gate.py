@@ -13,8 +13,11 @@ import contextlib
 import math
 import socket
 import struct
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import zmq
 
@@ -26,12 +29,11 @@ SOCKET_UMASK = 0o117  # owner and group may connect, others may not
 INNER_UMASK = 0o177  # the owner alone
 
 MAX_CONNECTIONS, MAX_CONNECTIONS_PER_USER = 128, 64  # 16 clients of one user have 48
-MAX_UNREAD_BYTES = 262_144  # of replies to one connection, beside the kernel's buffers; the longest reply has 140 kB
-MAX_UNREAD_BYTES_PER_USER, MAX_UNREAD_BYTES_IN_ALL = 2**20, 2**22
 
 BACKLOG = 64  # connections that wait to be accepted
 REFUSALS = 32  # per wake-up of a listener, or one admission; it rests afterwards, lest connecting delays the touch
 REST_S = 0.01
+DRAIN_EVERY_S = 0.001
 STALE_S = 0.5  # after a client's end its requests are dropped: a flood of them is handled for minutes
 CHUNK_BYTES = 65_536
 INNER_BUFFER_BYTES = 16_384  # of requests that wait in the kernel: what a lost client left is handled to its end
@@ -39,18 +41,29 @@ CAUSES = ("crowded", "unread", "broken")  # too many connections, replies not re
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
+class UnreadBytes(NamedTuple):
+    """Most bytes that one connection, one user and all of them may leave unread, beside the kernel's buffers."""
+
+    connection: int
+    user: int
+    in_all: int
+
+
+UNREAD_REPLIES = UnreadBytes(2**18, 2**20, 2**22)  # the longest reply has 140 kB
+
+
 @dataclass(frozen=True, slots=True)
 class Door:
     """A public listener, the inner ipc path behind it, and how its connections are checked.
 
-    `topics` are those of a publisher, None for other sockets. With `is_reply`, bytes that a client leaves unread are
-    bounded by disconnecting it; else by ZeroMQ, which drops messages at its high-water mark.
+    `topics` are those of a publisher, None for other sockets. Beyond `most_unread` a client is disconnected; without
+    that ZeroMQ drops messages at its high-water mark.
     """
 
     listener: socket.socket
     inner: Path
     topics: frozenset[bytes] | None = None
-    is_reply: bool = False
+    most_unread: UnreadBytes | None = None
 
 
 class Gate:
@@ -80,6 +93,16 @@ class Gate:
         for relay in tuple(self._relays.values()):
             relay.finish()
 
+    def drain(self, is_over: Callable[[], bool], within_s: float) -> None:
+        """Relay to the clients while the loop does not run, until ZeroMQ has sent all of it and they have it."""
+        t_end_s = time.monotonic() + within_s
+        while time.monotonic() < t_end_s:
+            was_over = is_over()
+            relays = tuple(self._relays.values())
+            if sum(relay.pump() for relay in relays) == 0 and was_over:
+                return
+            time.sleep(DRAIN_EVERY_S)
+
     def unwatch(self, one: socket.socket) -> None:
         """Remove a socket from the loop, which may be closed."""
         if not self.loop.is_closed():
@@ -95,18 +118,14 @@ class Gate:
         relay = self._relays.get(number)
         return relay is not None and self.loop.time() - relay.t_lost_s > STALE_S
 
-    def leaves_too_much(self, relay: _Relay) -> bool:
-        """Return whether a connection whose replies are not read has to be closed."""
+    def leaves_too_much(self, relay: _Relay, most: UnreadBytes) -> bool:
+        """Return whether a connection that leaves bytes unread has to be closed."""
         users, in_all = 0, 0
         for one in self._relays.values():
-            if one.is_reply:
+            if one.most_unread is not None:
                 in_all += len(one.to_client)
                 users += len(one.to_client) if one.user == relay.user else 0
-        return (
-            len(relay.to_client) > MAX_UNREAD_BYTES
-            or users > MAX_UNREAD_BYTES_PER_USER
-            or in_all > MAX_UNREAD_BYTES_IN_ALL
-        )
+        return len(relay.to_client) > most.connection or users > most.user or in_all > most.in_all
 
     def _accept(self, door: Door) -> None:
         for _ in range(REFUSALS):
@@ -137,9 +156,7 @@ class Gate:
         except OSError:  # libzmq is behind with accepting
             inner.close()
             return False
-        self._relays[self._connections] = _Relay(
-            self, self._connections, user, outer, inner, inbound, is_reply=door.is_reply
-        )
+        self._relays[self._connections] = _Relay(self, self._connections, user, outer, inner, inbound, door.most_unread)
         self._connections += 1
         return True
 
@@ -159,14 +176,15 @@ class _Relay:
         outer: socket.socket,
         inner: socket.socket,
         inbound: Inbound,
-        *,
-        is_reply: bool,
+        most_unread: UnreadBytes | None,
     ) -> None:
         self.number = number
         self.user = user
         self.t_lost_s = math.inf
-        self.is_reply = is_reply
-        self.to_client = b""
+        self.most_unread = most_unread
+        self.to_client = bytearray()
+        self.relayed_bytes = 0
+        self._is_ending = False
         self._to_daemon = b""
         self._gate, self._loop = gate, gate.loop
         self._outer: socket.socket | None = outer
@@ -212,30 +230,46 @@ class _Relay:
         except OSError:
             data = b""
         was_behind = bool(self.to_client)
+        self.relayed_bytes += len(data)
         self._to_outer(data)
-        if not data:
+        if not data and (self._outer is None or not self.to_client):
             self._close()
         elif self._outer is None or not self.to_client:
             return
-        elif self.is_reply and self._gate.leaves_too_much(self):
+        elif not data:  # ZeroMQ is done; the client still has to take what waits
+            self._is_ending = True
+            self._loop.remove_reader(self._inner)
+            self._loop.add_writer(self._outer, self._push_to_client)
+        elif self.most_unread is not None and self._gate.leaves_too_much(self, self.most_unread):
             self._lose("unread")
         elif not was_behind:
             self._loop.add_writer(self._outer, self._push_to_client)
-            if not self.is_reply:
+            if self.most_unread is None:
                 self._loop.remove_reader(self._inner)
 
     def _push_to_client(self) -> None:
-        self._to_outer(b"")
-        if self._outer is not None and not self.to_client:
+        assert self._outer is not None
+        try:
+            del self.to_client[: self._outer.send(self.to_client[:CHUNK_BYTES])]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._lose()
+            return
+        if self.to_client:
+            return
+        if self._is_ending:
+            self._close()
+        else:
             self._loop.remove_writer(self._outer)
             self._loop.add_reader(self._inner, self._from_daemon)
 
     def _to_outer(self, data: bytes) -> None:
-        """Send to the client what waits for it; without a client, nothing waits."""
+        """Send to the client, behind what waits already; without a client, nothing waits."""
         if self._outer is None:
             return
         try:
-            self.to_client = _unsent(self._outer, self.to_client + data)
+            self.to_client += data if self.to_client else _unsent(self._outer, data)
         except OSError:
             self._lose()
 
@@ -243,7 +277,7 @@ class _Relay:
         """Close the client's side, and read the other to its end."""
         if cause is not None:
             self._gate.counters[cause] += 1
-        self.to_client = b""
+        self.to_client.clear()
         if self._outer is None:
             return
         self._gate.unwatch(self._outer)
@@ -256,6 +290,15 @@ class _Relay:
         with contextlib.suppress(OSError):
             self._inner.shutdown(socket.SHUT_WR)
 
+    def pump(self) -> bool:
+        """Relay some bytes to the client; return whether there were any."""
+        if self.to_client:
+            self._push_to_client()
+            return True
+        before = self.relayed_bytes
+        self._from_daemon()
+        return self.relayed_bytes > before
+
     def finish(self) -> None:
         """Pass on what ZeroMQ has sent, as far as the client takes it at once, and close."""
         try:
@@ -265,7 +308,7 @@ class _Relay:
             pass
         if self._outer is not None:
             with contextlib.suppress(OSError):
-                _unsent(self._outer, self.to_client)
+                _unsent(self._outer, bytes(self.to_client))
         self._close()
 
     def _close(self) -> None:

@@ -1,21 +1,23 @@
 """The `record` socket: the records of a running daemon, for `hapticd record` on the same machine.
 
-XPUB, ipc://<directory>/record. Without a subscriber nothing is encoded. A slow subscriber loses records, and sees by
-their numbers which. A subscription to everything (`NOW`) requests the records from now on; one to `WHOLE`, with which
-each record begins, a recording from a core's first input on. Where that has to wait, the subscribers of `WAITS` get
-that message, followed by the directory of the simulated rig if the trackpad is simulated.
+XPUB, ipc://<directory>/record. Without a subscriber nothing is encoded. A subscriber that is too slow is disconnected;
+after reconnecting it sees by their numbers which records it lost. A subscription to everything (`NOW`) requests the
+records from now on; one to `WHOLE`, with which each record begins, a recording from a core's first input on. Where that
+has to wait, the subscribers of `WAITS` get that message, followed by the directory of the simulated rig if the trackpad
+is simulated.
 """
 
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import zmq
 
 from ...errors import HapticdError
-from .gate import Door, Gate, bind_inner, inner_path, local_listener
+from .gate import Door, Gate, UnreadBytes, bind_inner, inner_path, local_listener
 from .runtime_dir import endpoint_path
 from .sockets import HANDSHAKE_MS, MAX_SUBSCRIPTION_BYTES
 
@@ -24,7 +26,8 @@ NOW = b""
 WHOLE = b"record"
 WAITS = b"waits"
 TOPICS = frozenset({NOW, WHOLE, WAITS})
-SEND_HIGH_WATER = 20_000  # records for a slow recorder, half a minute of touching
+SEND_HIGH_WATER = 20_000  # records on the way to the gate, which takes them at once; also a recorder's own limit
+UNREAD_RECORDS = UnreadBytes(2**23, 2**24, 2**25)  # half a minute of two fingers, and dozens of headers
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
 REST_S = 0.1  # between two reads of subscriptions: a recorder that attaches all the time must not hold up a pass
@@ -58,7 +61,7 @@ class RecordSocket:
         path = endpoint_path(self._directory, NAME)
         try:
             bind_inner(self._socket, inner_path(path))
-            self._gate.open(Door(local_listener(path), inner_path(path), TOPICS))
+            self._gate.open(Door(local_listener(path), inner_path(path), TOPICS, UNREAD_RECORDS))
         except HapticdError:
             self.close()
             raise
@@ -115,7 +118,11 @@ class RecordSocket:
         if not self._loop.is_closed():
             self._loop.remove_reader(self._socket.FD)
         self._socket.close()
-        self._context.term()
+        closing = threading.Thread(target=self._context.term)  # which waits until the last records have left
+        closing.start()
+        if self._gate is not None and not self._loop.is_closed():
+            self._gate.drain(lambda: not closing.is_alive(), 2e-3 * LINGER_MS)
+        closing.join()
         self._context = None
         if self._gate is not None:
             self._gate.close()

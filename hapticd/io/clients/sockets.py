@@ -14,7 +14,7 @@ import zmq
 from zmq.auth.asyncio import AsyncioAuthenticator
 
 from ...errors import HapticdError
-from .gate import Door, Gate, bind_inner, inner_path, local_listener, remote_listener
+from .gate import UNREAD_REPLIES, Door, Gate, bind_inner, inner_path, local_listener, remote_listener
 from .keys import ServerKeys
 
 ENDPOINTS = ("targets", "control", "telemetry")  # socket files in the runtime directory, and ports in this order
@@ -108,11 +108,12 @@ def bound(paths: Sequence[Path], remote: Remote | None, allow_list: AllowList | 
 def open_doors(gate: Gate, paths: Sequence[Path], remote: Remote | None) -> None:
     """Accept clients at the public paths of ENDPOINTS and at `remote`'s ports. Raises HapticdError, OSError."""
     for index, path in enumerate(paths):
-        topics, is_reply = (TELEMETRY_TOPICS if path.name == "telemetry" else None), path.name == "control"
-        gate.open(Door(local_listener(path), inner_path(path), topics, is_reply))
+        topics = TELEMETRY_TOPICS if path.name == "telemetry" else None
+        most_unread = UNREAD_REPLIES if path.name == "control" else None
+        gate.open(Door(local_listener(path), inner_path(path), topics, most_unread))
         if remote is not None:
             listener = remote_listener(remote.host, remote.port + index)
-            gate.open(Door(listener, inner_path(path, is_remote=True), topics, is_reply))
+            gate.open(Door(listener, inner_path(path, is_remote=True), topics, most_unread))
 
 
 def _bind_local(sockets: Sockets, paths: Sequence[Path]) -> None:

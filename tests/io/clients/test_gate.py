@@ -8,6 +8,7 @@ import struct
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -16,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.io.clients import gate as gate_module
+from hapticd.io.clients import record_socket as record_module
 from hapticd.io.clients import sockets as sockets_module
-from hapticd.io.clients.gate import Gate
+from hapticd.io.clients.gate import UNREAD_REPLIES, Gate
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.zmtp import (
     MAX_CHANGES,
@@ -158,13 +160,13 @@ def raw(path: Path, *data: bytes) -> Iterator[socket.socket]:
 
 
 @asynccontextmanager
-async def requester(directory: Path, requests: bytes) -> AsyncIterator[socket.socket]:
-    """A client that has sent these requests, as soon as its handshake allowed it, and reads no reply."""
-    with raw(directory / "control", GREETING) as client:
+async def greeted(path: Path, kind: bytes, *frames: bytes) -> AsyncIterator[socket.socket]:
+    """A client that has sent these frames, as soon as its handshake allowed it, and reads nothing more."""
+    with raw(path, GREETING) as client:
         left = len(GREETING)
         while left > 0:
             left -= len(await asyncio.to_thread(client.recv, left))
-        await asyncio.to_thread(client.sendall, ready(Socket_Type=b"DEALER") + requests)
+        await asyncio.to_thread(client.sendall, ready(Socket_Type=kind) + b"".join(frames))
         yield client
 
 
@@ -210,24 +212,29 @@ async def test_a_client_that_leaves_its_replies_unread_is_disconnected_and_the_o
 ) -> None:
     async with served(tmp_path) as (server, gate, _):
         unread: list[int] = []
-        decide = gate.leaves_too_much
-        monkeypatch.setattr(gate, "leaves_too_much", lambda one: unread.append(len(one.to_client)) or decide(one))
-        async with requester(tmp_path, frame(b"plate") * 60):
+
+        def noted(relay: Any, most: Any, decide: Callable[[Any, Any], bool] = gate.leaves_too_much) -> bool:
+            unread.append(len(relay.to_client))
+            return decide(relay, most)
+
+        monkeypatch.setattr(gate, "leaves_too_much", noted)
+        async with greeted(tmp_path / "control", b"DEALER", frame(b"plate") * 60):
             await until(server, lambda: server.counters["unread"] == 1)
-            assert gate_module.MAX_UNREAD_BYTES < max(unread) <= gate_module.MAX_UNREAD_BYTES + gate_module.CHUNK_BYTES
+            most_bytes = UNREAD_REPLIES.connection
+            assert most_bytes < max(unread) <= most_bytes + gate_module.CHUNK_BYTES
             assert await answered(tmp_path) == REPLY
             await until(server, lambda: not gate._relays)  # what ZeroMQ still answered was read and dropped
 
 
 @asynchronous
 async def test_unread_replies_are_bounded_per_user_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gate_module, "MAX_UNREAD_BYTES", 2**40)
+    monkeypatch.setattr(sockets_module, "UNREAD_REPLIES", UNREAD_REPLIES._replace(connection=2**40))
     async with served(tmp_path) as (server, gate, _), AsyncExitStack() as stack:
         for _ in range(4):
-            await stack.enter_async_context(requester(tmp_path, frame(b"plate") * 20))
+            await stack.enter_async_context(greeted(tmp_path / "control", b"DEALER", frame(b"plate") * 20))
         await until(server, lambda: server.counters["unread"] >= 1)
         unread = sum(len(relay.to_client) for relay in gate._relays.values())
-        assert unread <= gate_module.MAX_UNREAD_BYTES_PER_USER
+        assert unread <= UNREAD_REPLIES.user
 
 
 @asynchronous
@@ -236,7 +243,7 @@ async def test_the_requests_of_a_client_that_left_are_not_handled_for_long(
 ) -> None:
     monkeypatch.setattr(gate_module, "STALE_S", 0.0)
     async with served(tmp_path) as (server, gate, handled):
-        async with requester(tmp_path, frame(b"x") * 2000):
+        async with greeted(tmp_path / "control", b"DEALER", frame(b"x") * 2000):
             await until(server, lambda: len(handled) > 0)
         await until(server, lambda: not gate._relays)
         assert len(handled) < 1000
@@ -246,7 +253,7 @@ async def test_the_requests_of_a_client_that_left_are_not_handled_for_long(
 @asynchronous
 async def test_the_last_message_of_a_client_that_leaves_at_once_is_handled(tmp_path: Path) -> None:
     async with served(tmp_path) as (server, gate, handled):
-        async with requester(tmp_path, frame(b"goodbye")):
+        async with greeted(tmp_path / "control", b"DEALER", frame(b"goodbye")):
             pass
         await until(server, lambda: handled == [b"goodbye"] and not gate._relays)
 
@@ -258,3 +265,28 @@ async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.
         with raw(tmp_path / "control", GREETING[:40]), raw(tmp_path / "telemetry", GREETING, ready(A=b"")[:5]):
             await until(server, lambda: len(gate._relays) == 2)
             await until(server, lambda: not gate._relays)
+
+
+@asynchronous
+async def test_a_recorder_that_does_not_read_is_disconnected_and_costs_a_bounded_number_of_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_module, "UNREAD_RECORDS", gate_module.UnreadBytes(2**20, 2**20, 2**20))
+    recorders = record_module.RecordSocket(tmp_path)
+    attached: list[bytes] = []
+    recorders.start(asyncio.get_running_loop(), lambda topic, _: attached.append(topic))
+    gate = recorders._gate
+    assert gate is not None
+    try:
+        async with greeted(tmp_path / "record", b"SUB", frame(b"\x01")):
+            longest = 0
+            async with asyncio.timeout(PATIENCE_S):
+                while gate.counters["unread"] == 0:
+                    if attached:
+                        recorders.send(bytes(170_000))
+                    await asyncio.sleep(0.001)
+                    recorders.sweep()
+                    longest = max([longest, *(len(relay.to_client) for relay in gate._relays.values())])
+            assert 0 < longest <= 2**20
+    finally:
+        recorders.close()

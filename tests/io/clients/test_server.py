@@ -146,6 +146,9 @@ async def test_an_oversize_message_costs_its_sender_only_that_message(tmp_path: 
             rude.send(bytes(MAX_MESSAGE_BYTES + 1))
             polite.send(b"polite")
             await running.until(lambda: b"polite" in running.messages)
+            service = running.server._service
+            assert service is not None
+            await running.until(lambda: service.gate._connections == 3)  # it has reconnected
             assert await in_thread(lambda: rude.poll(4000, zmq.POLLOUT))
             rude.send(bytes(MAX_MESSAGE_BYTES))
             await running.until(lambda: bytes(MAX_MESSAGE_BYTES) in running.messages)
