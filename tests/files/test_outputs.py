@@ -158,6 +158,7 @@ ELSEWHERE = {
     "tools/daemon_process.py",  # its own folder
     "tools/install_service.py",  # its destinations are fixed
     "tools/study/session.py",  # a session is continued
+    "tools/view/program.py",  # the address, in a folder of its own
 }
 
 
