@@ -17,7 +17,8 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
-from .gate import Door, Gate, UnreadBytes, bind_inner, inner_path, local_listener
+from .gate import Door, Gate, UnreadBytes
+from .listeners import bind_inner, inner_path, local_listener
 from .runtime_dir import endpoint_path
 from .sockets import HANDSHAKE_MS, MAX_SUBSCRIPTION_BYTES
 

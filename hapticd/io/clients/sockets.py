@@ -14,8 +14,9 @@ import zmq
 from zmq.auth.asyncio import AsyncioAuthenticator
 
 from ...errors import HapticdError
-from .gate import UNREAD_REPLIES, Door, Gate, bind_inner, inner_path, local_listener, remote_listener
+from .gate import UNREAD_REPLIES, Door, Gate
 from .keys import ServerKeys
+from .listeners import bind_inner, inner_path, local_listener, remote_listener
 
 ENDPOINTS = ("targets", "control", "telemetry")  # socket files in the runtime directory, and ports in this order
 

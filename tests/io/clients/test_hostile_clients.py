@@ -22,7 +22,7 @@ import zmq
 from asynchronous import asynchronous
 
 from hapticd.io.clients import server as server_module
-from hapticd.io.clients.gate import inner_path
+from hapticd.io.clients.listeners import inner_path
 from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import BUDGET_S, MAX_READS, ClientServer
 from hapticd.io.clients.zmtp import MAX_FRAME_BYTES
