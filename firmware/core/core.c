@@ -7,12 +7,21 @@
 #define OVER_AMPLITUDE 1.5f /* of the limit: no controller worth its gains overshoots that far */
 #define OVER_AMPLITUDE_TICKS 8
 
-/* A broken sensor: the reference is a tenth of the limit, the output half the voltage, and next to nothing comes
- * back. */
-#define NO_RESPONSE_ASKED 0.1f
-#define NO_RESPONSE_VOLTAGE 0.5f
-#define NO_RESPONSE_MEASURED 0.01f
-#define NO_RESPONSE_S 0.1f
+/* A sensor that cannot be believed, while the output is above half its limit: next to nothing of the reference comes
+ * back (dead), or something so far from it that no plate does it (inverted, swapped, of a wrong phase or gain, a limit
+ * cycle). A plate that only falls short of its reference, as with drift or a heavy finger, measures less than it. */
+#define WATCHED_VOLTAGE 0.5f
+#define DEAD_ASKED 0.0025f /* of the limit */
+#define DEAD_ANSWER 0.1f   /* of what is asked */
+#define ASTRAY_ANSWER 1.5f /* of what is asked, from it */
+#define ASTRAY_FLOOR 0.05f /* of the limit */
+#define DISTRUST_S 0.05f
+
+/* A limit cycle about a reference that is not small: the voltage swings from tick to tick. Reports come every 10 ms, and
+ * even steps of the whole range then swing it on less than two ticks of five, where the count no longer grows. */
+#define SWING_VOLTAGE 0.3f /* of the limit, from one tick to the next */
+#define SWING_UP 3
+#define SWING_DOWN 2
 
 #define ALL_MODES 255 /* in the log: no single one is concerned */
 
@@ -60,7 +69,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->state = HD_STATE_QUIET;
     core->drive_hz = config->drive_hz;
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
-    core->no_response_limit_ticks = (uint16_t)(config->control_hz * NO_RESPONSE_S);
+    core->distrust_limit_ticks = (uint16_t)(config->control_hz * DISTRUST_S);
     hd_design_t *design = &core->heard.design;
     design->gains = core->config.gains;
     design->plant.tick_s = 1.0f / config->control_hz;
@@ -84,7 +93,10 @@ void hd_silence(hd_core_t *core)
     memset(core->asked_um, 0, sizeof core->asked_um);
     memset(core->voltage_v, 0, sizeof core->voltage_v);
     memset(core->over_amplitude_ticks, 0, sizeof core->over_amplitude_ticks);
-    memset(core->no_response_ticks, 0, sizeof core->no_response_ticks);
+    memset(core->dead_ticks, 0, sizeof core->dead_ticks);
+    memset(core->astray_ticks, 0, sizeof core->astray_ticks);
+    memset(core->swings, 0, sizeof core->swings);
+    memset(core->previous_v, 0, sizeof core->previous_v);
 }
 
 static void enter(hd_core_t *core, enum hd_state state)
@@ -176,20 +188,36 @@ static bool lasts(bool condition, uint16_t *ticks, uint16_t limit)
     return *ticks >= limit;
 }
 
+/* Whether the voltage swings on more ticks than references explain, for as long as `lasts`. */
+static bool cycles(hd_core_t *core, int k)
+{
+    float swing_v = SWING_VOLTAGE * core->config.v_limit_v;
+    bool swings = !hd_within(hd_sub(core->voltage_v[k], core->previous_v[k]), swing_v);
+    core->previous_v[k] = core->voltage_v[k];
+    int count = core->swings[k] + (swings ? SWING_UP : -SWING_DOWN);
+    int limit = SWING_UP * core->distrust_limit_ticks;
+    core->swings[k] = (uint16_t)(count < 0 ? 0 : count > limit ? limit : count);
+    return count >= limit;
+}
+
 /* Judges the measurement against the voltage and the reference of the tick before, which caused it. */
 static enum hd_fault mode_fault(hd_core_t *core, int k)
 {
     float limit_um = core->config.w_limit_um[k];
-    hd_phasor_t measured_um = core->measured_um[k];
-    bool unanswered = hd_within(measured_um, NO_RESPONSE_MEASURED * limit_um)
-        && !hd_within(core->asked_um[k], NO_RESPONSE_ASKED * limit_um)
-        && !hd_within(core->voltage_v[k], NO_RESPONSE_VOLTAGE * core->config.v_limit_v);
+    hd_phasor_t measured_um = core->measured_um[k], asked_um = core->asked_um[k];
+    float asked = hd_magnitude(asked_um);
+    bool watched = !hd_within(core->voltage_v[k], WATCHED_VOLTAGE * core->config.v_limit_v);
+    bool dead = watched && asked > DEAD_ASKED * limit_um && hd_within(measured_um, DEAD_ANSWER * asked);
+    bool astray = watched
+        && !hd_within(hd_sub(measured_um, asked_um), ASTRAY_ANSWER * asked + ASTRAY_FLOOR * limit_um);
     bool over = !hd_within(measured_um, OVER_AMPLITUDE * limit_um);
     if (lasts(over, &core->over_amplitude_ticks[k], OVER_AMPLITUDE_TICKS)) {
         return HD_FAULT_OVER_AMPLITUDE;
     }
-    return lasts(unanswered, &core->no_response_ticks[k], core->no_response_limit_ticks) ? HD_FAULT_NO_RESPONSE
-                                                                                         : HD_FAULT_NONE;
+    bool is_dead = lasts(dead, &core->dead_ticks[k], core->distrust_limit_ticks);
+    bool is_astray = lasts(astray, &core->astray_ticks[k], core->distrust_limit_ticks);
+    is_astray = cycles(core, k) || is_astray;
+    return is_dead ? HD_FAULT_NO_RESPONSE : is_astray ? HD_FAULT_ASTRAY : HD_FAULT_NONE;
 }
 
 static void watch_plate(hd_core_t *core, const hd_phasor_t measured_um[HD_MODES], uint32_t now_us)

@@ -97,9 +97,12 @@ typedef struct {
     bool tripped;
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     uint16_t ramp_ticks;
-    uint16_t no_response_limit_ticks;
+    uint16_t distrust_limit_ticks;
     uint16_t over_amplitude_ticks[HD_MODES];
-    uint16_t no_response_ticks[HD_MODES];
+    uint16_t dead_ticks[HD_MODES];
+    uint16_t astray_ticks[HD_MODES];
+    uint16_t swings[HD_MODES];
+    hd_phasor_t previous_v[HD_MODES];
 
     hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */
     hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: input of the control law */

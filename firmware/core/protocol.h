@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0xea84b03fu
+#define HD_PROTOCOL_HASH 0xeed0c735u
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -95,6 +95,7 @@ enum hd_fault {
     HD_FAULT_NO_RESPONSE = 4,
     HD_FAULT_REPEATED_DEADMAN = 5,
     HD_FAULT_CONFIG = 6, /* cannot be cleared */
+    HD_FAULT_ASTRAY = 7, /* the measurement is not what the drive does */
 };
 
 /* Log events other than faults. */

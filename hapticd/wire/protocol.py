@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0xEA84B03F
+PROTOCOL_HASH: Final = 0xEED0C735
 
 KNOTS_MAX: Final = 24
 KNOT_UNIT_NS: Final = 4000
@@ -97,6 +97,7 @@ FAULTS: Final = {
     4: "the sensors do not answer the drive",
     5: "dead-man timeout three times within ten seconds",
     6: "the board's configuration is invalid",
+    7: "the sensors do not follow the drive: inverted, swapped, or of a wrong phase or gain",
 }
 
 EVENTS: Final = {

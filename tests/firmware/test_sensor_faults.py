@@ -1,0 +1,112 @@
+"""Sensors that cannot be believed quieten the plate within 120 ms; a plate that drifts or is touched does not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
+from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.wire.protocol import FAULTS
+
+QUIET_WITHIN_MS = 120.0
+CONFIG = BoardConfig()
+SWAPPED, DEAD = [[0.0, 1.0], [1.0, 0.0]], np.zeros((2, 2))
+ONE_INVERTED, ONE_DEAD = np.diag([-1.0, 1.0]), np.diag([0.0, 1.0])
+BROKEN: dict[str, dict[str, Any]] = {
+    "dead": {"sensor": DEAD},
+    "one dead": {"sensor": ONE_DEAD},
+    "inverted": {"sensor": -np.eye(2)},
+    "one inverted": {"sensor": ONE_INVERTED},
+    "swapped": {"sensor": SWAPPED},
+    "phase 50 degrees": {"loop_phase_rad": (math.radians(50),) * 2},
+    "phase -50 degrees": {"loop_phase_rad": (math.radians(-50),) * 2},
+    "phase 80 degrees": {"loop_phase_rad": (math.radians(80),) * 2},
+    "2.5 times the gain": {"gain_um_per_v_s": 2.5 * np.diag(CONFIG.gain_um_per_v_s)},
+    "2.5 times the signal": {"sensor": 2.5 * np.eye(2)},
+}
+
+
+def board(**changes: Any) -> Board:
+    plate = {
+        "decay_1_s": np.array(CONFIG.decay_1_s),
+        "detuning_rad_s": np.array(CONFIG.detuning_rad_s),
+        "gain_um_per_v_s": np.diag(CONFIG.gain_um_per_v_s),
+        "sensor": np.eye(2),
+        "noise_um": NOISE_UM,
+        "amplifier_limit_v": LIMIT_V,
+        "loop_phase_rad": (0.0, 0.0),
+    } | changes
+    return Board(PlateModel(**{name: _array(value) for name, value in plate.items()}), config=CONFIG)
+
+
+def _array(value: object) -> Any:
+    return np.asarray(value, float) if isinstance(value, list) else value
+
+
+def held_ms(broken: Board, asked_um: tuple[float, float]) -> float:
+    """How long there is any voltage, in a run of 0.4 s that asks for these amplitudes; infinite if to its end."""
+    trace = follow(broken, lambda _: [(0.0, np.array(asked_um, complex))], 800, 100)
+    driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
+    return math.inf if driven[-1] == 799 else float(driven[-1] - driven[0] + 1) / 2
+
+
+@pytest.mark.parametrize("asked_um", [(0.02, 0.0), (0.4, 0.1), (2.0, 0.0), (3.9, 0.5)])
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_sensor_that_cannot_be_believed_quietens_the_plate(name: str, asked_um: tuple[float, float]) -> None:
+    assert held_ms(board(**BROKEN[name]), asked_um) <= QUIET_WITHIN_MS
+
+
+@pytest.mark.parametrize("name", ["inverted", "swapped"])
+def test_so_it_does_on_a_plate_that_should_rest(name: str) -> None:
+    assert held_ms(board(**BROKEN[name]), (0.0, 0.0)) <= QUIET_WITHIN_MS
+
+
+@pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 7)])
+def test_the_fault_says_which_of_both_it_is(name: str, code: int, new_bench: Any) -> None:
+    bench = new_bench()
+    bench.arm(1 + 0j, 0j)
+    for _ in range(40):
+        bench.board.fake_measurement(np.diag(BROKEN[name]["sensor"]) * np.array([0.9, 0.0]))
+        bench.hold(20)
+    assert bench.messages[-1].fault_code == code
+    assert code in FAULTS
+
+
+def random_run(random: np.random.Generator, seconds: float) -> npt.NDArray[np.float64]:
+    """Any references on a plate within its tolerances, drifting and touched: the greatest voltage of each tick."""
+    detuning_rad_s = 2 * np.pi * (random.uniform(-100, 100) + random.uniform(-20, 20, 2))
+    plate = board(
+        decay_1_s=random.uniform(0.5, 3.0) * np.array(CONFIG.decay_1_s),
+        detuning_rad_s=np.array(CONFIG.detuning_rad_s) + detuning_rad_s,
+        sensor=np.eye(2) + random.uniform(-0.05, 0.05, (2, 2)),
+        loop_phase_rad=(random.uniform(-0.2, 0.2),) * 2,
+    )
+    scale_um, ticks = random.choice([0.05, 0.5, 2.0, 4.0]), round(seconds * 2000)
+
+    def knots(_: float) -> list[tuple[float, npt.NDArray[np.complex128]]]:
+        modal_um = scale_um * random.uniform(-1, 1, 2) * np.exp(1j * random.choice([0.0, random.uniform(0, 6.28)]))
+        return [(0.0, modal_um)] if random.random() < 0.5 else [(0.0, modal_um), (8.0, -modal_um)]
+
+    touched = random.uniform(-0.8, 0.8, (-(-ticks // 2000), 1, 2)).repeat(2000, axis=0)[:ticks]
+    decay_1_s = np.full((ticks, 1), 115.0 * random.choice([0.0, 1.0, 3.0]))
+    every = int(random.choice([20, 40, 100]))  # 10 ms and more
+    trace = follow(plate, knots, ticks, every, (np.ascontiguousarray(touched), decay_1_s))
+    return np.abs(trace.voltage_v).max(axis=1)
+
+
+def test_drift_damping_fingers_and_any_references_are_no_fault() -> None:
+    random = np.random.default_rng(5)
+    for _ in range(12):
+        assert random_run(random, 1.0)[-200:].any()
+
+
+@pytest.mark.long
+def test_no_plate_of_two_hundred_is_judged_faulty() -> None:
+    random = np.random.default_rng(6)
+    for _ in range(200):
+        assert random_run(random, 10.0)[-200:].any()
