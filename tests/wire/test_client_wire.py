@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hapticd.errors import RequestError
 from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
 from hapticd.wire import client, targets
-from hapticd.wire.fields import MAX_PAYLOAD_BYTES
+from hapticd.wire.fields import MAX_PAYLOAD_BYTES, peek_whole
 
 FULL: dict[str, Any] = {
     "v": 1,
@@ -439,3 +439,10 @@ def test_the_refusal_of_a_field_that_is_too_long_has_the_request_s_id(body: obje
 @pytest.mark.parametrize("request_id", [0, -1, 2**32, 1.0, "7", None])
 def test_the_refusal_of_an_id_that_is_none_has_the_id_0(request_id: object) -> None:
     assert replied(id=request_id, op="hello")["id"] == 0
+
+
+@pytest.mark.parametrize(
+    ("request_", "found"), [({"op": 1, "id": 7}, 7), ({"op": 1}, None), ({"id": "7"}, None), ([], None)]
+)
+def test_the_number_of_a_request_that_is_refused_is_found_where_there_is_one(request_: object, found: object) -> None:
+    assert peek_whole(msgpack.packb(request_), "id") == found
