@@ -76,6 +76,25 @@ def solve_contacts(
     return achieved_um, _is_limited(achieved_um, targets_um, limits_um, d_um, q_um)
 
 
+def step_towards(
+    before_d_um: list[float], before_q_um: list[float], d_um: list[float], q_um: list[float], most_um: float
+) -> bool:
+    """Shorten the way of W from before to at most `most_um` in any mode; return whether it was longer.
+
+    Limits hold on the whole way, because they are discs; a pattern that begins at rest keeps its contrast.
+    """
+    largest_um = 0.0
+    for k in range(len(d_um)):
+        largest_um = max(largest_um, math.hypot(d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]))
+    if largest_um <= most_um:
+        return False
+    share = most_um / largest_um
+    for k in range(len(d_um)):
+        d_um[k] = before_d_um[k] + share * (d_um[k] - before_d_um[k])
+        q_um[k] = before_q_um[k] + share * (q_um[k] - before_q_um[k])
+    return True
+
+
 def contact_rms_um(gram: Gram, d_um: list[float], q_um: list[float]) -> float:
     """Return sqrt(W^H G W): the RMS amplitude over a contact."""
     square = 0.0

@@ -17,7 +17,7 @@ from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
 from .arithmetic import Rows
-from .contacts import solve_contacts
+from .contacts import contact_rms_um, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
 from .general import solve_fast
 from .phase import solve_phased_fast
@@ -26,6 +26,8 @@ Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 PointSolver = Callable[[Rows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
 
+SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
+LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 TURN_RAD_NS: Final = 50e-9  # speed of the phase between fingers: faster helps no finger and makes larger steps
 
 
@@ -78,7 +80,7 @@ class InstantSolver:
     def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before."""
         if len(self._disc) > 0:
-            return self._solve_contacts(places, previous_um)
+            return self._solve_contacts(places, previous_um, since_ns)
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
@@ -98,13 +100,17 @@ class InstantSolver:
             modal_um = self._parasitic_modes.silenced(places, phi, modal_um, self._w_limit_um)
         return ModalSolution(places, [_amplitude_um(row, modal_um) for row in phi], modal_um, limited)
 
-    def _solve_contacts(self, places: list[Place], previous_um: Row) -> ModalSolution:
+    def _solve_contacts(self, places: list[Place], previous_um: Row, since_ns: int) -> ModalSolution:
         d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
         for mode in range(len(previous_um)):
             d_um[mode], q_um[mode] = re_im(previous_um[mode])
+        before_d_um, before_q_um = d_um.copy(), q_um.copy()
         grams = [contact_gram(self._modes, self._disc, x_mm, y_mm) for x_mm, y_mm, _ in places]
         targets_um = tuple([target_um for _, _, target_um in places])
         achieved_um, limited = solve_contacts(grams, targets_um, self._contact_limit_um, d_um, q_um)
+        most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
+        if max(targets_um) > 0.0 and step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
+            achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
         return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:

@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 from hapticd.core.plate.contact import contact_gram, disc_points
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver import solve
-from hapticd.core.solver.contacts import FRICTION_DECAY_UM, UNCERTAIN_FRAC, solve_contacts
+from hapticd.core.solver.contacts import FRICTION_DECAY_UM, UNCERTAIN_FRAC, solve_contacts, step_towards
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 Array = npt.NDArray[np.float64]
@@ -175,3 +175,11 @@ def test_contacts_of_no_size_are_points(modes: int) -> None:
 def test_a_gram_of_another_shape_or_not_finite_is_one_sentence(gram: object) -> None:
     with pytest.raises(ValueError, match=r"^gram: .*\."):
         solve(np.eye(2), [1.0, 0.0], 4.0, gram=gram)  # type: ignore[arg-type]
+
+
+def test_a_step_is_shortened_for_all_modes_alike() -> None:
+    d_um, q_um = [3.0, 0.0], [4.0, 1.0]
+    assert step_towards([0.0, 0.0], [0.0, 0.0], d_um, q_um, 1.0)
+    assert d_um == pytest.approx([0.6, 0.0])
+    assert q_um == pytest.approx([0.8, 0.2])
+    assert not step_towards([0.0, 0.0], [0.0, 0.0], d_um, q_um, 1.5)

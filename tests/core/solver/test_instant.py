@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hapticd.core.phasors import Row
 from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.instant import InstantSolver, ModalSolution, Place, interpolated_um
+from hapticd.core.solver.instant import LEAST_STEP_UM, InstantSolver, ModalSolution, Place, interpolated_um
 from hapticd.core.trajectory.gate import silence
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.values import Knot, LimitReason, SafeDrive
@@ -121,7 +121,7 @@ def test_with_a_radius_fingers_are_contacts_and_what_they_get_is_their_rms() -> 
     plate = GroundTruth(PlateSettings.of("fingertip"))
     modes = plate.measured_mode_map(1)
     chosen = InstantSolver(modes, plate.w_limit_um, derating_mm2_um2=1.0, phase_rotation=True, contact_radius_mm=5.0)
-    solution = chosen.solve([(-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)], (0j,) * 4, STEP_NS)
+    solution = chosen.solve([(-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)], (0j,) * 4, 20_000_000)
     grams = contact_grams(modes, [(-40.0, 10.0), (35.0, -20.0)], 5.0)
     modal_um = np.array(solution.modal_um)
 
@@ -130,3 +130,19 @@ def test_with_a_radius_fingers_are_contacts_and_what_they_get_is_their_rms() -> 
     )
     assert solution.achieved_um[0] > 10.0 * solution.achieved_um[1]
     assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(solution.modal_um, plate.w_limit_um, strict=True))
+
+
+def test_a_finger_that_lands_turns_the_amplitudes_no_faster_than_the_plate_follows() -> None:
+    plate = GroundTruth(PlateSettings.of("fingertip"))
+    chosen = InstantSolver(
+        plate.true_mode_map(), plate.w_limit_um, derating_mm2_um2=0.0, phase_rotation=True, contact_radius_mm=5.0
+    )
+    slipping, landed = (-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)
+    modal_um: Row = (0j,) * 4
+    for _ in range(20):
+        modal_um = chosen.solve([slipping], modal_um, 8_000_000).modal_um
+    first = chosen.solve([slipping, landed], modal_um, 0)
+    assert 0.5 < max(abs(now - was) for now, was in zip(first.modal_um, modal_um, strict=True)) <= LEAST_STEP_UM + 1e-9
+    second = chosen.solve([slipping, landed], first.modal_um, 17_000_000)
+    assert second.achieved_um[1] < 0.7 * first.achieved_um[1]
+    assert not any(chosen.solve([(-40.0, 10.0, 0.0), landed], second.modal_um, 0).modal_um)  # silence is never slow
