@@ -29,7 +29,7 @@ REACH_UM = 4.23  # of a mode at resonance with 150 V
 RADIUS_MM = 5.0  # of a fingertip's contact at 0.2 .. 1 N (50 .. 150 mm2)
 TARGET_UM = 1.0
 ENOUGH_SLIP_FRAC = 0.75
-FARTHEST_HZ = 180.0  # of a driven mode: beyond it an amplifier reaches a sixth of the amplitude at resonance
+FARTHEST_HZ = 180.0  # of a driven mode from the drive: an amplifier reaches a sixth there; the firmware controls 300
 STEP_HZ = 25.0  # of the searched drives, less than a mode's bandwidth of 58 Hz
 SEARCH_PAIRS, JUDGE_PAIRS = 96, 1000
 SEARCH_SWEEPS = 16
@@ -62,6 +62,7 @@ class Drive:
     reach_um: float = REACH_UM
     radius_mm: float = RADIUS_MM
     target_um: float = TARGET_UM
+    farthest_hz: float = FARTHEST_HZ
 
     def limits_um(self, frequency_hz: FloatArray, drive_hz: float) -> FloatArray:
         """Return the largest amplitude of each mode (M,)."""
@@ -110,9 +111,9 @@ class PlateModes:
     """A plate's modes in a band, with the Gram matrices of pairs of contacts. Raises ValueError."""
 
     def __init__(self, plate: Plate, band_hz: tuple[float, float], drive: Drive, pairs: int, seed: int = SEED) -> None:
-        """Solve the plate's modes in the band, widened by FARTHEST_HZ."""
+        """Solve the plate's modes in the band, widened by `drive.farthest_hz`."""
         self.plate, self.drive = plate, drive
-        modes = plate.modes((max(band_hz[0] - FARTHEST_HZ, 0.0), band_hz[1] + FARTHEST_HZ))
+        modes = plate.modes((max(band_hz[0] - drive.farthest_hz, 0.0), band_hz[1] + drive.farthest_hz))
         self.frequency_hz = np.array([hz for hz, _ in modes])
         self.shapes = [shape for _, shape in modes]
         places_mm = random_pairs(plate.size_mm, pairs, seed)
@@ -120,10 +121,10 @@ class PlateModes:
             self._grams = np.moveaxis(grams(surfaces(self.shapes), places_mm, drive.radius_mm), 3, 0)
 
     def nearest(self, drive_hz: float, count: int) -> tuple[int, ...]:
-        """Return the `count` modes nearest to the drive; fewer where the band holds no more within FARTHEST_HZ."""
+        """Return the `count` modes nearest to the drive; fewer where no more are within `farthest_hz`."""
         away_hz = np.abs(self.frequency_hz - drive_hz)
         order = np.argsort(np.round(away_hz, 6), kind="stable")[:count]
-        return tuple(order[away_hz[order] <= FARTHEST_HZ].tolist())
+        return tuple(order[away_hz[order] <= self.drive.farthest_hz].tolist())
 
     def best_drive(self, drives_hz: Iterable[float], count: int, pairs: int = SEARCH_PAIRS) -> Choice | None:
         """Return the drive of the highest score that has `count` modes near it, or None; judged by the first `pairs`

@@ -19,6 +19,7 @@ from ..design.contact_map import contact_map
 from ..design.contact_pairs import surfaces
 from ..design.contact_search import (
     ENOUGH_SLIP_FRAC,
+    FARTHEST_HZ,
     Q_FACTOR,
     RADIUS_MM,
     REACH_UM,
@@ -43,7 +44,7 @@ LEAST_MODES, MOST_MODES = 2, 8
 ROWS = 15
 ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
 CELLS = 61  # per side of the picture's map
-_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius")
+_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,6 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--radius", type=number(0.1, 15.0), metavar="MM", help=f"of a contact (default {RADIUS_MM:g} mm)"
+    )
+    group.add_argument(
+        "--farthest",
+        type=number(1.0, 1000.0),
+        metavar="HZ",
+        help=f"of a driven mode from the drive (default {FARTHEST_HZ:g}; the firmware controls 300)",
     )
     group.add_argument(
         "--tolerances",
@@ -98,6 +105,7 @@ def run(options: argparse.Namespace) -> ContactDesign:
         Q_FACTOR if options.q is None else options.q,
         REACH_UM if options.reach is None else options.reach,
         RADIUS_MM if options.radius is None else options.radius,
+        farthest_hz=FARTHEST_HZ if options.farthest is None else options.farthest,
     )
     seed = SEED if options.seed is None else options.seed
     try:
@@ -108,7 +116,7 @@ def run(options: argparse.Namespace) -> ContactDesign:
     if not designs:
         raise CalibrationError(
             f"No plate has {min(counts)} modes near a drive of {drive_hz[0]:g} to {drive_hz[1]:g} Hz: "
-            "give another --drive, a larger --size, or fewer --modes."
+            "give another --drive, a larger --size, more --farthest, or fewer --modes."
         )
     best = designs[0]
     study = None
