@@ -5,8 +5,8 @@ amplifier reaches so far from its resonance: reach sigma / |sigma + j delta|, si
 are solved as the daemon does (`contact_pairs`). A design counts by its contrast, less where the slipping finger gets
 less than ENOUGH_SLIP_FRAC of its target: contrast without amplitude is of no use.
 
-Left out: damping and detuning by fingers, the coupling of patches to modes, glue; one reach for all plates, although
-a lighter one moves more per volt.
+Left out: damping and detuning by fingers, the coupling of patches to modes, and supports. All plates have one reach,
+although a lighter one moves more per volt.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from hapticd.core.solver.contacts import COLD_SWEEPS
 
 from .contact_pairs import contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
 from .free_plate import ModeShape, free_plate_modes
+from .glued_plate import Patch, glued_plate_modes
 from .legendre import FloatArray
 from .materials import Material
 
@@ -40,15 +41,18 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A free plate to be judged."""
+    """A free plate to be judged, with the patches that are glued to it."""
 
     size_mm: tuple[float, float]
     thickness_mm: float
     material: Material
+    patches: tuple[Patch, ...] = ()
 
     def modes(self, band_hz: tuple[float, float]) -> list[tuple[float, ModeShape]]:
         """Return the modes in the band, lowest first. Raises ValueError."""
         of = self.material
+        if self.patches:
+            return glued_plate_modes(self.size_mm, self.thickness_mm, of, self.patches, band_hz)
         return free_plate_modes(
             self.size_mm, self.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=band_hz
         )

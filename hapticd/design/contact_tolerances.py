@@ -5,7 +5,7 @@ modes and choosing its drive gives. A modulus or a thickness that is off moves a
 factor, and the drive follows. Edges of different length split pairs of equal frequency, by 30 Hz per 0.1 mm on 200 mm,
 and unmix the shapes of a square plate: these are the tolerances that count.
 
-Left out: glued patches and wires, whose mass and stiffness move modes too, uneven thickness, and errors of measurement.
+Left out: wires, supports and the glue's own layer, uneven thickness, and errors of measurement.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, PlateModes, drives_hz
+from .glued_plate import Patch
 from .legendre import FloatArray
 
 ENOUGH_FRAC = 2.0 / 3.0  # of the design's contrast
@@ -32,6 +33,7 @@ class Tolerances:
     size_mm: float = 0.1
     young_frac: float = 0.02
     thickness_frac: float = 0.01
+    patch_mm: float = 0.5  # of each patch's position
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,15 @@ def _drawn(plate: Plate, tolerances: Tolerances, random: np.random.Generator) ->
         (width_mm + x * tolerances.size_mm, depth_mm + y * tolerances.size_mm),
         plate.thickness_mm * (1.0 + thickness * tolerances.thickness_frac),
         replace(plate.material, young_gpa=young_gpa),
+        tuple(_moved(patch, tolerances.patch_mm, random) for patch in plate.patches),
+    )
+
+
+def _moved(patch: Patch, most_mm: float, random: np.random.Generator) -> Patch:
+    """Return the patch moved at random, away from the edges it is near."""
+    x_mm, y_mm = random.uniform(0.0, most_mm, 2)
+    return replace(
+        patch, x_mm=patch.x_mm - math.copysign(x_mm, patch.x_mm), y_mm=patch.y_mm - math.copysign(y_mm, patch.y_mm)
     )
 
 

@@ -30,6 +30,7 @@ from ..design.contact_search import (
     search,
 )
 from ..design.contact_tolerances import ENOUGH_FRAC, ToleranceStudy, tolerance_study
+from ..design.glued_plate import Patch
 from ..design.materials import MATERIALS, find_material
 from ..errors import CalibrationError, UsageError
 from ..files import outputs, plotting
@@ -44,7 +45,7 @@ LEAST_MODES, MOST_MODES = 2, 8
 ROWS = 15
 ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
 CELLS = 61  # per side of the picture's map
-_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest")
+_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest", "patch")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,6 +70,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--radius", type=number(0.1, 15.0), metavar="MM", help=f"of a contact (default {RADIUS_MM:g} mm)"
     )
     group.add_argument(
+        "--patch",
+        action="append",
+        metavar="X,Y,AxBxC",
+        help="a piezoelectric patch glued at X,Y of AxB mm, C mm thick: its mass and stiffness count; repeat for more",
+    )
+    group.add_argument(
         "--farthest",
         type=number(1.0, 1000.0),
         metavar="HZ",
@@ -78,7 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerances",
         type=whole(1, 10000),
         metavar="N",
-        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 1 %%",
+        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 1 %%, "
+        "patches 0.5 mm",
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random pairs and plates ({SEED})")
     outputs.add_file(
@@ -170,10 +178,23 @@ def _plates(options: argparse.Namespace) -> list[Plate]:
         sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[0] if depth_mm <= width_mm]
     else:
         sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[1]]
-    plates = [Plate(size, thick_mm, of) for size in sizes for thick_mm in thicknesses_mm for of in materials]
+    patches = tuple(_patch(text) for text in options.patch or ())
+    plates = [Plate(size, thick_mm, of, patches) for size in sizes for thick_mm in thicknesses_mm for of in materials]
     if len(plates) > MOST_PLATES:
         raise UsageError(f"--size: {len(plates)} plates are too many: narrow the ranges to {MOST_PLATES}.")
     return plates
+
+
+def _patch(text: str) -> Patch:
+    try:
+        x_mm, y_mm, dimensions = text.split(",")
+        width_mm, depth_mm, thickness_mm = (number(0.01, 1000.0)(part) for part in dimensions.lower().split("x"))
+        place_mm = number(-500.0, 500.0)(x_mm), number(-500.0, 500.0)(y_mm)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise UsageError(
+            f"--patch: {text!r} is no patch: write position and dimensions in mm, such as 90,90,10x10x0.3."
+        ) from None
+    return Patch(*place_mm, (width_mm, depth_mm), thickness_mm)
 
 
 def _modes(text: str | None) -> list[int]:
@@ -228,7 +249,8 @@ def _plate_name(plate: Plate) -> str:
     width_mm, depth_mm = plate.size_mm
     of = plate.material
     name = next((name for name, known in MATERIALS.items() if known == of), f"a material of {of.young_gpa:g} GPa")
-    return f"{width_mm:g} x {depth_mm:g} x {plate.thickness_mm:g} mm of {name}"
+    glued = f" with {len(plate.patches)} patches" if plate.patches else ""
+    return f"{width_mm:g} x {depth_mm:g} x {plate.thickness_mm:g} mm of {name}{glued}"
 
 
 def _study_line(study: ToleranceStudy) -> str:
@@ -236,7 +258,7 @@ def _study_line(study: ToleranceStudy) -> str:
     return (
         f"Within tolerance {100 * study.enough_frac:.1f} % of {len(study.contrast_frac)} plates reach two thirds of "
         f"this contrast (median {100 * median:.0f} % of it, worst tenth {100 * tenth:.0f} %; "
-        f"slip {100 * np.median(study.slip_frac):.0f} %); patches and glue are left out."
+        f"slip {100 * np.median(study.slip_frac):.0f} %)."
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from hapticd.design.contact_map import contact_map
 from hapticd.design.contact_pairs import contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
 from hapticd.design.contact_search import ContactDesign, Drive, Plate, PlateModes, search
 from hapticd.design.contact_tolerances import ENOUGH_FRAC, tolerance_study
+from hapticd.design.glued_plate import Patch
 from hapticd.design.materials import MATERIALS
 
 GLASS = MATERIALS["glass"]
@@ -122,6 +125,14 @@ def test_random_plates_are_the_same_for_the_same_seed_and_differ_from_the_design
     first, again = (tolerance_study(fingertip, DRIVE, 2, pairs=100, seed=5) for _ in range(2))
     assert np.array_equal(first.contrast_frac, again.contrast_frac)
     assert len(set(first.contrast_frac.tolist())) == 2
+
+
+def test_glued_patches_move_a_plates_modes_and_random_plates_keep_them_on_the_plate() -> None:
+    glued = replace(FINGERTIP, patches=(Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3)))
+    bare_hz, glued_hz = (plate.modes((29280.0, 29300.0))[0][0] for plate in (FINGERTIP, glued))
+    assert abs(glued_hz - bare_hz) > 0.1
+    study = tolerance_study(designed(glued, 29375.0, 4), DRIVE, 1, pairs=100)
+    assert study.contrast_frac[0] > ENOUGH_FRAC
 
 
 def test_edges_of_different_length_split_a_square_plates_pair() -> None:

@@ -132,6 +132,12 @@ def test_a_plate_that_is_not_enough_is_told_what_it_lacks(capsys: pytest.Capture
     assert verdict.endswith(": less than a contrast of 12 and 0.75 um of slip.")
 
 
+def test_glued_patches_count_in_the_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    patches = ["--patch=-94,-94,10x10x0.3", "--patch=94,94,10x10x0.3"]
+    assert main([*FINGERTIP, *patches]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("200 x 200 x 3 mm of glass with 2 patches, driven at")
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -149,6 +155,8 @@ def test_a_plate_that_is_not_enough_is_told_what_it_lacks(capsys: pytest.Capture
             ["--contacts", "--size", "60x60", "--drive", "29000"],
             "No plate has 4 modes near a drive of 29000 to 29000 Hz",
         ),
+        (["--contacts", "--patch", "1,2,3"], "--patch: '1,2,3' is no patch: write position and dimensions in mm"),
+        (["--contacts", "--patch", "68,0,10x10x0.3"], "the patch at 68,0 mm reaches over the plate's edge"),
         (["--contacts", "--config", "plate.toml"], "--config: names the plate's mode file: add --out F.npz"),
     ],
 )
