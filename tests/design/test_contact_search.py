@@ -127,12 +127,18 @@ def test_random_plates_are_the_same_for_the_same_seed_and_differ_from_the_design
     assert len(set(first.contrast_frac.tolist())) == 2
 
 
-def test_glued_patches_move_a_plates_modes_and_random_plates_keep_them_on_the_plate() -> None:
-    glued = replace(FINGERTIP, patches=(Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3)))
-    bare_hz, glued_hz = (plate.modes((29280.0, 29300.0))[0][0] for plate in (FINGERTIP, glued))
+def test_glued_patches_move_a_plates_modes() -> None:
+    plate = Plate((100.0, 80.0), 2.0, GLASS)
+    glued = replace(plate, patches=(Patch(45.0, 35.0, (10.0, 10.0), 0.3),))
+    bare_hz, glued_hz = (one.modes((14000.0, 16000.0))[0][0] for one in (plate, glued))
     assert abs(glued_hz - bare_hz) > 0.1
-    study = tolerance_study(designed(glued, 29375.0, 4), DRIVE, 1, pairs=100)
-    assert study.contrast_frac[0] > ENOUGH_FRAC
+
+
+@pytest.mark.long
+def test_random_plates_have_their_patches_on_them() -> None:
+    glued = replace(FINGERTIP, patches=(Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3)))
+    study = tolerance_study(designed(glued, 29375.0, 4), DRIVE, 3, pairs=100)
+    assert study.contrast_frac.min() > ENOUGH_FRAC
 
 
 def test_edges_of_different_length_split_a_square_plates_pair() -> None:

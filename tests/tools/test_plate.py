@@ -114,7 +114,7 @@ def test_a_plate_for_whole_fingertips_is_judged_in_a_sentence_and_its_files_fit_
 
 
 def test_ranges_are_searched_and_sorted_and_random_plates_are_judged(capsys: pytest.CaptureFixture[str]) -> None:
-    ranges = ["--size", "180..190", "--thickness", "2.5..3", "--modes", "3..4", "--drive", "32000..32600"]
+    ranges = ["--size", "180..190", "--thickness", "2.5..3", "--modes", "3..4", "--drive", "32400..32600"]
     assert main(["plate", "--contacts", *ranges, "--tolerances", "1", "--json", "-"]) == 0
     output = capsys.readouterr()
     found = json.loads(output.out)
@@ -133,9 +133,10 @@ def test_a_plate_that_is_not_enough_is_told_what_it_lacks(capsys: pytest.Capture
 
 
 def test_glued_patches_count_in_the_verdict(capsys: pytest.CaptureFixture[str]) -> None:
-    patches = ["--patch=-94,-94,10x10x0.3", "--patch=94,94,10x10x0.3"]
-    assert main([*FINGERTIP, *patches]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("200 x 200 x 3 mm of glass with 2 patches, driven at")
+    patches = ["--patch=-45,-45,8x8x0.3", "--patch=45,45,8x8x0.3"]
+    small = ["--size", "100x100", "--modes", "2", "--drive", "28900..29300", "--farthest", "600"]
+    assert main(["plate", "--contacts", *small, *patches]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("100 x 100 x 2 mm of glass with 2 patches, driven at")
 
 
 @pytest.mark.parametrize(
