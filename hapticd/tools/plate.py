@@ -1,4 +1,5 @@
-"""`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points.
+"""`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points; with --contacts, plates for
+whole fingertips (`plate_contacts`).
 
 Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, and its frequencies
 differ by some per cent: measure its modes with `hapticd calibrate modes`. The mode file is for trials before that.
@@ -17,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..design import free_plate_modes
+from ..design import ModeShape, free_plate_modes
 from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError, UsageError
 from ..files import outputs, plotting
 from ..files.mode_map import FORMATS
+from . import plate_contacts
 from .arguments import number, whole
 from .calibrate.modes import parse_size
 
@@ -44,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
     )
     parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="width x depth (default 137.5x137.5)")
-    parser.add_argument(
-        "--thickness", dest="thickness_mm", type=number(0.01, 100.0), default=2.0, metavar="MM", help="default 2"
-    )
+    parser.add_argument("--thickness", default="2", metavar="MM", help="default 2")
     parser.add_argument(
         "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
     )
@@ -73,12 +73,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     outputs.add_file(parser, "--out", FORMATS, metavar="F.npz", help="write the pair's shapes as a mode file")
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the shapes and the stamps")
-    outputs.add_json(parser, "pairs and stamps")
+    outputs.add_json(parser, "pairs and stamps, or the compared plates")
+    plate_contacts.add_arguments(parser)
     parser.set_defaults(command=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the tables and write the outputs. Raises HapticdError."""
+    if options.contacts:
+        best = plate_contacts.run(options)
+        if options.out is not None:
+            _write_map(best.shapes, best.plate.size_mm, options.out)
+        return 0
+    plate_contacts.refuse_without_contacts(options)
     size_mm = parse_size(options.size)
     if options.stamp_mm > min(size_mm) / 4.0:
         raise UsageError(f"--stamp: {options.stamp_mm:g} mm is too large: give at most a quarter of the plate's edge.")
@@ -97,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json is not None:
         _write_json(pairs, pair, nodes, options.json)
     if options.out is not None:
-        _write_map(pair, size_mm, options.out)
+        _write_map(pair.shapes, size_mm, options.out)
     if options.plot is not None:
         draw(pairs[:DRAWN] if pair in pairs[:DRAWN] else (pair,), pair, nodes, chosen, options.plot)
     return 0
@@ -105,7 +112,11 @@ def run(options: argparse.Namespace) -> int:
 
 def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Material) -> tuple[ModePair, ...]:
     band_hz = (options.near_hz * (1.0 - SPAN_FRAC), options.near_hz * (1.0 + SPAN_FRAC))
-    modes = free_plate_modes(size_mm, options.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz)
+    try:
+        thickness_mm = number(0.01, 100.0)(options.thickness)
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"--thickness: {error}.") from None
+    modes = free_plate_modes(size_mm, thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz)
     return mode_pairs(modes, options.near_hz, options.splitting_hz)
 
 
@@ -163,14 +174,14 @@ def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp
     outputs.write_text(json.dumps(table, indent=2) + "\n", file)
 
 
-def _write_map(pair: ModePair, size_mm: tuple[float, float], path: Path) -> None:
+def _write_map(shapes: Sequence[ModeShape], size_mm: tuple[float, float], path: Path) -> None:
     """Write a mode file for `plate.modes_file`: peaks of 1, edge to edge."""
     x_mm, y_mm = (
         np.linspace(-edge_mm / 2, edge_mm / 2, math.ceil(edge_mm / max(MAP_STEP_MM, edge_mm / 300)) + 1)
         for edge_mm in size_mm
     )
     try:
-        ModeShapes.from_grid(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in pair.shapes])).save(path)
+        ModeShapes.from_grid(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])).save(path)
     except ModesError as error:
         raise CalibrationError(str(error)) from None
 

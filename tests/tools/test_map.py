@@ -9,8 +9,11 @@ import pytest
 from PIL import Image
 
 from hapticd.__main__ import main
+from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
+from hapticd.design import free_plate_modes
+from hapticd.sim.plate.glasses import GLASSES
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
@@ -71,6 +74,45 @@ def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, caps
     assert f"if one slips here, the other can be on this part of the plate: least {100 * least:.0f} % at" in lines[2]
     with Image.open(picture) as drawn:
         assert drawn.width > 900
+
+
+@pytest.fixture(scope="module")
+def four_modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("modes") / "four.npz"
+    axis_mm = np.linspace(-100.0, 100.0, 81)
+    shapes = [shape.on_grid(axis_mm, axis_mm) for _, shape in free_plate_modes((200.0, 200.0), 3.0)]
+    names = [shape.name for _, shape in free_plate_modes((200.0, 200.0), 3.0)]
+    driven = [shapes[names.index(name)] for name in GLASSES["fingertip"].modes[:4]]
+    ModeShapes.from_grid(axis_mm, axis_mm, np.stack(driven)).save(path)
+    return path
+
+
+def test_with_four_modes_the_contrast_between_whole_contacts_is_mapped_too(
+    four_modes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture, out = tmp_path / "map.png", tmp_path / "map.npz"
+    command = ["map", "--modes", str(four_modes), "--limit", "3.9,1.6,1.4,1.4", "--finger", "-33,20", "--cells", "15"]
+    assert main([*command, "--slip", "--plot", str(picture), "--out", str(out)]) == 0
+    with np.load(out) as arrays:
+        slip_um, still_um, contrast = (arrays[f"contact_{name}"] for name in ("slip_um", "still_um", "contrast"))
+        place_mm = arrays["contact_x_mm"][4], arrays["contact_y_mm"][11]
+    median = float(np.median(contrast))
+    assert median > 10.0
+    assert f"{median:.1f} times what a still one gets" in capsys.readouterr().out.splitlines()[-1]
+    modes = ModeShapes.load(four_modes)
+    grams = contact_grams(modes, [place_mm, (-33.0, 20.0)], 5.0)
+    solved = solve(modes.evaluate([place_mm, (-33.0, 20.0)]), [1.0, 0.0], [3.9, 1.6, 1.4, 1.4], gram=grams)
+    assert [slip_um[11, 4], still_um[11, 4]] == pytest.approx(solved.achieved_um, rel=0.02, abs=1e-3)
+    with Image.open(picture) as drawn:
+        assert drawn.width > 1000  # two panels, where one alone takes 600
+
+
+def test_contacts_are_not_mapped_where_two_modes_cannot_hold_one_still_or_the_given_finger_slips(
+    four_modes: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["map", "--finger", "-33,20", "--cells", "5"]) == 0
+    assert main(["map", "--modes", str(four_modes), "--finger", "-33,20", "--still", "--cells", "5"]) == 0
+    assert "whole contacts" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
+from hapticd.config import loader
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon.service import load_modes
 from hapticd.design import free_plate_modes
 from hapticd.files import plotting
 
@@ -75,6 +77,91 @@ def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
     ],
 )
 def test_a_plate_that_cannot_be_is_one_sentence_and_exit_code_2(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plate", *arguments]) == 2
+    complaint = capsys.readouterr().err
+    assert sentence in complaint
+    assert complaint.count("\n") == 1
+
+
+# --- whole fingertips -------------------------------------------------------------------------------------------
+
+FINGERTIP = ["plate", "--contacts", "--size", "200x200", "--thickness", "3", "--drive", "29300..29450"]
+
+
+def test_a_plate_for_whole_fingertips_is_judged_in_a_sentence_and_its_files_fit_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {name: tmp_path / f"plate.{name}" for name in ("npz", "png", "json", "toml")}
+    arguments = ["--out", str(files["npz"]), "--plot", str(files["png"]), "--json", str(files["json"])]
+    assert main([*FINGERTIP, *arguments, "--config", str(files["toml"])]) == 0
+    verdict = capsys.readouterr().out.splitlines()[-1]
+    assert verdict.startswith("200 x 200 x 3 mm of glass, driven at 29375 Hz with 4 modes (13x1-1x13, 10x8-8x10, 13x0")
+    assert verdict.endswith(": enough for whole fingertips.")
+    (design,) = json.loads(files["json"].read_text())["designs"]
+    assert design["modes"] == ["13x1-1x13", "10x8-8x10", "13x0", "0x13"]
+    assert design["contrast"] > 12.0
+    assert files["png"].read_bytes().startswith(b"\x89PNG")
+    config = loader.load(files["toml"])
+    assert config.plate.size_mm == (200.0, 200.0)
+    assert config.limits.w_limit_um == pytest.approx(design["limits_um"], abs=1e-3)
+    shapes = load_modes(config)
+    truth = {shape.name: shape for _, shape in free_plate_modes((200.0, 200.0), 3.0)}
+    points = np.random.default_rng(1).uniform(-95.0, 95.0, (50, 2))
+    expected = np.stack([truth[name].evaluate(points) for name in design["modes"]], axis=-1)
+    np.testing.assert_allclose(shapes.evaluate(points), expected, atol=2e-3)
+
+
+def test_ranges_are_searched_and_sorted_and_random_plates_are_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    ranges = ["--size", "180..190", "--thickness", "2.5..3", "--modes", "3..4", "--drive", "32400..32600"]
+    assert main(["plate", "--contacts", *ranges, "--tolerances", "1", "--json", "-"]) == 0
+    output = capsys.readouterr()
+    found = json.loads(output.out)
+    scores = [design["score"] for design in found["designs"]]
+    assert scores == sorted(scores, reverse=True)
+    assert {(190, 180), (190, 190)} <= {tuple(design["size_mm"]) for design in found["designs"]}
+    assert {len(design["modes"]) for design in found["designs"]} == {3, 4}
+    assert len(found["tolerances"]["contrast_frac"]) == 1
+    assert "% of 1 plates reach two thirds" in output.err
+
+
+def test_a_plate_that_is_not_enough_is_told_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plate", "--contacts", "--modes", "2", "--drive", "29150"]) == 0
+    assert "with 2 modes (11x0, 0x11)" in (verdict := capsys.readouterr().out.splitlines()[-1])
+    assert verdict.endswith(": less than a contrast of 12 and 0.75 um of slip.")
+
+
+def test_glued_patches_count_in_the_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    patches = ["--patch=-45,-45,8x8x0.3", "--patch=45,45,8x8x0.3"]
+    small = ["--size", "100x100", "--modes", "2", "--drive", "28900..29300", "--farthest", "600"]
+    assert main(["plate", "--contacts", *small, *patches]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("100 x 100 x 2 mm of glass with 2 patches, driven at")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--modes", "4"], "--modes: belongs to --contacts: add it"),
+        (["--contacts", "--modes", "9"], "--modes: 9 is out of bounds, it must be 2 .. 8"),
+        (["--contacts", "--modes", "2.5"], "--modes: '2.5' is not a whole number"),
+        (["--contacts", "--size", "240..150"], "--size: '240..150' is no range: write the lower end first"),
+        (["--contacts", "--size", "1x2x3"], "--size: '1x2x3' has more than two edges"),
+        (["--contacts", "--size", "10..1000"], "5050 plates are too many"),
+        (["--contacts", "--size", "30x25"], "has no room for two fingers"),
+        (["--contacts", "--thickness", "x"], "--thickness: 'x' is not a number"),
+        (["--contacts", "--drive", "nan"], "--drive: nan is out of bounds"),
+        (["--contacts", "--material", "glass/wood"], "there is no material 'wood'"),
+        (
+            ["--contacts", "--size", "60x60", "--drive", "29000"],
+            "No plate has 4 modes near a drive of 29000 to 29000 Hz",
+        ),
+        (["--contacts", "--patch", "1,2,3"], "--patch: '1,2,3' is no patch: write position and dimensions in mm"),
+        (["--contacts", "--patch", "68,0,10x10x0.3"], "the patch at 68,0 mm reaches over the plate's edge"),
+        (["--contacts", "--config", "plate.toml"], "--config: names the plate's mode file: add --out F.npz"),
+    ],
+)
+def test_a_search_that_cannot_be_is_one_sentence_and_exit_code_2(
     arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["plate", *arguments]) == 2

@@ -20,6 +20,7 @@ from ..progress import Progress
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
     from ...design.achievability import AchievabilityMap, Finger, PairMap
+    from ...design.contact_map import ContactMap
     from ...design.legendre import FloatArray
     from .picture import Panel
 
@@ -31,6 +32,8 @@ SEARCHED_CELLS = 61  # several slipping fingers on three modes or more take the 
 PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work grows with their fourth power
 SHARES = (0.5, 0.9, 1.0)
 NAME_COLUMNS = 52  # width of the table's first column
+CONTACT_MODES = 4  # fewer cannot hold a whole contact still while another slips
+CONTACT_CELLS = 81
 POSITION_ERROR_MM = 0.12  # RMS on each axis: the prediction's error on strokes
 
 
@@ -77,7 +80,7 @@ def _map(options: argparse.Namespace) -> None:
 
     if not options.finger and options.cells is not None and options.cells > MOST_PAIR_CELLS:
         raise UsageError(f"--cells: without --finger it must be 2 .. {MOST_PAIR_CELLS}, not {options.cells}.")
-    modes, size_mm, limit_um = _plate(options)
+    modes, size_mm, limit_um, radius_mm = _plate(options)
     target_um = options.target
     if not options.finger:
         if options.still or options.slip:
@@ -99,7 +102,11 @@ def _map(options: argparse.Namespace) -> None:
             result = achievability_map(
                 modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells, progress=progress
             )
-        panels.append(Panel(_title(other_um), tuple(fingers), result))
+        contacts = None
+        if modes.M >= CONTACT_MODES and radius_mm > 0.0 and not any(finger.target_um > 0.0 for finger in fingers):
+            cells = CONTACT_CELLS if options.cells is None else options.cells
+            contacts = _contacts(modes, fingers, other_um, limit_um, radius_mm, size_mm, cells)
+        panels.append(Panel(_title(other_um), tuple(fingers), result, contacts))
     if not panels:
         raise UsageError("--still: no finger slips: give a --finger an amplitude above 0.")
     print(_table(panels, modes, size_mm, limit_um))
@@ -107,6 +114,25 @@ def _map(options: argparse.Namespace) -> None:
         draw(panels, modes, size_mm, options.plot)
     if options.out is not None:
         _write(panels, limit_um, options.out)
+
+
+def _contacts(
+    modes: ModeShapes,
+    fingers: Sequence[Finger],
+    target_um: float,
+    limit_um: Sequence[float],
+    radius_mm: float,
+    size_mm: tuple[float, float],
+    cells: int,
+) -> ContactMap:
+    """Return the contrast between contacts: the given fingers still, the other slipping."""
+    from ...design.contact_map import contact_map
+
+    still_mm = [(finger.x_mm, finger.y_mm) for finger in fingers]
+    with Progress(f"contacts of {radius_mm:g} mm radius") as progress:
+        return contact_map(
+            modes, still_mm, target_um, limit_um, radius_mm=radius_mm, size_mm=size_mm, cells=cells, progress=progress
+        )
 
 
 def _map_pairs(
@@ -144,8 +170,11 @@ def _position(pairs: PairMap, part: FloatArray, index: int) -> str:
 # --- arguments --------------------------------------------------------------------------------------------------
 
 
-def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float], tuple[float, ...]]:
-    """Return the mode shapes, the plate's size and the modes' limits. Raises HapticdError."""
+def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float], tuple[float, ...], float]:
+    """Return the mode shapes, the plate's size, the modes' limits and a contact's radius. Raises HapticdError."""
+    from ...config import loader as config
+    from ...config.sections import Config
+
     if options.modes is not None:
         from ...core.plate.mode_shapes import ModeShapes
 
@@ -156,14 +185,13 @@ def _plate(options: argparse.Namespace) -> tuple[ModeShapes, tuple[float, float]
         if modes.M > MOST_MODES:
             raise UsageError(f"--modes: {options.modes} has {modes.M} modes: give a file of at most {MOST_MODES}.")
         size_mm = 2.0 * float(np.abs(modes.x_mm).max()), 2.0 * float(np.abs(modes.y_mm).max())
-        return modes, size_mm, _limits(options.limit, (LIMIT_UM,) * modes.M)
-    from ...config import loader as config
-    from ...config.sections import Config
+        return modes, size_mm, _limits(options.limit, (LIMIT_UM,) * modes.M), Config().solver.contact_radius_mm
     from ...daemon.service import load_modes
 
     loaded = config.load(options.config) if options.config is not None else Config()
     width_mm, depth_mm = loaded.plate.size_mm
-    return load_modes(loaded), (width_mm, depth_mm), _limits(options.limit, loaded.limits.reference_limit_um)
+    limits_um = _limits(options.limit, loaded.limits.reference_limit_um)
+    return load_modes(loaded), (width_mm, depth_mm), limits_um, loaded.solver.contact_radius_mm
 
 
 def _limits(text: str | None, usual_um: tuple[float, ...]) -> tuple[float, ...]:
@@ -224,7 +252,16 @@ def _table(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, flo
     columns = [_figures(panel.result) for panel in panels]
     for (name, unit), *values in zip(columns[0], *(column.values() for column in columns), strict=True):
         lines.append(f"{name:<{NAME_COLUMNS}}" + "".join(map(_cell, values)) + f"  {unit}")
+    lines += [_contact_line(panel.contacts) for panel in panels if panel.contacts is not None]
     return "\n".join(lines)
+
+
+def _contact_line(contacts: ContactMap) -> str:
+    tenth, median = np.quantile(contacts.contrast, (0.1, 0.5))
+    return (
+        f"\nwhole contacts: a slipping finger gets {np.median(contacts.slip_um):.2f} um at the median position, "
+        f"{median:.1f} times what a still one gets ({tenth:.1f} times at the worst tenth of positions)"
+    )
 
 
 def _cell(value: float) -> str:
@@ -267,6 +304,9 @@ def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> No
         arrays[f"{prefix}_fingers_mm"] = np.array([finger[:2] for finger in panel.fingers])
         for name in ("x_mm", "y_mm", "target_um", "share", "achieved_um", "reach_um", "slope_um_mm", "determinant"):
             arrays[f"{prefix}_{name}"] = getattr(result, name)
+        if panel.contacts is not None:
+            for name in ("x_mm", "y_mm", "slip_um", "still_um", "contrast"):
+                arrays[f"contact_{name}"] = getattr(panel.contacts, name)
     _save(arrays, limit_um, path)
 
 

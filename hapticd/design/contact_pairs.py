@@ -1,0 +1,125 @@
+"""Pairs of contacts on a plate: what their discs get of each mode, and the best amplitudes within the limits.
+
+The figures are those of `core.solver.contacts`, the daemon's own rule, for many pairs at a time: `settle` runs the same
+descent on arrays. `contrast_bound` is what no controller exceeds: the largest generalised eigenvalue of the two Gram
+matrices (G. H. Golub and C. F. Van Loan, Matrix Computations, ch. 8.7), without limits of amplitude.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.plate.bicubic import BicubicSurfaces
+from hapticd.core.solver.contacts import COLD_SWEEPS, COLD_TURN_RAD, FRICTION_DECAY_UM, FULL_UM, UNCERTAIN_FRAC
+
+from .free_plate import ModeShape
+from .legendre import FloatArray
+
+ComplexArray = npt.NDArray[np.complex128]
+
+APART_MM = 20.0  # of two fingertips side by side
+EDGE_MM = 10.0  # from a finger's centre to the plate's edge
+
+_DISC_RADII, _DISC_ANGLES = 3, 8  # exact to degree 5; the solver's seven points are too few for seven modes
+_KNOTS_PER_WAVE = 12  # of the spline through a shape
+_DRAWN_PER_PAIR = 8  # more than enough of them are 20 mm apart, on plates of 60 mm and more
+_TINY_UM = 1e-9
+
+
+class Shapes(Protocol):
+    """Mode shapes that can be evaluated at many points: splines or a mode map."""
+
+    def evaluate(self, points_mm: FloatArray, /) -> FloatArray:
+        """Return the shapes (N, M) at points (N, 2)."""
+        ...
+
+
+def random_pairs(size_mm: tuple[float, float], count: int, seed: int) -> FloatArray:
+    """Return positions (count, 2, 2) in mm: the slipping finger, then the still one. Raises ValueError for a plate
+    without room for two."""
+    half_mm = np.array(size_mm) / 2.0 - EDGE_MM
+    if not (half_mm > 0.0).all() or 2.0 * math.hypot(*half_mm) <= 2.0 * APART_MM:
+        raise ValueError(f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm has no room for two fingers.")
+    random = np.random.default_rng(seed)
+    found = np.empty((0, 2, 2))
+    while len(found) < count:
+        drawn = random.uniform(-half_mm, half_mm, (_DRAWN_PER_PAIR * count, 2, 2))
+        is_apart = np.hypot(*(drawn[:, 0] - drawn[:, 1]).T) >= APART_MM
+        found = np.concatenate((found, drawn[is_apart]))
+    return found[:count]
+
+
+def surfaces(shapes: Sequence[ModeShape]) -> BicubicSurfaces:
+    """Return the shapes as splines, which are faster than the theory's polynomials at many points."""
+    size_mm = shapes[0].size_mm
+    axes = []
+    for edge, edge_mm in enumerate(size_mm):
+        lines = max(shape.nodal_lines[edge] for shape in shapes)
+        axes.append(np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _KNOTS_PER_WAVE * (lines // 2 + 2) + 1))
+    return BicubicSurfaces(axes[0], axes[1], np.stack([shape.on_grid(*axes) for shape in shapes]))
+
+
+def grams(shapes: Shapes, points_mm: FloatArray, radius_mm: float) -> FloatArray:
+    """Return the Gram matrices (M, M, ...) of discs about `points_mm` (..., 2). Points off the plate have its edge's
+    shapes."""
+    offsets_mm, weights = _disc(radius_mm)
+    places = (points_mm[..., None, :] + offsets_mm).reshape(-1, 2)
+    phi = shapes.evaluate(places)
+    phi = phi.reshape(-1, len(weights), phi.shape[1])
+    gram = np.einsum("pqk,q,pql->klp", phi, weights, phi, optimize=True)
+    return np.asarray(gram.reshape(*gram.shape[:2], *points_mm.shape[:-1]))
+
+
+def settle(
+    slipping: FloatArray, still: FloatArray, target_um: float, limits_um: FloatArray, sweeps: int = COLD_SWEEPS
+) -> ComplexArray:
+    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, for P pairs of Gram matrices (M, M, P)."""
+    modes, count = slipping.shape[1:]
+    weight = math.exp(-2.0 * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
+    curvature = weight * slipping + still
+    curvature = curvature + UNCERTAIN_FRAC**2 * curvature * np.eye(modes)[:, :, None]
+    own = np.maximum(np.einsum("kkp->kp", curvature), np.finfo(float).tiny)
+    limits_um = np.asarray(limits_um, np.float64)
+    start = np.minimum(limits_um, target_um) * np.exp(1j * COLD_TURN_RAD * np.arange(modes))
+    w = np.repeat(start[:, None], count, axis=1)
+    for _ in range(sweeps):
+        along = np.einsum("klp,lp->kp", slipping, w)
+        rms_um = np.sqrt(np.maximum(np.einsum("kp,kp->p", w.conj(), along).real, _TINY_UM**2))
+        pull = weight * target_um * along / rms_um
+        for k in range(modes):
+            w[k] += (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
+            w[k] *= np.minimum(1.0, limits_um[k] / np.maximum(np.abs(w[k]), _TINY_UM))
+    return w
+
+
+def contact_rms_um(gram: FloatArray, w_um: ComplexArray) -> FloatArray:
+    """Return the RMS amplitude over each contact (P,); gram (M, M, P), w_um (M, P)."""
+    square = np.einsum("kp,klp,lp->p", w_um.conj(), gram, w_um, optimize=True).real
+    return np.asarray(np.sqrt(np.maximum(square, _TINY_UM**2)))
+
+
+def contrast_bound(slipping: FloatArray, still: FloatArray, limits_um: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return for each pair the largest contrast of any amplitudes, and what it leaves the slipping finger, (P,) each.
+
+    The second is in um per um of a target, at most 1: the amplitudes of the bound are scaled into the limits.
+    """
+    root = np.linalg.inv(np.linalg.cholesky(np.moveaxis(still, 2, 0)))
+    ratios, vectors = np.linalg.eigh(root @ np.moveaxis(slipping, 2, 0) @ root.transpose(0, 2, 1))
+    w = np.einsum("plk,pl->kp", root, vectors[:, :, -1])
+    rms = np.sqrt(np.einsum("kp,klp,lp->p", w, slipping, w, optimize=True))
+    fitting = (np.asarray(limits_um)[:, None] / np.maximum(np.abs(w), _TINY_UM)).min(axis=0)
+    return np.sqrt(ratios[:, -1]), np.minimum(1.0, rms * fitting)
+
+
+def _disc(radius_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Return points (Q, 2) and weights (Q,) of the mean over a disc: Gauss in r^2, equal angles."""
+    nodes, weights = np.polynomial.legendre.leggauss(_DISC_RADII)
+    reach_mm = radius_mm * np.sqrt((nodes + 1.0) / 2.0)
+    turns = 2.0 * np.pi * np.arange(_DISC_ANGLES) / _DISC_ANGLES
+    points = reach_mm[:, None, None] * np.stack((np.cos(turns), np.sin(turns)), axis=-1)
+    return points.reshape(-1, 2), np.repeat(weights / (2.0 * _DISC_ANGLES), _DISC_ANGLES)

@@ -1,0 +1,355 @@
+"""`hapticd plate --contacts`: plates, drives and numbers of modes compared by the contrast of whole fingertips."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..config.keys import toml
+from ..design.contact_map import contact_map
+from ..design.contact_pairs import surfaces
+from ..design.contact_search import (
+    ENOUGH_SLIP_FRAC,
+    FARTHEST_HZ,
+    Q_FACTOR,
+    RADIUS_MM,
+    REACH_UM,
+    SEED,
+    ContactDesign,
+    Drive,
+    Plate,
+    search,
+)
+from ..design.contact_tolerances import ENOUGH_FRAC, ToleranceStudy, tolerance_study
+from ..design.glued_plate import Patch
+from ..design.materials import MATERIALS, find_material
+from ..errors import CalibrationError, UsageError
+from ..files import outputs, plotting
+from .arguments import number, whole
+from .progress import Progress
+
+TOML = (".toml",)
+SIZE_STEP_MM, THICKNESS_STEP_MM = 10.0, 0.5
+DRIVES = "27000..33000"  # in Hz: 30 kHz is above hearing, and amplifiers and patches are made for it
+MOST_PLATES = 2000
+LEAST_MODES, MOST_MODES = 2, 8
+ROWS = 15
+ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
+CELLS = 61  # per side of the picture's map
+_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest", "patch")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --contacts and what belongs to it. Values are None without their option, so that they can be refused."""
+    group = parser.add_argument_group("whole fingertips")
+    group.add_argument(
+        "--contacts",
+        action="store_true",
+        help="compare plates by the contrast of whole fingertips; --size, --thickness and --modes may be ranges, such "
+        "as 150..240 (every 10 mm), 2..4 (every 0.5 mm) and 4..6; --material may name several, as in glass/steel",
+    )
+    group.add_argument("--modes", metavar="N", help="driven modes, 2 .. 8 (default 4)")
+    group.add_argument("--drive", metavar="HZ", help=f"drive frequency, or the range to search (default {DRIVES})")
+    group.add_argument("--q", type=number(1.0, 1e5), metavar="Q", help=f"quality of the modes (default {Q_FACTOR:g})")
+    group.add_argument(
+        "--reach",
+        type=number(0.01, 100.0),
+        metavar="UM",
+        help=f"of an amplifier, at a mode's resonance (default {REACH_UM:g})",
+    )
+    group.add_argument(
+        "--radius", type=number(0.1, 15.0), metavar="MM", help=f"of a contact (default {RADIUS_MM:g} mm)"
+    )
+    group.add_argument(
+        "--patch",
+        action="append",
+        metavar="X,Y,AxBxC",
+        help="a piezoelectric patch glued at X,Y of AxB mm, C mm thick: its mass and stiffness count; repeat for more",
+    )
+    group.add_argument(
+        "--farthest",
+        type=number(1.0, 1000.0),
+        metavar="HZ",
+        help=f"of a driven mode from the drive (default {FARTHEST_HZ:g}; the firmware controls 300)",
+    )
+    group.add_argument(
+        "--tolerances",
+        type=whole(1, 10000),
+        metavar="N",
+        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 1 %%, "
+        "patches 0.5 mm",
+    )
+    group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random pairs and plates ({SEED})")
+    outputs.add_file(
+        parser, "--config", TOML, group=group, metavar="F.toml", help="configuration for the best plate, with --out"
+    )
+
+
+def refuse_without_contacts(options: argparse.Namespace) -> None:
+    """Raise UsageError for an option that needs --contacts."""
+    for name in _CONTACTS:
+        if getattr(options, name) is not None:
+            raise UsageError(f"--{name}: belongs to --contacts: add it.")
+
+
+def run(options: argparse.Namespace) -> ContactDesign:
+    """Print the table and the verdict, write JSON, configuration and picture; return the best design.
+
+    Raises HapticdError.
+    """
+    if options.config is not None and options.out is None:
+        raise UsageError("--config: names the plate's mode file: add --out F.npz.")
+    counts, drive_hz, plates = _modes(options.modes), _drive_hz(options.drive), _plates(options)
+    drive = Drive(
+        Q_FACTOR if options.q is None else options.q,
+        REACH_UM if options.reach is None else options.reach,
+        RADIUS_MM if options.radius is None else options.radius,
+        farthest_hz=FARTHEST_HZ if options.farthest is None else options.farthest,
+    )
+    seed = SEED if options.seed is None else options.seed
+    try:
+        with Progress(f"{len(plates)} plates" if len(plates) > 1 else "the plate's drives") as progress:
+            designs = search(plates, counts, drive_hz, drive, seed=seed, progress=progress)
+    except ValueError as error:
+        raise CalibrationError(f"This plate cannot be designed: {error}") from None
+    if not designs:
+        raise CalibrationError(
+            f"No plate has {min(counts)} modes near a drive of {drive_hz[0]:g} to {drive_hz[1]:g} Hz: "
+            "give another --drive, a larger --size, more --farthest, or fewer --modes."
+        )
+    best = designs[0]
+    study = None
+    if options.tolerances is not None:
+        with Progress(f"{options.tolerances} random plates") as progress:
+            study = tolerance_study(best, drive, options.tolerances, seed=seed, progress=progress)
+    out = sys.stderr if options.json == outputs.STDOUT else sys.stdout
+    print(_table(designs), verdict(best, drive), sep="\n\n", file=out)
+    if study is not None:
+        print(_study_line(study), file=out)
+    if options.json is not None:
+        _write_json(designs, drive, study, options.json)
+    if options.config is not None:
+        _write_config(best, drive, options.config, options.out)
+    if options.plot is not None:
+        draw(best, drive, options.plot)
+    return best
+
+
+def verdict(design: ContactDesign, drive: Drive) -> str:
+    """Return in one sentence what the plate gives, and whether that is enough."""
+    slip_um, enough_um = design.slip_um, ENOUGH_SLIP_FRAC * drive.target_um
+    lacks = []
+    if design.contrast < ENOUGH_CONTRAST:
+        lacks.append(f"a contrast of {ENOUGH_CONTRAST:g}")
+    if slip_um < enough_um:
+        lacks.append(f"{enough_um:g} um of slip")
+    judged = "enough for whole fingertips" if not lacks else f"less than {' and '.join(lacks)}"
+    return (
+        f"{_plate_name(design.plate)}, driven at {design.drive_hz:g} Hz with {len(design.shapes)} modes "
+        f"({', '.join(shape.name for shape in design.shapes)}): a slipping contact gets {slip_um:.2f} um, a still one "
+        f"{design.still_um:.3f} um, a contrast of {design.contrast:.1f}: {judged}."
+    )
+
+
+# --- arguments --------------------------------------------------------------------------------------------------
+
+
+def _plates(options: argparse.Namespace) -> list[Plate]:
+    """Return the plates to compare, each size once: 200 x 150 is 150 x 200 turned."""
+    try:
+        materials = [find_material(name) for name in options.material.split("/")]
+    except ValueError as error:
+        raise CalibrationError(f"This plate cannot be designed: {error}") from None
+    thicknesses_mm = _values(options.thickness, "--thickness", THICKNESS_STEP_MM, 0.01, 100.0)
+    edges = options.size.lower().split("x")
+    if len(edges) > 2:
+        raise UsageError(f"--size: {options.size!r} has more than two edges: write 200x200, 150..240 or 150..240x200.")
+    spans = [_values(edge, "--size", SIZE_STEP_MM, 10.0, 1000.0) for edge in edges]
+    if len(spans) == 1:
+        sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[0] if depth_mm <= width_mm]
+    else:
+        sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[1]]
+    patches = tuple(_patch(text) for text in options.patch or ())
+    plates = [Plate(size, thick_mm, of, patches) for size in sizes for thick_mm in thicknesses_mm for of in materials]
+    if len(plates) > MOST_PLATES:
+        raise UsageError(f"--size: {len(plates)} plates are too many: narrow the ranges to {MOST_PLATES}.")
+    return plates
+
+
+def _patch(text: str) -> Patch:
+    try:
+        x_mm, y_mm, dimensions = text.split(",")
+        width_mm, depth_mm, thickness_mm = (number(0.01, 1000.0)(part) for part in dimensions.lower().split("x"))
+        place_mm = number(-500.0, 500.0)(x_mm), number(-500.0, 500.0)(y_mm)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise UsageError(
+            f"--patch: {text!r} is no patch: write position and dimensions in mm, such as 90,90,10x10x0.3."
+        ) from None
+    return Patch(*place_mm, (width_mm, depth_mm), thickness_mm)
+
+
+def _modes(text: str | None) -> list[int]:
+    if text is None:
+        return [4]
+    values = _values(text, "--modes", 1.0, LEAST_MODES, MOST_MODES)
+    if any(value != round(value) for value in values):
+        raise UsageError(f"--modes: {text!r} is not a whole number, or a range of them such as 4..6.")
+    return [round(value) for value in values]
+
+
+def _drive_hz(text: str | None) -> tuple[float, float]:
+    low_hz, high_hz = _span(DRIVES if text is None else text, "--drive", 100.0, 1e6)
+    return low_hz, high_hz
+
+
+def _values(text: str, name: str, step: float, low: float, high: float) -> list[float]:
+    """Return one number, or those of a range such as 150..240, whose last is included."""
+    first, last = _span(text, name, low, high)
+    return [first + step * index for index in range(math.floor((last - first) / step + 1e-9) + 1)]
+
+
+def _span(text: str, name: str, low: float, high: float) -> tuple[float, float]:
+    parsed = number(low, high)
+    try:
+        ends = [parsed(part) for part in text.split("..")]
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"{name}: {error}.") from None
+    if len(ends) > 2 or ends[-1] < ends[0]:
+        raise UsageError(f"{name}: {text!r} is no range: write the lower end first, such as 150..240.")
+    return ends[0], ends[-1]
+
+
+# --- outputs ----------------------------------------------------------------------------------------------------
+
+
+def _table(designs: Sequence[ContactDesign]) -> str:
+    lines = ["   plate mm             drive Hz modes farthest Hz slip um still um contrast median tenth  bound"]
+    for place, one in enumerate(designs[:ROWS], 1):
+        size = "x".join(f"{edge_mm:g}" for edge_mm in (*one.plate.size_mm, one.plate.thickness_mm))
+        lines.append(
+            f"{place:>2} {size:<20} {one.drive_hz:8.0f} {len(one.shapes):5} {one.farthest_hz:11.0f} {one.slip_um:7.2f} "
+            f"{one.still_um:8.3f} {one.contrast:8.1f} {one.contrast_median:6.1f} {one.contrast_tenth:5.1f} "
+            f"{one.bound:6.1f}"
+        )
+    if len(designs) > ROWS:
+        lines.append(f"   and {len(designs) - ROWS} more")
+    return "\n".join(lines)
+
+
+def _plate_name(plate: Plate) -> str:
+    width_mm, depth_mm = plate.size_mm
+    of = plate.material
+    name = next((name for name, known in MATERIALS.items() if known == of), f"a material of {of.young_gpa:g} GPa")
+    glued = f" with {len(plate.patches)} patches" if plate.patches else ""
+    return f"{width_mm:g} x {depth_mm:g} x {plate.thickness_mm:g} mm of {name}{glued}"
+
+
+def _study_line(study: ToleranceStudy) -> str:
+    tenth, median = np.quantile(study.contrast_frac, (0.1, 0.5))
+    return (
+        f"Within tolerance {100 * study.enough_frac:.1f} % of {len(study.contrast_frac)} plates reach two thirds of "
+        f"this contrast (median {100 * median:.0f} % of it, worst tenth {100 * tenth:.0f} %; "
+        f"slip {100 * np.median(study.slip_frac):.0f} %)."
+    )
+
+
+def _write_json(designs: Sequence[ContactDesign], drive: Drive, study: ToleranceStudy | None, file: str) -> None:
+    table: dict[str, Any] = {"drive": asdict(drive), "designs": [_as_json(one) for one in designs]}
+    if study is not None:
+        table["tolerances"] = {
+            "plates": len(study.contrast_frac),
+            "enough": ENOUGH_FRAC,
+            "share": study.enough_frac,
+            "contrast_frac": study.contrast_frac.tolist(),
+            "slip_frac": study.slip_frac.tolist(),
+        }
+    outputs.write_text(json.dumps(table, indent=2) + "\n", file)
+
+
+def _as_json(design: ContactDesign) -> dict[str, Any]:
+    names = ("drive_hz", "frequency_hz", "limits_um", "farthest_hz", "slip_um", "still_um", "contrast")
+    figures = {name: getattr(design, name) for name in (*names, "contrast_median", "contrast_tenth", "bound", "score")}
+    return {**asdict(design.plate), "modes": [shape.name for shape in design.shapes], **figures}
+
+
+def _write_config(design: ContactDesign, drive: Drive, path: Path, modes_file: Path) -> None:
+    """Write what the service needs for this plate; all other keys keep their defaults."""
+    frequencies = ", ".join(f"{hz:.0f}" for hz in design.frequency_hz)
+    named = os.path.relpath(modes_file.absolute(), path.absolute().parent)
+    lines = [
+        f"# {verdict(design, drive)}",
+        f"# Modes by theory, for trials: {frequencies} Hz. A real plate is measured: `hapticd calibrate modes` and",
+        "# `hapticd firmware sweep`. The drive frequency is part of the board's calibration.",
+        "[plate]",
+        f"size_mm = {toml(design.plate.size_mm)}",
+        f"modes_file = {toml(named)}",
+        "",
+        "[limits]",
+        f"w_limit_um = {toml(tuple(round(um, 3) for um in design.limits_um))}",
+        "",
+        "[solver]",
+        f"contact_radius_mm = {toml(drive.radius_mm)}",
+    ]
+    outputs.write_text("\n".join(lines) + "\n", path)
+
+
+def draw(design: ContactDesign, drive: Drive, path: Path) -> None:
+    """Draw each mode with two contacts to scale, and the contrast of a finger that slips anywhere. Raises
+    HapticdError."""
+    size_mm, count = design.plate.size_mm, len(design.shapes)
+    still_mm = -size_mm[0] / 6.0, size_mm[1] / 10.0
+    splines = surfaces(design.shapes)
+    found = contact_map(
+        splines,
+        [still_mm],
+        drive.target_um,
+        design.limits_um,
+        radius_mm=drive.radius_mm,
+        size_mm=size_mm,
+        cells=CELLS,
+    )
+    at = np.unravel_index(int(np.argmin(np.abs(found.contrast - np.median(found.contrast)))), found.contrast.shape)
+    slip_mm = float(found.x_mm[at[1]]), float(found.y_mm[at[0]])
+    columns = math.ceil((count + 1) / 2)
+    figure, axes = plotting.subplots(
+        3.1 * columns + 1.0, 6.6, 2, columns, layout="compressed", sharex=True, sharey=True
+    )
+    extent = (-size_mm[0] / 2, size_mm[0] / 2, -size_mm[1] / 2, size_mm[1] / 2)
+    x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, 161) for edge_mm in size_mm)
+    signed, scale = plotting.stepped("RdBu", 20), plotting.stepped("viridis", 20)
+    for axis, shape, hz in zip(axes.flat, design.shapes, design.frequency_hz, strict=False):
+        modes = axis.imshow(shape.on_grid(x_mm, y_mm), origin="lower", extent=extent, cmap=signed, vmin=-1, vmax=1)
+        axis.set_title(f"{shape.name}: {hz - design.drive_hz:+.0f} Hz", fontsize=9)
+        _mark(axis, still_mm, slip_mm, drive.radius_mm)
+    contrast = axes.flat[count].imshow(
+        np.log10(found.contrast), origin="lower", extent=extent, cmap=scale, vmin=0.0, vmax=2.0
+    )
+    axes.flat[count].set_title("contrast, one still (orange)", fontsize=9)
+    _mark(axes.flat[count], still_mm, None, drive.radius_mm)
+    for axis in axes.flat[count + 1 :]:
+        axis.set_axis_off()
+    for axis in axes[-1]:
+        axis.set_xlabel("x, mm")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y, mm")
+    figure.colorbar(modes, ax=axes, location="bottom", label="mode shape; its largest value is 1", aspect=60)
+    bar = figure.colorbar(contrast, ax=axes, label="contrast: slipping contact over the still one", ticks=[0, 1, 2])
+    bar.ax.set_yticklabels(["1", "10", "100"])
+    plotting.save(figure, path, dpi=80, colours=96)
+
+
+def _mark(axis: Any, still_mm: tuple[float, float], slip_mm: tuple[float, float] | None, radius_mm: float) -> None:
+    from matplotlib.patches import Circle
+
+    for place_mm, colour in ((still_mm, "tab:orange"), (slip_mm, "tab:cyan")):
+        if place_mm is not None:
+            axis.add_patch(Circle(place_mm, radius_mm, fill=False, edgecolor=colour, linewidth=1.8))

@@ -1,0 +1,52 @@
+"""Patches on a plate: limits with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapticd.design.free_plate import free_plate_modes
+from hapticd.design.glued_plate import Patch, glued_plate_modes
+from hapticd.design.materials import MATERIALS, Material
+
+GLASS, SIZE_MM, BAND_HZ = MATERIALS["glass"], (100.0, 80.0), (14000.0, 16000.0)
+
+
+def test_a_plate_without_patches_has_the_free_plates_modes() -> None:
+    free = free_plate_modes(SIZE_MM, 2.0, band_hz=BAND_HZ)
+    bare = glued_plate_modes(SIZE_MM, 2.0, GLASS, (), BAND_HZ)
+    assert [hz for hz, _ in bare] == pytest.approx([hz for hz, _ in free], rel=1e-6)
+    assert [shape.name for _, shape in bare] == [shape.name for _, shape in free]
+    points_mm = np.random.default_rng(1).uniform(-40.0, 40.0, (20, 2))
+    np.testing.assert_allclose(bare[0][1].evaluate(points_mm), free[0][1].evaluate(points_mm), atol=1e-5)
+
+
+def test_a_patch_of_the_plates_glass_all_over_it_makes_a_thicker_plate() -> None:
+    whole = Patch(0.0, 0.0, SIZE_MM, 0.5, GLASS)
+    thicker = [hz for hz, _ in free_plate_modes(SIZE_MM, 2.5, band_hz=BAND_HZ)]
+    glued = [hz for hz, _ in glued_plate_modes(SIZE_MM, 2.0, GLASS, (whole,), BAND_HZ)]
+    assert glued == pytest.approx(thicker, rel=1e-4)
+
+
+def test_a_small_mass_lowers_a_mode_by_its_share_of_the_motion() -> None:
+    heavy = Material(1e-6, 0.2, 8000.0, "all mass")
+    patch = Patch(45.0, 35.0, (2.0, 2.0), 0.1, heavy)
+    (hz, shape), *_ = glued_plate_modes(SIZE_MM, 2.0, GLASS, (), BAND_HZ)
+    (loaded_hz, _), *_ = glued_plate_modes(SIZE_MM, 2.0, GLASS, (patch,), BAND_HZ)
+    axes_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, 401) for edge_mm in SIZE_MM)
+    plate_kg = 2500.0 * 2.0e-3 * 0.1 * 0.08 * np.mean(shape.on_grid(*axes_mm) ** 2)
+    patch_kg = 8000.0 * 0.1e-3 * 4e-6 * shape.evaluate([[45.0, 35.0]])[0] ** 2
+    assert loaded_hz / hz - 1.0 == pytest.approx(-0.5 * patch_kg / plate_kg, rel=0.05)
+
+
+def test_twice_the_basis_moves_modes_with_patches_by_less_than_a_bandwidth() -> None:
+    patches = tuple(Patch(x_mm, y_mm, (8.0, 8.0), 0.3) for x_mm, y_mm in ((-45.0, -35.0), (45.0, -35.0), (0.0, 36.0)))
+    one, two = (
+        [hz for hz, _ in glued_plate_modes(SIZE_MM, 2.0, GLASS, patches, BAND_HZ, basis)] for basis in (2.0, 4.0)
+    )
+    assert one == pytest.approx(two, abs=15.0)
+
+
+def test_a_patch_over_the_edge_is_refused() -> None:
+    with pytest.raises(ValueError, match="reaches over the plate's edge"):
+        glued_plate_modes(SIZE_MM, 2.0, GLASS, (Patch(48.0, 0.0, (8.0, 8.0), 0.3),), BAND_HZ)
