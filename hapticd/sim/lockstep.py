@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..bench.baselines.paper_scheme import paper_config, paper_pipeline
+from ..config.loader import on_plate
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.instant import InstantSolver
@@ -31,6 +32,7 @@ from .active_reference import Passes
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel, SensorSettings
+from .plate.glasses import GLASSES
 from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score, with_contacts
 from .world import World
@@ -337,9 +339,7 @@ def _scheme_config(settings: Settings) -> Config:
     The paper's is its Matlab loop: hold, steps, PI, its formula.
     """
     reach_um = GroundTruth(settings.plate).w_limit_um
-    config = settings.config
-    if len(reach_um) != len(config.limits.w_limit_um):
-        config = replace(config, limits=replace(config.limits, w_limit_um=reach_um))
+    config = on_plate(settings.config, GLASSES[settings.plate.plate].size_mm, reach_um)
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))

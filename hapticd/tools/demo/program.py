@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...config.sections import LimitsConfig
+from ...config.sections import LimitsConfig, SimConfig
 from ...errors import HapticdError, UsageError, missing_client
 from ...files import outputs, plotting
 from ...sim import lockstep
@@ -35,6 +35,7 @@ from ...sim.rig.process import RigProcess
 from ...sim.score import Score, score
 from ...tools import owned_process
 from ...values import AmplitudeTarget
+from .. import glass
 from ..arguments import number, whole
 from ..daemon_process import DaemonProcess
 from ..progress import Progress
@@ -62,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add duration, seed, board and outputs."""
     parser.add_argument("--seconds", type=number(0.0, is_above=True), default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
+    glass.add_arguments(parser)
     outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
     parser.add_argument(
         "--board",
@@ -82,6 +84,9 @@ def run(options: argparse.Namespace) -> None:
         raise missing_client("The demo") from None
     if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
+    sim = glass.chosen(options)
+    if options.board == "host" and sim != SimConfig():
+        raise UsageError("--plate and --modes: the board in another process has the reference plate with two modes.")
     program = None if options.board == "library" else find_program(options.image)
     out = _picture_file(options)
     try:
@@ -110,7 +115,8 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
-    rig = RigProcess(SCENARIO, seed, record=True, program=program)
+    sim = glass.chosen(options)
+    rig = RigProcess(SCENARIO, seed, plate=sim.plate, modes=sim.modes, record=True, program=program)
     with rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
         with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
             user = _ScriptedUser(client, rig, seed)
