@@ -98,7 +98,7 @@ def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
 
 
-def test_the_board_of_another_plate_has_its_modes_and_limits(tmp_path: Path) -> None:
+def test_the_board_of_another_plate_has_its_modes_and_limits() -> None:
     with RigProcess("rest", 1, plate="fingertip") as running, opened(running.directory) as fd:
         os.write(fd, device.encode_hello_request())
         hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
