@@ -12,11 +12,12 @@ from .process import MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE
 
 def write_measured(plate: GroundTruth, seed: int, directory: Path, *, with_parasitic_modes: bool) -> tuple[Path, ...]:
     """Write the mode map and, `with_parasitic_modes`, that of the parasitic modes, with a configuration of the plate's
-    size and limits that names it. Returns the files, in `directory`."""
+    name, size and limits that names it. Returns the files, in `directory`."""
     modes, shapes, described = (directory / name for name in (MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE))
     plate.measured_mode_map(seed).save(modes)
     size_mm = list(GLASSES[plate.settings.plate].size_mm)
-    lines = [f"[limits]\nw_limit_um = {list(plate.w_limit_um)}\n[plate]\nsize_mm = {size_mm}\n"]
+    lines = [f'[sim]\nplate = "{plate.settings.plate}"\nmodes = {plate.settings.driven_modes}\n']
+    lines += [f"[limits]\nw_limit_um = {list(plate.w_limit_um)}\n[plate]\nsize_mm = {size_mm}\n"]
     if with_parasitic_modes:
         parasitic_modes = plate.parasitic_modes(seed)
         parasitic_modes.modes.save(shapes)
