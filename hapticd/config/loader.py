@@ -15,7 +15,7 @@ from typing import Any, cast
 from ..errors import ConfigError
 from ..files.toml_file import read_table
 from .keys import bounds_text, checked, nearest, toml
-from .sections import SIMULATED, ClientConfig, Config
+from .sections import SIMULATED, ClientConfig, Config, LimitsConfig
 
 MAX_PORT = 65535
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
@@ -62,6 +62,17 @@ def simulated(config: Config) -> Config:
         ),
         device=replace(config.device, port=SIMULATED, calibration_file=""),
     )
+
+
+def on_plate(config: Config, size_mm: tuple[float, ...], reach_um: tuple[float, ...]) -> Config:
+    """Return this configuration for a simulated plate of `size_mm` whose amplifiers reach `reach_um` in each mode.
+
+    Limits other than the default ones stay.
+    """
+    config = replace(config, plate=replace(config.plate, size_mm=size_mm))
+    if config.limits.w_limit_um != LimitsConfig().w_limit_um:
+        return config
+    return replace(config, limits=replace(config.limits, w_limit_um=reach_um))
 
 
 def render(config: Config) -> str:

@@ -11,7 +11,8 @@ from .keys import key
 
 SIMULATED = "sim"
 
-# Repeated from the simulation, which is not loaded when a configuration is checked; a test compares them.
+# Repeated from the simulation, which is not loaded when a configuration is checked; tests compare them.
+PLATE_NAMES = ("reference", "fingertip")
 SCENARIO_NAMES = (
     "strokes",
     "circles",
@@ -169,6 +170,8 @@ class SimConfig:
 
     scenario: str = key("strokes", "scenario of the simulated fingers", choices=SCENARIO_NAMES)
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
+    plate: str = key("reference", "the paper's plate, or one for whole contacts", choices=PLATE_NAMES)
+    modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=8)
     rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")
 
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..board_values import ModeCalibration
-from ..config.loader import load
-from ..config.sections import SIMULATED, Config
+from ..config.loader import load, on_plate
+from ..config.sections import SIMULATED, Config, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..errors import ConfigError, HapticdError, ModesError
@@ -34,6 +34,7 @@ from ..io.devices.replay import ReplayTrackpad
 from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
 from ..io.host.systemd import Notifier
+from ..sim.plate.glasses import driven_modes
 from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
 from .daemon import Daemon
 from .lifecycle import serve
@@ -76,7 +77,7 @@ class ConfigLoader:
     """Prepares configurations, and owns the simulated rigs that they need until it is closed."""
 
     def __init__(self) -> None:
-        self._rigs: dict[tuple[str, int], RigProcess] = {}
+        self._rigs: dict[SimConfig, RigProcess] = {}
 
     def __enter__(self) -> ConfigLoader:
         return self
@@ -113,10 +114,10 @@ class ConfigLoader:
         """Return the simulated rig's directory: of one that runs already, or a new one; "." if none is needed."""
         if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
             return Path(config.sim.rig_dir)
-        key = config.sim.scenario, config.sim.seed
-        if key not in self._rigs:
-            self._rigs[key] = RigProcess(*key)
-        return self._rigs[key].directory
+        sim = config.sim
+        if sim not in self._rigs:
+            self._rigs[sim] = RigProcess(sim.scenario, sim.seed, plate=sim.plate, modes=_driven_modes(sim))
+        return self._rigs[sim].directory
 
 
 def check(config: Config) -> None:
@@ -201,7 +202,8 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
             PlateSettings,
         )
 
-        modes = GroundTruth(PlateSettings()).measured_mode_map(config.sim.seed)
+        plate = PlateSettings.of(config.sim.plate, _driven_modes(config.sim))
+        modes = GroundTruth(plate).measured_mode_map(config.sim.seed)
     if len(config.limits.w_limit_um) != modes.M:
         raise ConfigError(
             f"limits.w_limit_um: has {len(config.limits.w_limit_um)} limits for a plate of {modes.M} modes: "
@@ -237,13 +239,26 @@ def _measured(config: Config, key: str) -> ModeShapes:
     return modes
 
 
+def _driven_modes(sim: SimConfig) -> int:
+    """Return the number of driven modes of the simulated plate. Raises ConfigError."""
+    try:
+        return driven_modes(sim.plate, sim.modes)
+    except ValueError as error:
+        raise ConfigError(f"sim.modes: {error}") from None
+
+
 def _on_rig(config: Config, rig_dir: Path) -> Config:
-    """Add what was measured of the rig's plate, unless the configuration names parasitic modes itself."""
+    """Add the size, limits and parasitic modes of the rig's plate, unless the configuration names files of its own."""
     config = replace(config, sim=replace(config.sim, rig_dir=str(rig_dir)))
     file = rig_dir / PLATE_FILE
-    if config.plate.parasitic_modes_file or config.device.port != SIMULATED or not file.is_file():
+    if config.device.port != SIMULATED or not file.is_file():
         return config
-    found = load(file).plate
+    described = load(file)
+    found = described.plate
+    if not config.plate.modes_file:
+        config = on_plate(config, found.size_mm, described.limits.w_limit_um)
+    if config.plate.parasitic_modes_file:
+        return config
     return replace(
         config,
         plate=replace(

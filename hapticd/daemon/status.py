@@ -19,6 +19,7 @@ from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
+from .settings import pipeline_settings
 
 RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5
@@ -113,6 +114,7 @@ class Status:
             "size_mm": list(config.plate.size_mm),
             "w_limit_um": list(config.limits.w_limit_um),
             "reference_limit_um": list(config.limits.reference_limit_um),
+            "contact_radius_mm": pipeline_settings(config).contact_radius_mm,
             "drive_hz": None if hello is None else hello.drive_hz,
             "x_mm": modes.x_mm[columns].tolist(),
             "y_mm": modes.y_mm[rows].tolist(),

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..bench.baselines.paper_scheme import paper_config, paper_pipeline
+from ..config.loader import on_plate
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.instant import InstantSolver
@@ -31,6 +32,7 @@ from .active_reference import Passes
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel, SensorSettings
+from .plate.glasses import GLASSES
 from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score, with_contacts
 from .world import World
@@ -74,8 +76,8 @@ class Settings:
 class Run:
     """A finished run. Arrays over the T control ticks, N fingers (NaN while absent), M modes; units in the names.
 
-    `modal_um` are the plate's driven modes, `truth_um` the amplitude at each finger's true position, from all modes of
-    the plate; `finger_predicted_mm` is the position that the active reference assumed.
+    `plate_um` (T,P) are all modes of the plate, `modal_um` the driven ones, `truth_um` the amplitude at each finger's
+    true position, from all modes; `finger_predicted_mm` is the position that the active reference assumed.
     """
 
     scenario: str
@@ -87,11 +89,17 @@ class Run:
     target_um: npt.NDArray[np.float64]
     reference_um: npt.NDArray[np.complex128]
     modal_um: npt.NDArray[np.complex128]
+    plate_um: npt.NDArray[np.complex128]
     truth_um: npt.NDArray[np.complex128]
     limited: npt.NDArray[np.bool_]
     score: Score
     status: dict[str, Any]
     played: Scenario | None = None
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether the scheme solves for whole contacts, not for points."""
+        return pipeline_settings(scheme_config(self.settings)).contact_radius_mm > 0.0
 
 
 def run(
@@ -144,7 +152,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
     """Solve for true positions and shapes, without the loop's delay, at each `every` ticks."""
     part = slice(None, None, every)
     plate = GroundTruth(played.settings.plate)
-    settings = pipeline_settings(_scheme_config(played.settings))
+    settings = pipeline_settings(scheme_config(played.settings))
     solver = InstantSolver(
         plate.true_mode_map(),
         plate.w_limit_um,
@@ -181,7 +189,7 @@ class Simulation:
         self.settings = settings
         self.seed = seed
         self.actors = actors
-        self._config = _scheme_config(settings)
+        self._config = scheme_config(settings)
         plate = GroundTruth(settings.plate)
         self.world = World(
             paths_of(actors),
@@ -296,6 +304,7 @@ class Simulation:
             target_um=target_um,
             reference_um=recording.reference_um,
             modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
+            plate_um=recording.plate_um,
             truth_um=truth_um,
             limited=limited,
             score=with_contacts(
@@ -331,15 +340,13 @@ def _as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
     return Settings(**given)
 
 
-def _scheme_config(settings: Settings) -> Config:
+def scheme_config(settings: Settings) -> Config:
     """Return the daemon's configuration for a plate and a scheme.
 
     The paper's is its Matlab loop: hold, steps, PI, its formula.
     """
     reach_um = GroundTruth(settings.plate).w_limit_um
-    config = settings.config
-    if len(reach_um) != len(config.limits.w_limit_um):
-        config = replace(config, limits=replace(config.limits, w_limit_um=reach_um))
+    config = on_plate(settings.config, GLASSES[settings.plate.plate].size_mm, reach_um)
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))

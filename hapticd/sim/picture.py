@@ -1,10 +1,12 @@
 """A run as a picture in the manner of the paper's figures 10 and 11: references and amplitudes of the modes over time,
-and what each finger got at its true position. Ours beside the paper's scheme, on the same fingers and axes."""
+and the vibration at each finger's true position and over its contact. Runs of the same fingers are drawn side by side,
+on the same axes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +15,23 @@ import numpy.typing as npt
 
 from ..files import plotting
 from .fingers.scenarios import STEP_S
-from .lockstep import Run
-from .score import Score, score
+from .lockstep import Run, scheme_config
+from .plate.ground_truth import GroundTruth, PlateSettings
+from .score import CONTACT_RADIUS_MM, Score, felt, score, with_contacts
 
-MODE_COLOURS = ("tab:blue", "tab:green")  # as in the paper: blue is mode X, green mode Y
+# As in the paper: blue is mode X, green mode Y.
+MODE_COLOURS = ("tab:blue", "tab:green", "tab:cyan", "tab:olive", "tab:pink", "tab:gray", "tab:brown", "tab:red")
 FINGER_COLOURS = ("tab:orange", "tab:purple", "tab:red", "tab:brown")
 REFERENCE = {"lw": 4.0, "alpha": 0.3, "solid_capstyle": "butt"}  # behind the amplitude that follows it
+CENTRE = {"lw": 0.6, "alpha": 0.5}  # behind the contact's RMS
+TITLE_PT = 18.0  # titles stand above the legends
 QUADRATURE_UM = 1.0  # the least that its axis shows
 LEAST_UM = 0.1  # likewise, of modes and fingers: a still plate's noise is 0.002 um
 STEP_WINDOW_S = (STEP_S - 0.01, STEP_S + 0.04)
 INCHES_PER_S = 2.8  # single strokes can be told apart
 LEAST_IN, MOST_IN = 7.0, 14.0
+CONTACT_EVERY = 8  # ticks: 4 ms, in which a finger moves 0.4 mm
+_ARRAYS = ("t_s", "finger_mm", "target_um", "reference_um", "modal_um", "plate_um", "truth_um")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +39,47 @@ class Film:
     """The part of a run that a picture shows; arrays over T control ticks as in `lockstep.Run`."""
 
     title: str
+    plate: PlateSettings
+    w_limit_um: float
     t_s: npt.NDArray[np.float64]
+    finger_mm: npt.NDArray[np.float64]
     target_um: npt.NDArray[np.float64]
     reference_um: npt.NDArray[np.complex128]
     modal_um: npt.NDArray[np.complex128]
+    plate_um: npt.NDArray[np.complex128]
     truth_um: npt.NDArray[np.complex128]
     score: Score
 
     @classmethod
     def of(cls, run: Run, title: str) -> Film:
         """A lock-step run as it was judged."""
-        return cls(title, run.t_s, run.target_um, run.reference_um, run.modal_um, run.truth_um, run.score)
+        limit_um = max(scheme_config(run.settings).limits.w_limit_um)
+        arrays = {name: getattr(run, "finger_true_mm" if name == "finger_mm" else name) for name in _ARRAYS}
+        return cls(title, run.settings.plate, limit_um, **arrays, score=run.score)
+
+    @classmethod
+    def judged(cls, title: str, plate: PlateSettings, w_limit_um: float, arrays: Mapping[str, Any]) -> Film:
+        """Arrays on a plate, judged by themselves."""
+        t_s, target_um, reference_um = arrays["t_s"], arrays["target_um"], arrays["reference_um"]
+        points = score(t_s, target_um, arrays["truth_um"], reference_um, np.zeros(len(t_s), dtype=bool))
+        film = cls(title, plate, w_limit_um, **{name: arrays[name] for name in _ARRAYS}, score=points)
+        contacts = t_s, film.finger_mm, target_um, film.plate_um, film._shapes
+        return replace(film, score=with_contacts(points, *contacts, every=CONTACT_EVERY))
 
     def between(self, start_s: float, end_s: float) -> Film:
         """A window of it, judged by itself."""
         part = (self.t_s >= start_s) & (self.t_s < end_s)
-        arrays = (
-            self.t_s[part],
-            self.target_um[part],
-            self.reference_um[part],
-            self.modal_um[part],
-            self.truth_um[part],
+        return Film.judged(
+            self.title, self.plate, self.w_limit_um, {name: getattr(self, name)[part] for name in _ARRAYS}
         )
-        judged = score(arrays[0], arrays[1], arrays[4], arrays[2], np.zeros(len(arrays[0]), dtype=bool))
-        return Film(self.title, *arrays, judged)
+
+    def contacts_um(self, seconds: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return instants of the first `seconds` (T',), and then the RMS amplitude over each contact (T',N)."""
+        part = slice(None, int(np.searchsorted(self.t_s, self.t_s[0] + seconds)), CONTACT_EVERY)
+        return self.t_s[part], felt(self.finger_mm[part], self.plate_um[part], self._shapes)[0]
+
+    def _shapes(self, points_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return GroundTruth(self.plate).shapes(points_mm)[..., : self.plate_um.shape[1]]
 
     @property
     def seconds(self) -> float:
@@ -66,25 +91,26 @@ def draw(
     films: list[Film],
     path: Path,
     *,
-    w_limit_um: float,
     seconds: float = MOST_IN / INCHES_PER_S,
     source: str = "",
     link_ms: float | None = None,
+    has_contacts: bool = False,
 ) -> None:
     """Write a picture with one column for each film: the first `seconds`, so that single strokes are seen.
 
-    `link_ms` explains how long a target that changes once takes to reach the plate.
+    With `has_contacts` the RMS over each contact is drawn, and the amplitude at its centre behind it. `link_ms`
+    explains how long a target that changes once takes to reach the plate.
     """
     shown_s = min(seconds, max(film.seconds for film in films))
     figure, axes = _canvas(len(films), min(max(INCHES_PER_S * shown_s, LEAST_IN), MOST_IN), source)
     # Where signs alone decide it stays near 0; two slipping fingers may turn the phase between the modes all round.
     quadrature_um = max(float(np.fmax.reduce(np.abs(f.modal_um.imag), axis=None, initial=QUADRATURE_UM)) for f in films)
     for column, film in enumerate(films):
-        _draw_modes(axes[0, column], film, w_limit_um)
+        _draw_modes(axes[0, column], film)
         _draw_quadrature(axes[1, column], film, quadrature_um)
-        _draw_fingers(axes[2, column], film)
+        _draw_fingers(axes[2, column], film, shown_s if has_contacts else 0.0)
         part = f", {shown_s:g} s of {film.seconds:.0f} s" if shown_s < 0.9 * film.seconds else ""
-        axes[0, column].set_title(film.title + part, loc="left")
+        axes[0, column].set_title(film.title + part, loc="left", pad=TITLE_PT)
         axes[2, column].set_xlim(film.t_s[0], film.t_s[0] + min(shown_s, film.seconds))
         if link_ms is not None:
             _draw_delay(axes[2, column], film, link_ms)
@@ -100,8 +126,8 @@ def draw_run(run: Run, path: Path) -> None:
     start_s, end_s = STEP_WINDOW_S
     if run.scenario == "step" and run.t_s[-1] >= end_s:
         film, link_ms = film.between(start_s, end_s), run.settings.link_ms
-    limit_um = max(run.settings.config.limits.w_limit_um)
-    draw([film], path, w_limit_um=limit_um, source=f"simulated {run.scenario}, seed {run.seed}", link_ms=link_ms)
+    source = f"simulated {run.scenario}, seed {run.seed}"
+    draw([film], path, source=source, link_ms=link_ms, has_contacts=run.has_contacts)
 
 
 def _canvas(columns: int, width_in: float, source: str) -> tuple[Any, Any]:
@@ -117,8 +143,16 @@ def _canvas(columns: int, width_in: float, source: str) -> tuple[Any, Any]:
     )
 
 
-def _draw_modes(axis: Any, film: Film, w_limit_um: float) -> None:
-    for mode, (name, colour) in enumerate(zip("XY", MODE_COLOURS, strict=True)):
+def _modes(film: Film) -> list[tuple[str, str]]:
+    """Return name and colour of each driven mode: the letters of the paper, numbers where there are more."""
+    count = film.modal_um.shape[1]
+    names = "XYZ" if count <= 3 else "12345678"
+    return list(zip(names[:count], MODE_COLOURS[:count], strict=True))
+
+
+def _draw_modes(axis: Any, film: Film) -> None:
+    w_limit_um = film.w_limit_um
+    for mode, (name, colour) in enumerate(_modes(film)):
         axis.plot(film.t_s, film.reference_um[:, mode].real, color=colour, **REFERENCE)
         axis.plot(film.t_s, film.modal_um[:, mode].real, color=colour, lw=1.0, label=f"$W_{{{name}d}}$")
     axis.plot([], [], color="grey", label="references", **REFERENCE)
@@ -131,26 +165,34 @@ def _draw_modes(axis: Any, film: Film, w_limit_um: float) -> None:
 
 
 def _draw_quadrature(axis: Any, film: Film, high_um: float) -> None:
-    for mode, (name, colour) in enumerate(zip("XY", MODE_COLOURS, strict=True)):
+    for mode, (name, colour) in enumerate(_modes(film)):
         axis.plot(film.t_s, film.modal_um[:, mode].imag, color=colour, lw=0.9, label=f"$W_{{{name}q}}$")
     axis.set_ylabel("quadrature, µm")
     axis.set_ylim(-high_um, high_um)
     _legend(axis)
 
 
-def _draw_fingers(axis: Any, film: Film) -> None:
+def _draw_fingers(axis: Any, film: Film, contacts_s: float) -> None:
+    """Draw what each finger gets: its centre, and for the first `contacts_s` its contact."""
+    has_contacts = contacts_s > 0.0
+    t_contact_s, contacts_um = film.contacts_um(contacts_s)
     for finger in range(film.target_um.shape[1]):
-        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
-        axis.plot(film.t_s, np.abs(film.truth_um[:, finger]), color=colour, lw=1.0, label=f"finger {finger + 1}")
+        colour, name = FINGER_COLOURS[finger % len(FINGER_COLOURS)], f"finger {finger + 1}"
+        centre_um, style = np.abs(film.truth_um[:, finger]), CENTRE if has_contacts else {"lw": 1.0, "label": name}
+        axis.plot(film.t_s, centre_um, color=colour, **style)
+        if has_contacts:
+            axis.plot(t_contact_s, contacts_um[:, finger], color=colour, lw=1.6, label=name)
         axis.step(film.t_s, film.target_um[:, finger], "--", where="post", color=colour, lw=0.8)
+    if has_contacts:
+        axis.plot([], [], color="grey", label="at its centre", **CENTRE)
     if np.isfinite(film.target_um).any():
         axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
     else:
         plotting.mark_empty(axis, "no finger has a target")
     plotting.show_at_least(axis, 0.0, LEAST_UM)
-    axis.set_ylabel("vibration at the finger, µm")
+    axis.set_ylabel("vibration over the contact, µm RMS" if has_contacts else "vibration at the finger, µm")
     axis.set_xlabel("time, s")
-    axis.set_title(_told(film), loc="left", fontsize="small")
+    axis.set_title(_told(film, has_contacts=has_contacts), loc="left", fontsize="small", pad=TITLE_PT)
     _legend(axis)
 
 
@@ -168,14 +210,18 @@ def _draw_delay(axis: Any, film: Film, link_ms: float) -> None:
 
 def _legend(axis: Any) -> None:
     """Above the axes, on the right: nothing is hidden. None where there is nothing to tell apart."""
-    if axis.get_legend_handles_labels()[0]:
-        axis.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=4, frameon=False, borderpad=0.1
-        )
+    handles = axis.get_legend_handles_labels()[0]
+    if handles:
+        style = {"fontsize": "small", "frameon": False, "borderpad": 0.1, "handlelength": 1.4, "columnspacing": 1.2}
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), **style)
 
 
-def _told(film: Film) -> str:
+def _told(film: Film, *, has_contacts: bool) -> str:
     """What a film is worth, as far as anybody was judged in it."""
+    if has_contacts and math.isfinite(film.score.contrast):
+        contact = f"over {CONTACT_RADIUS_MM:g} mm: sticky {film.score.contact_leak_um:.2f} µm RMS, "
+        contact += f"slippery {film.score.contact_slip_um:.2f}; contrast {film.score.contrast:.1f}"
+        return f"{contact} (in {film.seconds:.0f} s; sticky centre {film.score.leak_um:.3f})"
     judged, parts = film.score, []
     if math.isfinite(judged.leak_um):
         parts.append(f"sticky: {judged.leak_um:.3f} µm RMS")

@@ -69,7 +69,7 @@ def figures(played: Run, compared: Compared | None = None) -> dict[str, Any]:
         "scenario": played.scenario,
         "seed": played.seed,
         "seconds": float(played.t_s[-1]),
-        "w_limit_um": list(played.settings.config.limits.w_limit_um),
+        "w_limit_um": list(lockstep.scheme_config(played.settings).limits.w_limit_um),
         "hapticd": _plain(played.score),
     }
     if played.scenario == "step" and report["seconds"] > STEP_S + STEP_WATCHED_S:

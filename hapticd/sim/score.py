@@ -82,15 +82,7 @@ def with_contacts(
     part = slice(None, None, every)
     counts = settled(t_s, target_um)[part]
     target_um, finger_mm, plate_um = target_um[part], finger_mm[part], plate_um[part]
-    rms_um, friction = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
-    offsets_mm, weights = disc(radius_mm)
-    for start in range(0, len(counts), _AT_ONCE):
-        when = slice(start, start + _AT_ONCE)
-        for finger in range(counts.shape[1]):
-            phi = shapes(finger_mm[when, finger, None] + offsets_mm)
-            w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
-            rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
-            friction[when, finger] = np.exp(-w_um / FRICTION_DECAY_UM) @ weights
+    rms_um, friction = felt(finger_mm, plate_um, shapes, radius_mm)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = _rms(rms_um[still]), _rms(rms_um[slipping])
     off = np.abs(friction / np.exp(-target_um / FRICTION_DECAY_UM) - 1.0) > WEBER_FRAC
@@ -102,6 +94,27 @@ def with_contacts(
         contrast_median=_median_contrast(rms_um, still, slipping),
         weber_frac=float(np.mean(off[counts])) if counts.any() else float("nan"),
     )
+
+
+def felt(
+    finger_mm: Floats,
+    plate_um: npt.NDArray[np.complex128],
+    shapes: Callable[[Floats], Floats],
+    radius_mm: float = CONTACT_RADIUS_MM,
+) -> tuple[Floats, Floats]:
+    """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent."""
+    rms_um, friction = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
+    offsets_mm, weights = disc(radius_mm)
+    for start in range(0, len(finger_mm), _AT_ONCE):
+        when = slice(start, start + _AT_ONCE)
+        for finger in range(finger_mm.shape[1]):
+            phi = shapes(finger_mm[when, finger, None] + offsets_mm)
+            w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
+            rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
+            friction[when, finger] = np.exp(-w_um / FRICTION_DECAY_UM) @ weights
+    is_absent = ~np.isfinite(finger_mm).all(axis=2)
+    rms_um[is_absent] = friction[is_absent] = np.nan
+    return rms_um, friction
 
 
 def disc(radius_mm: float) -> tuple[Floats, Floats]:

@@ -7,12 +7,14 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import cast
 
 from ..config import loader as config
-from ..config.sections import Config
+from ..config.sections import SIMULATED, Config
+from . import glass
 
 OPENSSL = ("_ssl", "_hashlib")  # the modules that load it
 STDERR = 2  # the descriptor
@@ -32,12 +34,15 @@ def add_config_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sim", action="store_true", help="serve the simulated plate instead of the configured devices"
     )
+    glass.add_arguments(parser)
 
 
 def configuration(options: argparse.Namespace) -> Config:
-    """Read the configuration of --config and --sim. Raises ConfigError."""
+    """Read the configuration of --config, --sim and the simulated plate's options. Raises ConfigError, UsageError."""
     loaded = config.load(options.config) if options.config is not None else Config()
-    return config.simulated(loaded) if options.sim else loaded
+    if options.sim:
+        loaded = config.simulated(loaded)
+    return replace(loaded, sim=glass.chosen(options, loaded.sim, is_simulated=loaded.device.port == SIMULATED))
 
 
 def log_to_stderr(level: str) -> None:
@@ -81,4 +86,7 @@ def without_openssl() -> Iterator[None]:
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
     config_file = [] if options.config is None else ["--config", str(options.config)]
-    return [sys.executable, "-P", "-m", "hapticd", "run", "--check", *config_file, *(["--sim"] if options.sim else [])]
+    plate = [] if options.plate is None else ["--plate", options.plate]
+    modes = [] if options.modes is None else ["--modes", str(options.modes)]
+    simulated = [*(["--sim"] if options.sim else []), *plate, *modes]
+    return [sys.executable, "-P", "-m", "hapticd", "run", "--check", *config_file, *simulated]

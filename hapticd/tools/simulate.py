@@ -12,7 +12,8 @@ from pathlib import Path
 from ..errors import UsageError
 from ..files import outputs
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
-from ..sim.plate.glasses import GLASSES, REFERENCE
+from ..sim.plate.glasses import GLASSES
+from . import glass
 from .arguments import number, whole
 from .progress import Progress
 
@@ -37,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed", type=number(0.0, is_above=True), metavar="MM_S", help="of a scenario's fingers (default 100)"
     )
     parser.add_argument("--noise", type=number(0.0), default=0.05, metavar="MM", help="of the sensor (default 0.05)")
-    parser.add_argument("--plate", choices=GLASSES, default=REFERENCE, help="the paper's, or one for whole contacts")
-    parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
+    glass.add_arguments(parser)
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )
@@ -55,10 +55,8 @@ def _simulate(options: argparse.Namespace) -> None:
     from ..sim import lockstep, report
     from ..sim.plate.ground_truth import PlateSettings
 
-    try:
-        plate = PlateSettings.of(options.plate, options.modes)
-    except ValueError as error:
-        raise UsageError(f"--modes: {error}") from None
+    sim = glass.chosen(options)
+    plate = PlateSettings.of(sim.plate, sim.modes or None)
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise_mm=options.noise, plate=plate)
@@ -99,7 +97,6 @@ def _scenario(options: argparse.Namespace) -> Scenario:
         return SCENARIOS[options.scenario]
     if options.speed is not None:
         raise UsageError("--speed: is that of a scenario's fingers: --fingers has its own.")
-    from ..config.sections import PlateConfig
     from ..sim.fingers import trajectories
 
-    return trajectories.read(options.fingers, PlateConfig().size_mm)
+    return trajectories.read(options.fingers, GLASSES[glass.chosen(options).plate].size_mm)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from hapticd.config import loader as config
 from hapticd.config.sections import (
+    PLATE_NAMES,
     SCENARIO_NAMES,
     SIMULATED,
     Config,
@@ -23,6 +24,7 @@ from hapticd.config.sections import (
 from hapticd.errors import ConfigError
 from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
+from hapticd.sim.plate.glasses import GLASSES
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -107,6 +109,10 @@ def test_a_wrong_file_is_refused_in_one_sentence(text: str, sentence: str, tmp_p
 
 def test_the_names_that_it_accepts_are_those_that_exist() -> None:
     assert set(SCENARIO_NAMES) == set(SCENARIOS)
+
+
+def test_the_configured_plates_are_those_of_the_simulation() -> None:
+    assert tuple(GLASSES) == PLATE_NAMES
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:

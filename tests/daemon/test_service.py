@@ -21,9 +21,10 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
+from hapticd.daemon.settings import pipeline_settings
 from hapticd.errors import ConfigError, DeviceError
 from hapticd.io.host.systemd import Notifier
-from hapticd.sim.plate.ground_truth import GroundTruth
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
@@ -95,6 +96,43 @@ def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_
 
     real = replace(configuration, device=replace(configuration.device, port="/dev/ttyACM0"))
     assert service._on_rig(real, tmp_path).plate == real.plate  # another plate
+
+
+def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(configuration: Config, tmp_path: Path) -> None:
+    plate = GroundTruth(PlateSettings.of("fingertip"))
+    write_measured(plate, 1, tmp_path, with_parasitic_modes=True)
+    lower = replace(configuration, limits=replace(configuration.limits, w_limit_um=(1.0, 1.0, 1.0, 1.0)))
+    with ConfigLoader() as config_loader:
+        prepared, limited = config_loader.prepare(configuration), config_loader.prepare(lower)
+    assert prepared.modes.M == 4
+    assert prepared.config.plate.size_mm == (200.0, 200.0)
+    assert prepared.config.limits.w_limit_um == pytest.approx(plate.w_limit_um)
+    assert pipeline_settings(prepared.config).contact_radius_mm == 5.0  # whole fingertips
+    assert limited.config.limits.w_limit_um == (1.0, 1.0, 1.0, 1.0)  # a person's own stay
+
+
+def test_a_rig_is_started_with_the_configured_plate(
+    configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[tuple[str, int]] = []
+
+    class NoRig:
+        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int) -> None:
+            del scenario, seed
+            started.append((plate, modes))
+            self.directory = tmp_path
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(service, "RigProcess", NoRig)
+    own = replace(configuration.sim, rig_dir="", plate="fingertip")
+    with ConfigLoader() as config_loader:
+        for sim in (own, own, replace(own, modes=5)):
+            config_loader.prepare(replace(configuration, sim=sim))
+        with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 6"):
+            config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
+    assert started == [("fingertip", 4), ("fingertip", 5)]
 
 
 def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(configuration: Config, tmp_path: Path) -> None:
@@ -204,8 +242,8 @@ def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
     class IdleRig(service.RigProcess):
         """A process in the rig's place, with a directory that has a map and no devices."""
 
-        def __init__(self, scenario: str, seed: int) -> None:
-            del scenario, seed
+        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int) -> None:
+            del scenario, seed, plate, modes
             self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
             self.directory = Path(self._directory.name)
             sine_plate().save(self.directory / MODES_FILE)

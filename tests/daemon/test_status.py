@@ -94,6 +94,7 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     modes = bench.machine.modes
     assert (said["size_mm"], said["w_limit_um"], said["simulated"]) == ([137.5, 137.5], [4.0, 4.0], None)
     assert said["reference_limit_um"] == [3.92, 3.92]
+    assert said["contact_radius_mm"] == 0.0  # two modes cannot still a whole contact
     assert said["drive_hz"] == pytest.approx(29205.0)
     shapes = np.frombuffer(said["shapes"], "<f4").reshape(said["modes"], len(said["y_mm"]), len(said["x_mm"]))
     points_mm = np.stack(np.meshgrid(said["x_mm"], said["y_mm"]), axis=-1)

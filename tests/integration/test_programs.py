@@ -29,7 +29,8 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
     assert 2 <= len(live) <= 4
     assert "1.00 -> " in live[-1]
-    assert any(re.fullmatch(r"sticky finger, um RMS +\d+\.\d+ +\d+\.\d+", line) for line in lines)
+    assert any(re.fullmatch(r"sticky contact, um RMS( +\d+\.\d+){3}", line) for line in lines)
+    assert any(re.fullmatch(r"contrast of the two( +\d+\.\d){3}", line) for line in lines)
     assert any(line.startswith("The sticky finger gets ") for line in lines)
     assert lines[-2] == f"picture: {out}"
     assert lines[-1].endswith("hapticd view --sim")

@@ -15,6 +15,7 @@ from hapticd.files import plotting
 from hapticd.sim import lockstep, picture
 from hapticd.sim.lockstep import Run
 from hapticd.sim.picture import Film
+from hapticd.sim.plate.ground_truth import PlateSettings
 
 pytestmark = pytest.mark.long
 
@@ -34,8 +35,8 @@ def size_px(path: Path) -> tuple[int, int]:
 
 def test_two_films_are_drawn_side_by_side(run: Run, tmp_path: Path) -> None:
     ours, paper = Film.of(run, "hapticd"), Film.of(run, "the paper's scheme")
-    picture.draw([ours], tmp_path / "one.png", w_limit_um=4.0)
-    picture.draw([ours, paper], tmp_path / "two.png", w_limit_um=4.0, seconds=1.5)
+    picture.draw([ours], tmp_path / "one.png")
+    picture.draw([ours, paper], tmp_path / "two.png", seconds=1.5)
 
     one, two = size_px(tmp_path / "one.png"), size_px(tmp_path / "two.png")
     assert one == pytest.approx((3.2 * picture.INCHES_PER_S * plotting.DPI, 880), abs=1)
@@ -90,6 +91,22 @@ def test_of_a_long_run_its_first_seconds_are_drawn_and_its_title_says_so(monkeyp
     assert modes.get_title(loc="left") == "paper-figure-10, 5 s of 7 s"
     assert fingers.get_xlim() == pytest.approx((0.0, 5.0), abs=0.001)
     assert fingers.get_title(loc="left").endswith("(in 7 s)")
+
+
+def test_a_plate_with_contacts_is_drawn_with_their_rms_before_the_amplitude_at_the_centre(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = lockstep.run("strokes", settings={"plate": PlateSettings.of("fingertip")}, seconds=1.0)
+    modes, _, fingers = axes_of(run, monkeypatch)
+    texts = [text.get_text() for text in fingers.get_legend().get_texts()]
+    assert texts == ["finger 1", "finger 2", "at its centre", "targets"]
+    assert [text.get_text() for text in modes.get_legend().get_texts()][:4] == [f"$W_{{{k}d}}$" for k in (1, 2, 3, 4)]
+    contact = next(line for line in fingers.get_lines() if line.get_label() == "finger 2")
+    counts = contact.get_xdata() > 0.6
+    rms_um = np.sqrt(np.mean(contact.get_ydata()[counts] ** 2))
+    assert rms_um == pytest.approx(run.score.contact_leak_um, rel=0.1)
+    assert f"contrast {run.score.contrast:.1f}" in fingers.get_title(loc="left")
+    assert "over the contact, µm RMS" in fingers.get_ylabel()
 
 
 def test_the_time_from_the_steps_target_to_the_plate_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:

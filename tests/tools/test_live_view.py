@@ -27,13 +27,14 @@ def state(*fingers: FingerState, limited: bool = False) -> PlateState:
     return PlateState(1, 1, 0, "ACTIVE", fingers, (1.5, -2.25), limited, 10.4, 15.6)
 
 
+SIZE_MM = 137.5, 137.5
 STEP_S = 1 / 64  # exact in binary: sums of it are too
 
 
 def shown(*states: PlateState) -> list[str]:
     """The last picture on a terminal."""
     out = Terminal()
-    view = LiveView(out)
+    view = LiveView(out, SIZE_MM)
     for index, each in enumerate(states):
         view.update(each, 100.0 + index * STEP_S)
     view.close()
@@ -48,7 +49,7 @@ def test_a_turned_phase_is_shown_with_both_parts() -> None:
 
 def test_elsewhere_than_on_a_terminal_it_is_one_line_a_second() -> None:
     out = io.StringIO()
-    view = LiveView(out)
+    view = LiveView(out, SIZE_MM)
     for index in range(192):
         view.update(state(finger(1, 0.0, 0.0), finger(2, 9.0, 9.0, 0.0), limited=index > 150), index * STEP_S)
     lines = out.getvalue().splitlines()
@@ -67,7 +68,7 @@ def test_on_a_narrow_terminal_no_line_wraps(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_terminal_is_redrawn_in_place_ten_times_a_second() -> None:
     out = Terminal()
-    view = LiveView(out)
+    view = LiveView(out, SIZE_MM)
     for index in range(141):
         view.update(state(finger(1, 0.0, 0.0)), index * STEP_S)
     pictures = out.getvalue().split("\x1b[J")

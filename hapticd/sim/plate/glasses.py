@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
+
 
 @dataclass(frozen=True, slots=True)
 class Glass:
@@ -52,3 +54,13 @@ GLASSES = {
         reach_um=4.23,
     ),
 }
+
+
+def driven_modes(plate: str, count: int = 0) -> int:
+    """Return how many modes of a plate have an amplifier: `count`, for 0 the plate's own. Raises ValueError."""
+    if count == 0:
+        return GLASSES[plate].driven
+    most = len(GLASSES[plate].modes) - LEAST_PARASITIC
+    if not 2 <= count <= most:
+        raise ValueError(f"{count} modes cannot be driven on the {plate} plate: give 2 to {most}.")
+    return count

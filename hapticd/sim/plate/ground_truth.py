@@ -29,7 +29,7 @@ from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.design import fit_cartography, sample_cartography
 
 from . import shapes as plate_shapes
-from .glasses import GLASSES, REFERENCE
+from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,7 +37,7 @@ MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and a
 DRIVEN_MODES, PARASITIC_MODES = MODES[:2], MODES[2:]
 _SPLIT_HZ = 10.0  # a plate is not quite square: modes of equal frequency are this far to either side of it
 _SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are sized for them
-_LEAST_MODES, _LEAST_PARASITIC = 4, 2  # of all, and of those that no amplifier drives
+_LEAST_MODES = 4  # of all
 FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
 _MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
@@ -111,7 +111,7 @@ class PlateSettings:
             raise ValueError(f"PlateSettings.shapes is {self.shapes!r}; choose from {', '.join(plate_shapes.KINDS)}.")
         if self.plate not in GLASSES:
             raise ValueError(f"PlateSettings.plate is {self.plate!r}; choose from {', '.join(GLASSES)}.")
-        most = len(GLASSES[self.plate].modes) - _LEAST_PARASITIC
+        most = len(GLASSES[self.plate].modes) - LEAST_PARASITIC
         if not 2 <= self.driven_modes <= most:
             raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 to {most}.")
         for field in fields(self):
@@ -195,7 +195,7 @@ class GroundTruth:
 
 def _built_hz(settings: PlateSettings) -> FloatArray:
     """Return the frequencies of all modes as built, before drift."""
-    count = _LEAST_MODES if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + _LEAST_PARASITIC
+    count = _LEAST_MODES if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
     names = GLASSES[settings.plate].modes[:count]
     theory_hz = np.array([plate_shapes.theory(name, settings.plate)[0] for name in names])
     if settings.plate != REFERENCE:

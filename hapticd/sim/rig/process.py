@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import DeviceError
+from ..plate.glasses import REFERENCE
 
 END_WITHIN_S = 10.0
-# In the rig's directory: the mode maps of its driven and parasitic modes, and the section [plate] of a configuration
-# with the other measurements of the parasitic modes.
+# In the rig's directory: the mode maps of its driven and parasitic modes, and a configuration with the plate's size and
+# limits and the other measurements of the parasitic modes.
 MODES_FILE = "modes.npz"
 PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"
@@ -26,6 +27,7 @@ HISTORY_FILE = "history.npz"
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
+    `plate` is one of `glasses.GLASSES`, `modes` the number of those that are driven, 0 for its own.
     `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
     the recorded arrays after `close`; until then they lie in `directory`, which the rig deletes if its owner dies.
     """
@@ -35,6 +37,8 @@ class RigProcess:
         scenario: str,
         seed: int,
         *,
+        plate: str = REFERENCE,
+        modes: int = 0,
         record: bool = False,
         program: Path | None = None,
     ) -> None:
@@ -50,6 +54,10 @@ class RigProcess:
             scenario,
             "--seed",
             str(seed),
+            "--plate",
+            plate,
+            "--modes",
+            str(modes),
             "--owned",
         ]
         if record:

@@ -1,7 +1,7 @@
 """The simulated rig in real time: a process that simulates the hardware.
 
-    python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--seed N] [--record FILE]
-        [--program FILE]
+    python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--seed N] [--plate NAME] [--modes N]
+        [--record FILE] [--program FILE]
 
 Files in DIRECTORY:
 
@@ -9,7 +9,7 @@ Files in DIRECTORY:
                                  or with `--program` in another one (`sim/board/emulator.py`)
     trackpad                     unix SOCK_SEQPACKET endpoint: raw reports of the scenario's fingers (`plugs.py`)
     modes.npz                    measured mode map of this plate
-    plate.toml, neighbours.npz   measurements of its parasitic modes
+    plate.toml, neighbours.npz   its size and limits, and measurements of its parasitic modes
     truth, fingers               sockets: the plate's ground truth out, a user's fingers in (`sockets.py`)
 
 Bytes to and from the board are delayed by 5 ms, reports by the sensor's 10 ms. It prints `ready T` when the devices can
@@ -41,6 +41,7 @@ from ..fingers.hands import Hands, YieldingPath
 from ..fingers.paths import Path as FingerPath
 from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from ..fingers.sensor import Report, SensorModel, SensorSettings
+from ..plate.glasses import GLASSES, REFERENCE, driven_modes
 from ..plate.ground_truth import GroundTruth, PlateSettings
 from ..world import World
 from .files import write_measured
@@ -63,11 +64,12 @@ class Rig:
         seed: int,
         *,
         keep: bool,
+        plate: PlateSettings | None = None,
         program: Path | None = None,
     ) -> None:
         self.actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
         self.hands = Hands()
-        self.plate = GroundTruth(PlateSettings())
+        self.plate = GroundTruth(plate)
         self._files = write_measured(self.plate, seed, directory, with_parasitic_modes=program is None)
         boot_id = os.getpid() & 0x7FFFFFFF
         paths: list[FingerPath] = [
@@ -81,7 +83,7 @@ class Rig:
             self.world = World(
                 paths,
                 self.plate,
-                w_limit_um=(self.plate.settings.w_limit_um,) * 2,
+                w_limit_um=self.plate.w_limit_um,
                 seed=seed,
                 boot_id=boot_id,
                 keep=keep,
@@ -214,6 +216,7 @@ class Rig:
             target_um=target_um,
             reference_um=recording.reference_um,
             modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
+            plate_um=recording.plate_um,
             truth_um=truth_um,
         )
 
@@ -224,6 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("directory", type=Path, help="directory for the endpoints")
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--plate", default=REFERENCE, choices=tuple(GLASSES))
+    parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
     parser.add_argument("--record", type=Path, help="write the history (NPZ) at the end")
     parser.add_argument("--program", type=Path, help="run the board in another process: this firmware image")
     parser.add_argument(
@@ -232,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         _run(options)
-    except DeviceError as error:
+    except (DeviceError, ValueError) as error:
         sys.exit(f"hapticd.sim.rig.program: {error}")
 
 
@@ -242,6 +247,7 @@ def _run(options: argparse.Namespace) -> None:
         options.scenario,
         options.seed,
         keep=options.record is not None,
+        plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes)),
         program=options.program,
     )
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
+from collections.abc import Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 REDRAW_S = 0.1
 LINE_S = 1.0
 RATE_OVER = 64
-PLATE_MM = 137.5
 COLUMNS, ROWS = 45, 15
 DEFAULT_COLUMNS = 80  # of a terminal that does not report its width
 LEAST_UM = 0.005  # less is shown as 0
@@ -27,8 +27,9 @@ CLEAR_TO_END = "\x1b[J"
 class LiveView:
     """Draws telemetry states at a readable rate. `update` takes every state and the time."""
 
-    def __init__(self, out: TextIO) -> None:
+    def __init__(self, out: TextIO, size_mm: Sequence[float]) -> None:
         self._out = out
+        self._size_mm = size_mm
         self._in_place = out.isatty()
         self._instants_s: deque[float] = deque(maxlen=RATE_OVER)
         self._t_drawn_s = -float("inf")
@@ -72,14 +73,20 @@ class LiveView:
         return f"{state.state:<7} {self._rate_hz():5.1f}/s  horizon {state.horizon_ms:4.1f} ms  {fingers}{flag}"
 
     def _picture(self, state: PlateState) -> list[str]:
-        lines = ["+" + "-" * COLUMNS + "+", *(f"|{row}|" for row in _plate(state)), "+" + "-" * COLUMNS + "+"]
+        lines = [
+            "+" + "-" * COLUMNS + "+",
+            *(f"|{row}|" for row in _plate(state, self._size_mm)),
+            "+" + "-" * COLUMNS + "+",
+        ]
         lines.append(f"{'finger':<10}{'x mm':>8}{'y mm':>8}{'target um':>11}{'actual um':>10}")
         lines += [
             f"{finger.id!s:<10}{finger.x_mm:>8.1f}{finger.y_mm:>8.1f}"
             f"{_um(finger.target_um):>11}{_um(finger.achieved_um):>10}"
             for finger in state.fingers
         ]
-        modes = "  ".join(f"W{name} {w}" for name, w in zip("XYZ", _phasors(state), strict=False))
+        phasors = _phasors(state)
+        names = "XYZ" if len(phasors) <= 3 else "12345678"
+        modes = "  ".join(f"W{name} {w}" for name, w in zip(names, phasors, strict=False))
         share = self._limited / self._states
         lines.append(f"{modes} um   {'LIMITED' if state.limited else '       '} ({share:.0%} of the time)")
         lines.append(
@@ -96,14 +103,14 @@ def _columns(out: TextIO) -> int:
         return DEFAULT_COLUMNS
 
 
-def _plate(state: PlateState) -> list[str]:
+def _plate(state: PlateState, size_mm: Sequence[float]) -> list[str]:
     """Return the plate from above: a slippery finger is drawn as o, a sticky one as #, one without target as +."""
     rows = [[" "] * COLUMNS for _ in range(ROWS)]
     for finger in state.fingers:
         if not (math.isfinite(finger.x_mm) and math.isfinite(finger.y_mm)):
             continue
-        column = round((finger.x_mm / PLATE_MM + 0.5) * (COLUMNS - 1))
-        row = round((0.5 - finger.y_mm / PLATE_MM) * (ROWS - 1))
+        column = round((finger.x_mm / size_mm[0] + 0.5) * (COLUMNS - 1))
+        row = round((0.5 - finger.y_mm / size_mm[1]) * (ROWS - 1))
         if 0 <= column < COLUMNS and 0 <= row < ROWS:
             target_um = finger.target_um
             rows[row][column] = "+" if target_um is None else "#" if target_um == 0 else "o"

@@ -3,8 +3,9 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client sets a slippery and a sticky finger, a live view shows their amplitudes, and at the end the plate's true
-motion is scored against the paper's scheme on the same fingers. The board is the firmware's core in the rig, or its
-whole program in a process, with a simpler plate inside; the paper's scheme then gets the same plate.
+motion is scored beside the same fingers in virtual time: the paper's scheme and hapticd on the reference plate, and
+hapticd on the fingertip plate. The board is the firmware's core in the rig, or its whole program in a process, with a
+simpler plate inside; the others then get such a plate too.
 """
 
 from __future__ import annotations
@@ -14,30 +15,28 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ...config.sections import LimitsConfig
+from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError, missing_client
 from ...files import outputs, plotting
-from ...sim import lockstep
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
 from ...sim.picture import Film, draw
-from ...sim.plate.ground_truth import PlateSettings
+from ...sim.plate.ground_truth import GroundTruth
 from ...sim.rig.process import RigProcess
-from ...sim.score import Score, score
+from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
 from ...values import AmplitudeTarget
+from .. import glass
 from ..arguments import number, whole
 from ..daemon_process import DaemonProcess
-from ..progress import Progress
+from .columns import Column, VirtualRun, columns, live_column
 from .live_view import LiveView
 
 if TYPE_CHECKING:
@@ -49,19 +48,14 @@ FINGERS = 2
 DAEMON_WITHIN_S = 15.0
 FINGERS_WITHIN_S = 10.0
 PICTURE_S = 2.5
-
-BOARD_NAMES = {"library": "hapticd", "host": "hapticd, the board a process"}
-
-# The plate inside another process lacks these effects; the paper's scheme gets the same plate.
-BARE_PLATE = PlateSettings(
-    finger_decay_1_s=0.0, parasitic_coupling=0.0, parasitic_pickup=0.0, sensor_crosstalk=0.0, sensor_noise_um=0.0
-)
+COMPARED_S = 6.0  # in virtual time, which takes a second for every two on the fingertip plate without compiled modules
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add duration, seed, board and outputs."""
     parser.add_argument("--seconds", type=number(0.0, is_above=True), default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
+    glass.add_arguments(parser)
     outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
     parser.add_argument(
         "--board",
@@ -82,6 +76,9 @@ def run(options: argparse.Namespace) -> None:
         raise missing_client("The demo") from None
     if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
+    sim = glass.chosen(options)
+    if options.board == "host" and sim != SimConfig():
+        raise UsageError("--plate and --modes: the board in another process has the reference plate with two modes.")
     program = None if options.board == "library" else find_program(options.image)
     out = _picture_file(options)
     try:
@@ -106,37 +103,41 @@ def _picture_file(options: argparse.Namespace) -> Path | None:
 def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -> None:
     import hapticd_client
 
-    board, seed = options.board, options.seed
+    board, seed, sim = options.board, options.seed, glass.chosen(options)
+    is_bare = board == "host"
+    live = live_column(sim, is_bare=is_bare)
+    compared = columns(live, is_bare=is_bare)
+    runs = {column: VirtualRun(column, SCENARIO, seed) for column in compared if column != live}
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
-    rig = RigProcess(SCENARIO, seed, record=True, program=program)
-    with rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:
-        with hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client:
-            user = _ScriptedUser(client, rig, seed)
-            with _watched(daemon.runtime_dir, opens=options.view):
-                t_asked_s = _wait_for_fingers(client, user)
-                status = _watch(client, user, options.seconds)
-            if status["board"].get("refused"):
-                raise HapticdError(status["board"]["refused"])
-        t_end_s = time.monotonic() - rig.t_start_s
-    ours = _film(rig.history, BOARD_NAMES[board]).between(t_asked_s, t_end_s)
-    print("\nscoring it, and the paper's scheme on the same fingers ...", flush=True)
-    same_plate = lockstep.Settings() if board == "library" else lockstep.Settings(plate=BARE_PLATE)
-    with Progress("the paper's scheme") as progress:
-        settings = lockstep.paper(same_plate)
-        paper_run = lockstep.run(SCENARIO, settings=settings, seed=seed, seconds=t_end_s, progress=progress)
-    paper = Film.of(paper_run, "the paper's scheme").between(t_asked_s, t_end_s)
+    rig = RigProcess(SCENARIO, seed, plate=sim.plate, modes=sim.modes, record=True, program=program)
+    with (
+        rig,
+        DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon,
+        hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client,
+    ):
+        user = _ScriptedUser(client, rig, seed)
+        with _watched(daemon.runtime_dir, opens=options.view):
+            t_asked_s = _wait_for_fingers(client, user)
+            status = _watch(client, user, options.seconds)
+        if status["board"].get("refused"):
+            raise HapticdError(status["board"]["refused"])
+    t_end_s = t_asked_s + min(options.seconds, COMPARED_S)
+    print("\nscoring it, and the same fingers in virtual time ...", flush=True)
+    for run_ahead in runs.values():
+        run_ahead.play(t_asked_s, t_end_s)
+    ours = _film(rig.history, live, t_asked_s, t_end_s)
+    films = {column: ours if column == live else runs[column].film() for column in compared}
     if out is not None:
-        limit_um, source = max(LimitsConfig().w_limit_um), f"demo, seed {seed}"
-        draw([ours, paper], out, w_limit_um=limit_um, seconds=PICTURE_S, source=source)
-    print(summary(ours.score, paper.score, status))
+        draw(list(films.values()), out, seconds=PICTURE_S, source=f"demo, seed {seed}", has_contacts=True)
+    print(summary(films, live, status))
     if board == "library":
         print(
-            "Both have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite."
+            "All have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite."
         )
     else:
-        print("Without damping by fingers and parasitic modes, these figures are optimistic for both schemes.")
+        print("Without damping by fingers and parasitic modes, these figures are optimistic for all schemes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
     if out is not None:
@@ -144,20 +145,33 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     print("To touch such a plate yourself, in the browser: hapticd view --sim")
 
 
-def summary(ours: Score, paper: Score, status: dict[str, Any]) -> str:
-    """Return the scores and latencies as a few lines."""
-    latency = status["latency_ms"]
+def summary(films: Mapping[Column, Film], live: Column, status: dict[str, Any]) -> str:
+    """Return the scores and latencies as a few lines; the column `live` ran in real time."""
+    latency, scores, ours = status["latency_ms"], [film.score for film in films.values()], films[live]
+
+    def row(name: str, cells: Iterable[str]) -> str:
+        return f"{name:<27}" + "".join(f"{cell:>12}" for cell in cells)
+
     lines = [
         "",
-        f"{'':<24}{'hapticd':>10}{'the paper':>12}",
-        f"{'sticky finger, um RMS':<24}{ours.leak_um:>10.3f}{paper.leak_um:>12.3f}",
-        f"{'slippery, um RMS off':<24}{ours.slip_error_um:>10.3f}{paper.slip_error_um:>12.3f}",
-        f"{'slippery, of target':<24}{ours.slip_frac:>10.1%}{paper.slip_frac:>12.1%}",
+        row("", [column.scheme for column in films]),
+        row("plate", [column.plate.plate for column in films]),
+        row("", [f"{column.plate.driven_modes} modes" for column in films]),
+        row("", ["live" if column == live else "" for column in films]),
+        row("sticky contact, um RMS", [f"{score.contact_leak_um:.3f}" for score in scores]),
+        row("slippery contact, um RMS", [f"{score.contact_slip_um:.3f}" for score in scores]),
+        row("contrast of the two", [f"{score.contrast:.1f}" for score in scores]),
+        row("sticky centre, um RMS", [f"{score.leak_um:.3f}" for score in scores]),
+        row("slippery centre, of target", [f"{score.slip_frac:.1%}" for score in scores]),
+        f"Over {ours.seconds:.0f} s; a contact is a disc of {CONTACT_RADIUS_MM:g} mm; targets are 0 and 1 um.",
         "",
     ]
-    if ours.leak_um > 0:
-        ratio = paper.leak_um / ours.leak_um
-        lines.append(f"The sticky finger gets {ratio:.1f} times less vibration than under the paper's.")
+    if ours.score.leak_um > 0:
+        contact, centre = scores[0].contact_leak_um / ours.score.contact_leak_um, scores[0].leak_um / ours.score.leak_um
+        lines.append(
+            f"The sticky finger gets {centre:.1f} times less vibration at its centre than under the paper's scheme, "
+            f"{contact:.1f} times less over its contact."
+        )
     if latency:
         lines.append(
             f"{latency['frames_hz']:.0f} frames/s; the sample is {latency['age']['p50']:.1f} ms old, the link takes "
@@ -224,7 +238,7 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
 
 def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any]:
     """Show the live view for `seconds`; return the daemon's status at its end."""
-    view = LiveView(sys.stdout)
+    view = LiveView(sys.stdout, client.plate()["size_mm"])
     t_end_s = time.monotonic() + seconds
     for state in client.states(timeout_s=2.0):
         t_now_s = time.monotonic()
@@ -236,14 +250,9 @@ def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any
     return client.status()
 
 
-def _film(arrays: dict[str, Any], title: str) -> Film:
-    nothing = np.zeros(len(arrays["t_s"]), dtype=bool)
-    return Film(
-        title=title,
-        t_s=arrays["t_s"],
-        target_um=arrays["target_um"],
-        reference_um=arrays["reference_um"],
-        modal_um=arrays["modal_um"],
-        truth_um=arrays["truth_um"],
-        score=score(arrays["t_s"], arrays["target_um"], arrays["truth_um"], arrays["reference_um"], nothing),
-    )
+def _film(history: Mapping[str, Any], live: Column, start_s: float, end_s: float) -> Film:
+    """Return a window of the rig's recording."""
+    part = (history["t_s"] >= start_s) & (history["t_s"] < end_s)
+    arrays = {name: array[part] for name, array in history.items()}
+    arrays["finger_mm"] = arrays["finger_true_mm"]
+    return Film.judged(f"{live.title}, live", live.plate, max(GroundTruth(live.plate).w_limit_um), arrays)

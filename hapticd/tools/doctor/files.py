@@ -6,21 +6,25 @@ import os
 import shutil
 from pathlib import Path
 
+from ...config.sections import LimitsConfig
 from ...errors import HapticdError
 from ...files import calibration
 from ...io.clients import keys
+from ...sim.plate.glasses import driven_modes
 from .finding import FAIL, PASS, WARN, Finding, System
-
-SIMULATED_MODES = 2
 
 
 def modes(system: System) -> Finding:
     """Check the mode map. That of the simulated plate is computed at its start, which takes seconds: not here."""
-    path, limits = system.config.plate.modes_file, len(system.config.limits.w_limit_um)
-    if not path and limits == SIMULATED_MODES:
-        return Finding(PASS, "mode shapes", "computed for the simulated plate")
+    path, limits_um, sim = system.config.plate.modes_file, system.config.limits.w_limit_um, system.config.sim
     if not path:
-        text = f"limits.w_limit_um has {limits} limits, the simulated plate {SIMULATED_MODES} modes"
+        try:
+            simulated = driven_modes(sim.plate, sim.modes)
+        except ValueError as error:
+            return Finding(FAIL, "mode shapes", f"sim.modes: {error}", "set sim.modes to 0 for the plate's own")
+        if len(limits_um) == simulated or limits_um == LimitsConfig().w_limit_um:
+            return Finding(PASS, "mode shapes", "computed for the simulated plate")
+        text = f"limits.w_limit_um has {len(limits_um)} limits, the simulated plate {simulated} modes"
         return Finding(FAIL, "mode shapes", text, "give one limit for each mode, or plate.modes_file")
     from ...daemon.service import load_modes
 

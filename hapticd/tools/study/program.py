@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from ... import __version__
 from ...errors import HapticdError, missing_client
 from ...files import outputs
+from ...sim.plate.glasses import REFERENCE
+from .. import glass
 from ..daemon_process import PATIENT, DaemonProcess
 from . import report
 from .browser import Browser
@@ -66,6 +68,7 @@ def _add_run(actions: Any) -> None:
     parser.add_argument("--page-port", type=int, default=0, metavar="PORT", help="of that page (default: any free one)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--sim", action="store_true", help="rehearse on a simulated plate with a scripted finger")
+    glass.add_arguments(parser)
     simulated = parser.add_argument_group("a simulated participant")
     simulated.add_argument("--simulate", action="store_true", help="answer by a simulated participant, in virtual time")
     simulated.add_argument("--scheme", choices=("hapticd", "paper"), help="the control scheme (default hapticd)")
@@ -91,9 +94,10 @@ def _report(options: argparse.Namespace) -> None:
     report.write(options.folder, options.json, is_forced=options.force)
 
 
-def rehearsal(scenario: str = SCENARIO) -> DaemonProcess:
+def rehearsal(scenario: str = SCENARIO, plate: str = REFERENCE, modes: int = 0) -> DaemonProcess:
     """Return a service on a simulated plate, which logs only errors to the study's terminal."""
-    return DaemonProcess(f'scenario = "{scenario}"', PATIENT, log_level="error")
+    sim = f'scenario = "{scenario}"\nplate = "{plate}"\nmodes = {modes}'
+    return DaemonProcess(sim, PATIENT, log_level="error")
 
 
 def run_session(options: argparse.Namespace) -> None:
@@ -129,6 +133,7 @@ def _check(options: argparse.Namespace) -> None:
         raise StudyError(f"--speed: {options.speed:g} is out of bounds, give 0 .. {MAX_SPEED_MM_S:g} mm/s.")
     if options.page_port != 0 and not options.browser:
         raise StudyError("--page-port needs the page: give --browser as well.")
+    glass.chosen(options, is_simulated=options.sim)
     if options.sim and options.endpoint is not None:
         raise StudyError("--sim starts a service of its own: it cannot be combined with --endpoint.")
     if options.seed is not None and not 0 <= options.seed <= MAX_SEED:
@@ -184,7 +189,8 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
         raise missing_client("The study") from None
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
-        simulated = held.enter_context(rehearsal()) if options.sim else None
+        sim = glass.chosen(options)
+        simulated = held.enter_context(rehearsal(plate=sim.plate, modes=sim.modes)) if options.sim else None
         try:
             client = held.enter_context(_client(options, simulated))
             file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))

@@ -19,8 +19,10 @@ import zmq
 
 import hapticd_client
 
+from ...config import loader as config
 from ...core.plate.mode_shapes import ModeShapes
 from ...errors import HapticdError, ModesError
+from ...sim.rig.process import PLATE_FILE
 from . import messages
 from .layers import LAYERS, LayerFinger
 from .messages import ClearFault, SetTarget
@@ -49,7 +51,7 @@ class Plate:
         self.reference_limit_um = tuple(map(float, body["reference_limit_um"]))
         self.grid = picture_grid(self.modes, self.size_mm)
         self.fingers: tuple[LayerFinger, ...] = ()  # those that have a target
-        self.text = messages.plate(body, client, sorted(LAYERS), is_simulated=self.rig_dir is not None)
+        self.text = messages.plate(body, client, sorted(LAYERS), _name(self.rig_dir))
 
 
 class PlateClient:
@@ -155,6 +157,14 @@ def _send(client: hapticd_client.Client, request: SetTarget | ClearFault) -> Non
         client.release(request.finger)
     else:
         client.set(request.finger, amplitude_um=request.amplitude_um)
+
+
+def _name(rig_dir: Path | None) -> str | None:
+    """Return the name of a simulated plate, empty if its rig does not tell it; None for a real one."""
+    if rig_dir is None:
+        return None
+    file = rig_dir / PLATE_FILE
+    return config.load(file).sim.plate if file.is_file() else ""
 
 
 def modes_of(body: Mapping[str, Any]) -> ModeShapes:

@@ -29,6 +29,7 @@ MAX_MESSAGE_BYTES = 4096
 MAX_FINGERS = 16
 MAX_AMPLITUDE_UM = 1000.0
 MAX_ID = 2**32 - 1
+CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 
 
@@ -130,8 +131,13 @@ def frame(state: PlateState, truth: Truth | None) -> str:
     )
 
 
-def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], *, is_simulated: bool) -> str:
-    """Return the plate's constants: sizes, limits, this client's name, and whether the page can touch it."""
+def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated: str | None) -> str:
+    """Return the plate's constants: sizes, limits, this client's name, and that of a simulated plate.
+
+    The page can touch a simulated one. Contacts are drawn with `contact_radius_mm`; with `has_contacts` amplitudes
+    count over them.
+    """
+    contact_radius_mm = body.get("contact_radius_mm", 0.0)
     return _text(
         {
             "kind": "plate",
@@ -141,7 +147,10 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], *, is_sim
             "modes": body["modes"],
             "client": client,
             "layers": list(layers),
-            "simulated": is_simulated,
+            "contact_radius_mm": contact_radius_mm or CONTACT_RADIUS_MM,
+            "has_contacts": contact_radius_mm > 0.0,
+            "simulated": simulated is not None,
+            "name": simulated or "",
         }
     )
 

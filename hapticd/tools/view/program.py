@@ -18,6 +18,7 @@ from pathlib import Path
 from ...config.sections import SCENARIO_NAMES
 from ...errors import HapticdError, UsageError, missing_client, missing_library
 from ...sim.rig.process import RigProcess
+from .. import glass
 from ..daemon_process import PATIENT, DaemonProcess
 
 SCENARIO = "hands"
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
     parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
     parser.add_argument("--seed", type=int, default=1, help="of its fingers, noise and mode map (default 1)")
+    glass.add_arguments(parser)
     parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
     parser.add_argument("--port", type=int, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})")
     parser.add_argument("--no-browser", action="store_true", help="print the page's address without opening it")
@@ -45,7 +47,8 @@ def run(options: argparse.Namespace) -> None:
         stack.enter_context(listener)
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            rig = stack.enter_context(RigProcess(options.scenario or SCENARIO, options.seed))
+            scenario, sim = options.scenario or SCENARIO, glass.chosen(options)
+            rig = stack.enter_context(RigProcess(scenario, options.seed, plate=sim.plate, modes=sim.modes))
             endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
         asyncio.run(_serve(listener, endpoint, open_browser=not options.no_browser))
 
@@ -63,6 +66,7 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
+    glass.chosen(options, is_simulated=options.sim)
     if options.scenario is not None and not options.sim:
         raise UsageError("--scenario needs a simulated plate: give --sim as well.")
     if options.scenario is not None and options.scenario not in SCENARIO_NAMES:

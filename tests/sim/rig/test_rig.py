@@ -20,6 +20,7 @@ import pytest
 import zmq
 
 from hapticd.board_values import BoardHello, BoardMessage
+from hapticd.config.loader import load
 from hapticd.errors import DeviceError
 from hapticd.sim.rig import program as rig_module
 from hapticd.sim.rig import sockets as rigsockets
@@ -95,6 +96,16 @@ def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
         hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
     assert isinstance(hello, BoardHello)
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
+
+
+def test_the_board_of_another_plate_has_its_modes_and_limits() -> None:
+    with RigProcess("rest", 1, plate="fingertip") as running, opened(running.directory) as fd:
+        os.write(fd, device.encode_hello_request())
+        hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
+        described = load(running.directory / "plate.toml")
+    assert isinstance(hello, BoardHello)
+    device.check_hello(hello, modes=4, w_limit_um=described.limits.w_limit_um)
+    assert described.plate.size_mm == (200.0, 200.0)
 
 
 def test_the_endpoint_gives_genuine_reports_one_a_packet_to_each_that_connects(rig: tuple[Rig, Path]) -> None:

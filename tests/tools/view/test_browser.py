@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
+import re
 from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 
@@ -137,6 +138,7 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
     page.until(lambda: "29.205 kHz" in page["modes-text"].text)
     page.until(lambda: 0 < page.brightness() < 10)
     page.until(lambda: "truly moves" in page["field-of"].text)
+    assert page["what"].text == "reference plate, 2 modes"
     assert page["untouched"].is_displayed()
     assert not page["notice"].is_displayed()
     names = page.browser.execute_script("return performance.getEntriesByType('resource').map((entry) => entry.name)")
@@ -363,3 +365,21 @@ def test_an_invalid_message_is_refused_without_harm(page: Page) -> None:
     page.until(lambda: "op: must be" in json.dumps(page.browser.execute_script("return received")))
     page.browser.execute_script("own.close()")
     page.until(lambda: "0 fingers" in page["state"].text)
+
+
+def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> None:
+    running = View("--sim", "--plate", "fingertip", "--scenario", "strokes")
+    try:
+        browser.get(running.address)
+        page = Page(browser)
+        page.until(lambda: page["what"].text == "fingertip plate, 4 modes, whole contacts")
+        page.until(lambda: len(page.fingers()) == 2)
+        page.until(lambda: any("friction 100 %" in row for row in page.fingers()))
+        page.until(lambda: 0 < page.brightness() < 10)
+        for choice in browser.find_elements(By.XPATH, "//button[text()='Slippery']"):
+            choice.click()
+        page.until(lambda: page.fingers() and all(re.search(r"friction [1-9]\d %", row) for row in page.fingers()))
+        assert page.complaints() == []
+    finally:
+        browser.get("about:blank")
+        assert running.end() == 0

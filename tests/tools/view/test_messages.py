@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -14,8 +15,9 @@ from hypothesis import strategies as st
 
 from hapticd.errors import HapticdError, RequestError
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.rig.files import write_measured
 from hapticd.tools.view import messages
-from hapticd.tools.view.client import GRID, modes_of, picture_grid
+from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
 from hapticd.tools.view.messages import ClearFault, Hold, SetTarget
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateState
@@ -100,6 +102,23 @@ def test_a_frame_is_complete_and_valid_json() -> None:
         "truth_um": [[0.0, 0.99]],
     }
     assert json.loads(messages.frame(STATE, None))["truth"] is None
+
+
+def test_the_plate_is_told_with_its_name_and_the_radius_of_contacts() -> None:
+    body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0] * 4, "drive_hz": None, "modes": 4}
+    told = json.loads(messages.plate(body | {"contact_radius_mm": 4.5}, "view-1", ["layer"], "fingertip"))
+    assert (told["name"], told["modes"], told["simulated"]) == ("fingertip", 4, True)
+    assert (told["contact_radius_mm"], told["has_contacts"]) == (4.5, True)
+    of_points = json.loads(messages.plate(body | {"contact_radius_mm": 0.0}, "view-1", [], None))
+    assert (of_points["name"], of_points["simulated"]) == ("", False)
+    assert (of_points["contact_radius_mm"], of_points["has_contacts"]) == (messages.CONTACT_RADIUS_MM, False)
+
+
+def test_the_name_of_a_simulated_plate_is_that_in_its_rig_s_directory(tmp_path: Path) -> None:
+    assert _name(None) is None
+    assert _name(tmp_path) == ""
+    write_measured(GroundTruth(PlateSettings.of("fingertip")), 1, tmp_path, with_parasitic_modes=False)
+    assert _name(tmp_path) == "fingertip"
 
 
 def test_the_ground_truth_is_decoded_and_anything_else_is_none() -> None:

@@ -56,9 +56,9 @@ export function drawModes(canvas, modes, limits_um, colours) {
     context.stroke();
     context.fillStyle = colours.quiet;
     context.textAlign = "left";
-    context.fillText(`W${NAMES[mode] ?? mode}`, cell * mode + 4, 12);
+    context.fillText(`W${limits_um.length > NAMES.length ? mode + 1 : NAMES[mode]}`, cell * mode + 4, 12);
     context.textAlign = "right";
-    context.fillText(`${limits_um[mode]} µm`, cell * (mode + 1) - 4, 12);
+    context.fillText(`${Number(limits_um[mode].toFixed(2))} µm`, cell * (mode + 1) - 4, 12);
     for (const { phasors, colour, wide } of modes) {
       const w_um = phasors[mode];
       if (!w_um) continue;

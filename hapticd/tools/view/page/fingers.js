@@ -66,7 +66,9 @@ export class FingerList {
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
     write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
-    write(row.owner, owner === null ? "no owner" : isOurs ? "held by this viewer" : `held by '${owner}': only that client can change it`);
+    const contact = finger.felt;
+    const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, friction ${Math.round(100 * contact.friction)} % · ` : "";
+    write(row.owner, felt + (owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`));
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
     row.sticky.setAttribute("aria-pressed", owner !== null && target_um === 0);

@@ -71,8 +71,9 @@ export function motion(frame) {
   return { modal_um: frame.modal_um, of: "asked" };
 }
 
-/** Amplitude of each finger: true on a simulated plate, else computed from the measured modes. */
-export function judge(frame, field) {
+/** Amplitude of each finger: true on a simulated plate, else computed from the measured modes. With `has_contacts` it is
+ * the RMS over the contact, which is computed either way. */
+export function judge(frame, field, { contact_radius_mm, has_contacts }) {
   const { modal_um } = motion(frame);
   const free = frame.truth ? frame.truth.fingers_mm.map((_, i) => i) : [];
   for (const finger of frame.fingers) {
@@ -86,6 +87,9 @@ export function judge(frame, field) {
       finger.true_mm = null;
       finger.gets_um = field && x_mm !== null ? field.at(modal_um, x_mm, y_mm) : null;
     }
+    const place = finger.true_mm ?? (x_mm === null ? null : finger.seen_mm);
+    finger.felt = field && place ? field.felt(modal_um, place, contact_radius_mm) : null;
+    if (has_contacts && finger.felt) finger.gets_um = finger.felt.rms_um;
   }
   return frame;
 }

@@ -49,6 +49,9 @@ const link = new Link({
     const shapes = await link.shapes();
     if (plate !== message) return;
     picture.field = new Field(shapes, message.size_mm, message.w_limit_um);
+    picture.radius_mm = message.contact_radius_mm;
+    const { name, modes, has_contacts } = message;
+    write($("what"), `${name} plate, ${modes} modes${has_contacts ? ", whole contacts" : ""}`.trim());
     hands.allow(message.simulated ? message.size_mm : null);
     write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
     $("new-box").hidden = !message.simulated;
@@ -57,7 +60,7 @@ const link = new Link({
   },
   frame: (message) => {
     isLive = true;
-    history.add(judge(message, picture.field));
+    history.add(judge(message, picture.field, plate));
     giveTargets(message);
   },
   status: (message) => {

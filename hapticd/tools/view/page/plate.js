@@ -4,12 +4,15 @@ import { prepared } from "./colours.js";
 import { motion } from "./history.js";
 
 const LEAST_UM = 0.02; // a plate that moves less than this has no node lines to show
-const FINGER_MM = 7; // the radius of a fingertip's mark
+// The colours of a contact, red, green and blue: with the friction of bare glass, and with that at 1 um.
+const [STUCK, SLID] = [[255, 184, 119], [143, 211, 255]];
+const LEAST_FRICTION = Math.exp(-1 / 0.7);
 
 export class PlatePicture {
   constructor(canvas) {
     this.canvas = canvas;
     this.field = null;
+    this.radius_mm = 5; // of the contacts
   }
 
   /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
@@ -30,7 +33,7 @@ export class PlatePicture {
     const [w_mm, h_mm] = this.field.size_mm;
     const scale = width / w_mm;
     const to = ([x_mm, y_mm]) => [(x_mm / w_mm + 0.5) * width, (0.5 - y_mm / h_mm) * height];
-    for (const place of this.lonely(frame)) this.ring(context, to(place), FINGER_MM * scale, false);
+    for (const place of this.lonely(frame)) this.ring(context, to(place), this.radius_mm * scale, false);
     for (const finger of frame.fingers) {
       if (finger.seen_mm[0] === null) continue;
       this.finger(context, finger, to, scale, finger.id === chosen, width);
@@ -47,8 +50,9 @@ export class PlatePicture {
   }
 
   finger(context, finger, to, scale, isChosen, width) {
-    const radius = FINGER_MM * scale;
+    const radius = this.radius_mm * scale;
     const centre = to(finger.true_mm ?? finger.seen_mm);
+    if (finger.felt) disc(context, centre, radius, finger.felt.friction);
     if (finger.true_mm) this.ring(context, centre, radius, isChosen);
     else if (isChosen) this.ring(context, centre, radius + 3, true);
     const [x, y] = to(finger.seen_mm);
@@ -93,6 +97,16 @@ export class PlatePicture {
     context.fillStyle = finger.target_um === null ? "#fff" : finger.target_um === 0 ? "#ffb877" : "#8fd3ff";
     context.fillText(text, left + 7, top + 10.5);
   }
+}
+
+/** A contact, coloured by its friction. */
+function disc(context, [x, y], radius, friction) {
+  const part = Math.min(Math.max((friction - LEAST_FRICTION) / (1 - LEAST_FRICTION), 0), 1);
+  const [r, g, b] = STUCK.map((stuck, i) => Math.round(SLID[i] + part * (stuck - SLID[i])));
+  context.fillStyle = `rgb(${r} ${g} ${b} / .75)`;
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context.fill();
 }
 
 function invite(context, text, width, height) {

@@ -1,0 +1,115 @@
+"""Columns of the demo's comparison: a scheme on a plate each, all on the same fingers; one of them is the live one.
+
+The others run in virtual time, each in a process of its own that computes its plate's mode shapes while the rig starts.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+
+from ...config.sections import SimConfig
+from ...errors import HapticdError
+from ...sim import lockstep
+from ...sim.picture import Film
+from ...sim.plate.glasses import FINGERTIP, REFERENCE
+from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+
+PAPER, HAPTICD = "the paper", "hapticd"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A scheme on a plate."""
+
+    scheme: str
+    plate: PlateSettings
+
+    @property
+    def title(self) -> str:
+        """Name of the scheme, the plate and its number of modes."""
+        scheme = "the paper's scheme" if self.scheme == PAPER else self.scheme
+        return f"{scheme}, {self.plate.plate} plate, {self.plate.driven_modes} modes"
+
+
+def live_column(sim: SimConfig, *, is_bare: bool) -> Column:
+    """Return hapticd on the chosen plate."""
+    return Column(HAPTICD, _plate(sim.plate, sim.modes, is_bare=is_bare))
+
+
+def columns(live: Column, *, is_bare: bool) -> list[Column]:
+    """Return the paper's scheme on the reference plate and hapticd on both, where `live` takes its plate's place."""
+    fixed = [(PAPER, REFERENCE), (HAPTICD, REFERENCE), (HAPTICD, FINGERTIP)]
+    return [
+        live if (scheme, name) == (HAPTICD, live.plate.plate) else Column(scheme, _plate(name, 0, is_bare=is_bare))
+        for scheme, name in fixed
+    ]
+
+
+def _plate(name: str, modes: int, *, is_bare: bool) -> PlateSettings:
+    """Return a plate; a bare one, as inside the board in another process, has no fingers, parasitic modes and noise."""
+    plate = PlateSettings.of(name, modes or None)
+    if not is_bare:
+        return plate
+    return replace(
+        plate,
+        finger_decay_1_s=0.0,
+        parasitic_coupling=0.0,
+        parasitic_pickup=0.0,
+        sensor_crosstalk=0.0,
+        sensor_noise_um=0.0,
+    )
+
+
+class VirtualRun:
+    """A column's process: it plays the scenario up to an instant that is known later."""
+
+    def __init__(self, column: Column, scenario: str, seed: int) -> None:
+        spawning = get_context("spawn")
+        self._column = column
+        self._pipe, theirs = spawning.Pipe()
+        process = spawning.Process(target=_serve, args=(theirs, column, scenario, seed), daemon=True)
+        with _no_interrupt():
+            process.start()
+        theirs.close()  # so that the end of either process is seen by the other
+
+    def play(self, start_s: float, end_s: float) -> None:
+        """Start the run; its film is of this window."""
+        self._pipe.send((start_s, end_s))
+
+    def film(self) -> Film:
+        """Return what was played. Raises HapticdError if the process has ended."""
+        try:
+            film: Film = self._pipe.recv()
+        except EOFError:
+            raise HapticdError(f"The comparison with {self._column.title} ended: see its message above.") from None
+        return film
+
+
+def _serve(pipe: Connection, column: Column, scenario: str, seed: int) -> None:
+    plate = GroundTruth(column.plate)
+    plate.measured_mode_map(seed)  # computed now and kept
+    plate.parasitic_modes(seed)
+    try:
+        start_s, end_s = pipe.recv()
+    except EOFError:  # the demo has ended
+        return
+    settings = lockstep.Settings(plate=column.plate)
+    if column.scheme == PAPER:
+        settings = lockstep.paper(settings)
+    run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s)
+    pipe.send(Film.of(run, column.title).between(start_s, end_s))
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Context whose child processes get no Ctrl-C: the demo ends them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
