@@ -17,6 +17,7 @@ import pytest
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
 from hapticd.board_values import (
+    ClearFault,
     LogRequest,
     ModeModel,
     RawVoltage,
@@ -134,6 +135,8 @@ def test_control_ticks_and_frames_give_the_same_bits(law: str) -> None:
         now_us = (now_us + TICK_US) & 0xFFFFFFFF
         if tick % 25 == 0:
             pole = np.exp(-rng.uniform(90, 500, 2) * 5e-4 + 1j * rng.uniform(-0.1, 0.1, 2))
+        if tick % 20 == 0:  # plates and models that are so wrong are faults now and then
+            twins.receive(encode(ClearFault()), now_us)
         if tick % 20 < 3 or rng.random() < 0.02:
             seq += 1
             twins.receive(polyline(rng, seq, now_us), now_us)
@@ -144,7 +147,7 @@ def test_control_ticks_and_frames_give_the_same_bits(law: str) -> None:
         plate_um = pole * plate_um - 1j * 5.2 * 5e-4 * (voltage_v[::2] + 1j * voltage_v[1::2])
         driven += bool(np.any(voltage_v))
         said += len(twins.transmit(now_us))
-    assert driven > 2000
+    assert driven > 1000
     assert said > 10_000
 
 
