@@ -48,7 +48,7 @@ def test_the_descent_on_arrays_is_the_daemons_own(fingertip: ContactDesign) -> N
     for pair in range(6):
         pair_grams = [both[:, :, pair, finger].tolist() for finger in (0, 1)]
         d_um, q_um = [0.0] * 4, [0.0] * 4
-        solve_contacts(pair_grams, [1.0, 0.0], list(fingertip.limits_um), d_um, q_um)
+        solve_contacts(pair_grams, (1.0, 0.0), tuple(fingertip.limits_um), d_um, q_um)
         np.testing.assert_allclose(w_um[:, pair], np.array(d_um) + 1j * np.array(q_um), atol=1e-9)
         assert contact_rms_um(both[..., 1], w_um)[pair] == pytest.approx(plain_rms_um(pair_grams[1], d_um, q_um))
 
