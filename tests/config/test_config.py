@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -181,3 +182,11 @@ def test_the_form_of_reports_to_replay_is_documented_by_lines_that_are_read(tmp_
     file.write_text("\n".join(re.findall(r"\{.*?\}", line)), encoding="utf-8")
     model, (report,) = read_recording(file)
     assert (model, report.t_host_ns, report.data) == ("mt2-usb", 123, b"\x02\xab")
+
+
+def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_person_set() -> None:
+    reach_um = (4.2, 3.6, 1.4, 1.5)
+    on_plate = config.on_plate(Config(), (200.0, 200.0), reach_um)
+    assert (on_plate.plate.size_mm, on_plate.limits.w_limit_um) == ((200.0, 200.0), reach_um)
+    own = replace(Config(), limits=replace(Config().limits, w_limit_um=(1.0,) * 4))
+    assert config.on_plate(own, (200.0, 200.0), reach_um).limits.w_limit_um == (1.0,) * 4
