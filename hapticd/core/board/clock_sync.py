@@ -15,6 +15,7 @@ from typing import NamedTuple
 from ...board_values import BoardTime
 from ..rolling_quantile import RollingQuantile
 
+_SENSELESS_NS: Final = 1_000_000_000  # a simulated board that catches up holds a reply for longer than the round trip
 _WRAP_US = 2**32  # the board's counter: 71.6 min
 
 
@@ -122,7 +123,7 @@ class BoardClock:
             self._pending.remove(sent_ns)
         held_us = (reply.t_sent_us - reply.t_received_us) % _WRAP_US
         rtt_ns = t_received_ns - sent_ns - held_us * 1000
-        self.senseless = self.senseless + 1 if rtt_ns < 0 else 0
+        self.senseless = self.senseless + 1 if rtt_ns < -_SENSELESS_NS else 0
         if not (0 <= t_received_ns - sent_ns <= self._MAX_RTT_NS and rtt_ns >= 0):
             return None
         middle_ns = reply.t_received_us % _WRAP_US * 1000 + held_us * 500
