@@ -230,6 +230,7 @@ def test_a_recording_has_the_arrays_of_a_run(tmp_path: Path) -> None:
         "target_um": (400, 0),
         "reference_um": (400, 2),
         "modal_um": (400, 2),
+        "plate_um": (400, 4),
         "truth_um": (400, 0),
     }
 
