@@ -21,8 +21,8 @@ import numpy as np
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 
 TICK_NS = 500_000
-STEP_TICKS = 8  # 4 ms
-MAX_BEHIND_TICKS = 1000  # after a longer pause time is dropped, as a board that was stopped would
+STEP_S = 0.004
+MOST_TICKS = 1000  # after a longer pause time is dropped, as a board that was stopped would
 
 
 def main(port: Path, trace: Path) -> None:
@@ -38,24 +38,23 @@ def main(port: Path, trace: Path) -> None:
 
 
 def _serve(board: Board, fd: int, write: object) -> None:
-    """Until the plug is pulled."""
+    """Runs until the plug is pulled."""
     assert callable(write)
-    rows = BoardTrace(STEP_TICKS, 2, 2)
-    no_finger = np.zeros((STEP_TICKS, 0, 2)), np.zeros((STEP_TICKS, 0))
-    t_next_ns = time.monotonic_ns()
+    rows = BoardTrace(MOST_TICKS, 2, 2)
+    no_finger = np.zeros((MOST_TICKS, 0, 2)), np.zeros((MOST_TICKS, 0))
+    t_board_ns = time.monotonic_ns()
     while True:
-        wait_s = max(t_next_ns - time.monotonic_ns(), 0) * 1e-9
-        if select.select([fd], [], [], wait_s)[0]:
+        is_readable = bool(select.select([fd], [], [], STEP_S)[0])
+        behind_ticks = (time.monotonic_ns() - t_board_ns) // TICK_NS  # its clock is that of the host before it reads
+        t_board_ns += behind_ticks * TICK_NS
+        if behind_ticks > 0:
+            board.run(min(behind_ticks, MOST_TICKS), *no_finger, rows)
+            write(f"{time.monotonic_ns()} {np.abs(rows.plate_um[min(behind_ticks, MOST_TICKS) - 1]).max():.4f}\n")
+        if is_readable:
             board.receive(os.read(fd, 4096))
-        behind_ticks = (time.monotonic_ns() - t_next_ns) // TICK_NS
-        if behind_ticks < 0:
-            continue
-        t_next_ns += (STEP_TICKS + (behind_ticks if behind_ticks > MAX_BEHIND_TICKS else 0)) * TICK_NS
-        board.run(STEP_TICKS, *no_finger, rows)
-        write(f"{time.monotonic_ns()} {np.abs(rows.plate_um[-1]).max():.4f}\n")
-        while said := board.transmit():
-            with contextlib.suppress(BlockingIOError):  # nobody has opened the other end
-                os.write(fd, said)
+        while reply := board.transmit():
+            with contextlib.suppress(BlockingIOError):  # the other end is not open
+                os.write(fd, reply)
 
 
 if __name__ == "__main__":
