@@ -1,31 +1,37 @@
 """The contact solver's time and error, beside a general minimiser of the same sum from many starts.
 
 Problems are fingers at random on the fingertip plate, one still for each slippery one, and the amplitudes before are
-those of fingers 1 mm away, as in the touch path. The touch path's knots are closer.
+those of fingers 1 mm away, as in the touch path. The touch path's knots are closer. The long walk shows whether errors
+add up over consecutive calls.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from functools import partial
+from operator import sub
 
 import numpy as np
 import numpy.typing as npt
 
-from ..core.plate.contact import Gram, contact_grams
+from ..core.plate.contact import Gram, contact_grams, disc_points
 from ..core.solver.contacts import FRICTION_DECAY_UM, FULL_UM, UNCERTAIN_FRAC, solve_contacts
-from ..sim.plate.glasses import FINGERTIP
+from ..sim.plate.glasses import FINGERTIP, LEAST_PARASITIC
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM
+from .stability import LAP, closed_way_mm
 from .tables import Table, finite_rows
-from .timing import REPEATS, compare, optional
+from .timing import REPEATS, compare, no_garbage_collection, optional
 
 FloatArray = npt.NDArray[np.float64]
 SIZES = ((2, 4), (2, 5), (2, 6), (3, 6), (5, 6))  # fingers and modes
 REACH_MM, LEAST_GAP_MM = 85.0, 20.0
 STARTS = 5  # of the general minimiser
 SETTLING = 6  # calls until the amplitudes before are settled
+WALKING_MODES = range(2, 9)
+WALKING_LIMIT_UM = 4.0
 
 
 class _Problem:
@@ -121,3 +127,55 @@ def _minimised(optimize: object, problem: _Problem, random: np.random.Generator)
         options={"maxiter": 200},
     )
     return float(found.fun)
+
+
+def walk(steps: int) -> Table:
+    """Two contacts walk a closed way lap after lap, on two to eight modes; `steps` calls in all."""
+    rows = [(f"{modes} modes", _walked(modes, steps // len(WALKING_MODES))) for modes in WALKING_MODES]
+    return Table(
+        name="contacts_walk",
+        title=f"stability: contacts of {CONTACT_RADIUS_MM:g} mm along a closed way, one slipping, one still",
+        default=f"{WALKING_MODES[0]} modes",
+        rows=finite_rows(rows),
+        compared=(),
+        notes=(
+            "drift: greatest difference of what a contact gets between the second lap and the last, of two optima that",
+            "are equally good; jump: greatest change of a mode in a call, which is 0.2 mm of way",
+            f"beyond: by how much a mode exceeds its {WALKING_LIMIT_UM:g} um",
+        ),
+    )
+
+
+def _walked(modes: int, steps: int) -> dict[str, float]:
+    track = _walk_grams(modes)
+    limits_um, laps = (WALKING_LIMIT_UM,) * modes, max(steps // LAP, 3)
+    d_um, q_um = [0.0] * modes, [0.0] * modes
+    felt_um = np.empty((3, LAP, 2))  # by the contacts, in the first lap, the second, the last
+    jump_um = largest_um = 0.0
+    with no_garbage_collection():
+        t_start_ns = time.perf_counter_ns()
+        for lap in range(laps):
+            row = felt_um[min(lap, 2)]
+            for index, grams in enumerate(track):
+                before = d_um.copy(), q_um.copy()
+                row[index], _ = solve_contacts(grams, (1.0, 0.0), limits_um, d_um, q_um)
+                largest_um = max(largest_um, max(map(math.hypot, d_um, q_um)))
+                if lap > 0:
+                    jump_um = max(jump_um, *map(abs, map(sub, d_um, before[0])), *map(abs, map(sub, q_um, before[1])))
+        took_us = (time.perf_counter_ns() - t_start_ns) * 1e-3
+    return {
+        "steps_count": laps * LAP,
+        "time_us": took_us / (laps * LAP),
+        "drift_um": float(np.abs(felt_um[2] - felt_um[1]).max()),
+        "jump_um": jump_um,
+        "beyond_um": max(largest_um - WALKING_LIMIT_UM, 0.0),
+    }
+
+
+def _walk_grams(modes: int) -> list[list[Gram]]:
+    """Return both contacts' Gram matrices along the way, of the plate's true shapes."""
+    points = np.array(disc_points(CONTACT_RADIUS_MM))
+    plate = GroundTruth(PlateSettings.of(FINGERTIP, WALKING_MODES[-1] - LEAST_PARASITIC))
+    shapes = plate.shapes(closed_way_mm()[:, :, None] + points[:, :2])[..., :modes]
+    grams: list[list[Gram]] = np.einsum("q,snqk,snql->snkl", points[:, 2], shapes, shapes).tolist()
+    return grams

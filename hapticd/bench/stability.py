@@ -173,7 +173,7 @@ def agreeing_digits(mpmath: Any, problem: Problem, modal: Phasors) -> float:
 def walk(steps: int = STEPS) -> Table:
     """Two fingers walk the same closed way lap after lap; the last lap against the first, and against 60 digits."""
     mpmath = optional("mpmath")
-    track = _closed_way()
+    track = [row_tuples(rows) for rows in GroundTruth().shapes(closed_way_mm())[..., :2]]
     few = steps // PHASED_SHARE
     ways: dict[str, tuple[int, tuple[float, float], Step]] = {
         "solve_fast, one still": (steps, (1.0, 0.0), _real_step),
@@ -208,16 +208,16 @@ def _phased_step(rows: Rows, wanted_um: tuple[float, float], previous: Any) -> P
     return solve_phased_fast(rows, wanted_um, W_LIMIT_UM, previous)[0]
 
 
-def _closed_way() -> list[Rows]:
+def closed_way_mm() -> FloatArray:
+    """Return places (LAP, 2, 2) of two fingers along a closed way, 0.2 mm apart in the mean."""
     angle = 2 * np.pi * np.arange(LAP) / LAP
-    way_mm = np.stack(
+    return np.stack(
         [
             np.column_stack([40 * np.cos(angle), 30 * np.sin(2 * angle)]),
             np.column_stack([35 * np.sin(3 * angle) + 5, 45 * np.cos(angle)]),
         ],
         axis=1,
     )
-    return [row_tuples(rows) for rows in GroundTruth().shapes(way_mm)[..., :2]]
 
 
 def _walked(

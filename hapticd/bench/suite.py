@@ -52,7 +52,7 @@ PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda _: prediction.run(),
     "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes(), contacts.run()),
-    "stability": lambda extent: stability.run(steps=extent.steps),
+    "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "recording": lambda extent: (recording_cost.run(seconds=extent.seconds),),
     "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak.contact(), leak_budget.run()),

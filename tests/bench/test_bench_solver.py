@@ -21,6 +21,7 @@ TABLES: dict[str, Callable[[], Table]] = {
     "sizes": lambda: solver.sizes(calls=1, repeats=1),
     "situations": lambda: stability.situations(problems=5),
     "walk": lambda: stability.walk(steps=10_000),
+    "contacts_walk": lambda: contacts.walk(steps=0),  # three laps
 }
 
 
@@ -93,6 +94,13 @@ def test_no_error_adds_up_over_a_long_walk() -> None:
     for row in table("walk").rows:
         assert row.figures["drift_um"] < stability.NOTHING_UM, row.name
     assert figure("walk", "solve_fast, one still", "drift_um") == 0.0
+
+
+def test_contacts_get_the_same_in_each_lap_of_a_walk_without_a_jump_or_a_broken_limit() -> None:
+    for row in table("contacts_walk").rows:
+        assert row.figures["drift_um"] < 0.1, row.name  # of 1 um: two optima may be equally good
+        assert row.figures["jump_um"] < 1.0, row.name  # a flip would be 8 um
+        assert row.figures["beyond_um"] < 1e-12, row.name
 
 
 def test_outside_references_that_are_missing_are_skipped_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
