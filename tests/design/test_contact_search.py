@@ -151,7 +151,7 @@ def test_edges_of_different_length_split_a_square_plates_pair() -> None:
 def test_nine_of_ten_plates_within_tolerance_reach_two_thirds_of_the_designs_contrast(
     fingertip: ContactDesign,
 ) -> None:
-    study = tolerance_study(fingertip, DRIVE, 200)
+    study = tolerance_study(fingertip, DRIVE, 60)  # 200 of 200 by `hapticd plate --contacts --tolerances 200`
     assert study.enough_frac >= 0.9
     assert pytest.approx(2.0 / 3.0) == ENOUGH_FRAC
     assert np.quantile(study.slip_frac, 0.1) > 0.9
