@@ -31,6 +31,7 @@ RADIUS_MM = 5.0  # of a fingertip's contact at 0.2 .. 1 N (50 .. 150 mm2)
 TARGET_UM = 1.0
 ENOUGH_SLIP_FRAC = 0.75
 FARTHEST_HZ = 180.0  # of a driven mode from the drive: an amplifier reaches a sixth there; the firmware controls 300
+NEAR_HZ = 150.0  # of a design's drive, for one of its plates, once modulus and thickness are accounted for
 STEP_HZ = 25.0  # of the searched drives, less than a mode's bandwidth of 58 Hz
 SEARCH_PAIRS, JUDGE_PAIRS = 96, 1000
 SEARCH_SWEEPS = 16
@@ -211,6 +212,19 @@ def _designs(
         choice = modes.best_drive(drives_hz(*drive_hz), count)
         if choice is not None:
             yield modes.judge(choice.drive_hz, choice.driven)
+
+
+def best_near(design: ContactDesign, plate: Plate, drive: Drive, pairs: int = JUDGE_PAIRS) -> ContactDesign | None:
+    """Return `plate`, which differs little from the design's, at its own best drive; None without enough modes there.
+
+    Raises ValueError.
+    """
+    scale = plate.thickness_mm / design.plate.thickness_mm
+    scale *= math.sqrt(plate.material.young_gpa / design.plate.material.young_gpa)
+    band_hz = (design.drive_hz * scale - NEAR_HZ, design.drive_hz * scale + NEAR_HZ)
+    modes = PlateModes(plate, band_hz, drive, pairs)
+    choice = modes.best_drive(drives_hz(*band_hz), len(design.shapes))
+    return None if choice is None else modes.judge(choice.drive_hz, choice.driven)
 
 
 def drives_hz(low_hz: float, high_hz: float, step_hz: float = STEP_HZ) -> FloatArray:

@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, PlateModes, drives_hz
+from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, best_near
 from .glued_plate import Patch
 from .legendre import FloatArray
 
 ENOUGH_FRAC = 2.0 / 3.0  # of the design's contrast
-NEAR_HZ = 150.0  # of the design's drive, once modulus and thickness are accounted for
 
 Progress = Callable[[float], None]
 
@@ -64,7 +63,8 @@ def tolerance_study(
     found = np.zeros((count, 2))
     for index in range(count):
         progress(index / count)
-        found[index] = _one(design, drive, _drawn(design.plate, tolerances, random), pairs)
+        judged = best_near(design, _drawn(design.plate, tolerances, random), drive, pairs)
+        found[index] = (0.0, 0.0) if judged is None else (judged.contrast, judged.slip_um)
     return ToleranceStudy(found[:, 0] / design.contrast, found[:, 1] / design.slip_um)
 
 
@@ -86,16 +86,3 @@ def _moved(patch: Patch, most_mm: float, random: np.random.Generator) -> Patch:
     return replace(
         patch, x_mm=patch.x_mm - math.copysign(x_mm, patch.x_mm), y_mm=patch.y_mm - math.copysign(y_mm, patch.y_mm)
     )
-
-
-def _one(design: ContactDesign, drive: Drive, plate: Plate, pairs: int) -> tuple[float, float]:
-    """Return contrast and slip of one plate at its best drive."""
-    scale = plate.thickness_mm / design.plate.thickness_mm
-    scale *= math.sqrt(plate.material.young_gpa / design.plate.material.young_gpa)
-    band_hz = (design.drive_hz * scale - NEAR_HZ, design.drive_hz * scale + NEAR_HZ)
-    modes = PlateModes(plate, band_hz, drive, pairs)
-    choice = modes.best_drive(drives_hz(*band_hz), len(design.shapes))
-    if choice is None:
-        return 0.0, 0.0
-    judged = modes.judge(choice.drive_hz, choice.driven)
-    return judged.contrast, judged.slip_um

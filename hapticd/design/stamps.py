@@ -1,4 +1,4 @@
-"""Support points of a plate: the common nodes of its two modes, and the motion of an adhesive stamp there.
+"""Support points of a plate: the common nodes of two modes, or the least motion of more; and a stamp's motion there.
 
 A stamp is a disc around a node: the slope of the shapes moves it. Damping, and the shaking of a sensor under the plate,
 grow with the largest motion within the disc.
@@ -19,11 +19,12 @@ _STEPS = 20  # of Newton's method, which needs five
 _SETTLED = 1e-9
 _SAME_MM = 0.1
 _DISC_RADII, _DISC_ANGLES = 4, 16  # sample points of a disc
+_TRIED = 200  # cells of least motion whose whole disc is judged
 _INNER_FRAC = 0.25  # of the half plate: four stamps nearer to the middle let the plate tip
 
 
 class Stamp(NamedTuple):
-    """A common node, and the largest motion within the disc around it, as a share of the amplitude of both modes, in
+    """A support point, and the largest motion within the disc around it, as a share of the amplitude of all modes, in
     phase."""
 
     x_mm: float
@@ -49,6 +50,29 @@ def common_nodes(shapes: Sequence[ModeShape], radius_mm: float) -> tuple[Stamp, 
         (*points.T, -np.round(np.abs(points[:, 0]), 3), np.round(moved, 6))
     )  # the same order on any machine
     return tuple(Stamp(float(points[i, 0]), float(points[i, 1]), float(moved[i])) for i in order)
+
+
+def least_moved(shapes: Sequence[ModeShape], radius_mm: float) -> tuple[Stamp, ...]:
+    """Return points with room for a stamp of `radius_mm` where all `shapes` move it least, least motion first.
+
+    More than two modes have no common nodes; these points are on a grid, a twelfth of the shortest wave apart.
+    """
+    lines = max(max(shape.nodal_lines) for shape in shapes) + 2
+    x_mm, y_mm = (
+        np.linspace(-1.0, 1.0, _CELLS_PER_WAVE * lines) * (edge_mm / 2 - radius_mm) for edge_mm in shapes[0].size_mm
+    )
+    size = np.sum([np.abs(shape.on_grid(x_mm, y_mm)) for shape in shapes], axis=0)
+    points: list[FloatArray] = []
+    inner_x_mm, inner_y_mm = (_INNER_FRAC * edge_mm / 2 for edge_mm in shapes[0].size_mm)
+    for right in (x_mm <= -inner_x_mm, x_mm >= inner_x_mm):
+        for up in (y_mm <= -inner_y_mm, y_mm >= inner_y_mm):  # some in each quadrant, for `four_stamps`
+            quarter = np.where(np.outer(up, right), size, np.inf)
+            cells = np.argsort(quarter, axis=None, kind="stable")[: _TRIED // 4]
+            rows, columns = np.unravel_index(cells, size.shape)
+            points += list(np.stack((x_mm[columns], y_mm[rows]), axis=-1))
+    moved = _moved(shapes, np.array(points), radius_mm)
+    order = np.argsort(np.round(moved, 9), kind="stable")
+    return tuple(Stamp(float(points[i][0]), float(points[i][1]), float(moved[i])) for i in order)
 
 
 def four_stamps(nodes: Sequence[Stamp], size_mm: tuple[float, float]) -> tuple[Stamp, ...]:

@@ -34,7 +34,9 @@ from ..design.glued_plate import Patch
 from ..design.materials import MATERIALS, find_material
 from ..errors import CalibrationError, UsageError
 from ..files import outputs, plotting
+from . import plate_patches
 from .arguments import number, whole
+from .plate_patches import Placement
 from .progress import Progress
 
 TOML = (".toml",)
@@ -45,7 +47,7 @@ LEAST_MODES, MOST_MODES = 2, 8
 ROWS = 15
 ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
 CELLS = 61  # per side of the picture's map
-_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest", "patch")
+_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest", "patch", "place")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,6 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="X,Y,AxBxC",
         help="a piezoelectric patch glued at X,Y of AxB mm, C mm thick: its mass and stiffness count; repeat for more",
+    )
+    group.add_argument(
+        "--place",
+        metavar="AxBxC",
+        help="place a patch and a sensor per mode of AxB mm, C mm thick, along the edges, and four stamps",
     )
     group.add_argument(
         "--farthest",
@@ -127,20 +134,23 @@ def run(options: argparse.Namespace) -> ContactDesign:
             "give another --drive, a larger --size, more --farthest, or fewer --modes."
         )
     best = designs[0]
+    placement = None if options.place is None else _placed(best, drive, options.place)
     study = None
     if options.tolerances is not None:
         with Progress(f"{options.tolerances} random plates") as progress:
             study = tolerance_study(best, drive, options.tolerances, seed=seed, progress=progress)
     out = sys.stderr if options.json == outputs.STDOUT else sys.stdout
     print(_table(designs), verdict(best, drive), sep="\n\n", file=out)
+    if placement is not None:
+        print("", plate_patches.table(placement, best), sep="\n", file=out)
     if study is not None:
         print(_study_line(study), file=out)
     if options.json is not None:
-        _write_json(designs, drive, study, options.json)
+        _write_json(designs, drive, study, placement, options.json)
     if options.config is not None:
         _write_config(best, drive, options.config, options.out)
     if options.plot is not None:
-        draw(best, drive, options.plot)
+        draw(best, drive, options.plot, placement)
     return best
 
 
@@ -185,10 +195,26 @@ def _plates(options: argparse.Namespace) -> list[Plate]:
     return plates
 
 
+def _placed(design: ContactDesign, drive: Drive, text: str) -> Placement:
+    try:
+        dimensions_mm = _dimensions_mm(text)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise UsageError(f"--place: {text!r} is no patch: write its dimensions in mm, such as 10x10x0.3.") from None
+    try:
+        return plate_patches.place(design, drive, dimensions_mm)
+    except ValueError as error:
+        raise UsageError(f"--place: {error}") from None
+
+
+def _dimensions_mm(text: str) -> tuple[float, float, float]:
+    width_mm, depth_mm, thickness_mm = (number(0.01, 1000.0)(part) for part in text.lower().split("x"))
+    return width_mm, depth_mm, thickness_mm
+
+
 def _patch(text: str) -> Patch:
     try:
         x_mm, y_mm, dimensions = text.split(",")
-        width_mm, depth_mm, thickness_mm = (number(0.01, 1000.0)(part) for part in dimensions.lower().split("x"))
+        width_mm, depth_mm, thickness_mm = _dimensions_mm(dimensions)
         place_mm = number(-500.0, 500.0)(x_mm), number(-500.0, 500.0)(y_mm)
     except (ValueError, argparse.ArgumentTypeError):
         raise UsageError(
@@ -262,8 +288,16 @@ def _study_line(study: ToleranceStudy) -> str:
     )
 
 
-def _write_json(designs: Sequence[ContactDesign], drive: Drive, study: ToleranceStudy | None, file: str) -> None:
+def _write_json(
+    designs: Sequence[ContactDesign],
+    drive: Drive,
+    study: ToleranceStudy | None,
+    placement: Placement | None,
+    file: str,
+) -> None:
     table: dict[str, Any] = {"drive": asdict(drive), "designs": [_as_json(one) for one in designs]}
+    if placement is not None:
+        table["placement"] = plate_patches.as_json(placement)
     if study is not None:
         table["tolerances"] = {
             "plates": len(study.contrast_frac),
@@ -302,9 +336,9 @@ def _write_config(design: ContactDesign, drive: Drive, path: Path, modes_file: P
     outputs.write_text("\n".join(lines) + "\n", path)
 
 
-def draw(design: ContactDesign, drive: Drive, path: Path) -> None:
-    """Draw each mode with two contacts to scale, and the contrast of a finger that slips anywhere. Raises
-    HapticdError."""
+def draw(design: ContactDesign, drive: Drive, path: Path, placement: Placement | None = None) -> None:
+    """Draw each mode with two contacts to scale, patches and stamps where there are any, and the contrast of a finger
+    that slips anywhere. Raises HapticdError."""
     size_mm, count = design.plate.size_mm, len(design.shapes)
     still_mm = -size_mm[0] / 6.0, size_mm[1] / 10.0
     splines = surfaces(design.shapes)
@@ -330,6 +364,8 @@ def draw(design: ContactDesign, drive: Drive, path: Path) -> None:
         modes = axis.imshow(shape.on_grid(x_mm, y_mm), origin="lower", extent=extent, cmap=signed, vmin=-1, vmax=1)
         axis.set_title(f"{shape.name}: {hz - design.drive_hz:+.0f} Hz", fontsize=9)
         _mark(axis, still_mm, slip_mm, drive.radius_mm)
+        if placement is not None:
+            _mark_placement(axis, placement)
     contrast = axes.flat[count].imshow(
         np.log10(found.contrast), origin="lower", extent=extent, cmap=scale, vmin=0.0, vmax=2.0
     )
@@ -353,3 +389,9 @@ def _mark(axis: Any, still_mm: tuple[float, float], slip_mm: tuple[float, float]
     for place_mm, colour in ((still_mm, "tab:orange"), (slip_mm, "tab:cyan")):
         if place_mm is not None:
             axis.add_patch(Circle(place_mm, radius_mm, fill=False, edgecolor=colour, linewidth=1.8))
+
+
+def _mark_placement(axis: Any, placement: Placement) -> None:
+    for patches, marker in ((placement.drive, "s"), (placement.sense, "D")):
+        axis.plot(*patches.places_mm.T, marker, markersize=6, color="black", fillstyle="none")
+    axis.plot(*np.array([stamp[:2] for stamp in placement.stamps]).reshape(-1, 2).T, "x", markersize=5, color="black")

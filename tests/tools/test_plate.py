@@ -139,9 +139,31 @@ def test_glued_patches_count_in_the_verdict(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().out.splitlines()[-1].startswith("100 x 100 x 2 mm of glass with 2 patches, driven at")
 
 
+def test_patches_sensors_and_stamps_are_placed_and_the_plate_is_judged_with_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = ["--size", "100x100", "--modes", "2", "--drive", "29000..29100", "--farthest", "600"]
+    outputs = ["--json", str(tmp_path / "plate.json"), "--plot", str(tmp_path / "plate.png")]
+    assert main(["plate", "--contacts", *small, "--place", "8x6x0.3", *outputs]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[:2] for line in lines[-9:-1]] == [
+        *(["patch", str(index)] for index in (1, 2)),
+        *(["sensor", str(index)] for index in (1, 2)),
+        *(["stamp", str(index)] for index in (1, 2, 3, 4)),
+    ]
+    found = json.loads((tmp_path / "plate.json").read_text())
+    assert f"Condition {found['placement']['drive']['condition']:.2f} of the drive matrix" in lines[-1]
+    assert found["placement"]["glued"]["frequency_hz"] != found["designs"][0]["frequency_hz"]
+    assert np.array(found["placement"]["sense"]["coupling"]).shape == (2, 2)
+    assert (tmp_path / "plate.png").stat().st_size > 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["--place", "10x10x0.3"], "--place: belongs to --contacts: add it"),
+        (["--contacts", "--drive", "29150", "--modes", "2", "--place", "10x10"], "--place: '10x10' is no patch"),
+        (["--contacts", "--drive", "29150", "--modes", "2", "--place", "99x99x1"], "--place: patches of 99x99 mm are"),
         (["--modes", "4"], "--modes: belongs to --contacts: add it"),
         (["--contacts", "--modes", "9"], "--modes: 9 is out of bounds, it must be 2 .. 8"),
         (["--contacts", "--modes", "2.5"], "--modes: '2.5' is not a whole number"),

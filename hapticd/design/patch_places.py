@@ -1,0 +1,118 @@
+"""Places for piezoelectric patches along a plate's edges: one to drive and one to sense for each mode.
+
+A thin patch on one face bends the plate with a moment that is uniform over the patch, so that it drives a mode of shape
+w by the integral of w_xx + w_yy over the patch, and as a sensor gives charge in the same proportion (Crawley and de
+Luis, AIAA J. 25 (1987) 1373). These couplings, each as a share of the mode's best, are the drive and sense matrices up
+to a factor per mode. The patches that are chosen make the least singular value of the matrix large: in the worst
+direction of all modes together the amplifiers have to give least.
+
+Left out: the patch's own stiffness and mass in the shapes (`glued_plate` has them), wires, and the glue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from . import legendre
+from .free_plate import ModeShape
+from .legendre import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
+
+STEP_MM = 2.5  # between candidates along an edge
+_GAUSS_POINTS = 8  # per side of a patch, which is shorter than a wave
+_ROUNDS = 20  # of exchanges; five suffice on four modes
+
+
+@dataclass(frozen=True, slots=True)
+class PatchSet:
+    """Patches for M modes: centres (M, 2) in mm, couplings (M modes, M patches) as shares of each mode's best."""
+
+    places_mm: FloatArray
+    coupling: FloatArray
+
+    @property
+    def condition(self) -> float:
+        """Return the ratio of the matrix's largest singular value to its least."""
+        return float(np.linalg.cond(self.coupling))
+
+
+def place_patches(shapes: Sequence[ModeShape], patch_mm: tuple[float, float]) -> tuple[PatchSet, PatchSet]:
+    """Return a driving and a sensing patch for each mode, of `patch_mm` (width, depth), none over another.
+
+    Raises ValueError for a patch that is too large for the plate's edges.
+    """
+    candidates_mm = edge_places(shapes[0].size_mm, patch_mm)
+    coupling = couplings(shapes, candidates_mm, patch_mm)
+    coupling /= np.max(np.abs(coupling), axis=1, keepdims=True)
+    overlaps = np.all(np.abs(candidates_mm[:, None] - candidates_mm) < np.array(patch_mm) - 1e-9, axis=2)
+    is_free = np.ones(len(candidates_mm), np.bool_)
+    sets = []
+    for _ in ("drive", "sense"):
+        chosen = _chosen(coupling, overlaps, is_free)
+        is_free &= ~overlaps[chosen].any(axis=0)
+        sets.append(PatchSet(candidates_mm[chosen], coupling[:, chosen]))
+    return sets[0], sets[1]
+
+
+def edge_places(size_mm: tuple[float, float], patch_mm: tuple[float, float]) -> FloatArray:
+    """Return the centres (n, 2) of patches that lie along the four edges, corners included. Raises ValueError."""
+    reach_mm = [(edge_mm - patch) / 2.0 for edge_mm, patch in zip(size_mm, patch_mm, strict=True)]
+    if min(reach_mm) <= min(size_mm) / 4.0:
+        raise ValueError(f"patches of {patch_mm[0]:g}x{patch_mm[1]:g} mm are too large for the plate's edges.")
+    along = [np.linspace(-reach, reach, 2 * round(reach / STEP_MM) + 1) for reach in reach_mm]
+    sides = [(x_mm, side * reach_mm[1]) for side in (-1, 1) for x_mm in along[0]]
+    sides += [(side * reach_mm[0], y_mm) for side in (-1, 1) for y_mm in along[1][1:-1]]
+    return np.array(sides)
+
+
+def couplings(shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: tuple[float, float]) -> FloatArray:
+    """Return the integrals (M, n) of w_xx + w_yy over a patch at each of `places_mm` (n, 2), in 1/mm^2 times mm^2."""
+    points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+    size = np.array(shapes[0].size_mm)
+    half = np.array(patch_mm) / 2.0
+    inside = places_mm[:, None] + half * points[:, None]  # (n, q, 2): x and y of the rule's points
+    plate = inside * (2.0 / size)
+    found = []
+    for shape in shapes:
+        terms = shape.coefficients.shape
+        value, bend = (
+            [_values(plate[..., axis], terms[axis] - 1, order) * (2.0 / size[axis]) ** order for axis in (0, 1)]
+            for order in (0, 2)
+        )
+        curvature = sum(
+            np.einsum("nqi,ij,nrj,q,r->n", x, shape.coefficients, y, weights, weights, optimize=True)
+            for x, y in ((bend[0], value[1]), (value[0], bend[1]))
+        )
+        found.append(curvature * half[0] * half[1])
+    return np.array(found)
+
+
+def _values(places: FloatArray, degree: int, order: int) -> FloatArray:
+    return legendre.values(places.ravel(), degree, order).reshape(*places.shape, degree + 1)
+
+
+def _chosen(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> list[int]:
+    """Return one free candidate per mode: the largest of what the chosen leave, then exchanges while one helps."""
+    chosen: list[int] = []
+    left = coupling.copy()
+    for _ in coupling:
+        size = np.where(is_free & ~overlaps[chosen].any(axis=0), np.linalg.norm(left, axis=0), -1.0)
+        chosen.append(int(np.argmax(size)))
+        along = left[:, chosen[-1]] / np.linalg.norm(left[:, chosen[-1]])
+        left = left - np.outer(along, along @ left)
+    for _ in range(_ROUNDS):
+        before = list(chosen)
+        for place in range(len(chosen)):
+            others = chosen[:place] + chosen[place + 1 :]
+            tried = np.flatnonzero(is_free & ~overlaps[others].any(axis=0))
+            matrices = np.repeat(coupling[:, chosen].T[None], len(tried), axis=0)
+            matrices[:, place] = coupling[:, tried].T
+            chosen[place] = int(tried[np.argmax(np.round(np.linalg.svd(matrices, compute_uv=False)[:, -1], 9))])
+        if chosen == before:
+            break
+    return chosen

@@ -1,0 +1,73 @@
+"""Patches lie along the edges, apart, where they drive all modes; stamps where all modes are small."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapticd.design import ModeShape, free_plate_modes
+from hapticd.design.patch_places import couplings, edge_places, place_patches
+from hapticd.design.stamps import four_stamps, least_moved
+
+SIZE_MM, PATCH_MM = (200.0, 200.0), (10.0, 10.0)
+
+
+@pytest.fixture(scope="module")
+def shapes() -> list[ModeShape]:
+    named = {shape.name: shape for _, shape in free_plate_modes(SIZE_MM, 3.0, band_hz=(29200.0, 29500.0))}
+    return [named[name] for name in ("13x1-1x13", "10x8-8x10", "13x0", "0x13")]
+
+
+def test_a_patch_drives_a_mode_by_the_curvature_under_it(shapes: list[ModeShape]) -> None:
+    places_mm = edge_places(SIZE_MM, PATCH_MM)[::37]
+    found = couplings(shapes, places_mm, PATCH_MM)
+    step_mm = 0.05
+    inner = np.linspace(-4.5, 4.5, 10)
+    cells = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
+    for shape, row in zip(shapes, found, strict=True):
+        for place_mm, coupling in zip(places_mm, row, strict=True):
+            points = np.clip(place_mm + cells, -99.9, 99.9)
+            around = [points + np.array(offset) * step_mm for offset in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+            laplacian = (sum(map(shape.evaluate, around)) - 4.0 * shape.evaluate(points)) / step_mm**2
+            assert coupling == pytest.approx(float(np.sum(laplacian)), abs=0.02 * np.abs(found).max())
+
+
+def test_patches_and_sensors_lie_along_the_edges_and_apart(shapes: list[ModeShape]) -> None:
+    drive, sense = place_patches(shapes, PATCH_MM)
+    places_mm = np.concatenate([drive.places_mm, sense.places_mm])
+    assert np.all(np.abs(places_mm).max(axis=1) == 95.0)
+    apart = np.abs(places_mm[:, None] - places_mm).max(axis=2) + 100.0 * np.eye(len(places_mm))
+    assert apart.min() >= 10.0 - 1e-9
+
+
+@pytest.mark.parametrize("patch_mm", [(10.0, 10.0), (5.0, 5.0), (15.0, 10.0)])
+def test_drive_and_sense_matrix_are_better_than_those_of_any_of_a_thousand_random_choices(
+    shapes: list[ModeShape], patch_mm: tuple[float, float]
+) -> None:
+    random, candidates_mm = np.random.default_rng(1), edge_places(SIZE_MM, patch_mm)
+    coupling = couplings(shapes, candidates_mm, patch_mm)
+    coupling /= np.abs(coupling).max(axis=1, keepdims=True)
+    drawn = [random.choice(len(candidates_mm), len(shapes), replace=False) for _ in range(1000)]
+    least = np.linalg.svd(coupling.T[drawn], compute_uv=False)[:, -1].max()
+    for patches in place_patches(shapes, patch_mm):
+        assert np.linalg.svd(patches.coupling, compute_uv=False)[-1] > least
+        assert patches.condition < 2.0
+
+
+def test_the_papers_two_modes_get_one_patch_for_each_edge_pair() -> None:
+    named = {shape.name: shape for _, shape in free_plate_modes()}
+    drive, _ = place_patches([named["11x0"], named["0x11"]], PATCH_MM)
+    assert drive.condition == pytest.approx(1.0, abs=1e-6)
+
+
+def test_patches_that_do_not_fit_are_one_sentence(shapes: list[ModeShape]) -> None:
+    with pytest.raises(ValueError, match=r"^patches of 150x150 mm are too large .*\.$"):
+        place_patches(shapes, (150.0, 150.0))
+
+
+def test_stamps_of_four_modes_lie_one_in_each_quadrant_where_little_moves(shapes: list[ModeShape]) -> None:
+    stamps = four_stamps(least_moved(shapes, 2.0), SIZE_MM)
+    assert {(stamp.x_mm > 0.0, stamp.y_mm > 0.0) for stamp in stamps} == {(x, y) for x in (0, 1) for y in (0, 1)}
+    points = np.random.default_rng(2).uniform(-98.0, 98.0, (2000, 2))
+    moved = np.sum([np.abs(shape.evaluate(points)) for shape in shapes], axis=0)
+    assert max(stamp.moved_frac for stamp in stamps) < np.quantile(moved, 0.1)
