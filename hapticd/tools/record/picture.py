@@ -65,7 +65,7 @@ class _Part(NamedTuple):
         inside: npt.NDArray[np.bool_] = (t_s >= self.start_s) & (t_s <= self.end_s)
         return inside
 
-    def draw(self, axis: Any, t_s: Column, values: Column, style: str = "-", label: str = "", **options: Any) -> None:
+    def draw(self, axis: Any, t_s: Column, values: Column, **options: Any) -> None:
         """Draw a line through points before and behind the edges too; one that does not reach into the part has no
         label."""
         order = np.argsort(t_s, kind="stable")
@@ -76,7 +76,7 @@ class _Part(NamedTuple):
         if len(at_s):
             drawn = np.concatenate([np.interp(edges_s, t_s, values), values[inside]])
             order = np.argsort(at_s, kind="stable")
-            axis.plot(at_s[order], drawn[order], style, label=label, **options)
+            axis.plot(at_s[order], drawn[order], **options)
 
 
 def _draw_positions(axes: Any, tables: Mapping[str, Table], part: _Part) -> None:
@@ -97,7 +97,7 @@ def _draw_positions(axes: Any, tables: Mapping[str, Table], part: _Part) -> None
 
 
 def _draw_modes(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
-    """References as broad bands; what the plate did as a line: by its truth where the recording has it, else by the board."""
+    """References as broad bands; what the plate did as lines: by its truth where there is one, else by the board."""
     begin_s = _begin_s(tables)
     did, name = (tables["truth_modes"], "plate") if "truth_modes" in tables else (tables.get("modes"), "measured")
     references = tables.get("references")
@@ -123,7 +123,7 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
     for colour, key in _coloured(tables):
         table = _of(tables.get("targets"), "finger_id", key)
         if table:
-            part.draw(axis, table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
+            part.draw(axis, table["t_s"], table["target_um"], ls="--", color=colour, lw=0.8)
         if table and "truth" not in tables:
             label = f"$|W|$, finger {plotting.plain(key)}: solved"
             part.draw(axis, table["t_s"], table["achieved_um"], label=label, color=colour, lw=1.0)
