@@ -56,6 +56,23 @@ def test_a_demo_that_is_killed_leaves_no_folder_and_no_process(tmp_path: Path, s
 
 
 @pytest.mark.long
+def test_a_demo_whose_rig_is_killed_ends_with_a_sentence(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hapticd", "demo", "--out", str(tmp_path / "demo.png")]
+    environ = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
+        assert process.stdout is not None
+        while not re.match("(ACTIVE|ARMED|IDLE)", process.stdout.readline()):
+            assert process.poll() is None
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (rig,) = (pid for pid in children if b"hapticd.sim.rig.program" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        os.kill(int(rig), signal.SIGKILL)
+        _, complaints = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert complaints.splitlines()[-1] == "hapticd: The simulated rig has ended: start this command again."
+    assert [path.name for path in tmp_path.iterdir()] == []
+
+
+@pytest.mark.long
 def test_the_papers_environment_drives_the_plate_and_achieved_amplitudes_are_printed(bench: Bench) -> None:
     bench.rig("rest")
     bench.service()
