@@ -11,9 +11,7 @@ from collections import deque
 from typing import Final
 
 MOST_UNREAD: Final = 2  # references; more are only under way at once where a round trip takes longer than two reports
-MOST_ON_A_BAD_LINE: Final = (
-    4  # lost ones included: an acknowledgement may be lost there, and the board's dead-man timeout is 50 ms
-)
+MOST_ON_A_BAD_LINE: Final = 4  # an acknowledgement may be lost there, and the board's dead-man timeout is 50 ms
 BAD_FOR_NS: Final = 1_000_000_000  # since the last known loss
 QUESTION_EVERY_NS: Final = 4_000_000
 QUESTIONS: Final = 12  # at that rate; by then the board's dead-man has tripped
