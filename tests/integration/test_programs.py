@@ -24,7 +24,7 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
         output, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
     faults = [line for line in complaints.splitlines() if not re.search("trackpad silent|timing since", line)]
-    assert (process.returncode, faults) == (0, [])  # beside other tests the pad may be late, which is output rightly
+    assert (process.returncode, faults) == (0, [])  # with other tests the pad may be late, which is output rightly
     lines = output.splitlines()
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
     assert 2 <= len(live) <= 4

@@ -348,8 +348,8 @@ def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_t
     stand = Stand(board, SLIPPERY, STICKY)
     stand.run(2000)
     assert said(caplog) == [sentence]
-    told = stand.status.get("refused") or stand.status["lacking"]
-    assert sentence.endswith(told)
+    reported = stand.status.get("refused") or stand.status["lacking"]
+    assert sentence.endswith(reported)
     stand.run(2000)
     assert said(caplog) == [sentence]
     assert stand.references(4000) == 0

@@ -3,7 +3,7 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client sets a slippery and a sticky finger, a live view shows their amplitudes, and at the end the plate's true
-motion is scored beside the same fingers in virtual time: the paper's scheme and hapticd on the reference plate, and
+motion is scored, and the same fingers in virtual time: the paper's scheme and hapticd on the reference plate, and
 hapticd on the fingertip plate. The board is the firmware's core in the rig, or its whole program in a process, with a
 simpler plate inside; the others then get such a plate too.
 """

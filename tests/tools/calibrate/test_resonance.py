@@ -92,9 +92,9 @@ def test_a_resonance_that_the_plan_shows_well_is_not_swept_again() -> None:
     assert sharp is not None
     assert sharp.dwell_ms > 10 * 5000.0 / (29.195 * 3.15)
     assert sharp.start_hz < fit.frequency_hz < sharp.stop_hz < PLAN.stop_hz
-    beside = refined(PLAN, replace(fit, frequency_hz=29500.0), HELLO)
-    assert beside is not None
-    assert beside.start_hz < 29500.0 < beside.stop_hz
+    narrow = refined(PLAN, replace(fit, frequency_hz=29500.0), HELLO)
+    assert narrow is not None
+    assert narrow.start_hz < 29500.0 < narrow.stop_hz
     assert refined(PLAN, replace(fit, frequency_hz=39500.0), HELLO) is None  # the board does not sweep there
 
 

@@ -54,7 +54,7 @@ def _serve(board: Board, fd: int, write: object) -> None:
         board.run(STEP_TICKS, *no_finger, rows)
         write(f"{time.monotonic_ns()} {np.abs(rows.plate_um[-1]).max():.4f}\n")
         while said := board.transmit():
-            with contextlib.suppress(BlockingIOError):  # nobody has opened the other end
+            with contextlib.suppress(BlockingIOError):  # the other end is not open
                 os.write(fd, said)
 
 
