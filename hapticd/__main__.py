@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NamedTuple
 
-from .errors import HapticdError
+from .errors import ExitCode, HapticdError
 from .files.outputs import check_arguments
 from .tools.arguments import Parser
 
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _stopped_by_the_system(error)
     except KeyboardInterrupt:
-        return 130
+        return ExitCode.INTERRUPTED
 
 
 def _stopped_by_the_system(error: OSError) -> int:
@@ -143,9 +143,9 @@ def _stopped_by_the_system(error: OSError) -> int:
         where = "standard output"
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # its buffer must not be flushed again at exit
     if error.errno == errno.EPIPE:
-        return 0
+        return ExitCode.DONE
     print(f"hapticd: {where}: {error.strerror}", file=sys.stderr)
-    return 1
+    return ExitCode.FAILED
 
 
 class _Version(argparse.Action):

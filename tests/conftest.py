@@ -1,4 +1,4 @@
-"""Helpers that several test files share lie beside them and are put on the path here."""
+"""Helpers that several test files share lie in their folder and are put on the path here."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ TIGHT = replace(Config(), solver=replace(Config().solver, tolerance_um=1e-4, max
 
 
 def said() -> dict[str, str]:
-    """By scenario a digest of all that is written to the board and told to subscribers, and how much it is."""
+    """By scenario a digest of all that is written to the board and published, and how much it is."""
     digests = {}
     for name in PLAYED:
         recording = record(SCENARIOS[name].build(3, 130.0), seed=3, seconds=1.6)
@@ -51,8 +51,8 @@ def said() -> dict[str, str]:
 def run_as(pure: str) -> dict[str, object]:
     environment = {**os.environ, "HAPTICD_PURE": pure}
     done = subprocess.run([sys.executable, __file__], env=environment, stdout=subprocess.PIPE, check=True)
-    told: dict[str, object] = json.loads(done.stdout)
-    return told
+    digests: dict[str, object] = json.loads(done.stdout)
+    return digests
 
 
 def test_machine_code_says_to_the_board_what_python_says_byte_for_byte() -> None:
@@ -77,7 +77,7 @@ def test_the_rule_takes_the_path_alone_and_nothing_that_could_not_run_as_python(
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package whose `core` has one compiled module, beside a `pyproject.toml` as in a checkout."""
+    """A package whose `core` has one compiled module, next to a `pyproject.toml` as in a checkout."""
     monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
     monkeypatch.setattr(compiled, "PROJECT", tmp_path / "pyproject.toml")
     monkeypatch.delenv("HAPTICD_PURE", raising=False)

@@ -39,8 +39,8 @@ NOT_NEEDED = (
 
 
 def test_a_started_service_has_loaded_nothing_of_the_simulation_the_fits_and_the_tools() -> None:
-    told = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True, check=True)
-    loaded = set(told.stdout.split())
+    done = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
     assert "hapticd.core.pipeline" in loaded
     assert not loaded & {*NOT_NEEDED}
 

@@ -14,6 +14,7 @@ CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 VALUES = {"values", "board_values", "errors"}
+PROGRAM = {*VALUES, "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
 
 # What each part may import of ours, apart from itself.
 ALLOWED: dict[str, set[str]] = {
@@ -30,33 +31,8 @@ ALLOWED: dict[str, set[str]] = {
     "daemon": {*VALUES, "config", "core", "wire", "io", "files", "sim.rig.process", "sim.plate", "__version__"},
     "design": {*VALUES, "core.plate", "core.solver"},
     "sim": {*VALUES, "regular_file", "config", "core.plate", "wire", "design", "files", "daemon.machine"},
-    "tools": {
-        *VALUES,
-        "regular_file",
-        "config",
-        "core",
-        "wire",
-        "io",
-        "files",
-        "daemon",
-        "design",
-        "sim",
-        "__version__",
-    },
-    "bench": {
-        *VALUES,
-        "config",
-        "core",
-        "wire",
-        "io",
-        "files",
-        "daemon",
-        "design",
-        "sim",
-        "tools",
-        "compiled",
-        "__version__",
-    },
+    "tools": {*PROGRAM, "regular_file"},
+    "bench": {*PROGRAM, "tools", "compiled"},
 }
 ALLOWED_FOR_FILE = {
     # Names that others call: they read and write files, and import the format when that is asked for.

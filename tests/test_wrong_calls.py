@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from hapticd.__main__ import main
+from hapticd.errors import ExitCode, HapticdError
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -104,6 +109,7 @@ CONFIGURATIONS = {
     "not TOML": "[plate",
     "unknown key": "[plate]\nsize = 1\n",
     "missing map": '[plate]\nmodes_file = "none.npz"\n',
+    "replay file that is none": '[trackpad]\nsource = "replay"\nreplay_file = "hapticd.toml"\n[sim]\nrig_dir = "."\n',
     "map that is none": '[plate]\nmodes_file = "hapticd.toml"\n[sim]\nrig_dir = "."\n',
     "keys that are not there": '[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "none"\n[sim]\nrig_dir = "."\n',
 }
@@ -118,5 +124,31 @@ def test_a_mistake_in_the_configuration_is_exit_code_78(text: str | None, capsys
     assert (code, complaint.count("\n")) == (78, 1)
 
 
-def test_what_fails_though_the_call_is_right_is_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:
-    assert refused(capsys, "firmware", "info", "--port", "none")[0] == 1
+@pytest.mark.parametrize(
+    "call",
+    [
+        "firmware info --port none",
+        pytest.param("record a.mcap --endpoint .", id="record without a daemon"),
+        pytest.param("study run --participant P1 --out . --endpoint .", id="study without a daemon"),
+    ],
+)
+def test_what_fails_though_the_call_is_right_is_exit_code_1(
+    call: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapticd.tools.record.attach.HEADER_WITHIN_S", 0.05)
+    monkeypatch.setattr("hapticd.tools.study.program.DAEMON_WITHIN_S", 0.05)
+    code, complaint = refused(capsys, *call.split())
+    assert (code, complaint.count("\n")) == (1, 1)
+
+
+def errors(kind: type[HapticdError] = HapticdError) -> Iterator[type[HapticdError]]:
+    yield kind
+    for below in kind.__subclasses__():
+        yield from errors(below)
+
+
+def test_the_readme_explains_every_exit_code_and_no_error_has_another() -> None:
+    readme = (ROOT / "hapticd" / "tools" / "README.md").read_text(encoding="utf-8")
+    table = readme.partition("## Exit codes")[2].partition("## ")[0]
+    assert [int(code) for code in re.findall(r"^\| (\d+) \|", table, re.MULTILINE)] == list(ExitCode)
+    assert all(type(error.exit_code) is ExitCode for error in errors())

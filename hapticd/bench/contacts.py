@@ -1,4 +1,4 @@
-"""The contact solver's time and error, beside a general minimiser of the same sum from many starts.
+"""The contact solver's time and error, and those of a general minimiser of the same sum from many starts.
 
 Problems are fingers at random on the fingertip plate, one still for each slippery one, and the amplitudes before are
 those of fingers 1 mm away, as in the touch path. The touch path's knots are closer. The long walk shows whether errors

@@ -1,6 +1,6 @@
 """Whether the touch path runs as machine code or as Python: the same source either way, and the same results.
 
-`build_ext.py` has mypyc compile modules of `core` and `wire`; each compiled one lies beside its source, and Python
+`build_ext.py` has mypyc compile modules of `core` and `wire`; each compiled one lies next to its source, and Python
 would always take it. It must not where HAPTICD_PURE=1 asks for Python, nor in a checkout whose sources were edited
 since the build. It is all or none: compiled modules call each other without asking Python.
 """
@@ -20,7 +20,7 @@ PROJECT = PACKAGE.parent / "pyproject.toml"  # only a checkout has it
 
 
 class SourceFinder:
-    """Finds the modules of `core` and `wire` as Python source, whatever else lies beside them."""
+    """Finds the modules of `core` and `wire` as Python source, whatever else their folder holds."""
 
     def find_spec(self, fullname: str, *_more: object) -> ModuleSpec | None:
         """Return where a module is, for `sys.meta_path`; None leaves it to others."""

@@ -23,7 +23,7 @@ from ..config.loader import load, on_plate
 from ..config.sections import SIMULATED, Config, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
-from ..errors import ConfigError, HapticdError, ModesError
+from ..errors import ConfigError, HapticdError, ModesError, TrackpadError
 from ..files import calibration
 from ..files.mode_map import require_usable
 from ..io.clients import keys
@@ -275,7 +275,10 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
     if config.trackpad.source == "hid":
         return HidTrackpad(config.trackpad.model)
     if config.trackpad.source == "replay":
-        return ReplayTrackpad(config.trackpad.replay_file)
+        try:
+            return ReplayTrackpad(config.trackpad.replay_file)
+        except TrackpadError as error:
+            raise ConfigError(f"trackpad.replay_file: {error}") from None
     return SocketTrackpad(rig_dir / "trackpad", "mt2-usb")
 
 

@@ -77,13 +77,15 @@ class Run:
     """A finished run. Arrays over the T control ticks, N fingers (NaN while absent), M modes; units in the names.
 
     `plate_um` (T,P) are all modes of the plate, `modal_um` the driven ones, `truth_um` the amplitude at each finger's
-    true position, from all modes; `finger_predicted_mm` is the position that the active reference assumed.
+    true position, from all modes; `finger_predicted_mm` is the position that the active reference assumed. `finger_id`
+    (T,N) is the daemon's id of each finger, 0 while it has none; that of a virtual finger is its name.
     """
 
     scenario: str
     seed: int
     settings: Settings
     t_s: npt.NDArray[np.float64]
+    finger_id: npt.NDArray[np.int64]
     finger_true_mm: npt.NDArray[np.float64]
     finger_predicted_mm: npt.NDArray[np.float64]
     target_um: npt.NDArray[np.float64]
@@ -94,6 +96,7 @@ class Run:
     limited: npt.NDArray[np.bool_]
     score: Score
     status: dict[str, Any]
+    is_virtual: tuple[bool, ...]  # of each finger
     played: Scenario | None = None
 
     @property
@@ -217,6 +220,7 @@ class Simulation:
         self._t_ns = T_START_NS
         self._client = ScriptedClient(actors)
         self._passes = Passes(T_START_NS)
+        self._finger_ids: list[tuple[float, list[int]]] = []  # of the actors, from each instant on
 
     def run(self, seconds: float, progress: Callable[[float], None] = lambda _: None) -> None:
         """Run from the start for `seconds`."""
@@ -257,6 +261,14 @@ class Simulation:
         tick = self.machine.last_tick
         if tick is not None and tick.t_now_ns == t_ns:
             self._passes.add(tick, self._client.actor_of)
+        self._note_finger_ids((t_ns - T_START_NS) * 1e-9)
+
+    def _note_finger_ids(self, t_s: float) -> None:
+        finger_ids = [0] * len(self.actors)
+        for finger in self.machine.pipeline.fingers:
+            finger_ids[self._client.actor_of[finger.finger_id]] = finger.finger_id
+        if not self._finger_ids or self._finger_ids[-1][1] != finger_ids:
+            self._finger_ids.append((t_s, finger_ids))
 
     def _send_targets(self, t_ns: int) -> None:
         fingers = [(finger.finger_id, finger.x_mm, finger.y_mm) for finger in self.machine.pipeline.fingers]
@@ -297,6 +309,7 @@ class Simulation:
             seed=self.seed,
             settings=self.settings,
             t_s=t_s,
+            finger_id=self._finger_ids_at(t_s),
             finger_true_mm=true_mm,
             finger_predicted_mm=self._passes.predicted_mm(
                 t_s, len(self.actors), self._config.device.plate_delay_ms * 1e-3
@@ -313,7 +326,13 @@ class Simulation:
                 self.world.plate.shapes,
             ),
             status=self.machine.report_status(self._t_ns),
+            is_virtual=tuple(actor.path is None for actor in self.actors),
         )
+
+    def _finger_ids_at(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+        starts_s, finger_ids = zip(*self._finger_ids, strict=True)
+        held: npt.NDArray[np.int64] = np.array(finger_ids)[np.searchsorted(starts_s, t_s, side="right") - 1]
+        return held
 
     def _true_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         true_mm = np.full((len(t_s), len(self.actors), 2), np.nan)

@@ -28,7 +28,7 @@ TITLE_PT = 18.0  # titles stand above the legends
 QUADRATURE_UM = 1.0  # the least that its axis shows
 LEAST_UM = 0.1  # likewise, of modes and fingers: a still plate's noise is 0.002 um
 STEP_WINDOW_S = (STEP_S - 0.01, STEP_S + 0.04)
-INCHES_PER_S = 2.8  # single strokes can be told apart
+INCHES_PER_S = 2.8  # single strokes stay distinct
 LEAST_IN, MOST_IN = 7.0, 14.0
 CONTACT_EVERY = 8  # ticks: 4 ms, in which a finger moves 0.4 mm
 _ARRAYS = ("t_s", "finger_mm", "target_um", "reference_um", "modal_um", "plate_um", "truth_um")
@@ -168,7 +168,7 @@ def _draw_quadrature(axis: Any, film: Film, high_um: float) -> None:
     for mode, (name, colour) in enumerate(_modes(film)):
         axis.plot(film.t_s, film.modal_um[:, mode].imag, color=colour, lw=0.9, label=f"$W_{{{name}q}}$")
     axis.set_ylabel("quadrature, µm")
-    axis.set_ylim(-high_um, high_um)
+    axis.set_ylim(-1.05 * high_um, 1.05 * high_um)
     _legend(axis)
 
 
@@ -192,7 +192,7 @@ def _draw_fingers(axis: Any, film: Film, contacts_s: float) -> None:
     plotting.show_at_least(axis, 0.0, LEAST_UM)
     axis.set_ylabel("vibration over the contact, µm RMS" if has_contacts else "vibration at the finger, µm")
     axis.set_xlabel("time, s")
-    axis.set_title(_told(film, has_contacts=has_contacts), loc="left", fontsize="small", pad=TITLE_PT)
+    axis.set_title(_caption(film, has_contacts=has_contacts), loc="left", fontsize="small", pad=TITLE_PT)
     _legend(axis)
 
 
@@ -204,8 +204,8 @@ def _draw_delay(axis: Any, film: Film, link_ms: float) -> None:
     axis.annotate(
         "", (t_moves_s, half_um), (t_asked_s, half_um), arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0}
     )
-    told = f"{1e3 * (t_moves_s - t_asked_s):.1f} ms: the link's {link_ms:g} ms,\nand the board's next control period"
-    axis.text(t_moves_s + 0.001, half_um, told, va="center", fontsize="small")
+    span = f"{1e3 * (t_moves_s - t_asked_s):.1f} ms: the link's {link_ms:g} ms,\nand the board's next control period"
+    axis.text(t_moves_s + 0.001, half_um, span, va="center", fontsize="small")
 
 
 def _legend(axis: Any) -> None:
@@ -216,8 +216,8 @@ def _legend(axis: Any) -> None:
         axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), **style)
 
 
-def _told(film: Film, *, has_contacts: bool) -> str:
-    """What a film is worth, as far as anybody was judged in it."""
+def _caption(film: Film, *, has_contacts: bool) -> str:
+    """Return the scores of a film, as far as it has any."""
     if has_contacts and math.isfinite(film.score.contrast):
         contact = f"over {CONTACT_RADIUS_MM:g} mm: sticky {film.score.contact_leak_um:.2f} µm RMS, "
         contact += f"slippery {film.score.contact_slip_um:.2f}; contrast {film.score.contrast:.1f}"

@@ -19,6 +19,7 @@ from .score import Score
 
 ARRAYS = (
     "t_s",
+    "finger_id",
     "finger_true_mm",
     "finger_predicted_mm",
     "target_um",

@@ -30,7 +30,8 @@ class DaemonProcess:
         )
 
     def __enter__(self) -> DaemonProcess:
-        self.process = owned_process.start(["run", "--config", str(self._config)], scratch=Path(self._folder.name))
+        command = ["run", "--config", str(self._config)]
+        self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -40,6 +41,7 @@ class DaemonProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        if self.process.stdin is not None:
-            self.process.stdin.close()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                pipe.close()
         self._folder.cleanup()

@@ -49,7 +49,7 @@ def unpack(payload: bytes) -> object:
 
 
 def peek_whole(payload: bytes, name: str) -> int | None:
-    """Return a whole number of a message that `unpack` refuses, so that its sender can be told; None without one."""
+    """Return a whole number of a message that `unpack` refuses, so that its sender gets an answer; None without one."""
     unpacker = msgpack.Unpacker(raw=False, strict_map_key=True, max_buffer_size=MAX_PAYLOAD_BYTES, **_LIMITS)
     try:
         unpacker.feed(payload)

@@ -91,7 +91,7 @@ def test_a_time_out_of_bounds_is_one_sentence(seconds: float) -> None:
 
 
 def test_a_flooder_ends_with_its_input_and_prints_how_much_it_offered() -> None:
-    command = [sys.executable, "-m", "hapticd.bench.flood", "inproc://nobody", "test"]
+    command = [sys.executable, "-m", "hapticd.bench.flood", "inproc://unbound", "test"]
     done = subprocess.run(command, input="", capture_output=True, text=True, timeout=60.0, check=False)
     assert done.returncode == 0
     ready, counts = done.stdout.splitlines()

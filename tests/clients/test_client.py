@@ -215,8 +215,8 @@ def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(client: Client
 
 
 def test_a_target_for_an_unknown_virtual_finger_is_refused(client: Client) -> None:
-    with pytest.raises(RefusedError, match="no virtual finger 'nobody'"):
-        client.set("nobody", friction=1.0)
+    with pytest.raises(RefusedError, match="no virtual finger 'ghost'"):
+        client.set("ghost", friction=1.0)
     client.set(1, friction=1.0)
 
 

@@ -1,4 +1,4 @@
-"""A touch's way through the core, on a plate whose shapes are sines and with fingers that move as they are told."""
+"""A touch's way through the core, on a plate whose shapes are sines and with fingers that move as a test says."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PLATE = sine_plate()
 
 
 class Bench:
-    """A pipeline, its scene, and a pad that says what it is told."""
+    """A pipeline, its scene, and a pad with scripted reports."""
 
     def __init__(self, **settings: object) -> None:
         self.scene = Scene(w_limit_um=4.0)
@@ -261,7 +261,7 @@ def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers() -> None:
     bench.pipeline.sensor_lost()
     assert bench.pipeline.fingers == ()
     assert not bench.pipeline.sensor_is_silent(bench.t_ns + 1000 * MS)
-    assert bench.report(SLIPPERY).drive is None  # a new finger, that nobody wants
+    assert bench.report(SLIPPERY).drive is None  # a new finger without a target
 
 
 def test_the_same_calls_give_the_same_drives() -> None:

@@ -146,7 +146,7 @@ def test_while_a_reference_stands_the_board_hears_a_keep_alive_every_twenty_mill
 
 
 def rested(bench: Bench) -> Bench:
-    """Nobody touches for long enough, and the board was left quiet."""
+    """No finger for long enough: the board was left quiet."""
     bench.run(3000)
     assert bench.machine.session.is_resting
     assert bench.board.state == QUIET
@@ -270,7 +270,7 @@ def test_a_fault_outlives_the_board_that_had_it_and_can_still_be_cleared() -> No
     bench.board.plugged, bench.board.state, bench.board.fault_code, bench.board.boot_id = True, QUIET, 0, 99
     bench.machine.board_link(True, "back", bench.t_ns)
     bench.run(500)
-    assert bench.state is State.FAULT  # nobody cleared it
+    assert bench.state is State.FAULT  # not cleared
     assert bench.ask("clear_fault")["ok"]
     bench.run(200)
     assert bench.state is State.ACTIVE

@@ -87,11 +87,11 @@ def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_
     files = write_measured(plate, 3, tmp_path, with_parasitic_modes=True)
     with ConfigLoader() as config_loader:
         prepared = config_loader.prepare(configuration)
-    known, told = plate.parasitic_modes(3), prepared.parasitic_modes
-    assert told is not None
-    assert np.array_equal(told.modes.shapes, known.modes.shapes)
-    assert (told.decay_1_s, told.finger_decay_1_s) == (known.decay_1_s, known.finger_decay_1_s)
-    assert told.detuning_rad_s == pytest.approx(known.detuning_rad_s, rel=1e-15)
+    known, loaded = plate.parasitic_modes(3), prepared.parasitic_modes
+    assert loaded is not None
+    assert np.array_equal(loaded.modes.shapes, known.modes.shapes)
+    assert (loaded.decay_1_s, loaded.finger_decay_1_s) == (known.decay_1_s, known.finger_decay_1_s)
+    assert loaded.detuning_rad_s == pytest.approx(known.detuning_rad_s, rel=1e-15)
     assert {path.name for path in files} == {path.name for path in tmp_path.iterdir()}
 
     real = replace(configuration, device=replace(configuration.device, port="/dev/ttyACM0"))
@@ -209,7 +209,7 @@ def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_lea
                 await until(lambda: caplog.text.count("serving clients in") == 2)
             with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
                 second = await asyncio.to_thread(client.status)
-                while "tick_late" not in second["timing"]["histograms"]:  # a daemon of its own, whose ticks count anew
+                while "tick_late" not in second["timing"]["histograms"]:  # of the second daemon: it counts from 0
                     second = await asyncio.to_thread(client.status)
             assert first["real_time"]["refused"] == second["real_time"]["refused"] == []
             os.kill(os.getpid(), signal.SIGTERM)

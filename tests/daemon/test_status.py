@@ -120,11 +120,13 @@ def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
     bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
     bench.want({1: 1.0, 2: 1.0})
     bench.run(200)
-    told = states[-1]
-    assert [finger["owner"] for finger in told["fingers"]] == ["test", "test"]
-    for finger in told["fingers"]:
+    state = states[-1]
+    assert [finger["owner"] for finger in state["fingers"]] == ["test", "test"]
+    for finger in state["fingers"]:
         shapes = bench.machine.modes.at(finger["predicted_x_mm"], finger["predicted_y_mm"])
-        w_um = sum(phi * complex(d, q) for phi, d, q in zip(shapes, told["modal_um"], told["modal_q_um"], strict=True))
+        w_um = sum(
+            phi * complex(d, q) for phi, d, q in zip(shapes, state["modal_um"], state["modal_q_um"], strict=True)
+        )
         assert abs(w_um) == pytest.approx(finger["achieved_um"], abs=0.03)
 
 

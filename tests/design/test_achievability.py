@@ -96,9 +96,9 @@ def test_nothing_is_reached_on_a_singular_curve() -> None:
     made = achievability_map(PAIR, [Finger(-30.0, 21.0, 1.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=61)
     signs = np.sign(made.determinant)
     crossed = signs[:, 1:] != signs[:, :-1]
-    beside = np.minimum(made.reach_um[:, 1:], made.reach_um[:, :-1])
+    neighbour = np.minimum(made.reach_um[:, 1:], made.reach_um[:, :-1])
     assert crossed.any()
-    assert np.median(beside[crossed]) < 0.4 * np.median(beside[~crossed])
+    assert np.median(neighbour[crossed]) < 0.4 * np.median(neighbour[~crossed])
     assert (np.abs(made.determinant) * 4.0 <= made.reach_um + EXACT_UM).all()
 
 

@@ -29,7 +29,7 @@ RING_DOWN_MS = 35.0  # undriven from 4 to 0.01 um: six time constants of 5.45 ms
 LED_DOWN_MS = 12.0  # with the control loop's help
 SILENT_MS = DEADMAN_MS + RAMP_MS + LED_DOWN_MS  # from the last frame that the board takes
 
-SetUp = Callable[[FaultySimulation, float, float], None]  # to be told when the fault comes and when it is over
+SetUp = Callable[[FaultySimulation, float, float], None]  # called with the instants of the fault and of its end
 
 
 @dataclass(frozen=True)

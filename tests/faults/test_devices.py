@@ -1,4 +1,4 @@
-"""A device goes, comes back, falls silent, starts anew or is another."""
+"""A device goes, comes back, falls silent, restarts or is another."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_board_that_was_reset_behind_an_open_port_is_greeted_anew(
     assert warned == "WARNING board: Clock discontinuity (board reset?): reconnecting"
     assert greeted.startswith("INFO board: firmware ")
     if t_fault_s > 2.0:
-        tell("board reset behind an open port", after, "frames until it is greeted anew", warned)
+        tell("board reset behind an open port", after, "frames until the next handshake", warned)
 
 
 def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.LogCaptureFixture) -> None:

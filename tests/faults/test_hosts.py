@@ -103,7 +103,7 @@ def test_no_part_of_the_daemon_reads_the_wall_clock() -> None:
 
 
 def test_the_run_does_not_depend_on_when_it_is_played(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The wall clock steps by an hour with every look, and nobody looks."""
+    """The wall clock steps by an hour with every look, and no code looks."""
 
     def play() -> np.ndarray:
         return simulate(lambda *_: None, T_FAULT_S, T_FAULT_S, 0.3).run().modal_um
@@ -114,4 +114,4 @@ def test_the_run_does_not_depend_on_when_it_is_played(monkeypatch: pytest.Monkey
         patch.setattr("time.time", lambda: float(next(instants)))
         patch.setattr("time.time_ns", lambda: next(instants) * 10**9)
         assert np.array_equal(before, play())
-    tell("host's wall clock stepped by an hour", None, "nothing: nobody reads it", "")
+    tell("host's wall clock stepped by an hour", None, "nothing: it is not read", "")

@@ -154,4 +154,4 @@ def test_a_finger_that_jumps_across_the_plate_is_a_new_one_and_asks_for_nothing(
     assert sticks_um <= 0.1
     assert max(after.simulation.machine.pipeline.fingers, key=lambda finger: finger.finger_id).finger_id >= 10
     assert lines(caplog) == []
-    tell("a finger that jumps", None, f"its id; the sticky one beside it gets {sticks_um:.3f} um", "")
+    tell("a finger that jumps", None, f"its id; the sticky one next to it gets {sticks_um:.3f} um", "")

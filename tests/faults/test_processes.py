@@ -38,7 +38,7 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     t_cont_s = time.monotonic() - rig.t_start_s
     service.process.send_signal(signal.SIGCONT)
     wait_for(lambda: client.status()["board"].get("deadman_trips") == 1)  # what was known before is known no more
-    drive(client)  # of the time that nobody looked it knows nothing: fingers may be new ones
+    drive(client)  # of the time while it was stopped it knows nothing: fingers may be new ones
     stay_driven(client)
     warnings = service.lines_with("WARNING")
     arrays = rig.recording()

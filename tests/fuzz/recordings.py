@@ -80,7 +80,7 @@ def least_header() -> bytes:
 def seeds() -> dict[str, bytes]:
     point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
     drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
-    finger = {"finger": 0, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
+    finger = {"path": 1, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
     events: dict[str, tuple[object, ...]] = {
         "reports": ((RawReport(4, b"\x02ab"),),),
         "pass": (Tick(7, 2, 9, drive, (point,), False), "ACTIVE", (Finger(1, 3, 1.5, -2.5, False),)),

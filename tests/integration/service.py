@@ -29,7 +29,7 @@ Process = TypeVar("Process", bound="subprocess.Popen[Any]")
 
 
 def first(process: Process) -> Process:
-    """Beside other tests on few cores it would be late for reasons that are not its own: it goes first, if it may."""
+    """With other tests on few cores it would be late for reasons that are not its own: it goes first, if it may."""
     with contextlib.suppress(PermissionError, ProcessLookupError):
         os.setpriority(os.PRIO_PROCESS, process.pid, -10)
     return process
@@ -192,7 +192,7 @@ def is_driven(state: PlateState) -> bool:
 
 
 def is_quiet(state: PlateState) -> bool:
-    """Nobody gets anything."""
+    """No finger gets anything."""
     return not any(state.modal_um) and not any(finger.target_um for finger in state.fingers)
 
 

@@ -1,4 +1,4 @@
-"""Beside programs that take every processor whole: with SCHED_FIFO no keep-alive is missed."""
+"""In parallel with programs that take every processor whole: with SCHED_FIFO no keep-alive is missed."""
 
 from __future__ import annotations
 

@@ -107,8 +107,8 @@ def test_a_virtual_finger_walks_on_the_plate_and_not_beside_it(client: Outsider)
     assert (finger(state, "walker")["virtual"], finger(state, "walker")["owner"]) == (True, "outsider")
     x_mm = finger(state, "walker")["x_mm"]
     client.state(lambda state: finger(state, "walker")["x_mm"] != x_mm)
-    beside = MOVING | {"path_mm": [[500, 0]]}
-    assert "leaves the plate" in client.set({"finger": "walker", "amplitude_um": 1.0}, virtuals=[beside])["error"]
+    outside = MOVING | {"path_mm": [[500, 0]]}
+    assert "leaves the plate" in client.set({"finger": "walker", "amplitude_um": 1.0}, virtuals=[outside])["error"]
 
 
 def test_a_marker_is_in_one_state(client: Outsider) -> None:

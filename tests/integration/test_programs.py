@@ -24,7 +24,7 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
         output, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
     faults = [line for line in complaints.splitlines() if not re.search("trackpad silent|timing since", line)]
-    assert (process.returncode, faults) == (0, [])  # beside other tests the pad may be late, which is output rightly
+    assert (process.returncode, faults) == (0, [])  # with other tests the pad may be late, which is output rightly
     lines = output.splitlines()
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
     assert 2 <= len(live) <= 4
@@ -52,6 +52,23 @@ def test_a_demo_that_is_killed_leaves_no_folder_and_no_process(tmp_path: Path, s
     t_end_s = time.monotonic() + PATIENCE_S
     while any(tmp_path.iterdir()) and time.monotonic() < t_end_s:
         time.sleep(0.05)
+    assert [path.name for path in tmp_path.iterdir()] == []
+
+
+@pytest.mark.long
+def test_a_demo_whose_rig_is_killed_ends_with_a_sentence(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hapticd", "demo", "--out", str(tmp_path / "demo.png")]
+    environ = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
+        assert process.stdout is not None
+        while not re.match("(ACTIVE|ARMED|IDLE)", process.stdout.readline()):
+            assert process.poll() is None
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (rig,) = (pid for pid in children if b"hapticd.sim.rig.program" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        os.kill(int(rig), signal.SIGKILL)
+        _, complaints = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert complaints.splitlines()[-1] == "hapticd: The simulated rig has ended: start this command again."
     assert [path.name for path in tmp_path.iterdir()] == []
 
 

@@ -2,7 +2,7 @@
 limiter.
 
 Every mutant meets the limiter's own tests in a process of its own, so that one that crashes, or never ends, is dead
-and harms nobody. The answer is JSON: how many there were, and those that no test killed, as `text of the line: change`.
+and does no harm. The answer is JSON: how many there were, and those that no test killed, as `text of the line: change`.
 """
 
 from __future__ import annotations

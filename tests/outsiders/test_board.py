@@ -19,6 +19,7 @@ from outsiders.board import Board
 
 from hapticd.board_values import ModeCalibration
 from hapticd.config.sections import Config
+from hapticd.core.board.send_window import MOST_UNREAD
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.sim.fingers.paths import Line, Path, Rest, Touch
@@ -203,6 +204,9 @@ def test_a_board_with_a_lower_limit_is_refused_in_a_sentence(caplog: pytest.LogC
 # --- a board that tells the time, and says nothing of what it does ---
 
 
+MOST_WITHOUT_STATUS = 15  # references, one for each report of the pad in 165 ms (hapticd/daemon/README.md)
+
+
 def without_status(kind: int, payload: bytes) -> bytes | None:
     return None if kind == outsider.STATUS else payload
 
@@ -217,7 +221,10 @@ def test_a_board_that_answers_the_time_but_sends_no_status_is_not_driven(
 ) -> None:
     stand = Stand(Board(), STROKE, STICKY).driven()
     stand.board.censor = censor
+    before = len(stand.board.received)
     stand.run(170)
+    sent = [kind for _, kind in stand.board.received[before:]].count(outsider.REFERENCE)
+    assert 10 < sent <= MOST_WITHOUT_STATUS
     before = len(stand.board.received)
     stand.run(3830)
     later = [kind for _, kind in stand.board.received[before:]]
@@ -234,6 +241,17 @@ def test_a_board_that_answers_the_time_but_sends_no_status_is_not_driven(
     assert said(caplog, logging.INFO) == ["board: its STATUS has arrived: references are sent"]
     assert stand.peak_um(20) > 0.3
     assert "lacking" not in stand.status
+
+
+def test_a_board_that_answers_nothing_is_sent_two_references() -> None:
+    stand = Stand(Board(), STROKE, STICKY).driven()
+    before = len(stand.board.received)
+    stand.board.censor = lambda *_: None
+    stand.run(900)
+    kinds = [kind for _, kind in stand.board.received[before:]]
+    assert kinds.count(outsider.REFERENCE) == MOST_UNREAD
+    assert kinds.count(outsider.TIME_REQUEST) >= 10
+    assert stand.peak_um(800) < 0.01
 
 
 def test_a_board_that_never_sent_a_status_is_never_driven() -> None:
@@ -330,8 +348,8 @@ def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_t
     stand = Stand(board, SLIPPERY, STICKY)
     stand.run(2000)
     assert said(caplog) == [sentence]
-    told = stand.status.get("refused") or stand.status["lacking"]
-    assert sentence.endswith(told)
+    reported = stand.status.get("refused") or stand.status["lacking"]
+    assert sentence.endswith(reported)
     stand.run(2000)
     assert said(caplog) == [sentence]
     assert stand.references(4000) == 0

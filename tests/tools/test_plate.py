@@ -74,6 +74,26 @@ def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
         (["--out", "/nonexistent/plate.npz"], "/nonexistent/plate.npz"),
         (["--json", "/nonexistent/plate.json"], "/nonexistent/plate.json"),
         (["--plot", "/nonexistent/plate.png"], "/nonexistent/plate.png"),
+        (["--place", "10x10x0.3"], "--place: belongs to --contacts: add it"),
+        (["--contacts", "--drive", "29150", "--modes", "2", "--place", "10x10"], "--place: '10x10' is no patch"),
+        (["--contacts", "--drive", "29150", "--modes", "2", "--place", "99x99x1"], "--place: patches of 99x99 mm are"),
+        (["--modes", "4"], "--modes: belongs to --contacts: add it"),
+        (["--contacts", "--modes", "9"], "--modes: 9 is out of bounds, it must be 2 .. 8"),
+        (["--contacts", "--modes", "2.5"], "--modes: '2.5' is not a whole number"),
+        (["--contacts", "--size", "240..150"], "--size: '240..150' is no range: write the lower end first"),
+        (["--contacts", "--size", "1x2x3"], "--size: '1x2x3' has more than two edges"),
+        (["--contacts", "--size", "10..1000"], "5050 plates are too many"),
+        (["--contacts", "--size", "30x25"], "has no room for two fingers"),
+        (["--contacts", "--thickness", "x"], "--thickness: 'x' is not a number"),
+        (["--contacts", "--drive", "nan"], "--drive: nan is out of bounds"),
+        (["--contacts", "--material", "glass/wood"], "there is no material 'wood'"),
+        (
+            ["--contacts", "--size", "60x60", "--drive", "29000"],
+            "No plate has 4 modes near a drive of 29000 to 29000 Hz",
+        ),
+        (["--contacts", "--patch", "1,2,3"], "--patch: '1,2,3' is no patch: write position and dimensions in mm"),
+        (["--contacts", "--patch", "68,0,10x10x0.3"], "the patch at 68,0 mm reaches over the plate's edge"),
+        (["--contacts", "--config", "plate.toml"], "--config: names the plate's mode file: add --out F.npz"),
     ],
 )
 def test_a_plate_that_cannot_be_is_one_sentence_and_exit_code_2(
@@ -156,37 +176,3 @@ def test_patches_sensors_and_stamps_are_placed_and_the_plate_is_judged_with_them
     assert found["placement"]["glued"]["frequency_hz"] != found["designs"][0]["frequency_hz"]
     assert np.array(found["placement"]["sense"]["coupling"]).shape == (2, 2)
     assert (tmp_path / "plate.png").stat().st_size > 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["--place", "10x10x0.3"], "--place: belongs to --contacts: add it"),
-        (["--contacts", "--drive", "29150", "--modes", "2", "--place", "10x10"], "--place: '10x10' is no patch"),
-        (["--contacts", "--drive", "29150", "--modes", "2", "--place", "99x99x1"], "--place: patches of 99x99 mm are"),
-        (["--modes", "4"], "--modes: belongs to --contacts: add it"),
-        (["--contacts", "--modes", "9"], "--modes: 9 is out of bounds, it must be 2 .. 8"),
-        (["--contacts", "--modes", "2.5"], "--modes: '2.5' is not a whole number"),
-        (["--contacts", "--size", "240..150"], "--size: '240..150' is no range: write the lower end first"),
-        (["--contacts", "--size", "1x2x3"], "--size: '1x2x3' has more than two edges"),
-        (["--contacts", "--size", "10..1000"], "5050 plates are too many"),
-        (["--contacts", "--size", "30x25"], "has no room for two fingers"),
-        (["--contacts", "--thickness", "x"], "--thickness: 'x' is not a number"),
-        (["--contacts", "--drive", "nan"], "--drive: nan is out of bounds"),
-        (["--contacts", "--material", "glass/wood"], "there is no material 'wood'"),
-        (
-            ["--contacts", "--size", "60x60", "--drive", "29000"],
-            "No plate has 4 modes near a drive of 29000 to 29000 Hz",
-        ),
-        (["--contacts", "--patch", "1,2,3"], "--patch: '1,2,3' is no patch: write position and dimensions in mm"),
-        (["--contacts", "--patch", "68,0,10x10x0.3"], "the patch at 68,0 mm reaches over the plate's edge"),
-        (["--contacts", "--config", "plate.toml"], "--config: names the plate's mode file: add --out F.npz"),
-    ],
-)
-def test_a_search_that_cannot_be_is_one_sentence_and_exit_code_2(
-    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["plate", *arguments]) == 2
-    complaint = capsys.readouterr().err
-    assert sentence in complaint
-    assert complaint.count("\n") == 1

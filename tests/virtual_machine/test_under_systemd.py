@@ -2,7 +2,7 @@
 
 One boot in QEMU (`machine.py`) runs `guest/service.py` with a virtual trackpad, a board on a virtual USB and a client;
 each test judges what one of its steps found. What the unit says is in force to the letter, its time limits too: the
-guest's clock counts instructions, so that a busy host makes it late for nobody.
+guest's clock counts instructions, so that a busy host delays nothing in it.
 """
 
 from __future__ import annotations

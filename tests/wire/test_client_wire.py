@@ -128,7 +128,7 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
             packed(targets=[{"finger": 1.5, "friction": 0.5}]),
             "targets[0].finger: must be a whole number, not a number.",
         ),
-        (packed(targets=[{"finger": "nobody", "friction": 0.5}]), "this message defines no virtual finger 'nobody'"),
+        (packed(targets=[{"finger": "phantom", "friction": 0.5}]), "this message defines no virtual finger 'phantom'"),
         (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
         (with_target(friction=0.5, fiction=1), "'targets[0].fiction': unknown field"),

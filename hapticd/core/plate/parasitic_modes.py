@@ -7,7 +7,7 @@ finger half as much as all errors of its predicted position do. With the frictio
 
     dW_n/dt = (-decay_n + j detuning_n) W_n - c sum_i phi_n(P_i) w_i,     w_i = sum_k phi_k(P_i) W_k
 
-and settles, fast beside a finger's way across its shape, at W_n = -c sum_i phi_n(P_i) w_i / (decay_n - j detuning_n).
+and settles, fast compared with a finger's motion, at W_n = -c sum_i phi_n(P_i) w_i / (decay_n - j detuning_n).
 The still finger gets sum_n phi_n W_n of it, about a quarter turn behind: so the driven modes are given the least
 change, complex, that brings the whole of what it feels back to zero.
 

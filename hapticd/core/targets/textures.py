@@ -178,10 +178,10 @@ def _image(image: MapTarget, plate_size_mm: tuple[float, float]) -> Texture:
         left, upper = int(column), int(row)
         right_share, lower_share = column - left, row - upper
         here = upper * width + left
-        beside = 1 if left < last_column else 0
+        next_column = 1 if left < last_column else 0
         below = here + width if upper < last_row else here
-        top_level = levels[here] + (levels[here + beside] - levels[here]) * right_share
-        bottom_level = levels[below] + (levels[below + beside] - levels[below]) * right_share
+        top_level = levels[here] + (levels[here + next_column] - levels[here]) * right_share
+        bottom_level = levels[below] + (levels[below + next_column] - levels[below]) * right_share
         share = (top_level + (bottom_level - top_level) * lower_share) / 255.0
         return low_um * (1.0 - share) + high_um * share
 

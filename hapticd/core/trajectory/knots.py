@@ -2,7 +2,7 @@
 
 Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8 at most, in the middle of a smooth
 piece: so the middle is looked at, and becomes a knot if the chord misses it. A half then errs by a quarter, and is
-taken as it is where that is within the tolerance; beside an inflection, or the corner where a mode meets its limit, it
+taken as it is where that is within the tolerance; next to an inflection, or the corner where a mode meets its limit, it
 may err by a little more.
 Where the target itself has corners (a square grating's edges, a map's pixels) every half is checked in turn, down to
 the board's control tick.

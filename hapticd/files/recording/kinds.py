@@ -201,8 +201,9 @@ def _kind(topic: str, form: dict[str, Form | Maybe], flatten: Callable[..., Fiel
 
 
 _TRUE_FINGER: dict[str, Form | Maybe] = {
-    "finger": WHOLE,  # number of the simulated path
-    "finger_id": Maybe(WHOLE),  # as in a pass, once one has seen it
+    "path": WHOLE,  # number of the simulated finger, from 1
+    "finger_id": Maybe(WHOLE),  # as in a pass, while the daemon has it
+    "virtual": Maybe(TEXT),
     "x_mm": NUMBER,
     "y_mm": NUMBER,
     "target_um": Maybe(NUMBER),

@@ -35,7 +35,7 @@ _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
 class UnreadBytes(NamedTuple):
-    """Most bytes that one connection, one user and all of them may leave unread, beside the kernel's buffers."""
+    """Most bytes that one connection, one user and all of them may leave unread, besides the kernel's buffers."""
 
     connection: int
     user: int

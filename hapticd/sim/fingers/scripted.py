@@ -16,8 +16,8 @@ ABSENT_MM = 1e9  # distance assigned to a lifted actor: less than that of a virt
 
 
 def virtual_name(actor: int) -> str:
-    """Return the name of an actor's virtual finger."""
-    return f"virtual-{actor}"
+    """Return the name of an actor's virtual finger; names count from 1, as finger ids do."""
+    return f"virtual-{actor + 1}"
 
 
 class ScriptedClient:

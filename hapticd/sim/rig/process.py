@@ -24,6 +24,21 @@ PLATE_FILE = "plate.toml"
 HISTORY_FILE = "history.npz"
 
 
+ENDED = "The simulated rig has ended: start this command again."
+
+
+def watch(process: subprocess.Popen[str], on_end: Callable[[], None]) -> None:
+    """Call `on_end`, on the running loop, when a process ends whose output is a pipe that it no longer writes to."""
+    loop, pipe = asyncio.get_running_loop(), process.stdout
+    assert pipe is not None
+
+    def ended() -> None:  # only the end makes the pipe readable
+        loop.remove_reader(pipe)
+        on_end()
+
+    loop.add_reader(pipe, ended)
+
+
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
@@ -88,14 +103,12 @@ class RigProcess:
 
     def watch(self, on_end: Callable[[str], None]) -> None:
         """Call `on_end` with a sentence, on the running loop, if the process ends by itself or is killed."""
-        loop, pipe = asyncio.get_running_loop(), self.process.stdout
-        assert pipe is not None
+        watch(self.process, lambda: on_end(ENDED))
 
-        def ended() -> None:  # it writes nothing after its first line: only the end makes the pipe readable
-            loop.remove_reader(pipe)
-            on_end("The simulated rig has ended: start this command again.")
-
-        loop.add_reader(pipe, ended)
+    def check(self) -> None:
+        """Raise DeviceError if the process has ended by itself or was killed."""
+        if self.process.poll() is not None:
+            raise DeviceError(ENDED)
 
     def close(self) -> None:
         """Stop the rig, which first writes its recording."""

@@ -103,12 +103,12 @@ def _findings(measured: Measured, lost_frac: float) -> list[Finding]:
         findings.append((Outcome.FAIL, f"{100 * lost_frac:.0f} % of the frames are late or lost: check the link."))
     elif lost_frac > STEADY_FRAC:
         findings.append(
-            (Outcome.LOOK, f"{100 * lost_frac:.1f} % of the frames are late or lost: reduce the host's load.")
+            (Outcome.WARN, f"{100 * lost_frac:.1f} % of the frames are late or lost: reduce the host's load.")
         )
     if len(measured.lines) < LEAST_FRAMES:
-        findings.append((Outcome.LOOK, f"Only {len(measured.lines)} frames: move two fingers, for longer."))
+        findings.append((Outcome.WARN, f"Only {len(measured.lines)} frames: move two fingers, for longer."))
     if spread_ms > SPREAD_WORTH_MS:
         findings.append(
-            (Outcome.LOOK, f"The link's delay varies by {spread_ms:.1f} ms: check [realtime] and the cable.")
+            (Outcome.WARN, f"The link's delay varies by {spread_ms:.1f} ms: check [realtime] and the cable.")
         )
     return findings

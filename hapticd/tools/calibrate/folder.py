@@ -19,7 +19,7 @@ from ...regular_file import open_regular, read_bounded
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
-FILES = {"resonance": (CALIBRATION_FILE,), "modes": (MODES_FILE,), "latency": (LEDGER_FILE,)}  # beside result, picture
+FILES = {"resonance": (CALIBRATION_FILE,), "modes": (MODES_FILE,), "latency": (LEDGER_FILE,)}  # and result, picture
 MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 STEPS = {

@@ -190,9 +190,9 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
     )
     findings: list[Finding] = []
     if noise_frac > 0.15:
-        findings.append((Outcome.LOOK, "Readings scatter widely: take more, from more than one finger."))
+        findings.append((Outcome.WARN, "Readings scatter widely: take more, from more than one finger."))
     if found.left_out.mean() > 0.1:
-        findings.append((Outcome.LOOK, "More than a tenth of the readings are outliers: check them."))
+        findings.append((Outcome.WARN, "More than a tenth of the readings are outliers: check them."))
     sentence = f"Friction falls to {100.0 * found.floor / found.bare:.0f} % at {found.amplitude_um[-1]:.2f} um."
     outcome, sentence = judge(findings, sentence)
     curve_um = [round(um, 5) for um in found.amplitude_um.tolist()]

@@ -152,12 +152,12 @@ def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, 
     findings = [finding for one in sweeps for finding in _findings(one)]
     if best_v > hello.v_limit_v:
         findings.append(
-            (Outcome.LOOK, f"Full amplitude takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.")
+            (Outcome.WARN, f"Full amplitude takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.")
         )
     if now_v > WORTH_MOVING * best_v:
         findings.append(
             (
-                Outcome.LOOK,
+                Outcome.WARN,
                 f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: "
                 "set DRIVE_HZ in the firmware.",
             )
@@ -191,5 +191,5 @@ def _findings(one: ModeSweep) -> list[Finding]:
         return [(Outcome.FAIL, f"Mode {one.mode} shows no resonance circle: check its sensor, amplifier and wiring.")]
     if one.fit.residual_frac > CLEAN_FRAC:
         left = 100.0 * one.fit.residual_frac
-        return [(Outcome.LOOK, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby.")]
+        return [(Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby.")]
     return []

@@ -159,18 +159,18 @@ def _findings(found: AffineFit) -> list[Finding]:
         )
     elif abs(where.rotation_deg) > TURNED_DEG:
         turned = f"The pad seems rotated by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
-        findings.append((Outcome.LOOK, f"{turned}: check how it lies, and the order of the touches."))
+        findings.append((Outcome.WARN, f"{turned}: check how it lies, and the order of the touches."))
     if found.left_out_rms_mm > USABLE_MM:
         findings.append((Outcome.FAIL, f"The marks disagree by {found.left_out_rms_mm:.1f} mm: touch them again."))
     elif found.left_out_rms_mm > GOOD_MM:
         findings.append(
             (
-                Outcome.LOOK,
+                Outcome.WARN,
                 f"The marks disagree by {found.left_out_rms_mm:.1f} mm, mark {worst} most: touch them again.",
             )
         )
     if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
-        findings.append((Outcome.LOOK, "The pad's scale differs from the plate's: check the positions of the marks."))
+        findings.append((Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."))
     return findings
 
 

@@ -15,10 +15,10 @@ PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
 
 
 class Outcome(Enum):
-    """Usable; usable after a look by a person; unusable. Sorted by severity."""
+    """Usable; usable once a person has looked at it; unusable. Sorted by severity."""
 
     PASS = "pass"
-    LOOK = "look"
+    WARN = "warn"
     FAIL = "fail"
 
 

@@ -3,7 +3,7 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client sets a slippery and a sticky finger, a live view shows their amplitudes, and at the end the plate's true
-motion is scored beside the same fingers in virtual time: the paper's scheme and hapticd on the reference plate, and
+motion is scored, and the same fingers in virtual time: the paper's scheme and hapticd on the reference plate, and
 hapticd on the fingertip plate. The board is the firmware's core in the rig, or its whole program in a process, with a
 simpler plate inside; the others then get such a plate too.
 """
@@ -192,7 +192,8 @@ class _ScriptedUser:
         self._known: set[int] = set()
 
     def update(self, state: PlateState) -> None:
-        """Set the targets of new fingers."""
+        """Set the targets of new fingers. Raises DeviceError if the rig has ended."""
+        self._rig.check()
         fingers = [(finger.id, finger.x_mm, finger.y_mm) for finger in state.fingers if isinstance(finger.id, int)]
         if all(finger_id in self._known for finger_id, _, _ in fingers):
             return
@@ -212,8 +213,8 @@ def _wait_for_fingers(client: Client, user: _ScriptedUser) -> float:
     """Wait for the scenario's fingers and set their targets. Return the instant in the rig's time."""
     t_give_up_s = time.monotonic() + FINGERS_WITHIN_S
     for state in client.states(timeout_s=FINGERS_WITHIN_S):
+        user.update(state)
         if len(state.fingers) == FINGERS:
-            user.update(state)
             return user.t_s()
         if time.monotonic() > t_give_up_s:
             break

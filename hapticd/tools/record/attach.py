@@ -17,7 +17,7 @@ from pathlib import Path
 import msgpack
 import zmq
 
-from ...errors import RecordingError
+from ...errors import HapticdError, RecordingError
 from ...files.recording.header import header_from
 from ...files.recording.kinds import HEADER, Record
 from ...files.recording.mcap_writer import RecordingFile, check_destination
@@ -52,8 +52,8 @@ def record(
 ) -> str:
     """Record for `seconds`, until KeyboardInterrupt, or until the daemon stops. Returns a sentence on the file.
 
-    `notify` is given what a person should know meanwhile. Raises RecordingError, before the daemon is asked if the file
-    cannot be made.
+    `notify` is given what a person should know meanwhile. Raises HapticdError; RecordingError, before the daemon
+    is asked, if the file cannot be made.
     """
     if seconds is not None and not 0.0 < seconds < math.inf:
         raise RecordingError(f"--seconds {seconds:g}: give a finite number above 0.")
@@ -108,7 +108,7 @@ def _record(
         finally:
             file.close()
     except OSError as error:
-        raise RecordingError(f"{file.path}: the recording ends here ({error.strerror}): make room.") from None
+        raise HapticdError(f"{file.path}: the recording ends here ({error.strerror}): make room.") from None
     missing = f"; {lost} came too fast and are missing" if lost else ""
     return f"{file.path}: {records} records of {time.monotonic() - begun_s:.1f} s{missing}"
 
@@ -124,10 +124,8 @@ def _opening(socket: zmq.Socket[bytes], directory: Path, wait: _Wait) -> Record:
             wait.begin(message.removeprefix(WAITS))
         wait.look(time.monotonic())
         if not wait.is_begun and time.monotonic() > deadline_s:
-            raise RecordingError(
-                f"No hapticd answers in {directory}: start one, or name its directory with --runtime-dir."
-            )
-    raise RecordingError("Nothing is recorded: it ended before the recording began.")
+            raise HapticdError(f"No hapticd answers in {directory}: start one, or name its directory with --endpoint.")
+    raise HapticdError("Nothing is recorded: it ended before the recording began.")
 
 
 class _Wait:

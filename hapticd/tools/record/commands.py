@@ -21,14 +21,14 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"
     )
-    parser.add_argument("--runtime-dir", type=Path, metavar="DIR", help="the daemon's (default: as clients find it)")
+    parser.add_argument("--endpoint", type=Path, metavar="DIR", help="the daemon's runtime directory (default: found)")
     parser.set_defaults(command=_record)
 
 
 def _record(options: argparse.Namespace) -> None:
     from .attach import record
 
-    print(record(options.out, options.runtime_dir, options.seconds, is_now=options.now))
+    print(record(options.out, options.endpoint, options.seconds, is_now=options.now))
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,22 +4,23 @@ target and amplitude of each finger; markers are vertical lines."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...errors import RecordingError
 from ...files import plotting
-from ...sim.picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS
+from ...sim.picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS, REFERENCE
 from .references import in_force
 from .tables import Column
 
 Table = Mapping[str, Column]
 MODE_NAMES = "XYZ"
 MORE_MODES = ("tab:olive", "tab:cyan", "tab:pink")
+LIFTED_S = 0.1  # without ground truth of a finger; it comes every 10 ms at least
 
 
 def draw(
@@ -32,93 +33,127 @@ def draw(
     end_s = last_s if end_s is None else end_s
     if not (math.isfinite(start_s) and math.isfinite(end_s) and start_s < end_s and start_s < last_s):
         raise RecordingError(f"From {start_s:g} s to {end_s:.4g} s there is nothing: it ends at {last_s:.1f} s.")
-    part = {name: _between(table, start_s, end_s) for name, table in tables.items()}
+    part = _Part(start_s, end_s)
     figure, grid = plotting.subplots(9.0, 10.0, 4, sharex=True, height_ratios=(1, 1, 1.6, 1.6))
     axes = grid[:, 0]
     axes[0].set_title(plotting.plain(title), loc="left")
-    _draw_positions(axes[0:2], part)
-    _draw_modes(axes[2], part)
-    _draw_fingers(axes[3], part)
-    _draw_markers(axes, part)
-    if not _coloured(part):
+    _draw_positions(axes[0:2], tables, part)
+    _draw_modes(axes[2], tables, part)
+    _draw_fingers(axes[3], tables, part)
+    _draw_markers(axes, tables, part)
+    if not any(len(line.get_xdata()) for line in axes[0].lines):
         for axis in (*axes[0:2], axes[3]):
             plotting.mark_empty(axis, "no finger touches")
+    axes[0].plot([], [], ".", color="grey", ms=4, label="samples")
+    axes[0].plot([], [], color="grey", lw=0.9, label="predicted")
+    for axis in (axes[0], *axes[2:4]):  # above the axes, on the right: nothing is hidden
+        place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+        axis.legend(**place, fontsize="small", ncols=5, frameon=False, borderpad=0.1)
     axes[3].set_xlim(start_s, end_s)
     axes[3].set_xlabel("time, s")
     plotting.save(figure, path)
 
 
-def _between(table: Table, start_s: float, end_s: float) -> Table:
-    part = (table["t_s"] >= start_s) & (table["t_s"] <= end_s)
-    return {name: column[part] for name, column in table.items()}
+class _Part(NamedTuple):
+    """The instants that are drawn."""
+
+    start_s: float
+    end_s: float
+
+    def contains(self, t_s: Column) -> npt.NDArray[np.bool_]:
+        """Return which instants are drawn."""
+        inside: npt.NDArray[np.bool_] = (t_s >= self.start_s) & (t_s <= self.end_s)
+        return inside
+
+    def draw(self, axis: Any, t_s: Column, values: Column, **options: Any) -> None:
+        """Draw a line through points before and behind the edges too; one that does not reach into the part has no
+        label."""
+        order = np.argsort(t_s, kind="stable")
+        t_s, values = t_s[order], values[order]
+        edges_s = np.array([edge_s for edge_s in self if t_s[0] < edge_s < t_s[-1]])
+        inside = self.contains(t_s)
+        at_s = np.concatenate([edges_s, t_s[inside]])
+        if len(at_s):
+            drawn = np.concatenate([np.interp(edges_s, t_s, values), values[inside]])
+            order = np.argsort(at_s, kind="stable")
+            axis.plot(at_s[order], drawn[order], **options)
 
 
-def _draw_positions(axes: Any, tables: Mapping[str, Table]) -> None:
+def _draw_positions(axes: Any, tables: Mapping[str, Table], part: _Part) -> None:
     """Samples as dots, at the instants they were taken; where each pass took the finger to be as a line."""
     begin_s = _begin_s(tables)
     for axis, name in zip(axes, ("x_mm", "y_mm"), strict=True):
         for colour, key in _coloured(tables):
             predicted = _of(tables.get("predictions"), "finger_id", key)
             if predicted:
-                axis.plot(_seconds(predicted["t_plate_ns"], begin_s), predicted[name], color=colour, lw=0.9)
+                part.draw(axis, _seconds(predicted["t_plate_ns"], begin_s), predicted[name], color=colour, lw=0.9)
             seen = _of(tables.get("fingers"), "finger_id", int(key) if key.isdigit() else -1)
             if seen:
-                axis.plot(_seconds(seen["t_sample_ns"], begin_s), seen[name], ".", color=colour, ms=2.5)
+                t_s = _seconds(seen["t_sample_ns"], begin_s)
+                inside = part.contains(t_s)
+                if inside.any():
+                    axis.plot(t_s[inside], seen[name][inside], ".", color=colour, ms=2.5)
         axis.set_ylabel(f"{name[0]}, mm")
-    axes[0].plot([], [], ".", color="grey", ms=4, label="samples")
-    axes[0].plot([], [], color="grey", lw=0.9, label="predicted")
-    _legend(axes[0])
 
 
-def _draw_modes(axis: Any, tables: Mapping[str, Table]) -> None:
-    """References dashed; what the plate did as a line: by its truth where the recording has it, else by the board."""
+def _draw_modes(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
+    """References as broad bands; what the plate did as lines: by its truth where there is one, else by the board."""
     begin_s = _begin_s(tables)
     did, name = (tables["truth_modes"], "plate") if "truth_modes" in tables else (tables.get("modes"), "measured")
     references = tables.get("references")
     modes = sorted({int(mode) for table in (did, references) if table for mode in table["mode"]})
     for mode in modes:
         colour = (*MODE_COLOURS, *MORE_MODES)[mode % (len(MODE_COLOURS) + len(MORE_MODES))]
-        label = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode + 1)
-        found = _of(did, "mode", mode)
-        if found:
-            axis.plot(found["t_s"], found[f"{name}_d_um"], color=colour, lw=1.1, label=f"$W_{{{label}d}}$ {name}")
+        mark = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode + 1)
         wanted = _of(references, "mode", mode)
         if wanted:
             t_ns, reference_um = in_force(wanted)
-            axis.plot(_seconds(t_ns, begin_s), reference_um.real, "--", color="black", lw=0.7)
-    axis.plot([], [], "--", color="black", lw=0.7, label="references")
+            part.draw(axis, _seconds(t_ns, begin_s), reference_um.real, color=colour, **REFERENCE)
+        found = _of(did, "mode", mode)
+        if found:
+            label = f"$W_{{{mark}d}}$ {name}"
+            part.draw(axis, found["t_s"], found[f"{name}_d_um"], label=label, color=colour, lw=1.0)
+    axis.plot([], [], color="grey", label="references", **REFERENCE)
     plotting.show_at_least(axis, -LEAST_UM, LEAST_UM)
     axis.set_ylabel("modal amplitude, µm")
-    _legend(axis)
 
 
-def _draw_fingers(axis: Any, tables: Mapping[str, Table]) -> None:
+def _draw_fingers(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
     """Targets dashed; the amplitude at each finger as a line: the truth, else what the solved modes give it."""
     for colour, key in _coloured(tables):
         table = _of(tables.get("targets"), "finger_id", key)
-        if not table:
-            continue
-        axis.plot(table["t_s"], table["target_um"], "--", color=colour, lw=0.8)
-        if "truth" not in tables:
+        if table:
+            part.draw(axis, table["t_s"], table["target_um"], ls="--", color=colour, lw=0.8)
+        if table and "truth" not in tables:
             label = f"$|W|$, finger {plotting.plain(key)}: solved"
-            axis.plot(table["t_s"], table["achieved_um"], color=colour, lw=1.0, label=label)
-    truth = tables.get("truth")
-    for finger in sorted(set(truth["path"].tolist())) if truth else []:
-        felt = _of(truth, "path", finger)
-        colour = FINGER_COLOURS[finger % len(FINGER_COLOURS)]
-        amplitude_um = np.hypot(felt["plate_d_um"], felt["plate_q_um"])
-        axis.plot(felt["t_s"], amplitude_um, color=colour, lw=1.0, label=f"$|W_{finger + 1}|$ of the plate")
+            part.draw(axis, table["t_s"], table["achieved_um"], label=label, color=colour, lw=1.0)
+    colours = {key: colour for colour, key in _coloured(tables)}
+    for touch in _touches(tables.get("truth")):
+        key = next(filter(None, touch["finger_id"].tolist()), "")
+        amplitude_um = np.hypot(touch["plate_d_um"], touch["plate_q_um"])
+        label = f"$|W|$, finger {plotting.plain(key)}: plate" if key else ""
+        part.draw(axis, touch["t_s"], amplitude_um, label=label, color=colours.get(key, "grey"), lw=1.0)
     axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
     plotting.show_at_least(axis, 0.0, LEAST_UM)
     axis.set_ylabel("vibration at the finger, µm")
-    _legend(axis)
 
 
-def _draw_markers(axes: Any, tables: Mapping[str, Table]) -> None:
+def _touches(truth: Table | None) -> Iterator[Table]:
+    """The ground truth of each finger, apart where it was lifted."""
+    for path in sorted(set(truth["path"].tolist())) if truth else []:
+        felt = _of(truth, "path", path)
+        cuts = np.flatnonzero(np.diff(felt["t_s"]) > LIFTED_S) + 1
+        for rows in np.split(np.arange(len(felt["t_s"])), cuts):
+            yield {name: column[rows] for name, column in felt.items()}
+
+
+def _draw_markers(axes: Any, tables: Mapping[str, Table], part: _Part) -> None:
     markers = tables.get("markers")
     if not markers:
         return
     for t_s, text in zip(markers["t_s"], markers["text"], strict=True):
+        if not part.contains(t_s):
+            continue
         for axis in axes:
             axis.axvline(t_s, color="grey", lw=0.8, ls=":")
         label, place = plotting.plain(text[:24]), ("data", "axes fraction")
@@ -144,13 +179,8 @@ def _of(table: Table | None, column: str, value: object) -> Table:
 
 def _begin_s(tables: Mapping[str, Table]) -> float:
     passes = tables["passes"]
-    return float(passes["t_ns"][0]) * 1e-9 - float(passes["t_s"][0]) if len(passes["t_s"]) else 0.0
+    return float(passes["t_ns"][0]) * 1e-9 - float(passes["t_s"][0])
 
 
 def _seconds(t_ns: Column, begin_s: float) -> npt.NDArray[np.float64]:
     return t_ns * 1e-9 - begin_s
-
-
-def _legend(axis: Any) -> None:
-    """Above the axes, on the right: nothing is hidden."""
-    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=5, frameon=False, borderpad=0.1)

@@ -105,8 +105,7 @@ def _rows(record: Record) -> Iterator[tuple[str, Row]]:
             yield "links", (record.kind.removesuffix("_link"), fields["is_up"], fields["reason"])
         case "truth":
             for finger in fields["fingers"]:
-                finger_id = str(finger.get("finger_id", ""))
-                yield "truth", (finger["finger"], finger_id, *(finger.get(name, np.nan) for name in _TRUE))
+                yield "truth", (finger["path"], str(key_of(finger)), *(finger.get(name, np.nan) for name in _TRUE))
             for mode, w_um in enumerate(zip(fields["modal_um"]["d"], fields["modal_um"]["q"], strict=False)):
                 yield "truth_modes", (mode, *w_um)
 

@@ -76,13 +76,13 @@ def _from_truth(truth: Sequence[Record]) -> Tracks:
     at_ns = np.array([record.t_ns for record in truth])
     order = np.argsort(at_ns, kind="stable")
     at_ns = at_ns[order]
-    numbers = sorted({finger["finger"] for record in truth for finger in record.fields["fingers"]})
+    numbers = sorted({finger["path"] for record in truth for finger in record.fields["fingers"]})
     t_ns = _grid_ns(int(at_ns[0]), int(at_ns[-1]), len(numbers))
     columns = {number: column for column, number in enumerate(numbers)}
     values = np.full((len(truth), len(numbers), len(_TRUE)), np.nan)
     for row, index in enumerate(order.tolist()):
         for finger in truth[index].fields["fingers"]:
-            values[row, columns[finger["finger"]]] = [finger.get(name, np.nan) for name in _TRUE]
+            values[row, columns[finger["path"]]] = [finger.get(name, np.nan) for name in _TRUE]
     position_mm, got_um = _between(t_ns, at_ns, values[..., :2]), _between(t_ns, at_ns, values[..., 2:4])
     target_um = values[np.searchsorted(at_ns, t_ns, side="right") - 1, :, 4]
     target_um[~np.isfinite(position_mm[..., 0])] = np.nan  # between the last truth of a finger and the next without it

@@ -70,7 +70,7 @@ class RigTruth:
         ):
             if not path < message["paths"] <= MAX_PATHS:
                 raise ValueError("path")
-            finger = {"finger": path, "x_mm": x_mm, "y_mm": y_mm, "plate_d_um": d_um, "plate_q_um": q_um}
+            finger = {"path": path + 1, "x_mm": x_mm, "y_mm": y_mm, "plate_d_um": d_um, "plate_q_um": q_um}
             fingers.append(finger | self._of_pass(x_mm, y_mm))
         d_um, q_um = zip(*message["modal_um"][: self._modes], strict=True)
         return {"fingers": fingers, "modal_um": {"d": list(d_um), "q": list(q_um)}}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable
 from typing import Any
 
-from ...errors import UsageError, missing_client, missing_library
+from ...errors import HapticdError, UsageError, missing_client, missing_library
 
 PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873
@@ -72,7 +73,7 @@ def _plotjuggler(options: argparse.Namespace) -> None:
     from .plotjuggler import run
 
     fingers = _checked_fingers(options)
-    _streaming(lambda: run(options.endpoint, options.bind, fingers))
+    _streaming(options.endpoint, lambda: run(options.endpoint, options.bind, fingers))
 
 
 def _prometheus(options: argparse.Namespace) -> None:
@@ -84,7 +85,7 @@ def _prometheus(options: argparse.Namespace) -> None:
         raise missing_library("Metrics need prometheus-client", "streams") from None
     from .prometheus import run
 
-    _streaming(lambda: run(options.endpoint, options.host, options.port, threading.Event().wait))
+    _streaming(options.endpoint, lambda: run(options.endpoint, options.host, options.port, threading.Event().wait))
 
 
 def _lsl(options: argparse.Namespace) -> None:
@@ -95,20 +96,26 @@ def _lsl(options: argparse.Namespace) -> None:
         raise missing_library(f"The Lab Streaming Layer cannot be loaded ({_first_line(error)})", "lsl") from None
     from .lsl import run
 
-    _streaming(lambda: run(pylsl, options.endpoint, fingers))
+    _streaming(options.endpoint, lambda: run(pylsl, options.endpoint, fingers))
 
 
-def _streaming(run: Callable[[], None]) -> None:
-    """Run until Ctrl-C or SIGTERM; errors of the client library become UsageError."""
+def _streaming(endpoint: str | None, run: Callable[[], None]) -> None:
+    """Run until Ctrl-C or SIGTERM. Raises UsageError for an unusable --endpoint, HapticdError for a daemon's reply."""
     try:
         import hapticd_client
     except ImportError:
         raise missing_client("A stream") from None
+    from hapticd_client.endpoint import find
+
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        find(endpoint, os.environ)
+    except hapticd_client.HapticdError as error:
+        raise UsageError(str(error)) from None
     try:
         run()
     except hapticd_client.HapticdError as error:
-        raise UsageError(str(error)) from None
+        raise HapticdError(str(error)) from None
 
 
 def _checked_fingers(options: argparse.Namespace) -> int:

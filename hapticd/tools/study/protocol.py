@@ -13,17 +13,15 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ...errors import HapticdError
+from ...errors import UsageError
 
 MAX_TRIALS = 1000
 MAX_AMPLITUDE_UM = 20.0
 Point = tuple[float, float]
 
 
-class StudyError(HapticdError):
+class StudyError(UsageError):
     """A session cannot be started or continued, or a study not analysed, as requested."""
-
-    exit_code = 2
 
 
 class Friction(StrEnum):

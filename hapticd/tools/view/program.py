@@ -17,8 +17,9 @@ from pathlib import Path
 
 from ...config.sections import SCENARIO_NAMES
 from ...errors import HapticdError, UsageError, missing_client, missing_library
-from ...sim.rig.process import RigProcess
+from ...sim.rig.process import watch
 from .. import glass
+from ..arguments import whole
 from ..daemon_process import PATIENT, DaemonProcess
 
 SCENARIO = "hands"
@@ -30,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the plate's source, and the page's address."""
     parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
     parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
-    parser.add_argument("--seed", type=int, default=1, help="of its fingers, noise and mode map (default 1)")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**31 - 1), default=1, help="of its fingers, noise and mode map (default 1)"
+    )
     glass.add_arguments(parser)
     parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
     parser.add_argument("--port", type=int, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})")
@@ -41,16 +44,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Serve until SIGTERM or SIGINT. Raises HapticdError."""
     _check(options)
-    listener, endpoint = _listener(options.port), options.endpoint
+    listener, endpoint, service = _listener(options.port), options.endpoint, None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes over; ends the child processes too
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            scenario, sim = options.scenario or SCENARIO, glass.chosen(options)
-            rig = stack.enter_context(RigProcess(scenario, options.seed, plate=sim.plate, modes=sim.modes))
-            endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
-        asyncio.run(_serve(listener, endpoint, open_browser=not options.no_browser))
+            service = stack.enter_context(_simulated(options))
+            endpoint = str(service.runtime_dir)
+        asyncio.run(_serve(listener, endpoint, service, open_browser=not options.no_browser))
+
+
+def _simulated(options: argparse.Namespace) -> DaemonProcess:
+    """Return a service on a simulated plate of its own."""
+    scenario, sim = options.scenario or SCENARIO, glass.chosen(options)
+    lines = f'scenario = "{scenario}"\nseed = {options.seed}\nplate = "{sim.plate}"\nmodes = {sim.modes}'
+    return DaemonProcess(lines, PATIENT)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -88,7 +97,9 @@ def _listener(port: int) -> socket.socket:
     return listener
 
 
-async def _serve(listener: socket.socket, endpoint: str | None, *, open_browser: bool) -> None:
+async def _serve(
+    listener: socket.socket, endpoint: str | None, service: DaemonProcess | None, *, open_browser: bool
+) -> None:
     from aiohttp import web
 
     from .server import Viewer
@@ -102,12 +113,23 @@ async def _serve(listener: socket.socket, endpoint: str | None, *, open_browser:
         ended = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, ended.set)
+        has_service = True
+
+        def service_ended() -> None:
+            nonlocal has_service
+            has_service = False
+            ended.set()
+
+        if service is not None:
+            watch(service.process, service_ended)
         address = f"http://{HOST}:{viewer.port}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
         with contextlib.ExitStack() as stack:
             if open_browser and has_screen():
                 await asyncio.to_thread(webbrowser.open, stack.enter_context(_private_link(address)))
             await ended.wait()
+        if not has_service:
+            raise HapticdError("The service of the simulated plate has ended: start this command again.")
     finally:
         await runner.cleanup()
 

@@ -92,7 +92,7 @@ class Bench:
         return self
 
     def know(self, commands: list[BoardCommand]) -> None:
-        """The board answers what it was told and sends its status, and its clock is asked until it is known."""
+        """The board answers what it received and sends its status, and its clock is asked until it is known."""
         assert self.session.receive_answer(self.t_ns) == []
         self.say()
         while not self.session.ready:
@@ -364,7 +364,7 @@ def kinds(commands: list[BoardCommand]) -> list[type]:
 def test_before_a_board_that_stopped_reading_lie_two_references_at_most() -> None:
     bench = Bench().met()
     said = []
-    for _ in range(80):  # nine tenths of a second: then the board is silent, and is greeted anew
+    for _ in range(80):  # nine tenths of a second: then the board is silent, and gets a new handshake
         bench.t_ns += 11 * MS
         said += bench.send() + bench.session.timer(bench.t_ns)
     assert kinds(said).count(ReferenceFrame) == 2

@@ -1,4 +1,4 @@
-"""The table, exhaustively, and what the supervisor remembers beside it."""
+"""The table, exhaustively, and what the supervisor keeps besides."""
 
 from __future__ import annotations
 

@@ -183,7 +183,7 @@ def test_a_virtual_finger_walks_and_feels() -> None:
     scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.virtuals(T0_NS) == (Virtual("ghost", "a", T0_NS),)
     assert scene.virtual_names(T0_NS + TTL_NS - 1) == ("ghost",)
-    assert scene.virtual_names(T0_NS + TTL_NS) == ()  # though nobody swept yet
+    assert scene.virtual_names(T0_NS + TTL_NS) == ()  # though no sweep came yet
     assert scene.virtual_position_mm("ghost", T0_NS + 800_000_000) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert scene.amplitude_um("ghost", 0.0, 0.0) == 0.0
 
@@ -233,7 +233,7 @@ def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error() -> None:
     scene = a_scene()
     scene.apply(wants("a", {1: STILL}), T0_NS)
     with pytest.raises(KeyError):
-        scene.virtual_position_mm("nobody", T0_NS)
+        scene.virtual_position_mm("unknown", T0_NS)
 
 
 def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at() -> None:
@@ -243,7 +243,7 @@ def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(
     scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
     assert scene.requested((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
     assert scene.requested((), (), T0_NS + TTL_NS) == []
-    assert scene.detail(1) == scene.detail("nobody") == (math.inf, True)
+    assert scene.detail(1) == scene.detail("unknown") == (math.inf, True)
     assert scene.detail(2) == (1.0, False)
     assert scene.detail(5) == (1.0, True)
 
@@ -289,8 +289,8 @@ def test_a_finger_always_has_one_living_owner_or_nobodys_target(
 
 def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not() -> None:
     scene = a_scene()
-    beside = VirtualPath(((0.0, 0.0), (500.0, 0.0)), 50.0, loop=True)
-    (refusal,) = scene.apply(wants("a", {"far": SLIPPERY}, {"far": beside}), T0_NS)
+    outside = VirtualPath(((0.0, 0.0), (500.0, 0.0)), 50.0, loop=True)
+    (refusal,) = scene.apply(wants("a", {"far": SLIPPERY}, {"far": outside}), T0_NS)
     expected = "virtual finger 'far' leaves the plate: its path must lie within ±68.75 mm in x and ±68.75 mm in y."
     assert refusal == expected
     assert scene.virtuals(T0_NS) == ()

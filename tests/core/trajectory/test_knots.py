@@ -55,7 +55,7 @@ def test_smooth_amplitudes_are_followed_within_the_tolerance(
         lambda t_s: 0.5 * amplitude_um * math.cos(math.tau * frequency_hz * t_s),
     )
     knots = refine(curve, curve.ends(), tolerance_um, 24, smooth=False)
-    assert error_um(curve, knots) <= 3.0 * tolerance_um  # beside an inflection a chord strays most off its middle
+    assert error_um(curve, knots) <= 3.0 * tolerance_um  # next to an inflection a chord strays most off its middle
     assert [knot.modal_um for knot in knots] == [curve(knot.dt_ns) for knot in knots]
 
 

@@ -36,7 +36,7 @@ def test_a_finger_lands_at_the_first_position_and_glides_to_the_next() -> None:
 
 
 def test_an_even_hand_makes_an_even_finger_behind_it_by_the_glide() -> None:
-    """Told 60 times a second of 100 mm/s, it moves at 100 mm/s: no steps are left of the reports."""
+    """Held at 100 mm/s 60 times a second, it moves at 100 mm/s: no steps are left of the reports."""
     hands, speed_mm_s, period_s = Hands(), 100.0, 1 / 60
     for report in range(60):
         hands.hold({"1": (speed_mm_s * report * period_s, 0.0)}, report * period_s)

@@ -38,7 +38,7 @@ def test_another_period_than_the_configured_one_becomes_a_setting(measured: Meas
 
 @pytest.mark.parametrize(
     ("late", "outcome", "sentence"),
-    [(0, Outcome.PASS, "ms ahead"), (5, Outcome.LOOK, "reduce the host's load"), (60, Outcome.FAIL, "check the link")],
+    [(0, Outcome.PASS, "ms ahead"), (5, Outcome.WARN, "reduce the host's load"), (60, Outcome.FAIL, "check the link")],
 )
 def test_frames_that_come_late_are_judged_by_their_share(
     measured: Measured, late: int, outcome: Outcome, sentence: str
@@ -51,7 +51,7 @@ def test_frames_that_come_late_are_judged_by_their_share(
 
 def test_few_frames_and_an_unsteady_link_want_a_look(measured: Measured) -> None:
     few = delays.verdict(replace(measured, lines=measured.lines[:9]), Config(), is_simulated=True)
-    assert (few.outcome, "Only 9 frames" in few.sentence) == (Outcome.LOOK, True)
+    assert (few.outcome, "Only 9 frames" in few.sentence) == (Outcome.WARN, True)
     unsteady = Histogram()
     for span_ns in [5 * MS] * 90 + [12 * MS] * 10:
         unsteady.add(span_ns)

@@ -74,7 +74,7 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
     alone = replace(alone, like=found.like[:1])
     verdict = modes.verdict(alone, 900, SIZE_MM, is_simulated=False)
 
-    assert verdict.outcome is Outcome.LOOK
+    assert verdict.outcome is Outcome.WARN
     assert "1 mode where a plate usually has 2" in verdict.sentence
     assert verdict.settings["limits"] == {"w_limit_um": [4.0]}
     assert folder.accepted(verdict) == verdict
@@ -85,24 +85,24 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
     [
         (lambda f: replace(f, fit=same_twice(f.fit)), Outcome.FAIL, "Modes 0 and 1 have the same shape"),
         (lambda f: replace(f, leak=ExpectedLeak(0.5, 0.9)), Outcome.FAIL, "would leak 0.50 um"),
-        (lambda f: replace(f, leak=ExpectedLeak(0.1, 0.2)), Outcome.LOOK, "would leak 0.10 um"),
+        (lambda f: replace(f, leak=ExpectedLeak(0.1, 0.2)), Outcome.WARN, "would leak 0.10 um"),
         (
             lambda f: replace(f, fit=replace(f.fit, noise_rms=np.array([0.02, 0.5]))),
             Outcome.FAIL,
             "Mode 1 is mostly noise",
         ),
-        (lambda f: replace(f, like=()), Outcome.LOOK, "Theory has no mode of this wavelength"),
+        (lambda f: replace(f, like=()), Outcome.WARN, "Theory has no mode of this wavelength"),
         (lambda f: replace(f, beyond=9.0), Outcome.FAIL, "9.0 times beyond the largest readings"),
-        (lambda f: replace(f, like=(("11x0", 0.99), ("5x10", 0.4))), Outcome.LOOK, "Mode 1 is like the free plate's"),
-        (lambda f: replace(f, fit=replace(f.fit, left_out=200)), Outcome.LOOK, "200 of 900 readings are wrong"),
+        (lambda f: replace(f, like=(("11x0", 0.99), ("5x10", 0.4))), Outcome.WARN, "Mode 1 is like the free plate's"),
+        (lambda f: replace(f, fit=replace(f.fit, left_out=200)), Outcome.WARN, "200 of 900 readings are wrong"),
         (
             lambda f: replace(f, fit=replace(f.fit, pose=Pose(0.05, 0.5, 0.0))),
-            Outcome.LOOK,
+            Outcome.WARN,
             "The scan lay +2.9 degrees",
         ),
         (
             lambda f: replace(f, fit=replace(f.fit, across_rms=np.array([0.02, 0.3]))),
-            Outcome.LOOK,
+            Outcome.WARN,
             "Mode 1 does not move in one phase",
         ),
     ],

@@ -159,11 +159,11 @@ def test_a_verdict_written_is_read_again_and_no_other_text_is_one() -> None:
 
 
 def test_the_worst_finding_decides_and_all_of_its_severity_are_listed() -> None:
-    look, fail = (Outcome.LOOK, "Look."), (Outcome.FAIL, "Bad.")
+    look, fail = (Outcome.WARN, "Look."), (Outcome.FAIL, "Bad.")
     assert judge([], "Good.") == (Outcome.PASS, "Good.")
-    assert judge([look, look], "Good.") == (Outcome.LOOK, "Look. Look.")
+    assert judge([look, look], "Good.") == (Outcome.WARN, "Look. Look.")
     assert judge([look, fail, look], "Good.") == fail
-    assert as_text(a_verdict(outcome=Outcome.LOOK)).splitlines()[-1] == 'friction: LOOK: It "fits": 1 µm.'
+    assert as_text(a_verdict(outcome=Outcome.WARN)).splitlines()[-1] == 'friction: WARN: It "fits": 1 µm.'
 
 
 def test_a_step_that_failed_does_not_reach_the_configuration(tmp_path: Path) -> None:

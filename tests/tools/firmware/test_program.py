@@ -44,7 +44,7 @@ def test_info_as_json_holds_the_whole_answer(link: Any, type_in: TypeIn) -> None
 
 
 def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tmp_path: Path) -> None:
-    """The bench's plate is exactly what the firmware believes: 10 Hz beside the drive, Q 500."""
+    """The bench's plate is exactly what the firmware believes: 10 Hz off the drive, Q 500."""
     saved, drawn = tmp_path / "plate.toml", tmp_path / "sweep.png"
     output = type_in(link, *SWEEP, "--mode", "0", "--save", str(saved), "--plot", str(drawn))
     assert output.count("\n 29") == 9

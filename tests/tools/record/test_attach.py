@@ -271,7 +271,7 @@ def test_no_daemon_is_one_sentence(
 ) -> None:
     monkeypatch.setattr("hapticd.tools.record.attach.HEADER_WITHIN_S", 0.05)
 
-    assert main(["record", str(tmp_path / "a.mcap"), "--runtime-dir", str(tmp_path)]) == 2
+    assert main(["record", str(tmp_path / "a.mcap"), "--endpoint", str(tmp_path)]) == 1
     assert "No hapticd answers" in capsys.readouterr().err
     assert not (tmp_path / "a.mcap").exists()
 

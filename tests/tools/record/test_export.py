@@ -132,6 +132,27 @@ def test_a_place_that_cannot_be_written_is_one_sentence(
     assert "below.h5: cannot be created" in printed or "below.h5: its directory is missing" in printed
 
 
+def test_ground_truth_targets_and_fingers_share_one_finger_id(strokes: Path) -> None:
+    found = tables(open_recording(strokes))
+    truth, seen = found["truth"], found["fingers"]
+    late = truth["t_s"] > 0.8
+    assert set(truth["finger_id"][late]) == set(found["targets"]["finger_id"]) == {"1", "2"}
+    assert set(truth["path"]) == {1, 2}
+    for finger_id in (1, 2):
+        its, sampled = truth["finger_id"] == str(finger_id), seen["finger_id"] == finger_id
+        for name in ("x_mm", "y_mm"):
+            t_sampled_s = truth["t_s"][0] + (seen["t_sample_ns"][sampled] - truth["t_ns"][0]) * 1e-9
+            true_mm = np.interp(t_sampled_s, truth["t_s"][its], truth[name][its])
+            assert np.abs(seen[name][sampled] - true_mm).max() < 3.0
+
+
+def test_a_virtual_finger_has_its_name_in_the_ground_truth(tmp_path: Path) -> None:
+    path = tmp_path / "virtual.mcap"
+    simulated.run("virtual-finger", path, settings=lockstep.Settings(), seed=1, seconds=0.8)
+    found = tables(open_recording(path))
+    assert set(found["truth"]["finger_id"][found["truth"]["t_s"] > 0.7]) == set(found["targets"]["finger_id"])
+
+
 def test_the_picture_is_drawn_with_truth_and_without(tmp_path: Path, strokes: Path, eventful: Path) -> None:
     for recording in (strokes, eventful):
         out = tmp_path / f"{recording.stem}.png"
@@ -145,6 +166,25 @@ def test_a_part_that_is_not_there_is_one_sentence(
 ) -> None:
     assert main(["plot", str(strokes), str(tmp_path / "a.png"), "--from", span[0], "--to", span[1]]) == 2
     assert "there is nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["strokes", "eventful"])
+def test_every_line_of_a_part_begins_and_ends_at_its_edges(
+    name: str, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, _: figures.append(figure))
+    recording = open_recording(request.getfixturevalue(name))
+    for part in ({}, {"start_s": 0.9, "end_s": 1.1}):
+        picture.draw(tables(recording), tmp_path / "out.png", **part)
+    whole, part = figures
+    for axis, zoomed in zip(whole.axes, part.axes, strict=True):
+        lines = [line for line in axis.lines if line.get_marker() == "None" and len(line.get_xdata()) > 2]
+        reached = [line for line in lines if line.get_xdata().min() < 0.9 and line.get_xdata().max() > 1.1]
+        drawn = [line for line in zoomed.lines if line.get_marker() == "None" and len(line.get_xdata()) > 1]
+        assert len(drawn) >= len(reached)
+        spans = [(line.get_xdata().min(), line.get_xdata().max()) for line in drawn]
+        assert spans.count((0.9, 1.1)) >= len(reached)
 
 
 def test_a_recording_without_a_pass_has_no_picture(tmp_path: Path) -> None:

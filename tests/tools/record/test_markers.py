@@ -26,9 +26,9 @@ def test_a_marker_is_in_the_next_state_and_in_no_other() -> None:
     bench.run(60)
 
     assert reply["ok"]
-    told = [state.markers for state in map(decode_state, published)]
-    assert told[0] == (hapticd_client.Marker(reply["body"]["t_ns"], "study", "trial 1 begins"),)
-    assert not any(told[1:])
+    markers = [state.markers for state in map(decode_state, published)]
+    assert markers[0] == (hapticd_client.Marker(reply["body"]["t_ns"], "study", "trial 1 begins"),)
+    assert not any(markers[1:])
     assert b"markers" not in published[-1]
 
 

@@ -207,7 +207,7 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
 ) -> None:
     monkeypatch.setattr(recorders, "RESTART_EVERY_NS", 0)
     runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
-    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.mcap"), "--runtime-dir"]
+    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.mcap"), "--endpoint"]
     recording: list[dict[str, Any]] = []
 
     def ask() -> None:

@@ -89,7 +89,7 @@ def test_more_fingers_at_once_than_memory_is_one_sentence() -> None:
     instants_ns = (BEGIN_NS, BEGIN_NS + 3000 * 1000 * MS)
     crowd = [a_pass(t_ns, finger) for t_ns in instants_ns for finger in range(1, 40)]
     truth = [
-        Record("truth", 0, t_ns, {"fingers": [{"finger": step * 50 + number} | TRUE for number in range(50)]})
+        Record("truth", 0, t_ns, {"fingers": [{"path": step * 50 + number} | TRUE for number in range(50)]})
         for step, t_ns in enumerate((BEGIN_NS, BEGIN_NS + 10 * MS))
     ]
     for records in (crowd, truth):

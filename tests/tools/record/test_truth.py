@@ -66,9 +66,9 @@ def test_a_true_finger_has_the_target_of_the_finger_that_was_seen_there(rig_trut
         77,
         {
             "fingers": [
-                {"finger": 0, "x_mm": -20.0, "y_mm": 3.0, "plate_d_um": 0.9, "plate_q_um": 0.0}
+                {"path": 1, "x_mm": -20.0, "y_mm": 3.0, "plate_d_um": 0.9, "plate_q_um": 0.0}
                 | {"finger_id": 2, "target_um": 1.5},
-                {"finger": 2, "x_mm": 25.0, "y_mm": -1.0, "plate_d_um": 0.01, "plate_q_um": 0.02}
+                {"path": 3, "x_mm": 25.0, "y_mm": -1.0, "plate_d_um": 0.01, "plate_q_um": 0.02}
                 | {"finger_id": 3, "target_um": 0.0},
             ],
             "modal_um": {"d": [1.0, -2.0], "q": [0.5, 0.0]},  # the driven modes

@@ -1,4 +1,4 @@
-"""A real Chromium without a screen; the viewer as a process is in `viewprocess.py` beside this file."""
+"""A real Chromium without a screen; the viewer as a process is in `viewprocess.py`."""
 
 from __future__ import annotations
 

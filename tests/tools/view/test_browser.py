@@ -22,7 +22,7 @@ from hapticd.tools.view import program
 from hapticd_client import Client
 
 PATIENCE_S = 60.0
-pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]  # a browser beside other tests on few cores is slow
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]  # a browser with other tests on few cores is slow
 SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a stalled host must not lift fingers
 
 
@@ -205,7 +205,7 @@ def test_a_layer_shows_where_another_finger_could_reach_its_target(page: Page) -
     lay_down(page, -120, -30)
     page.until(lambda: "2 fingers" in page["state"].text)
     page.press_until("0", "of 0.00")
-    read: list[str] = []  # once: a moment later another finger's lift may be told
+    read: list[str] = []  # once: a moment later another finger's lift may be shown
     page.until(lambda: read.append(page["layer-text"].text) or "where finger" in read[-1])
     assert 5 < int(read[-1].split()[-5]) < 98
     page.lay("could be slippery")

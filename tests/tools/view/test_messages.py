@@ -106,9 +106,9 @@ def test_a_frame_is_complete_and_valid_json() -> None:
 
 def test_the_plate_is_told_with_its_name_and_the_radius_of_contacts() -> None:
     body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0] * 4, "drive_hz": None, "modes": 4}
-    told = json.loads(messages.plate(body | {"contact_radius_mm": 4.5}, "view-1", ["layer"], "fingertip"))
-    assert (told["name"], told["modes"], told["simulated"]) == ("fingertip", 4, True)
-    assert (told["contact_radius_mm"], told["has_contacts"]) == (4.5, True)
+    sent = json.loads(messages.plate(body | {"contact_radius_mm": 4.5}, "view-1", ["layer"], "fingertip"))
+    assert (sent["name"], sent["modes"], sent["simulated"]) == ("fingertip", 4, True)
+    assert (sent["contact_radius_mm"], sent["has_contacts"]) == (4.5, True)
     of_points = json.loads(messages.plate(body | {"contact_radius_mm": 0.0}, "view-1", [], None))
     assert (of_points["name"], of_points["simulated"]) == ("", False)
     assert (of_points["contact_radius_mm"], of_points["has_contacts"]) == (messages.CONTACT_RADIUS_MM, False)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,6 +17,8 @@ from hapticd.__main__ import main
 from hapticd.tools.view import program
 
 pytestmark = pytest.mark.long
+
+PATIENCE_S = 60.0
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -66,6 +71,38 @@ def test_no_browser_is_opened_where_there_is_no_screen(monkeypatch: pytest.Monke
     assert program.has_screen()
 
 
+def until(holds: Callable[[], bool]) -> None:
+    t_end_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < t_end_s
+        time.sleep(0.05)
+
+
+def children_of(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+@pytest.mark.parametrize("depth", [1, 2], ids=["service", "rig"])
+def test_a_viewer_whose_simulated_plate_is_killed_ends_with_a_sentence(depth: int, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hapticd", "view", "--sim", "--no-browser", "--port", "0"]
+    environ = {"TMPDIR": str(tmp_path), "PATH": "/usr/bin:/bin", "HAPTICD_PURE": "1"}
+    with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, env=environ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline().startswith("the plate: ")
+        until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))
+        pid = process.pid
+        for _ in range(depth):
+            (pid,) = children_of(pid)
+        os.kill(pid, signal.SIGKILL)
+        assert process.wait(PATIENCE_S) == 1
+        said = process.stderr.read().splitlines()
+    assert said[-1] == "hapticd: The service of the simulated plate has ended: start this command again."
+    assert ("hapticd: The simulated rig has ended: start this command again." in said) == (depth == 2)
+    assert not [left for left in tmp_path.iterdir() if depth == 2 or left.name.startswith("hapticd-run-")]
+
+
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
 def test_a_simulated_plate_ends_with_its_viewer(end: signal.Signals, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hapticd", "view", "--sim", "--no-browser", "--port", "0"]
@@ -73,7 +110,7 @@ def test_a_simulated_plate_ends_with_its_viewer(end: signal.Signals, tmp_path: P
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environ) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("the plate: http://127.0.0.1:")
-        assert len(list(tmp_path.iterdir())) == 2  # of the rig and of the service
+        assert [path.name.startswith("hapticd-run-") for path in tmp_path.iterdir()] == [True]
         process.send_signal(end)
         assert process.wait(60) == 0
     assert list(tmp_path.iterdir()) == []

@@ -113,7 +113,7 @@ def _ioc(direction: int, number: int, size: int) -> int:
 
 
 class Hidraw:
-    """A reader of its own of a hidraw node, beside the kernel's driver and whoever else reads."""
+    """A reader of its own of a hidraw node, in parallel with the kernel's driver and whoever else reads."""
 
     def __init__(self, path: Path) -> None:
         self._fd = os.open(path, os.O_RDWR)

@@ -52,5 +52,5 @@ def outcome(node: Path) -> dict[str, str]:
 
 def _properties(node: Path) -> dict[str, str]:
     command = ["udevadm", "info", "--query=property", f"--name={node}"]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return dict(line.split("=", 1) for line in told.splitlines())
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return dict(line.split("=", 1) for line in printed.splitlines())
