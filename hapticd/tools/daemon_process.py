@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Self
 
 from ..tools import owned_process
 
@@ -24,17 +25,32 @@ class DaemonProcess:
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-run-")
         self.runtime_dir = Path(self._folder.name, "run")
         self._config = Path(self._folder.name, "hapticd.toml")
-        self._config.write_text(
-            f'[sim]\n{sim}\n[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "{log_level}"\n{settings}',
-            encoding="utf-8",
-        )
+        self._log_level = log_level
+        self._configure(sim, settings)
 
-    def __enter__(self) -> DaemonProcess:
-        command = ["run", "--config", str(self._config)]
-        self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)
+    def __enter__(self) -> Self:
+        self._start()
         return self
 
+    def restart(self, sim: str, settings: str = "") -> None:
+        """End the service and start it with another configuration, at the same `runtime_dir`."""
+        self._end()
+        self._configure(sim, settings)
+        self._start()
+
     def __exit__(self, *_: object) -> None:
+        self._end()
+        self._folder.cleanup()
+
+    def _configure(self, sim: str, settings: str) -> None:
+        client, log = f'[client]\nruntime_dir = "{self.runtime_dir}"', f'[log]\nlevel = "{self._log_level}"'
+        self._config.write_text(f"[sim]\n{sim}\n{client}\n{log}\n{settings}", encoding="utf-8")
+
+    def _start(self) -> None:
+        command = ["run", "--config", str(self._config)]
+        self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)
+
+    def _end(self) -> None:
         self.process.terminate()
         try:
             self.process.wait(END_WITHIN_S)
@@ -44,4 +60,3 @@ class DaemonProcess:
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 pipe.close()
-        self._folder.cleanup()

@@ -4,8 +4,10 @@ page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all tha
                  {"op": "set", "finger": 3, "amplitude_um": 1.0}         set a finger's target
                  {"op": "release", "finger": 3}                          release this page's target
                  {"op": "clear_fault"}
+                 {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5}   restart on another plate
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
+                 {"kind": "choices", "plates": {"reference": [2, 3, 4], ..}}   those that a page can switch to
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ MAX_MESSAGE_BYTES = 4096
 MAX_FINGERS = 16
 MAX_AMPLITUDE_UM = 1000.0
 MAX_ID = 2**32 - 1
+MAX_MODES, MAX_RADIUS_MM = 8, 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 
@@ -53,14 +56,23 @@ class ClearFault:
     """Clear a latched fault."""
 
 
-def decode(text: str) -> Hold | SetTarget | ClearFault:
+@dataclass(frozen=True, slots=True)
+class SwitchPlate:
+    """Restart the simulated plate as another one, or with other driven modes or another contact radius."""
+
+    plate: str
+    modes: int
+    contact_radius_mm: float
+
+
+def decode(text: str) -> Hold | SetTarget | ClearFault | SwitchPlate:
     """Decode a page's message. Raises RequestError."""
     try:
         fields = Fields(json.loads(text))
     except (ValueError, RecursionError):
         raise RequestError("The page's message is not JSON.") from None
     op = fields.take("op")
-    message: Hold | SetTarget | ClearFault
+    message: Hold | SetTarget | ClearFault | SwitchPlate
     if op == "fingers":
         message = Hold(_points(fields.take("fingers")))
     elif op == "set":
@@ -69,8 +81,14 @@ def decode(text: str) -> Hold | SetTarget | ClearFault:
         message = SetTarget(_key(fields.take("finger")), None)
     elif op == "clear_fault":
         message = ClearFault()
+    elif op == "switch":
+        message = SwitchPlate(
+            label(fields.take("plate"), "plate"),
+            whole(fields.take("modes"), 0, MAX_MODES, "modes"),
+            fields.number("contact_radius_mm", 0.0, MAX_RADIUS_MM),
+        )
     else:
-        raise RequestError("op: must be fingers, set, release or clear_fault.")
+        raise RequestError("op: must be fingers, set, release, clear_fault or switch.")
     fields.end()
     return message
 
@@ -174,6 +192,11 @@ def status(body: Mapping[str, Any]) -> str:
             "frames_hz": body["latency_ms"].get("frames_hz"),
         }
     )
+
+
+def choices(plates: Mapping[str, Sequence[int]]) -> str:
+    """Return the simulated plates that a page can switch to, with the numbers of modes that they can drive."""
+    return _text({"kind": "choices", "plates": dict(plates)})
 
 
 def gone(sentence: str) -> str:

@@ -17,10 +17,9 @@ from pathlib import Path
 
 from ...config.sections import SCENARIO_NAMES
 from ...errors import HapticdError, UsageError, missing_client, missing_library
-from ...sim.rig.process import watch
 from .. import glass
 from ..arguments import whole
-from ..daemon_process import PATIENT, DaemonProcess
+from .simulated import SimulatedService
 
 SCENARIO = "hands"
 HOST = "127.0.0.1"
@@ -55,11 +54,10 @@ def run(options: argparse.Namespace) -> None:
         asyncio.run(_serve(listener, endpoint, service, open_browser=not options.no_browser))
 
 
-def _simulated(options: argparse.Namespace) -> DaemonProcess:
+def _simulated(options: argparse.Namespace) -> SimulatedService:
     """Return a service on a simulated plate of its own."""
-    scenario, sim = options.scenario or SCENARIO, glass.chosen(options)
-    lines = f'scenario = "{scenario}"\nseed = {options.seed}\nplate = "{sim.plate}"\nmodes = {sim.modes}'
-    return DaemonProcess(lines, PATIENT)
+    sim = glass.chosen(options)
+    return SimulatedService(options.scenario or SCENARIO, options.seed, sim.plate, sim.modes)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -98,13 +96,13 @@ def _listener(port: int) -> socket.socket:
 
 
 async def _serve(
-    listener: socket.socket, endpoint: str | None, service: DaemonProcess | None, *, open_browser: bool
+    listener: socket.socket, endpoint: str | None, service: SimulatedService | None, *, open_browser: bool
 ) -> None:
     from aiohttp import web
 
     from .server import Viewer
 
-    viewer = Viewer(endpoint)
+    viewer = Viewer(endpoint, simulated=service)
     viewer.port = listener.getsockname()[1]
     runner = viewer.runner()
     await runner.setup()
@@ -121,7 +119,7 @@ async def _serve(
             ended.set()
 
         if service is not None:
-            watch(service.process, service_ended)
+            service.watch(service_ended)
         address = f"http://{HOST}:{viewer.port}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
         with contextlib.ExitStack() as stack:

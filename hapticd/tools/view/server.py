@@ -20,8 +20,9 @@ from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, Point
 from . import guard, layers, messages
 from .client import Plate, PlateClient
-from .messages import ClearFault, Hold, SetTarget
+from .messages import ClearFault, Hold, SetTarget, SwitchPlate
 from .rig import PadSender
+from .simulated import CHOICES, SimulatedService
 
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 KEYED = ("/", "/shapes", "/layer", "/socket")  # all but the page's own files
@@ -70,10 +71,11 @@ class Page:
 class Viewer:
     """All open pages, and the client that they share."""
 
-    def __init__(self, endpoint: str | None, key: str | None = None) -> None:
+    def __init__(self, endpoint: str | None, key: str | None = None, simulated: SimulatedService | None = None) -> None:
         self.key = secrets.token_urlsafe(16) if key is None else key
         self.port = 0
         self._endpoint = endpoint
+        self._simulated = simulated
         self._pages: list[Page] = []
         self._opened = 0
         self._client: PlateClient | None = None
@@ -82,6 +84,7 @@ class Viewer:
         self._context = zmq.Context()
         self._pad: PadSender | None = None
         self._closing: set[asyncio.Task[None]] = set()
+        self._switching: asyncio.Task[None] | None = None
         self._layering = asyncio.Lock()  # one layer at a time, while frames go on
 
     def app(self) -> web.Application:
@@ -167,6 +170,8 @@ class Viewer:
     # --- pages ---
 
     def _enter(self, page: Page) -> None:
+        if self._simulated is not None:
+            page.send("choices", messages.choices(CHOICES))
         for kind, text in self._last.items():
             page.send(kind, text)
         self._pages.append(page)
@@ -207,8 +212,20 @@ class Viewer:
         if isinstance(message, Hold):
             page.held = message.points_mm
             self._hold()
+        elif isinstance(message, SwitchPlate):
+            self._switch(page, message)
         else:
             self._request(page, message)
+
+    def _switch(self, page: Page, to: SwitchPlate) -> None:
+        service = self._simulated
+        if service is None:
+            page.send("refused", messages.refused("plate: only `hapticd view --sim` can switch it."))
+        elif to.modes not in CHOICES.get(to.plate, ()):
+            page.send("refused", messages.refused(f"modes: the plate {to.plate!r} cannot drive {to.modes}."))
+        elif self._switching is None or self._switching.done():
+            self._publish("gone", messages.gone("Starting the simulated plate ..."), None)
+            self._switching = asyncio.ensure_future(service.switch(to))
 
     def _request(self, page: Page, request: SetTarget | ClearFault) -> None:
         if isinstance(request, SetTarget):
@@ -258,6 +275,8 @@ class Viewer:
             await page.socket.close()
         if client is not None:  # its pages close later, perhaps too late
             await asyncio.to_thread(client.close)
+        if self._switching is not None:
+            self._closing.add(self._switching)
         if self._closing:
             await asyncio.gather(*self._closing)
         self._context.destroy(linger=0)

@@ -379,6 +379,12 @@ def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> N
         for choice in browser.find_elements(By.XPATH, "//button[text()='Slippery']"):
             choice.click()
         page.until(lambda: page.fingers() and all(re.search(r"friction [1-9]\d %", row) for row in page.fingers()))
+        Select(page["switch-modes"]).select_by_visible_text("5")
+        page.until(lambda: page["what"].text == "fingertip plate, 5 modes, whole contacts")
+        Select(page["switch-plate"]).select_by_visible_text("reference")
+        Select(page["switch-modes"]).select_by_visible_text("4")
+        page.until(lambda: page["what"].text.startswith("reference plate, "))
+        page.until(lambda: len(page.fingers()) == 2)
         assert page.complaints() == []
     finally:
         browser.get("about:blank")

@@ -9,8 +9,9 @@ import pytest
 from aiohttp import ClientSession, WSCloseCode, web
 
 from hapticd.tools.view.client import MAX_REQUESTS, PlateClient
-from hapticd.tools.view.messages import ClearFault, SetTarget
+from hapticd.tools.view.messages import ClearFault, SetTarget, SwitchPlate
 from hapticd.tools.view.server import MAX_HELD, MAX_PAGES, Page, Viewer
+from hapticd.tools.view.simulated import SimulatedService
 
 
 def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
@@ -32,6 +33,39 @@ def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
     is_open, code, why = asyncio.run(crowd())
     assert is_open == MAX_PAGES
     assert (code, why) == (WSCloseCode.TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one.")
+
+
+class Recorder(SimulatedService):
+    """A service that is not started; it notes what it is switched to, and takes until `done`."""
+
+    def __init__(self) -> None:
+        self.switched: list[SwitchPlate] = []
+        self.done = asyncio.Event()
+
+    async def switch(self, to: SwitchPlate) -> None:
+        self.switched.append(to)
+        await self.done.wait()
+
+
+def test_of_switches_to_another_plate_one_is_made_at_a_time_and_only_to_one_that_exists(tmp_path: Path) -> None:
+    async def crowd() -> tuple[list[SwitchPlate], list[str]]:
+        service, sent = Recorder(), list[str]()
+        viewer, stranger = Viewer(str(tmp_path), simulated=service), Viewer(str(tmp_path))
+        page = Page(web.WebSocketResponse(), 1)
+        page.send = lambda _, text: sent.append(text)  # type: ignore[method-assign]
+        for plate, modes in (("fingertip", 4), ("fingertip", 5), ("fingertip", 9), ("drum", 2)):
+            viewer._switch(page, SwitchPlate(plate, modes, 5.0))
+            await asyncio.sleep(0)
+        stranger._switch(page, SwitchPlate("fingertip", 4, 5.0))
+        service.done.set()
+        for one in (viewer, stranger):
+            await one._close(one.app())
+        return service.switched, sent
+
+    switched, sent = asyncio.run(crowd())
+    assert switched == [SwitchPlate("fingertip", 4, 5.0)]
+    assert ["'fingertip' cannot drive 9" in sent[0], "'drum' cannot drive 2" in sent[1]] == [True, True]
+    assert "only `hapticd view --sim` can switch it" in sent[2]
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
-from hapticd.tools.view.messages import ClearFault, Hold, SetTarget
+from hapticd.tools.view.messages import ClearFault, Hold, SetTarget, SwitchPlate
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateState
 
@@ -49,6 +49,10 @@ STATE = PlateState(
         ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),
         ({"op": "release", "finger": 3}, SetTarget(3, None)),
         ({"op": "clear_fault"}, ClearFault()),
+        (
+            {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5},
+            SwitchPlate("fingertip", 4, 5.0),
+        ),
     ],
 )
 def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> None:
@@ -72,6 +76,9 @@ def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> N
         '{"op": "fingers", "fingers": {"a": [1, Infinity]}}',
         '{"op": "fingers", "fingers": [1, 2]}',
         '{"op": "clear_fault", "more": 1}',
+        '{"op": "switch", "plate": "fingertip", "modes": 4}',
+        '{"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": NaN}',
+        '{"op": "switch", "plate": ["fingertip"], "modes": 4, "contact_radius_mm": 5}',
     ],
 )
 def test_an_invalid_request_is_refused_in_a_sentence(text: str) -> None:

@@ -9,6 +9,7 @@ import { History, judge, motion } from "./history.js";
 import { LayerMenu } from "./layers.js";
 import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
+import { SwitchMenu } from "./switch.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
 const STEP_UM = 0.2; // of the number keys
@@ -56,6 +57,7 @@ const link = new Link({
     write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
     $("new-box").hidden = !message.simulated;
     layers.offer(message.layers);
+    switches.show(message);
     notice("");
   },
   frame: (message) => {
@@ -66,6 +68,7 @@ const link = new Link({
   status: (message) => {
     status = message;
   },
+  choices: (message) => switches.offer(message.plates),
   gone: (message) => stopped("No daemon", message.sentence),
   refused: (message) => notice(message.sentence, 6000),
   lost: (why) => stopped("Not connected", why || ENDED),
@@ -73,6 +76,7 @@ const link = new Link({
 const send = (request) => link.send(request);
 const hands = new Hands($("plate"), send, pointedAt);
 const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
+const switches = new SwitchMenu($("switch-box"), $("switch-plate"), $("switch-modes"), $("switch-radius"), send);
 const list = new FingerList($("fingers"), $("untouched"), send, choose);
 
 function stopped(state, sentence) {

@@ -1,0 +1,42 @@
+"""Simulated plate of `hapticd view --sim`: a service of its own, which a page can restart with another plate."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from ...config.sections import PLATE_NAMES
+from ...sim.plate.glasses import GLASSES, LEAST_PARASITIC
+from ...sim.rig.process import watch
+from ..daemon_process import PATIENT, DaemonProcess
+from .messages import SwitchPlate
+
+LEAST_MODES = 2
+CHOICES = {name: list(range(LEAST_MODES, len(GLASSES[name].modes) - LEAST_PARASITIC + 1)) for name in PLATE_NAMES}
+
+
+class SimulatedService(DaemonProcess):
+    """Context manager of a service on a simulated plate; `scenario` and `seed` stay when the plate is switched."""
+
+    def __init__(self, scenario: str, seed: int, plate: str, modes: int) -> None:
+        self._fixed = f'scenario = "{scenario}"\nseed = {seed}\n'
+        super().__init__(self._plate(plate, modes), PATIENT)
+        self._switching = asyncio.Lock()
+        self._on_end: Callable[[], None] = lambda: None
+
+    def watch(self, on_end: Callable[[], None]) -> None:
+        """Call `on_end`, on the running loop, if the service ends by itself or is killed."""
+        self._on_end = on_end
+        watch(self.process, on_end)
+
+    async def switch(self, to: SwitchPlate) -> None:
+        """Restart the service with another plate, number of modes, or contact radius; clients reconnect."""
+        async with self._switching:
+            assert self.process.stdout is not None
+            asyncio.get_running_loop().remove_reader(self.process.stdout)
+            radius = f"[solver]\ncontact_radius_mm = {to.contact_radius_mm!r}\n"
+            await asyncio.to_thread(self.restart, self._plate(to.plate, to.modes), PATIENT + radius)
+            watch(self.process, self._on_end)
+
+    def _plate(self, plate: str, modes: int) -> str:
+        return f'{self._fixed}plate = "{plate}"\nmodes = {modes}'
