@@ -5,7 +5,8 @@ is that of the whole way from report to frame, without the board.
 
     run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
     both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
-    contact    the vibration over whole contacts, on two plates with two to five modes
+    contact    the vibration over whole contacts, on two plates with two to five modes; contact_conditions: at 20 cm/s,
+               with a wrong radius, with three fingers
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ from .tables import Table, finite_rows
 
 PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
-BOTH_SLIP = "both-slip"
+BOTH_SLIP, THREE = "both-slip", "three"
+WRONG_RADII_MM = (4.0, 6.0)
 SIGNS_ALONE = "signs alone"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
@@ -97,20 +99,38 @@ def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Tabl
     )
 
 
+def contact_conditions(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
+    """Compare harder conditions on the plate for whole contacts, each with the bound of perfect knowledge."""
+    four = Settings(plate=PlateSettings.of(FINGERTIP))
+    six = Settings(plate=PlateSettings.of(FINGERTIP, 6))
+    judged = [
+        *_contact_rows({"strokes, 20 cm/s": replace(four, speed_mm_s=200.0)}, SCENARIO, seeds, seconds),
+        *_contact_rows(
+            {f"contacts taken for {radius_mm:g} mm": _with_radius(four, radius_mm) for radius_mm in WRONG_RADII_MM},
+            SCENARIO,
+            seeds,
+            seconds,
+        ),
+        *_contact_rows({"1, 0 and 0.5 um, 4 modes": four, "1, 0 and 0.5 um, 6 modes": six}, THREE, seeds, seconds),
+    ]
+    return _table(
+        "leak_contact_conditions",
+        f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate in harder conditions",
+        judged,
+        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
+    )
+
+
+def _with_radius(settings: Settings, radius_mm: float) -> Settings:
+    return replace(settings, config=changed(settings.config, {"solver": {"contact_radius_mm": radius_mm}}))
+
+
 def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     """Compare plates and numbers of modes by what whole contacts feel."""
     plates = {
-        f"{name} plate, {modes} modes": Alternative(Settings(plate=PlateSettings.of(name, modes)))
-        for name, modes in CONTACT_PLATES
+        f"{name} plate, {modes} modes": Settings(plate=PlateSettings.of(name, modes)) for name, modes in CONTACT_PLATES
     }
-    known: dict[str, list[Figures]] = {f"{name}, {PERFECT}": [] for name in plates}
-
-    def judge(finished: FinishedRun) -> Figures:
-        known[f"{finished.name}, {PERFECT}"].append(_contacts(perfect(finished.run).score))
-        return _contacts(finished.run.score)
-
-    rows = compared(plates, judge, seeds=seeds, seconds=seconds, timed=False)
-    rows += [(name, over_seeds(judged)) for name, judged in known.items()]
+    rows = _contact_rows(plates, SCENARIO, seeds, seconds)
     return _table(
         "leak_contact",
         f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
@@ -118,6 +138,21 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
         "weber: share of time in which a finger's friction is off by more than a tenth",
     )
+
+
+def _contact_rows(
+    chosen: Mapping[str, Settings], scenario: str, seeds: Sequence[int], seconds: float
+) -> list[tuple[str, Figures]]:
+    """Return the figures of each, then those of perfect knowledge of the same runs."""
+    known: dict[str, list[Figures]] = {f"{name}, {PERFECT}": [] for name in chosen}
+
+    def judge(finished: FinishedRun) -> Figures:
+        known[f"{finished.name}, {PERFECT}"].append(_contacts(perfect(finished.run).score))
+        return _contacts(finished.run.score)
+
+    runs = {name: Alternative(settings) for name, settings in chosen.items()}
+    rows = compared(runs, judge, seeds=seeds, seconds=seconds, scenario=scenario, timed=False)
+    return [*rows, *((name, over_seeds(judged)) for name, judged in known.items())]
 
 
 def _table(

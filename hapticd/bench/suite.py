@@ -55,7 +55,14 @@ PARTS: dict[str, Part] = {
     "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "recording": lambda extent: (recording_cost.run(seconds=extent.seconds),),
-    "leak": lambda _: (leak.run(), leak.both_slip(), singular.run(), leak.contact(), leak_budget.run()),
+    "leak": lambda _: (
+        leak.run(),
+        leak.both_slip(),
+        singular.run(),
+        leak.contact(),
+        leak.contact_conditions(),
+        leak_budget.run(),
+    ),
     "firmware": lambda _: firmware.run(),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)

@@ -23,6 +23,7 @@ SCENARIO_NAMES = (
     "paper-figure-11",
     "step",
     "both-slip",
+    "three",
     "hands",
 )
 

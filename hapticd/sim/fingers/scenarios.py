@@ -16,6 +16,7 @@ from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0
+HALF_UM = 0.5
 LAND_S = 0.4  # fingers land, and virtual ones get targets, after the handshake
 LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is lifted in between
 SWAP_S = 4.0  # when the fingers of "swap" exchange their targets
@@ -163,6 +164,15 @@ def _both_slip(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     )
 
 
+def _three(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    """One slippery finger, one sticky and one in between, on circles at least 25 mm apart: six modes' worth."""
+    centres_mm, amplitudes_um = ((-34.0, -20.0), (34.0, -20.0), (0.0, 34.0)), (SLIPPERY_UM, STICKY_UM, HALF_UM)
+    return tuple(
+        Actor(_always(amplitude_um), path=_landed(Circle(centre_mm, 14.0, speed_mm_s, 0.7 * seed + 2.0 * index)))
+        for index, (centre_mm, amplitude_um) in enumerate(zip(centres_mm, amplitudes_um, strict=True))
+    )
+
+
 def _hands(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     del seed, speed_mm_s
     return ()
@@ -182,6 +192,7 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
         Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
+        Scenario("three", "three fingers on circles: slippery, sticky, and half of it", 10.0, _three),
         Scenario("hands", "no fingers until a user moves some in `hapticd view --sim`", 1.0, _hands),
     )
 }
