@@ -18,6 +18,7 @@ from ...files import outputs
 from ...sim.plate.glasses import REFERENCE
 from .. import glass
 from ..daemon_process import PATIENT, DaemonProcess
+from ..progress import Progress
 from . import report
 from .browser import Browser
 from .conduct import conduct
@@ -175,9 +176,12 @@ def _check_same(options: argparse.Namespace, session: Session, given: Session, p
 def _simulate(file: SessionFile, given: Session) -> None:
     from .simulated import SimulatedParticipant
 
-    participant = SimulatedParticipant(file.session, given.about["scheme"], speed_mm_s=given.about["speed_mm_s"])
-    for answer in participant.answers():
-        file.append(answer)
+    about, trials = given.about, file.session.design.trials
+    with Progress("simulated trials") as progress:
+        participant = SimulatedParticipant(file.session, about["scheme"], speed_mm_s=about["speed_mm_s"])
+        for answer in participant.answers():
+            file.append(answer)
+            progress(answer.trial / trials)
     file.end()
 
 
