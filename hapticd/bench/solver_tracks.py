@@ -17,7 +17,7 @@ from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve_fast, solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .baselines.solver import solve_rows
-from .modes import HALF_SIZE_MM, W_LIMIT_UM
+from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
