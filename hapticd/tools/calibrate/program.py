@@ -114,9 +114,7 @@ def _add_trackpad(steps: Any) -> None:
 def _add_latency(steps: Any) -> None:
     parser = _step(steps, "latency", "measure the delays that the prediction must cover", "--out DIR --seconds 20")
     parser.add_argument("--config", type=Path, help="the service's configuration (default: DIR/hapticd.toml)")
-    parser.add_argument(
-        "--seconds", type=POSITIVE, default=10.0, help="duration (default 10); move two fingers meanwhile"
-    )
+    _add_seconds(parser)
 
 
 def _add_friction(steps: Any) -> None:
@@ -130,9 +128,7 @@ def _add_all(steps: Any) -> None:
     _add_sweep(parser)
     _add_scan(parser)
     _add_marks(parser)
-    parser.add_argument(
-        "--seconds", type=POSITIVE, default=10.0, help="duration (default 10); move two fingers meanwhile"
-    )
+    _add_seconds(parser)
     parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
 
 
