@@ -6,9 +6,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from ..sim.rig.process import end
 from ..tools import owned_process
 
-END_WITHIN_S = 10.0
 # A loaded host that stalls the simulated pad must not lift its fingers, which would land again under other ids.
 PATIENT = "[trackpad]\nsilence_ms = 1000\n"
 
@@ -35,13 +35,5 @@ class DaemonProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.process.terminate()
-        try:
-            self.process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                pipe.close()
+        end(self.process)
         self._folder.cleanup()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..arguments import number, whole
+from ..arguments import add_command, number, whole
 
 if TYPE_CHECKING:
     from .verdict import Outcome, Verdict
@@ -35,13 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _step(steps: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = steps.add_parser(
-        name,
-        help=summary,
-        description=summary[0].upper() + summary[1:] + ".",
-        epilog=f"example: hapticd calibrate {name} {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_command(steps, name, summary, example)
     # Suppressed, so that the default of the parent parser remains.
     parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
     parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
