@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from .errors import ExitCode, HapticdError
 from .files.outputs import check_arguments
-from .tools.arguments import Parser
+from .tools.arguments import Parser, add_command
 
 
 class Command(NamedTuple):
@@ -169,13 +169,7 @@ def parser(chosen: str = "") -> argparse.ArgumentParser:
     whole.add_argument("--version", action=_Version, nargs=0, help="show the version, of a checkout with its commit")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, summary, example, add_arguments) in COMMANDS.items():
-        one = commands.add_parser(
-            name,
-            help=summary,
-            description=summary[0].upper() + summary[1:] + ".",
-            epilog=f"example: hapticd {name} {example}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        one = add_command(commands, name, summary, example)
         if name == chosen:
             getattr(import_module(f".{module}", __package__), add_arguments)(one)
     return whole

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.arithmetic import Rows
 from ..sim.plate.ground_truth import GroundTruth
-from .modes import W_LIMIT_UM
 
 FloatArray = npt.NDArray[np.float64]
+W_LIMIT_UM = (4.0, 4.0)
+HALF_SIZE_MM = 58.0  # the area that fingers reach
 
 
 class Problem(NamedTuple):

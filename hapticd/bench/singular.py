@@ -20,7 +20,7 @@ from ..core.solver.general import solve_fast
 from ..core.solver.instant import InstantSolver, PointSolver
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .baselines.paper_scheme import invert
-from .modes import HALF_SIZE_MM, W_LIMIT_UM
+from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .solver_tracks import KNOTS, strokes_mm
 from .tables import Table, finite_rows
 

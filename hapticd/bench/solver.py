@@ -1,4 +1,4 @@
-"""The solver for two fingers against the policies that lost and a general library; and its time for N fingers.
+"""The solver for two fingers against the paper's formula and a general library; and its time for N fingers.
 
 Problems are random pairs of positions on the plate with shapes known exactly: errors are the solver's own. In half of
 them one finger slips at 1 um and one stays still, in the others both slip, at 1 and at 0.6 um.
@@ -17,8 +17,8 @@ from ..compiled import why_interpreted
 from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
-from .baselines.solver import solve_rows
-from .modes import HALF_SIZE_MM, W_LIMIT_UM
+from .baselines.paper_scheme import invert
+from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
@@ -43,8 +43,7 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
         "solve_phased_fast": partial(_each, lambda *problem: solve_phased_fast(*problem)[0]),
         "solve": lambda phi, target_um: np.array([solve(one, target_um, W_LIMIT_UM).modal_um for one in phi]),
         "solve_batch": lambda phi, target_um: solve_batch(phi, target_um, W_LIMIT_UM),
-        "least_squares": partial(_policy, "least_squares"),
-        "paper": partial(_policy, "paper"),
+        "paper": partial(_each, lambda *problem: invert(*problem)[0]),
         "numpy solve + clip": _numpy_clip,
     }
     daqp = optional("daqp")
@@ -83,10 +82,6 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
 
 def _each(call: Callable[..., Sequence[complex]], phi: FloatArray, target_um: tuple[float, float]) -> Any:
     return np.array([call((tuple(one), tuple(other)), target_um, W_LIMIT_UM) for one, other in phi.tolist()])
-
-
-def _policy(name: str, phi: FloatArray, target_um: tuple[float, float]) -> Any:
-    return _each(lambda *problem: solve_rows(*problem, policy=name)[0], phi, target_um)
 
 
 def _numpy_clip(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:

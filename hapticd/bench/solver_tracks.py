@@ -16,8 +16,8 @@ import numpy.typing as npt
 from ..core.solver.arithmetic import Rows
 from ..core.solver.public import solve_fast, solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
-from .baselines.solver import solve_rows
-from .modes import HALF_SIZE_MM, W_LIMIT_UM
+from .baselines.paper_scheme import invert
+from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
@@ -50,7 +50,7 @@ def run(*, strokes: int = 40, repeats: int = REPEATS) -> Table:
     tracks = [rows_of(stroke) for stroke in phi]
     ways: dict[str, Way] = {
         "solve_fast": partial(_walked, solve_fast),
-        "paper": partial(_walked, partial(solve_rows, policy="paper")),
+        "paper": partial(_walked, invert),
         "solve_phased_fast": partial(_walked, solve_phased_fast),
     }
     times = _times(ways, tracks, NEAR_UM, repeats)

@@ -27,8 +27,7 @@ from ..wire.board_messages import FRAME_MAX
 from ..wire.device import encode_reference
 from ..wire.framing import FrameSplitter
 from ..wire.protocol import REFERENCE
-from .hard_problems import SITUATIONS, Problem, row_tuples
-from .modes import W_LIMIT_UM
+from .hard_problems import SITUATIONS, W_LIMIT_UM, Problem, row_tuples
 from .tables import Table, finite_rows
 from .timing import no_garbage_collection, optional
 

@@ -20,7 +20,6 @@ from . import (
     firmware,
     leak,
     leak_budget,
-    modes,
     prediction,
     recording_cost,
     singular,
@@ -49,7 +48,6 @@ class Extent(NamedTuple):
 Part = Callable[[Extent], tuple[Table, ...]]
 
 PARTS: dict[str, Part] = {
-    "modes": lambda _: (modes.run(),),
     "prediction": lambda _: prediction.run(),
     "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes(), contacts.run()),
     "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),

@@ -45,6 +45,18 @@ class Parser(argparse.ArgumentParser):
             raise UsageError(f"{_name(action)}: there is no {value!r}{hint}")
 
 
+def add_command(commands: Any, name: str, summary: str, example: str, description: str = "") -> argparse.ArgumentParser:
+    """Add a command to the `add_subparsers` of another, with an example of its arguments; return its parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary,
+        description=description or f"{summary[0].upper()}{summary[1:]}.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.epilog = f"example: {parser.prog} {example}".rstrip()
+    return parser
+
+
 def suggestion(word: str, valid: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown word: the nearest valid one, if any is near."""
     close = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.6)

@@ -21,7 +21,6 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "modes": Part("interpolators of the mode map", 0.5),
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.0),
     "solver": Part("solvers against general optimisers", 1.0),
     "stability": Part("digits of a solution at the ends of the solver's range", 2.0),

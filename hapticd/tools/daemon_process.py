@@ -7,9 +7,9 @@ import tempfile
 from pathlib import Path
 from typing import Self
 
+from ..sim.rig.process import end
 from ..tools import owned_process
 
-END_WITHIN_S = 10.0
 # A loaded host that stalls the simulated pad must not lift its fingers, which would land again under other ids.
 PATIENT = "[trackpad]\nsilence_ms = 1000\n"
 
@@ -34,12 +34,12 @@ class DaemonProcess:
 
     def restart(self, sim: str, settings: str = "") -> None:
         """End the service and start it with another configuration, at the same `runtime_dir`."""
-        self._end()
+        end(self.process)
         self._configure(sim, settings)
         self._start()
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        end(self.process)
         self._folder.cleanup()
 
     def _configure(self, sim: str, settings: str) -> None:
@@ -49,14 +49,3 @@ class DaemonProcess:
     def _start(self) -> None:
         command = ["run", "--config", str(self._config)]
         self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)
-
-    def _end(self) -> None:
-        self.process.terminate()
-        try:
-            self.process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                pipe.close()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import zmq.auth
 
 from ..io.clients import keys
+from .arguments import add_command
 
 RESTART = "restart hapticd to apply"
 
@@ -22,36 +22,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
 
-    make = _action(actions, "make", "make a pair: the daemon's, or with a NAME a client's", ". study-7")
+    make = add_command(actions, "make", "make a pair: the daemon's, or with a NAME a client's", ". study-7")
     make.add_argument("directory", type=Path, metavar="DIR", help="folder for its two files")
     make.add_argument("name", nargs="?", default=keys.DAEMON_NAME, metavar="NAME", help="the client's name")
     make.set_defaults(command=_make)
 
-    allow = _action(actions, "allow", "admit the client with this public key", "/etc/hapticd/keys study-7.key")
+    allow = add_command(actions, "allow", "admit the client with this public key", "/etc/hapticd/keys study-7.key")
     allow.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     allow.add_argument(
         "certificate", type=Path, metavar="NAME.key", help="its public key; the secret one stays with the client"
     )
     allow.set_defaults(command=_allow)
 
-    revoke = _action(actions, "revoke", "remove a client from the allow-list", "/etc/hapticd/keys study-7")
+    revoke = add_command(actions, "revoke", "remove a client from the allow-list", "/etc/hapticd/keys study-7")
     revoke.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     revoke.add_argument("name", metavar="NAME", help="as `list` shows it")
     revoke.set_defaults(command=_revoke)
 
-    show = _action(actions, "list", "show the daemon's public key and the admitted clients", "/etc/hapticd/keys")
+    show = add_command(actions, "list", "show the daemon's public key and the admitted clients", "/etc/hapticd/keys")
     show.add_argument("directory", type=Path, metavar="DIR", help="client.keys_dir of the daemon")
     show.set_defaults(command=_list)
-
-
-def _action(actions: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = actions.add_parser(
-        name,
-        help=summary,
-        description=f"{summary[0].upper()}{summary[1:]}.",
-        epilog=f"example: hapticd keys {name} {example}",
-    )
-    return parser
 
 
 def _make(options: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import firmware, modes, prediction, recording_cost, tick
+from hapticd.bench import firmware, prediction, recording_cost, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -20,7 +20,6 @@ from hapticd.sim.fingers.scenarios import SCENARIOS
 pytestmark = pytest.mark.long
 
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
-    "modes": lambda: (modes.run(pairs=120, seeds=(1,), repeats=1, calls=5),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "recording": lambda: (recording_cost.run(seconds=0.1, rounds=1, wait_until=lambda _: None),),
@@ -51,23 +50,6 @@ def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) ->
         assert table.default in render(table)
 
 
-def test_bilinear_shapes_leak_more_and_quintic_ones_not_less_than_the_default() -> None:
-    (table,) = part("modes")
-    leaks_um = {row.name: row.figures["leak_um_per_um"] for row in table.rows}
-    assert leaks_um["bilinear"] > 1.02 * leaks_um[modes.DEFAULT]
-    assert leaks_um["quintic"] > 0.99 * leaks_um[modes.DEFAULT]
-    exact = {row.name: row.figures["interpolation_um_per_um"] for row in table.rows}
-    assert exact["quintic"] < exact[modes.DEFAULT] / 10.0 < exact["bilinear"] / 100.0
-
-
-def test_the_spline_of_scipy_agrees_with_ours() -> None:
-    pytest.importorskip("scipy")
-    (table,) = part("modes")
-    for name in ("leak_um_per_um", "slope_error_frac"):
-        outside = figure(table, "RectBivariateSpline", name)
-        assert outside == pytest.approx(figure(table, modes.DEFAULT, name), rel=1e-3)
-
-
 def test_on_no_motion_does_another_predictor_err_less_by_a_twentieth() -> None:
     for table in part("prediction"):
         for name in table.columns():
@@ -84,14 +66,6 @@ def test_predicting_pays() -> None:
     assert figure(strokes, "hold", "strokes_mm") > 5.0 * ours["strokes_mm"]
     assert figure(strokes, prediction.LIBRARY, "strokes_mm") > 1.3 * ours["strokes_mm"]
     assert ours["strokes_25ms_mm"] > ours["strokes_mm"]
-
-
-def test_missing_libraries_are_skipped_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modes, "optional", lambda _: None)
-    table = modes.run(pairs=5, seeds=(1,), repeats=1, calls=1)
-    assert table.skipped
-    assert not [row.name for row in table.rows if row.name in table.skipped]
-    assert all(f"{name}: skipped" in render(table) for name in table.skipped)
 
 
 def test_the_default_law_settles_soonest_and_the_paper_s_last() -> None:

@@ -1,6 +1,5 @@
-"""The alternatives that the chosen parts are measured against: predictors, the paper's scheme, solver policies."""
+"""The alternatives that the chosen parts are measured against: predictors and the paper's scheme."""
 
 from .predictors import PREDICTORS, make_predictor
-from .solver import solve
 
-__all__ = ["PREDICTORS", "make_predictor", "solve"]
+__all__ = ["PREDICTORS", "make_predictor"]

@@ -103,11 +103,6 @@ def pose(rows: Rows, targets: Row, limits: Row) -> Problem | None:
     slipping = [row for row, target in zip(rows, targets, strict=True) if target != 0.0]
     if not slipping or not all_finite(rows):
         return None
-    return pose_split(still, slipping, [target for target in targets if target != 0.0], limits)
-
-
-def pose_split(still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[float], limits: Row) -> Problem | None:
-    """As `pose`, of finite rows that are split into still and slipping ones; `targets` are the latter's."""
     basis = null_basis(still, len(limits))
     phi = np.array(slipping)
     size = float(np.max(np.abs(phi)))
@@ -120,9 +115,10 @@ def pose_split(still: Sequence[Row], slipping: Sequence[Row], targets: Sequence[
     if largest == 0.0:
         return None
     gains /= largest
-    reach, peak = max(limits), max(targets)
+    requested = [target for target in targets if target != 0.0]
+    reach, peak = max(limits), max(requested)
     scaled_peak = peak / max(size * largest, sys.float_info.min) / reach
-    wanted = np.array(targets) / peak * (scaled_peak if scaled_peak <= _REACH_CAP else _REACH_CAP)
+    wanted = np.array(requested) / peak * (scaled_peak if scaled_peak <= _REACH_CAP else _REACH_CAP)
     return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains), phi)
 
 

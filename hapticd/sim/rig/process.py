@@ -39,6 +39,19 @@ def watch(process: subprocess.Popen[str], on_end: Callable[[], None]) -> None:
     loop.add_reader(pipe, ended)
 
 
+def end(process: subprocess.Popen[str]) -> None:
+    """Terminate a process, kill it if it does not end, and close its pipes."""
+    process.terminate()
+    try:
+        process.wait(END_WITHIN_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            pipe.close()
+
+
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
@@ -112,15 +125,7 @@ class RigProcess:
 
     def close(self) -> None:
         """Stop the rig, which first writes its recording."""
-        self.process.terminate()
-        try:
-            self.process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                pipe.close()
+        end(self.process)
         if (self.directory / HISTORY_FILE).is_file():
             with np.load(self.directory / HISTORY_FILE) as arrays:
                 self.history: dict[str, Any] = dict(arrays)

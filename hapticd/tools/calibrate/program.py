@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..arguments import number, whole
+from ..arguments import add_command, number, whole
 
 if TYPE_CHECKING:
     from .verdict import Outcome, Verdict
@@ -35,13 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _step(steps: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = steps.add_parser(
-        name,
-        help=summary,
-        description=summary[0].upper() + summary[1:] + ".",
-        epilog=f"example: hapticd calibrate {name} {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_command(steps, name, summary, example)
     # Suppressed, so that the default of the parent parser remains.
     parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
     parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
@@ -114,9 +108,7 @@ def _add_trackpad(steps: Any) -> None:
 def _add_latency(steps: Any) -> None:
     parser = _step(steps, "latency", "measure the delays that the prediction must cover", "--out DIR --seconds 20")
     parser.add_argument("--config", type=Path, help="the service's configuration (default: DIR/hapticd.toml)")
-    parser.add_argument(
-        "--seconds", type=POSITIVE, default=10.0, help="duration (default 10); move two fingers meanwhile"
-    )
+    _add_seconds(parser)
 
 
 def _add_friction(steps: Any) -> None:
@@ -130,9 +122,7 @@ def _add_all(steps: Any) -> None:
     _add_sweep(parser)
     _add_scan(parser)
     _add_marks(parser)
-    parser.add_argument(
-        "--seconds", type=POSITIVE, default=10.0, help="duration (default 10); move two fingers meanwhile"
-    )
+    _add_seconds(parser)
     parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
 
 

@@ -32,7 +32,7 @@ from ...errors import ConfigError, DeviceError, UsageError
 from ...files import outputs
 from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
-from ..arguments import number, whole
+from ..arguments import add_command, number, whole
 from . import sweep, telemetry, text
 from .conversation import Conversation
 
@@ -58,12 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _command(commands: Any, name: str, summary: str, example: str, *, json: bool = False) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=summary,
-        description=summary[0].upper() + summary[1:] + ".",
-        epilog=f"example: hapticd firmware {name} {example}",
-    )
+    parser = add_command(commands, name, summary, example)
     where = parser.add_argument_group("the board")
     where.add_argument("--port", help="serial port, such as /dev/ttyACM0")
     where.add_argument("--baud", type=int, help="serial speed (default 921600)")

@@ -20,6 +20,7 @@ from .tables import Column
 Table = Mapping[str, Column]
 MODE_NAMES = "XYZ"
 MORE_MODES = ("tab:olive", "tab:cyan", "tab:pink")
+MOST_LABELS = 9  # two rows, with the line style
 LIFTED_S = 0.1  # without ground truth of a finger; it comes every 10 ms at least
 
 
@@ -46,9 +47,8 @@ def draw(
             plotting.mark_empty(axis, "no finger touches")
     axes[0].plot([], [], ".", color="grey", ms=4, label="samples")
     axes[0].plot([], [], color="grey", lw=0.9, label="predicted")
-    for axis in (axes[0], *axes[2:4]):  # above the axes, on the right: nothing is hidden
-        place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
-        axis.legend(**place, fontsize="small", ncols=5, frameon=False, borderpad=0.1)
+    for axis in (axes[0], *axes[2:4]):
+        _legend(axis)
     axes[3].set_xlim(start_s, end_s)
     axes[3].set_xlabel("time, s")
     plotting.save(figure, path)
@@ -136,6 +136,16 @@ def _draw_fingers(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
     axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
     plotting.show_at_least(axis, 0.0, LEAST_UM)
     axis.set_ylabel("vibration at the finger, µm")
+
+
+def _legend(axis: Any) -> None:
+    """Above the axes, on the right, where nothing is hidden: of many touches the first ones, and the line style."""
+    handles = {label: handle for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    labels = [*list(handles)[:-1][:MOST_LABELS], *list(handles)[-1:]]
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    axis.legend(
+        [handles[label] for label in labels], labels, **place, fontsize="small", ncols=5, frameon=False, borderpad=0.1
+    )
 
 
 def _touches(truth: Table | None) -> Iterator[Table]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ...errors import HapticdError, UsageError, missing_client, missing_library
+from ..arguments import add_command
 
 PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873
@@ -35,26 +36,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_fingers(plotjuggler)
     plotjuggler.set_defaults(command=_plotjuggler)
 
-    prometheus = _action(actions, "prometheus", "serve the daemon's status as metrics over HTTP", " --port 9100")
+    prometheus = _action(actions, "prometheus", "serve the daemon's status as metrics over HTTP", "--port 9100")
     prometheus.add_argument("--host", default="127.0.0.1", help="address to serve at (default 127.0.0.1)")
     prometheus.add_argument(
         "--port", type=int, default=PROMETHEUS_PORT, help=f"0: any free one (default {PROMETHEUS_PORT})"
     )
     prometheus.set_defaults(command=_prometheus)
 
-    lsl = _action(actions, "lsl", "offer fingers, modes and markers as Lab Streaming Layer outlets", " --fingers 2")
+    lsl = _action(actions, "lsl", "offer fingers, modes and markers as Lab Streaming Layer outlets", "--fingers 2")
     _add_fingers(lsl)
     lsl.set_defaults(command=_lsl)
 
 
 def _action(actions: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = actions.add_parser(
-        name,
-        help=summary,
-        description=f"{summary[0].upper()}{summary[1:]}.",
-        epilog=f"example: hapticd stream {name}{example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_command(actions, name, summary, example)
     parser.add_argument("--endpoint", metavar="DIR", help="the daemon's runtime directory (default: found)")
     return parser
 

@@ -17,7 +17,9 @@ from ...errors import HapticdError, missing_client
 from ...files import outputs
 from ...sim.plate.glasses import REFERENCE
 from .. import glass
+from ..arguments import add_command
 from ..daemon_process import PATIENT, DaemonProcess
+from ..progress import Progress
 from . import report
 from .browser import Browser
 from .conduct import conduct
@@ -48,13 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_run(actions: Any) -> None:
-    parser = actions.add_parser(
+    parser = add_command(
+        actions,
         "run",
-        help="run one participant's session, or continue it",
-        description="Run one participant's session: training, then trials. Interrupted (Ctrl-C), the same "
-        "command continues it. Until the last answer, neither screen nor file shows the stimuli.",
-        epilog="example: hapticd study run --participant P03 --out answers/ --browser",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "run one participant's session, or continue it",
+        "--participant P03 --out answers/ --browser",
+        "Run one participant's session: training, then trials. Interrupted (Ctrl-C), the same command continues it. "
+        "Until the last answer, neither screen nor file shows the stimuli.",
     )
     parser.add_argument("--participant", required=True, metavar="NAME", help="letters, digits, - and _, such as P03")
     parser.add_argument(
@@ -77,13 +79,13 @@ def _add_run(actions: Any) -> None:
 
 
 def _add_report(actions: Any) -> None:
-    parser = actions.add_parser(
+    parser = add_command(
+        actions,
         "report",
-        help="analyse all finished sessions of a folder",
-        description="Success rates, their average and standard deviation, tests against guessing. Writes results.csv, "
-        "trials.csv and figure-12.png to the folder. Unfinished sessions stay blind.",
-        epilog="example: hapticd study report answers/ --json -",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "analyse all finished sessions of a folder",
+        "answers/ --json -",
+        "Success rates, their average and standard deviation, tests against guessing. Writes results.csv, trials.csv "
+        "and figure-12.png to the folder. Unfinished sessions stay blind.",
     )
     parser.add_argument("folder", type=Path, metavar="DIR", help="the --out of the sessions")
     outputs.add_json(parser)
@@ -175,9 +177,12 @@ def _check_same(options: argparse.Namespace, session: Session, given: Session, p
 def _simulate(file: SessionFile, given: Session) -> None:
     from .simulated import SimulatedParticipant
 
-    participant = SimulatedParticipant(file.session, given.about["scheme"], speed_mm_s=given.about["speed_mm_s"])
-    for answer in participant.answers():
-        file.append(answer)
+    about, trials = given.about, file.session.design.trials
+    with Progress("simulated trials") as progress:
+        participant = SimulatedParticipant(file.session, about["scheme"], speed_mm_s=about["speed_mm_s"])
+        for answer in participant.answers():
+            file.append(answer)
+            progress(answer.trial / trials)
     file.end()
 
 

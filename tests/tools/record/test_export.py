@@ -187,6 +187,21 @@ def test_every_line_of_a_part_begins_and_ends_at_its_edges(
         assert spans.count((0.9, 1.1)) >= len(reached)
 
 
+def test_a_session_of_many_touches_has_a_legend_of_two_rows(
+    strokes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(plotting, "save", lambda figure, _: figures.append(figure))
+    monkeypatch.setattr(picture, "LIFTED_S", 0.001)  # each instant is a touch of its own
+    found = tables(open_recording(strokes))
+    truth = {name: column[::100] for name, column in found["truth"].items()}
+    truth["finger_id"] = np.arange(len(truth["t_s"])).astype(str).astype(object)
+    picture.draw(found | {"truth": truth}, tmp_path / "out.png")
+    words = [text.get_text() for text in figures[0].axes[3].get_legend().get_texts()]
+    assert len(words) == 10
+    assert words[-1] == "targets"
+
+
 def test_a_recording_without_a_pass_has_no_picture(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="nothing to draw"):
         picture.draw({}, tmp_path / "a.png")
