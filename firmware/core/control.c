@@ -2,7 +2,6 @@
 
 #include "control_laws.h"
 #include "exponential.h"
-#include "limiter.h"
 
 /* Found on the simulated plate over Q 200..1000, damping x0.5..x1.5 and detuning +-20 Hz (`hapticd bench firmware`).
  * The paper's law settles in the paper's 10 ms at Q 500. The second has 39 degrees of phase margin or more, counting a
@@ -45,10 +44,13 @@ void hd_control_design(hd_design_t *design)
     design->pole = hd_decay(-gains->bandwidth_1_s * plant->tick_s);
     design->integral_frac = plant->tick_s / gains->integral_time_s;
     design->ticks_per_s = 1.0f / plant->tick_s;
+    hd_phasor_t loop[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
+        loop[k] = plant->model[k].loop;
         hd_observer_design(&design->observer[k], &plant->model[k], plant->tick_s, plant->output_delay_frac,
                            watch->bandwidth_1_s, watch->integral_time_s);
     }
+    hd_wiring_design(&design->wires, &plant->wiring, loop);
 }
 
 static bool same_model(const hd_mode_model_t *a, const hd_mode_model_t *b)
@@ -86,15 +88,16 @@ hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode)
 }
 
 static bool decide(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
-                   const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES])
+                   const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES],
+                   hd_phasor_t voltage_v[HD_MODES])
 {
     switch (control->design.gains.law) {
     case HD_LAW_PI:
-        return hd_law_pi(control, reference_um, measured_um, v_limit_v, u_v);
+        return hd_law_pi(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     case HD_LAW_PI_FF:
-        return hd_law_pi_ff(control, reference_um, measured_um, v_limit_v, u_v);
+        return hd_law_pi_ff(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     default:
-        return hd_law_deadbeat(control, reference_um, v_limit_v, u_v);
+        return hd_law_deadbeat(control, reference_um, v_limit_v, u_v, voltage_v);
     }
 }
 
@@ -105,11 +108,9 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_correct(&control->loop[k].observer, &control->design.observer[k], measured_um[k]);
     }
-    bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v);
+    bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_drive(&control->loop[k].observer, u_v[k]);
-        hd_phasor_t turned_v = hd_mul(u_v[k], hd_conj(control->design.plant.model[k].loop));
-        voltage_v[k] = hd_limit_magnitude((hd_phasor_t){-turned_v.q, turned_v.d}, v_limit_v); /* V = j u */
     }
     return saturated;
 }

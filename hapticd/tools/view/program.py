@@ -48,7 +48,9 @@ def run(options: argparse.Namespace) -> None:
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             scenario, sim = options.scenario or SCENARIO, glass.chosen(options)
-            rig = stack.enter_context(RigProcess(scenario, options.seed, plate=sim.plate, modes=sim.modes))
+            rig = stack.enter_context(
+                RigProcess(scenario, options.seed, plate=sim.plate, modes=sim.modes, wiring=sim.wiring)
+            )
             endpoint = str(stack.enter_context(DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT)).runtime_dir)
         asyncio.run(_serve(listener, endpoint, open_browser=not options.no_browser))
 
