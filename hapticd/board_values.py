@@ -7,6 +7,7 @@ is encoded or a message decoded.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -18,13 +19,21 @@ from .values import SafeDrive
 
 @dataclass(frozen=True, slots=True)
 class ModeCalibration:
-    """One mode as measured by a sweep; `loop_phase_rad` is the phase of amplifier, electrodes and sensor."""
+    """One mode as measured by a sweep; `loop_phase_rad` is the phase of amplifier, electrodes and sensor.
+
+    The wiring is empty or has a number for each of the board's wires: `drive` what each amplifier gives per volt of
+    the mode, `sense` the weight of each sensor in the mode's amplitude, `feedthrough_um_per_v` what a volt of each
+    amplifier adds to that without moving the mode.
+    """
 
     mode: int
     frequency_hz: float
     q_factor: float
     gain_um_per_v_s: float
     loop_phase_rad: float
+    drive: tuple[float, ...] = ()
+    sense: tuple[complex, ...] = ()
+    feedthrough_um_per_v: tuple[complex, ...] = ()
 
     def model(self, drive_hz: float) -> ModeModel:
         """Return the same mode in the frame that rotates at `drive_hz`."""
@@ -70,6 +79,33 @@ class SetModel:
 
 
 @dataclass(frozen=True, slots=True)
+class SetWiring:
+    """Set all wires at once: `drive` amplifiers by modes, `sense` modes by sensors, `feedthrough_um_per_v` modes by
+    amplifiers."""
+
+    drive: tuple[tuple[float, ...], ...]
+    sense: tuple[tuple[complex, ...], ...]
+    feedthrough_um_per_v: tuple[tuple[complex, ...], ...]
+
+    @classmethod
+    def of(cls, calibration: Sequence[ModeCalibration], modes: int) -> SetWiring | None:
+        """Return the measured wires, a mode without any having its own; None if no mode has any."""
+        if not any(measured.drive or measured.sense or measured.feedthrough_um_per_v for measured in calibration):
+            return None
+        known = {measured.mode: measured for measured in calibration}
+        own = [tuple(float(row == column) for column in range(modes)) for row in range(modes)]
+        none = (0.0,) * modes
+        columns = [(known[mode].drive if mode in known else ()) or own[mode] for mode in range(modes)]
+        return cls(
+            drive=tuple(zip(*columns, strict=True)),
+            sense=tuple((known[mode].sense if mode in known else ()) or own[mode] for mode in range(modes)),
+            feedthrough_um_per_v=tuple(
+                (known[mode].feedthrough_um_per_v if mode in known else ()) or none for mode in range(modes)
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class TimeRequest:
     """Request the board's clock; the answer repeats the stamp."""
 
@@ -96,7 +132,9 @@ class ClearFault:
     """Leave a latched fault."""
 
 
-BoardCommand = HelloRequest | SelectController | SetModel | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
+BoardCommand = (
+    HelloRequest | SelectController | SetModel | SetWiring | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
+)
 
 # --- messages to the daemon -------------------------------------------------------------------------------------
 

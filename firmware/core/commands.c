@@ -7,7 +7,7 @@
  * refusal is the one that is sent: a later success must not hide it. */
 static void answer(hd_core_t *core, enum hd_message request, enum hd_verdict verdict)
 {
-    uint16_t bit = (uint16_t)(1U << request);
+    uint32_t bit = 1U << request;
     bool refused = (core->verdicts & bit) != 0 && core->verdict[request] != HD_VERDICT_DONE;
     if (!refused) {
         core->verdict[request] = (uint8_t)verdict;
@@ -65,18 +65,54 @@ void hd_prepare_set_model(hd_core_t *core, const uint8_t *payload)
     }
 }
 
+static void wired_phasors(hd_phasor_t to[HD_MODES][HD_MODES], const hd_wire_phasor_t *from)
+{
+    for (int i = 0; i < HD_MODES * HD_MODES; i++) {
+        to[i / HD_MODES][i % HD_MODES] = (hd_phasor_t){from[i].d_um, from[i].q_um};
+    }
+}
+
+void hd_prepare_set_wiring(hd_core_t *core, const uint8_t *payload)
+{
+    hd_heard_t *heard = &core->heard;
+    hd_wire_set_wiring_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    heard->design = core->control.design;
+    hd_wiring_t *wiring = &heard->design.plant.wiring;
+    memcpy(wiring->drive, wire.drive, sizeof wiring->drive);
+    wired_phasors(wiring->sense, wire.sense);
+    wired_phasors(wiring->feedthrough_um_per_v, wire.feedthrough);
+    heard->in_range = hd_wiring_valid(wiring);
+    if (heard->in_range) {
+        hd_control_design(&heard->design);
+    }
+}
+
+/* Another plant, for a plate at rest. */
+static void take_plant(hd_core_t *core, enum hd_message request)
+{
+    if (!core->heard.in_range) {
+        answer(core, request, HD_VERDICT_OUT_OF_RANGE);
+    } else if (!hd_at_rest(core) || core->fault == HD_FAULT_CONFIG) {
+        answer(core, request, HD_VERDICT_NOT_QUIET);
+    } else {
+        hd_control_adopt(&core->control, &core->heard.design);
+        answer(core, request, HD_VERDICT_DONE);
+    }
+}
+
 void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
-    if (!core->heard.in_range) {
-        answer(core, HD_MSG_SET_MODEL, HD_VERDICT_OUT_OF_RANGE);
-    } else if (!hd_at_rest(core) || core->fault == HD_FAULT_CONFIG) {
-        answer(core, HD_MSG_SET_MODEL, HD_VERDICT_NOT_QUIET);
-    } else {
-        hd_control_adopt(&core->control, &core->heard.design);
-        answer(core, HD_MSG_SET_MODEL, HD_VERDICT_DONE);
-    }
+    take_plant(core, HD_MSG_SET_MODEL);
+}
+
+void hd_take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)payload;
+    (void)now_us;
+    take_plant(core, HD_MSG_SET_WIRING);
 }
 
 void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)

@@ -2,7 +2,6 @@
 
 #include "control_laws.h"
 #include "exponential.h"
-#include "limiter.h"
 
 /* Found on the simulated plate over Q 200..1000, damping x0.5..x1.5 and detuning +-20 Hz (`hapticd bench firmware`).
  * The paper's law settles in the paper's 10 ms at Q 500. The second has 39 degrees of phase margin or more, counting a
@@ -34,6 +33,33 @@ bool hd_gains_valid(const hd_gains_t *gains)
         && gains->integral_time_s >= HD_INTEGRAL_TIME_MIN_S && gains->integral_time_s <= HD_INTEGRAL_TIME_MAX_S;
 }
 
+/* Feedthrough is subtracted as far as it is known, to a tenth; the rest comes back within a tick, and a loop that is fast
+ * for its plate amplifies it. */
+#define FEEDTHROUGH_DOUBT 0.1f
+#define DOUBT_LIMIT 0.8f /* of what a volt does to the plate while the observer looks: limit cycles begin at 1.1 */
+
+/* What a volt of mode p adds to its own measurement. */
+static float feedthrough_um_per_v(const hd_wiring_t *wiring, int p)
+{
+    float sum_um_per_v = 0.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        sum_um_per_v += fabsf(wiring->drive[k][p]) * hd_magnitude(wiring->feedthrough_um_per_v[p][k]);
+    }
+    return sum_um_per_v;
+}
+
+/* The gains, slower by one factor where the feedthrough's doubt would make the loop swing. */
+static hd_gains_t bearable(const hd_gains_t *gains, const hd_plant_t *plant)
+{
+    float speed_1_s = gains->bandwidth_1_s + 1.0f / gains->integral_time_s, slower = 1.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        float doubt_um_per_v = FEEDTHROUGH_DOUBT * feedthrough_um_per_v(&plant->wiring, k);
+        float limit_um_per_v = DOUBT_LIMIT * plant->model[k].gain_um_per_v_s / speed_1_s;
+        slower = doubt_um_per_v > limit_um_per_v ? hd_smaller(slower, limit_um_per_v / doubt_um_per_v) : slower;
+    }
+    return (hd_gains_t){gains->law, slower * gains->bandwidth_1_s, gains->integral_time_s / slower};
+}
+
 void hd_control_design(hd_design_t *design)
 {
     const hd_plant_t *plant = &design->plant;
@@ -41,14 +67,17 @@ void hd_control_design(hd_design_t *design)
     float lookahead_s = gains->law == HD_LAW_PI ? 0.0f : (1.0f + plant->output_delay_frac) * plant->tick_s;
     design->lookahead_us = (uint32_t)(lookahead_s * 1e6f + 0.5f);
     /* The paper's law does not look at the observer, and its gains would make a dull plate's swing. */
-    const hd_gains_t *watch = gains->law == HD_LAW_PI ? &TESTED[HD_LAW_DEADBEAT] : gains;
-    design->pole = hd_decay(-gains->bandwidth_1_s * plant->tick_s);
+    const hd_gains_t watch = bearable(gains->law == HD_LAW_PI ? &TESTED[HD_LAW_DEADBEAT] : gains, plant);
+    design->pole = hd_decay(-watch.bandwidth_1_s * plant->tick_s);
     design->integral_frac = plant->tick_s / gains->integral_time_s;
     design->ticks_per_s = 1.0f / plant->tick_s;
+    hd_phasor_t loop[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
+        loop[k] = plant->model[k].loop;
         hd_observer_design(&design->observer[k], &plant->model[k], plant->tick_s, plant->output_delay_frac,
-                           watch->bandwidth_1_s, watch->integral_time_s);
+                           watch.bandwidth_1_s, watch.integral_time_s);
     }
+    hd_wiring_design(&design->wires, &plant->wiring, loop);
 }
 
 static bool same_model(const hd_mode_model_t *a, const hd_mode_model_t *b)
@@ -86,15 +115,16 @@ hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode)
 }
 
 static bool decide(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
-                   const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES])
+                   const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t u_v[HD_MODES],
+                   hd_phasor_t voltage_v[HD_MODES])
 {
     switch (control->design.gains.law) {
     case HD_LAW_PI:
-        return hd_law_pi(control, reference_um, measured_um, v_limit_v, u_v);
+        return hd_law_pi(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     case HD_LAW_PI_FF:
-        return hd_law_pi_ff(control, reference_um, measured_um, v_limit_v, u_v);
+        return hd_law_pi_ff(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     default:
-        return hd_law_deadbeat(control, reference_um, v_limit_v, u_v);
+        return hd_law_deadbeat(control, reference_um, v_limit_v, u_v, voltage_v);
     }
 }
 
@@ -105,11 +135,9 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_correct(&control->loop[k].observer, &control->design.observer[k], measured_um[k]);
     }
-    bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v);
+    bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_drive(&control->loop[k].observer, u_v[k]);
-        hd_phasor_t turned_v = hd_mul(u_v[k], hd_conj(control->design.plant.model[k].loop));
-        voltage_v[k] = hd_limit_magnitude((hd_phasor_t){-turned_v.q, turned_v.d}, v_limit_v); /* V = j u */
     }
     return saturated;
 }

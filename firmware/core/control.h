@@ -48,6 +48,7 @@ typedef struct {
     float integral_frac;   /* ki / kp of a tick */
     float ticks_per_s;
     uint32_t lookahead_us; /* lead of the law's reference before the tick: the end of the voltage hold */
+    hd_wires_t wires;
     hd_observer_design_t observer[HD_MODES];
 } hd_design_t;
 
@@ -72,7 +73,8 @@ void hd_control_reset(hd_control_t *control);
 
 hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode);
 
-/* One tick. Writes the voltages, each |V_k| <= v_limit_v; true if the voltage limit keeps the plate from following. */
+/* One tick. Writes the amplifiers' voltages, each |V_k| <= v_limit_v; true if the voltage limit keeps the plate from
+ * following. */
 bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
                      const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t voltage_v[HD_MODES]);
 

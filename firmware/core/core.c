@@ -23,6 +23,9 @@
 #define SWING_UP 3
 #define SWING_DOWN 2
 
+#define POWER_MEMORY_S 0.02f
+#define AGAINST 0.1f /* of the measured amplitude times the voltage limit; a limit cycle averages out */
+
 #define ALL_MODES 255 /* in the log: no single one is concerned */
 
 /* A limit in V or um, or a frequency: its square, and that of a hundredth of it, neither overflow nor underflow. */
@@ -47,7 +50,7 @@ static bool config_valid(const hd_config_t *config)
     for (int k = 0; k < HD_MODES; k++) {
         valid = valid && sensible(config->w_limit_um[k]) && hd_model_valid(&config->model[k]);
     }
-    return valid;
+    return valid && hd_wiring_valid(&config->wiring);
 }
 
 bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
@@ -55,6 +58,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     memset(core, 0, sizeof *core);
     core->config = *config;
     core->config.gains = hd_gains_complete(config->gains);
+    hd_wiring_complete(&core->config.wiring);
     core->t_status_us = now_us;
     core->state = HD_STATE_FAULT;
     hd_log_recover(&core->config.log);
@@ -70,11 +74,13 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->drive_hz = config->drive_hz;
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     core->distrust_limit_ticks = (uint16_t)(config->control_hz * DISTRUST_S);
+    core->power_frac = 1.0f / (config->control_hz * POWER_MEMORY_S);
     hd_design_t *design = &core->heard.design;
     design->gains = core->config.gains;
     design->plant.tick_s = 1.0f / config->control_hz;
     design->plant.output_delay_frac = config->output_delay_frac;
     memcpy(design->plant.model, config->model, sizeof config->model);
+    design->plant.wiring = core->config.wiring;
     hd_control_design(design);
     hd_control_adopt(&core->control, design);
     hd_tool_init(&core->tool, config->control_hz, config->drive_hz, config->v_limit_v);
@@ -97,6 +103,7 @@ void hd_silence(hd_core_t *core)
     memset(core->astray_ticks, 0, sizeof core->astray_ticks);
     memset(core->swings, 0, sizeof core->swings);
     memset(core->previous_v, 0, sizeof core->previous_v);
+    memset(core->power_um_v, 0, sizeof core->power_um_v);
 }
 
 static void enter(hd_core_t *core, enum hd_state state)
@@ -188,7 +195,7 @@ static bool lasts(bool condition, uint16_t *ticks, uint16_t limit)
     return *ticks >= limit;
 }
 
-/* Whether the voltage swings on more ticks than references explain, for as long as `lasts`. */
+/* Whether an amplifier's voltage swings on more ticks than references explain, for as long as `lasts`. */
 static bool cycles(hd_core_t *core, int k)
 {
     float swing_v = SWING_VOLTAGE * core->config.v_limit_v;
@@ -200,35 +207,103 @@ static bool cycles(hd_core_t *core, int k)
     return count >= limit;
 }
 
-/* Judges the measurement against the voltage and the reference of the tick before, which caused it. */
-static enum hd_fault mode_fault(hd_core_t *core, int k)
+/* The amplifiers above half their limit, one bit each. */
+static uint32_t amplifiers_driven_hard(const hd_core_t *core)
+{
+    uint32_t hard = 0;
+    for (int k = 0; k < HD_MODES; k++) {
+        hard |= hd_within(core->voltage_v[k], WATCHED_VOLTAGE * core->config.v_limit_v) ? 0u : 1u << k;
+    }
+    return hard;
+}
+
+/* The fault, or that of the wires if the mode as measured gave power back: what takes its drive's power, however far it
+ * is from resonance and however damped, is wired as the board believes. */
+static enum hd_fault against(const hd_core_t *core, int k, enum hd_fault fault)
+{
+    float least_um_v = AGAINST * core->config.v_limit_v * hd_magnitude(core->measured_um[k]);
+    return core->power_um_v[k] < -least_um_v ? HD_FAULT_WIRING : fault;
+}
+
+/* Judges a mode that is driven hard by its measurement against the voltage and the reference of the tick before, which
+ * caused it. */
+static enum hd_fault hard_driven_fault(hd_core_t *core, int k)
 {
     float limit_um = core->config.w_limit_um[k];
     hd_phasor_t measured_um = core->measured_um[k], asked_um = core->asked_um[k];
     float asked = hd_magnitude(asked_um);
-    bool watched = !hd_within(core->voltage_v[k], WATCHED_VOLTAGE * core->config.v_limit_v);
-    bool dead = watched && asked > DEAD_ASKED * limit_um && hd_within(measured_um, DEAD_ANSWER * asked);
-    bool astray = watched
-        && !hd_within(hd_sub(measured_um, asked_um), ASTRAY_ANSWER * asked + ASTRAY_FLOOR * limit_um);
-    bool over = !hd_within(measured_um, OVER_AMPLITUDE * limit_um);
-    if (lasts(over, &core->over_amplitude_ticks[k], OVER_AMPLITUDE_TICKS)) {
-        return HD_FAULT_OVER_AMPLITUDE;
-    }
+    bool dead = asked > DEAD_ASKED * limit_um && hd_within(measured_um, DEAD_ANSWER * asked);
+    bool astray = !hd_within(hd_sub(measured_um, asked_um), ASTRAY_ANSWER * asked + ASTRAY_FLOOR * limit_um);
+    float gained_um_v = hd_dot(measured_um, core->control.loop[k].observer.new_v);
+    core->power_um_v[k] += core->power_frac * (gained_um_v - core->power_um_v[k]);
     bool is_dead = lasts(dead, &core->dead_ticks[k], core->distrust_limit_ticks);
     bool is_astray = lasts(astray, &core->astray_ticks[k], core->distrust_limit_ticks);
-    is_astray = cycles(core, k) || is_astray;
-    return is_dead ? HD_FAULT_NO_RESPONSE : is_astray ? HD_FAULT_ASTRAY : HD_FAULT_NONE;
+    return is_dead ? HD_FAULT_NO_RESPONSE : is_astray ? against(core, k, HD_FAULT_ASTRAY) : HD_FAULT_NONE;
 }
 
-static void watch_plate(hd_core_t *core, const hd_phasor_t measured_um[HD_MODES], uint32_t now_us)
+static enum hd_fault mode_fault(hd_core_t *core, int k, bool is_driven_hard)
 {
+    enum hd_fault fault = HD_FAULT_NONE;
+    if (is_driven_hard) {
+        fault = hard_driven_fault(core, k);
+    } else {
+        core->dead_ticks[k] = core->astray_ticks[k] = 0;
+    }
+    bool over = !hd_within(core->measured_um[k], OVER_AMPLITUDE * core->config.w_limit_um[k]);
+    if (lasts(over, &core->over_amplitude_ticks[k], OVER_AMPLITUDE_TICKS)) {
+        return against(core, k, HD_FAULT_OVER_AMPLITUDE);
+    }
+    return cycles(core, k) ? HD_FAULT_ASTRAY : fault;
+}
+
+static void watch_plate(hd_core_t *core, uint32_t now_us)
+{
+    uint32_t hard = amplifiers_driven_hard(core);
     for (int k = 0; k < HD_MODES; k++) {
-        bool finite = hd_finite(measured_um[k]);
-        core->measured_um[k] = finite ? measured_um[k] : (hd_phasor_t){0.0f, 0.0f};
-        enum hd_fault fault = finite ? mode_fault(core, k) : HD_FAULT_MEASUREMENT_NOT_FINITE;
+        enum hd_fault fault = mode_fault(core, k, (core->control.design.wires.shares[k] & hard) != 0);
         if (fault != HD_FAULT_NONE) {
             fail(core, fault, k, hd_magnitude(core->measured_um[k]), now_us);
         }
+    }
+}
+
+/* Mean of an amplifier's voltage over the tick just ended: the last one held for all but the board's delay. */
+static hd_phasor_t mean_voltage_v(const hd_core_t *core, int k)
+{
+    hd_phasor_t newest_v = core->voltage_v[k];
+    return hd_add(newest_v, hd_scale(core->config.output_delay_frac, hd_sub(core->previous_v[k], newest_v)));
+}
+
+/* What is not finite counts as 0, and is a fault. */
+static hd_phasor_t believed_um(hd_core_t *core, int k, hd_phasor_t value_um, uint32_t now_us)
+{
+    if (hd_finite(value_um)) {
+        return value_um;
+    }
+    fail(core, HD_FAULT_MEASUREMENT_NOT_FINITE, k, 0.0f, now_us);
+    return (hd_phasor_t){0.0f, 0.0f};
+}
+
+/* The modes' amplitudes, where they are not the sensors'. */
+static void mix(hd_core_t *core, uint32_t now_us)
+{
+    hd_phasor_t mean_v[HD_MODES];
+    for (int k = 0; k < HD_MODES; k++) {
+        mean_v[k] = mean_voltage_v(core, k);
+    }
+    hd_wiring_sense(&core->control.design.plant.wiring, core->sensor_um, mean_v, core->measured_um);
+    for (int k = 0; k < HD_MODES; k++) {
+        core->measured_um[k] = believed_um(core, k, core->measured_um[k], now_us);
+    }
+}
+
+static void sense(hd_core_t *core, const hd_phasor_t sensor_um[HD_MODES], uint32_t now_us)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        core->sensor_um[k] = core->measured_um[k] = believed_um(core, k, sensor_um[k], now_us);
+    }
+    if (!core->control.design.wires.has_own_sensors) {
+        mix(core, now_us);
     }
 }
 
@@ -287,7 +362,7 @@ static bool drive(hd_core_t *core, float ramp)
 /* Open loop, with limits of its own. */
 static void use_tool(hd_core_t *core, uint32_t now_us)
 {
-    if (!hd_tool_step(&core->tool, now_us, core->measured_um, core->voltage_v)) {
+    if (!hd_tool_step(&core->tool, now_us, core->sensor_um, core->voltage_v)) {
         hd_deadman_reset(&core->deadman);
         enter(core, HD_STATE_QUIET);
     }
@@ -341,11 +416,12 @@ static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODE
     memcpy(voltage_v, core->voltage_v, sizeof core->voltage_v);
 }
 
-void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
+void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
 {
     bool saturated = false;
     watch_host(core, now_us);
-    watch_plate(core, measured_um, now_us);
+    sense(core, sensor_um, now_us);
+    watch_plate(core, now_us);
     follow_timeline(core, now_us);
     if (core->state == HD_STATE_TOOL) {
         use_tool(core, now_us);

@@ -21,6 +21,7 @@
 #include "telemetry.h"
 #include "tools.h"
 
+#define HD_COMMANDS 32U /* message types of the host are below */
 #define HD_FIRMWARE_VERSION "0.1.0"
 
 /* A message to the host, taken from the core under the lock and encoded outside of it. */
@@ -59,6 +60,7 @@ typedef struct {
     float v_limit_v;
     float w_limit_um[HD_MODES];
     hd_mode_model_t model[HD_MODES];
+    hd_wiring_t wiring; /* all zero: amplifier and sensor k belong to mode k */
     hd_gains_t gains;
     float output_delay_frac;   /* of a tick: from hd_tick to the voltage on the plate */
     bool latch_repeated_trips; /* three dead-man trips in ten seconds become a fault */
@@ -98,16 +100,19 @@ typedef struct {
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     uint16_t ramp_ticks;
     uint16_t distrust_limit_ticks;
+    float power_frac; /* weight of a tick in the mean */
     uint16_t over_amplitude_ticks[HD_MODES];
     uint16_t dead_ticks[HD_MODES];
     uint16_t astray_ticks[HD_MODES];
     uint16_t swings[HD_MODES];
+    float power_um_v[HD_MODES]; /* mean into each mode as measured, while it is driven hard */
     hd_phasor_t previous_v[HD_MODES];
 
     hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */
     hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: input of the control law */
-    hd_phasor_t measured_um[HD_MODES];
-    hd_phasor_t voltage_v[HD_MODES];
+    hd_phasor_t sensor_um[HD_MODES];    /* finite */
+    hd_phasor_t measured_um[HD_MODES];  /* of the modes */
+    hd_phasor_t voltage_v[HD_MODES];    /* of the amplifiers */
     uint8_t tick_flags;
     uint8_t status_flags; /* all that happened since the last STATUS */
 
@@ -123,8 +128,8 @@ typedef struct {
     uint32_t t_status_us;
     uint64_t time_request_ns;
     uint32_t t_time_request_us;
-    uint16_t verdicts;                 /* commands with a pending verdict, one bit per message type */
-    uint8_t verdict[HD_MSG_STOP + 1U]; /* enum hd_verdict, by message type */
+    uint32_t verdicts;            /* commands with a pending verdict, one bit per message type */
+    uint8_t verdict[HD_COMMANDS]; /* enum hd_verdict, by message type */
 } hd_core_t;
 
 /* Returns false, with the output disabled permanently, if the configuration is invalid. */
@@ -133,8 +138,8 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us);
 /* Takes any bytes from the line, in pieces of any size: hd_hear and, where a frame ends, hd_obey. */
 void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us);
 
-/* One control tick: the mean amplitudes over the tick just ended in, the voltages to apply out. */
-void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
+/* One control tick: the sensors' mean over the tick just ended in, the amplifiers' voltages to apply out. */
+void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MODES],
              hd_phasor_t voltage_v[HD_MODES]);
 
 /* The two halves of hd_receive. The first validates, limits and designs: it may take long, and a tick may interrupt it.

@@ -3,14 +3,14 @@
 #ifndef HD_GOVERNOR_H
 #define HD_GOVERNOR_H
 
-#include "phasor.h"
-#include "protocol.h"
+#include "wiring.h"
 
-/* Factor that brings what every mode needs to be held within what the amplifiers can hold for long. */
-float hd_holdable_fraction(const hd_phasor_t holding_v[HD_MODES], float v_limit_v);
+/* Factor that brings what all modes need to be held within what the amplifiers can hold for long. */
+float hd_holdable_fraction(const hd_wires_t *wires, const hd_phasor_t holding_v[HD_MODES], float v_limit_v);
 
-/* Largest fraction f in [0, 1] with |stay_v + f move_v| within the limit for every mode. */
-float hd_feasible_fraction(const hd_phasor_t stay_v[HD_MODES], const hd_phasor_t move_v[HD_MODES], float v_limit_v);
+/* Largest fraction f in [0, 1] with which stay_v + f move_v leaves every amplifier within the limit. */
+float hd_feasible_fraction(const hd_wires_t *wires, const hd_phasor_t stay_v[HD_MODES],
+                           const hd_phasor_t move_v[HD_MODES], float v_limit_v);
 
 /* The point at this fraction of the way; the goal itself at 1. */
 hd_phasor_t hd_on_the_way(hd_phasor_t from, hd_phasor_t to, float fraction);

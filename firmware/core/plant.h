@@ -7,6 +7,7 @@
 
 #include "phasor.h"
 #include "protocol.h"
+#include "wiring.h"
 
 typedef struct {
     float decay_1_s;
@@ -17,6 +18,7 @@ typedef struct {
 
 typedef struct {
     hd_mode_model_t model[HD_MODES];
+    hd_wiring_t wiring;
     float tick_s;
     float output_delay_frac; /* of a tick, from the call to the voltage on the plate */
 } hd_plant_t;

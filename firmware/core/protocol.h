@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0xeed0c735u
+#define HD_PROTOCOL_HASH 0x08daac96u
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -40,6 +40,11 @@
 #define HD_GAIN_MAX_UM_PER_V_S 10000.0f
 #define HD_LOOP_TOLERANCE 0.001f /* of the loop phasor's magnitude, before it is made exactly 1 */
 
+/* Bounds of the wiring's elements. */
+#define HD_DRIVE_SHARE_MAX 10.0f
+#define HD_SENSE_MAX 100.0f
+#define HD_FEEDTHROUGH_MAX_UM_PER_V 1.0f
+
 /* Bring-up tools: what a person may ask of a quiet board. */
 #define HD_RAW_LIMIT_FRAC 0.2f      /* of the voltage limit: open loop, nothing else holds the amplitude */
 #define HD_RAW_MAX_MS 1000
@@ -63,6 +68,7 @@ enum hd_message {
     HD_MSG_SET_TELEMETRY = 0x0B,
     HD_MSG_LOG_REQUEST = 0x0C,
     HD_MSG_STOP = 0x0D,
+    HD_MSG_SET_WIRING = 0x0E,
     HD_MSG_HELLO = 0x81,
     HD_MSG_STATUS = 0x82,
     HD_MSG_TIME = 0x83,
@@ -96,6 +102,7 @@ enum hd_fault {
     HD_FAULT_REPEATED_DEADMAN = 5,
     HD_FAULT_CONFIG = 6, /* cannot be cleared */
     HD_FAULT_ASTRAY = 7, /* the measurement is not what the drive does */
+    HD_FAULT_WIRING = 8, /* the same, and a mode moves against its drive */
 };
 
 /* Log events other than faults. */
@@ -178,6 +185,13 @@ typedef struct HD_PACKED {
     hd_wire_model_t model;
 } hd_wire_set_model_t;
 
+/* All of it at once: no part makes sense without the others. */
+typedef struct HD_PACKED {
+    float drive[HD_MODES * HD_MODES];                  /* row by row: of amplifier k, by mode p */
+    hd_wire_phasor_t sense[HD_MODES * HD_MODES];       /* of mode p, by sensor s */
+    hd_wire_phasor_t feedthrough[HD_MODES * HD_MODES]; /* um per V: of mode p, by amplifier k */
+} hd_wire_set_wiring_t;
+
 typedef struct HD_PACKED {
     uint8_t mode;
     float start_hz;
@@ -252,7 +266,7 @@ typedef struct HD_PACKED {
 typedef struct HD_PACKED {
     uint16_t index;
     uint16_t points;
-    uint8_t mode; /* the driven one; its amplifier gets `voltage_v` on the d axis */
+    uint8_t mode; /* the driven amplifier, which gets `voltage_v` on the d axis; the values are the sensors' own */
     uint8_t modes;
     float frequency_hz;
     float voltage_v;
@@ -307,6 +321,7 @@ _Static_assert(sizeof(hd_wire_hello_t) == 41 + 4 * HD_MODES, "a hole in HELLO");
 _Static_assert(sizeof(hd_wire_status_t) == 28 + 16 * HD_MODES, "a hole in STATUS");
 _Static_assert(sizeof(hd_wire_time_t) == 16, "a hole in TIME");
 _Static_assert(sizeof(hd_wire_set_model_t) == 21, "a hole in SET_MODEL");
+_Static_assert(sizeof(hd_wire_set_wiring_t) == 20 * HD_MODES * HD_MODES, "a hole in SET_WIRING");
 _Static_assert(sizeof(hd_wire_sweep_t) == 17, "a hole in SWEEP");
 _Static_assert(sizeof(hd_wire_raw_voltage_t) == 11, "a hole in RAW_VOLTAGE");
 _Static_assert(sizeof(hd_wire_controller_t) == 10 + 20 * HD_MODES, "a hole in CONTROLLER");

@@ -165,7 +165,7 @@ static void take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t 
 
 typedef struct {
     uint8_t type;
-    uint8_t size; /* of the payload */
+    uint16_t size; /* of the payload */
     void (*take)(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
     void (*prepare)(hd_core_t *core, const uint8_t *payload); /* work too long for the lock; or NULL */
 } message_t;
@@ -184,6 +184,7 @@ static const message_t MESSAGES[] = {
     {HD_MSG_SET_TELEMETRY, sizeof(hd_wire_set_telemetry_t), hd_take_set_telemetry, NULL},
     {HD_MSG_LOG_REQUEST, 0, hd_take_log_request, NULL},
     {HD_MSG_STOP, 0, hd_take_stop, NULL},
+    {HD_MSG_SET_WIRING, sizeof(hd_wire_set_wiring_t), hd_take_set_wiring, hd_prepare_set_wiring},
 };
 
 static const message_t *known(uint8_t type, size_t size)

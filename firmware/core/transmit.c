@@ -60,7 +60,7 @@ static void fill_verdict(hd_core_t *core, hd_wire_verdict_t *verdict)
     while ((core->verdicts & (1U << request)) == 0) {
         request++;
     }
-    core->verdicts &= (uint16_t)~(1U << request);
+    core->verdicts &= ~(1U << request);
     *verdict = (hd_wire_verdict_t){request, core->verdict[request]};
 }
 

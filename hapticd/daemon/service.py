@@ -116,7 +116,9 @@ class ConfigLoader:
             return Path(config.sim.rig_dir)
         sim = config.sim
         if sim not in self._rigs:
-            self._rigs[sim] = RigProcess(sim.scenario, sim.seed, plate=sim.plate, modes=_driven_modes(sim))
+            self._rigs[sim] = RigProcess(
+                sim.scenario, sim.seed, plate=sim.plate, modes=_driven_modes(sim), wiring=sim.wiring
+            )
         return self._rigs[sim].directory
 
 

@@ -23,9 +23,17 @@ KEYS = {
     "gain_um_per_v_s": (0.001, 1e4),
     "loop_phase_deg": (-360.0, 360.0),
 }
+# Optional key: bounds of each wire's number, or of a complex one's magnitude.
+WIRES = {
+    "drive": protocol.DRIVE_SHARE,
+    "sense": protocol.SENSE,
+    "feedthrough_um_per_v": protocol.FEEDTHROUGH_UM_PER_V,
+}
 HEADER = """\
 # Modes of the plate, measured by `hapticd firmware sweep`. The plate moves by gain_um_per_v_s for each volt and second;
-# loop_phase_deg is what amplifier, electrodes and sensor add to the loop.
+# loop_phase_deg is what amplifier, electrodes and sensor add to the loop. The wiring, measured by `hapticd calibrate
+# resonance`: drive is what each amplifier gives per volt of the mode, sense the weight of each sensor in its amplitude,
+# feedthrough_um_per_v what a volt of each amplifier adds to that without moving it; [real, imaginary].
 """
 
 
@@ -35,7 +43,7 @@ def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
     entries = table.pop("mode", None)
     if table or not isinstance(entries, list):
         raise ConfigError(f"{path}: must hold [[mode]] tables and nothing else: measure with `hapticd firmware sweep`.")
-    found = [_mode(entry, f"{path}: [[mode]] {place}") for place, entry in enumerate(entries, 1)]
+    found = [_mode(entry, f"{path}: [[mode]] {place}", modes) for place, entry in enumerate(entries, 1)]
     for place, calibration in enumerate(found, 1):
         if not 0 <= calibration.mode < modes:
             raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is not one of the plate's {modes}.")
@@ -54,17 +62,22 @@ def _text(calibration: ModeCalibration) -> str:
         f"\n[[mode]]\nmode = {calibration.mode}\nfrequency_hz = {calibration.frequency_hz:.3f}\n"
         f"q_factor = {calibration.q_factor:.2f}\ngain_um_per_v_s = {calibration.gain_um_per_v_s:.5g}\n"
         f"loop_phase_deg = {math.degrees(calibration.loop_phase_rad):.2f}\n"
-    )
+    ) + "".join(f"{key} = [{_listed(getattr(calibration, key))}]\n" for key in WIRES if getattr(calibration, key))
 
 
-def _mode(entry: Any, where: str) -> ModeCalibration:
+def _listed(wires: Sequence[complex]) -> str:
+    pairs = (f"[{wire.real:.6g}, {wire.imag:.6g}]" if isinstance(wire, complex) else f"{wire:.6g}" for wire in wires)
+    return ", ".join(pairs)
+
+
+def _mode(entry: Any, where: str, modes: int) -> ModeCalibration:
     if not isinstance(entry, dict):
         raise ConfigError(f"{where}: must be a table: write [[mode]] and its keys below.")
-    unknown = set(entry) - {"mode", *KEYS}
+    unknown = set(entry) - {"mode", *KEYS, *WIRES}
     missing = {"mode", *KEYS} - set(entry)
     if unknown or missing:
         wrong = f"unknown key {min(unknown)}" if unknown else f"{min(missing)} is missing"
-        raise ConfigError(f"{where}: {wrong}: the keys are mode, {', '.join(KEYS)}.")
+        raise ConfigError(f"{where}: {wrong}: the keys are mode, {', '.join((*KEYS, *WIRES))}.")
     mode = entry["mode"]
     if isinstance(mode, bool) or not isinstance(mode, int):
         raise ConfigError(f"{where}.mode: must be a whole number, 0 for the first mode, not {shown(mode)}.")
@@ -81,4 +94,27 @@ def _mode(entry: Any, where: str) -> ModeCalibration:
         q_factor=float(entry["q_factor"]),
         gain_um_per_v_s=float(entry["gain_um_per_v_s"]),
         loop_phase_rad=math.radians(entry["loop_phase_deg"]),
+        drive=tuple(wire.real for wire in _wires(entry, "drive", where, modes)),
+        sense=_wires(entry, "sense", where, modes),
+        feedthrough_um_per_v=_wires(entry, "feedthrough_um_per_v", where, modes),
     )
+
+
+def _wires(entry: dict[str, Any], key: str, where: str, modes: int) -> tuple[complex, ...]:
+    """Return the numbers of all wires, real ones or pairs; none if the key is missing."""
+    wires, is_real = entry.get(key, []), key == "drive"
+    if not isinstance(wires, list) or len(wires) not in (0, modes):
+        raise ConfigError(f"{where}.{key}: {shown(wires)} is not a list of {modes}: give a number for each wire.")
+    found = []
+    for wire in wires:
+        parts = [wire] if is_real else wire
+        is_number = isinstance(parts, list) and all(type(part) in (int, float) for part in parts)
+        if not is_number or len(parts) != (1 if is_real else 2):
+            kind = "a number" if is_real else "[real, imaginary]"
+            raise ConfigError(f"{where}.{key}: {shown(wire)} is out of place: give {kind} for each wire.")
+        value = complex(*parts)
+        if not protocol.is_within(value.real if is_real else abs(value), WIRES[key]):
+            low, high = WIRES[key]
+            raise ConfigError(f"{where}.{key}: {shown(wire)} is out of bounds: it must be {low:g} .. {high:g}.")
+        found.append(value)
+    return tuple(found)

@@ -77,6 +77,8 @@ class World:
                 decay_1_s=tuple(plate.nominal_decay_1_s),
                 detuning_rad_s=tuple(plate.nominal_detuning_rad_s),
                 gain_um_per_v_s=tuple(plate.nominal_gain_um_per_v_s),
+                drive=plate.drive,
+                sense=plate.sense,
             ),
             seed=seed,
             boot_id=boot_id,

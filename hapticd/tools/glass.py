@@ -1,37 +1,54 @@
-"""`--plate` and `--modes`: the simulated plate, the same for all commands that have one."""
+"""`--plate`, `--modes` and `--wiring`: the simulated plate, the same for all commands that have one."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
 
-from ..config.sections import PLATE_NAMES, SimConfig
+from ..config.sections import PLATE_NAMES, WIRING_NAMES, SimConfig
 from ..errors import UsageError
 from .arguments import whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate's name and the number of its driven modes."""
+    """Add the plate's name, the number of its driven modes, and their wiring."""
     parser.add_argument(
         "--plate", choices=PLATE_NAMES, help="the simulated one: the paper's (default), or one for whole contacts"
     )
     parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
+    add_wiring(parser)
+
+
+def add_wiring(parser: argparse.ArgumentParser) -> None:
+    """Add the wiring of amplifiers and sensors."""
+    parser.add_argument(
+        "--wiring",
+        choices=WIRING_NAMES,
+        help="of its amplifiers and sensors: each mode its own (default), the paper's sums and differences, or wrong",
+    )
 
 
 def chosen(options: argparse.Namespace, before: SimConfig | None = None, *, is_simulated: bool = True) -> SimConfig:
     """Return `before`, or the default section, with the plate that the options name; its `modes` are never 0.
 
-    Raises UsageError for modes that the plate does not have, and for either option without a simulated plate.
+    Raises UsageError for modes or a wiring that the plate does not have, and for an option without a simulated plate.
     """
     sim = SimConfig() if before is None else before
-    if options.plate is None and options.modes is None:
+    if options.plate is None and options.modes is None and options.wiring is None:
         return sim
     if not is_simulated:
-        raise UsageError("--plate and --modes name a simulated plate: give --sim as well.")
+        raise UsageError("--plate, --modes and --wiring name a simulated plate: give --sim as well.")
     from ..sim.plate.glasses import driven_modes  # late: `hapticd run` parses its arguments without the simulation
+    from ..sim.plate.wirings import wiring
 
     plate = sim.plate if options.plate is None else options.plate
     try:
-        return replace(sim, plate=plate, modes=driven_modes(plate, options.modes or 0))
+        modes = driven_modes(plate, options.modes or 0)
     except ValueError as error:
         raise UsageError(f"--modes: {error}") from None
+    name = sim.wiring if options.wiring is None else options.wiring
+    try:
+        wiring(name, modes)
+    except ValueError as error:
+        raise UsageError(f"--wiring: {error}") from None
+    return replace(sim, plate=plate, modes=modes, wiring=name)

@@ -88,5 +88,6 @@ def _check_command(options: argparse.Namespace) -> list[str]:
     config_file = [] if options.config is None else ["--config", str(options.config)]
     plate = [] if options.plate is None else ["--plate", options.plate]
     modes = [] if options.modes is None else ["--modes", str(options.modes)]
-    simulated = [*(["--sim"] if options.sim else []), *plate, *modes]
+    wiring = [] if options.wiring is None else ["--wiring", options.wiring]
+    simulated = [*(["--sim"] if options.sim else []), *plate, *modes, *wiring]
     return [sys.executable, "-P", "-m", "hapticd", "run", "--check", *config_file, *simulated]

@@ -56,7 +56,7 @@ def _simulate(options: argparse.Namespace) -> None:
     from ..sim.plate.ground_truth import PlateSettings
 
     sim = glass.chosen(options)
-    plate = PlateSettings.of(sim.plate, sim.modes or None)
+    plate = PlateSettings.of(sim.plate, sim.modes or None, sim.wiring)
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise_mm=options.noise, plate=plate)

@@ -15,6 +15,7 @@ from ..board_values import (
     SetGains,
     SetModel,
     SetTelemetry,
+    SetWiring,
     Stop,
     Sweep,
     TimeRequest,
@@ -36,6 +37,8 @@ def encode(command: BoardCommand | ToolCommand) -> bytes:
             return device.encode_set_controller(name)
         case SetModel(mode, model):
             return device.encode_set_model(mode, model)
+        case SetWiring():
+            return device.encode_set_wiring(command)
         case HelloRequest():
             return device.encode_hello_request()
         case ClearFault():

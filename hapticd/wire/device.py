@@ -6,10 +6,11 @@ may have typed and raise ValueError; the daemon's own references were checked be
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from functools import cache
 
-from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, Sweep
+from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, SetWiring, Sweep
 from ..errors import DeviceError
 from . import protocol
 from .board_messages import Decoder
@@ -31,6 +32,7 @@ __all__ = [
     "encode_set_controller",
     "encode_set_model",
     "encode_set_telemetry",
+    "encode_set_wiring",
     "encode_stop",
     "encode_sweep",
     "encode_time_request",
@@ -90,6 +92,23 @@ def encode_set_model(mode: int, model: ModeModel) -> bytes:
         model.loop.imag,
     )
     return encode_frame(_typed(protocol.MSG_SET_MODEL) + payload)
+
+
+def encode_set_wiring(wiring: SetWiring) -> bytes:
+    """Set which amplifiers drive the modes and which sensors measure them, until the board's next reset.
+
+    Raises ValueError for a value outside the bounds of `protocol`; the board refuses amplifiers that cannot drive the
+    modes independently.
+    """
+    values = [_checked("drive", share, protocol.DRIVE_SHARE) for row in wiring.drive for share in row]
+    for name, matrix, bounds in (
+        ("sense", wiring.sense, protocol.SENSE),
+        ("feedthrough_um_per_v", wiring.feedthrough_um_per_v, protocol.FEEDTHROUGH_UM_PER_V),
+    ):
+        for value in (complex(value) for row in matrix for value in row):
+            _checked(name, abs(value), bounds)
+            values += [value.real, value.imag]
+    return encode_frame(_typed(protocol.MSG_SET_WIRING) + struct.pack(f"<{len(values)}f", *values))
 
 
 def encode_controller_request() -> bytes:

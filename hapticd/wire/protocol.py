@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0xEED0C735
+PROTOCOL_HASH: Final = 0x08DAAC96
 
 KNOTS_MAX: Final = 24
 KNOT_UNIT_NS: Final = 4000
@@ -31,6 +31,7 @@ MSG_RAW_VOLTAGE: Final = 0x0A
 MSG_SET_TELEMETRY: Final = 0x0B
 MSG_LOG_REQUEST: Final = 0x0C
 MSG_STOP: Final = 0x0D
+MSG_SET_WIRING: Final = 0x0E
 MSG_HELLO: Final = 0x81
 MSG_STATUS: Final = 0x82
 MSG_TIME: Final = 0x83
@@ -69,6 +70,9 @@ INTEGRAL_TIME_S: Final = (0.0001, 1.0)
 DECAY_1_S: Final = (1.0, 10000.0)
 DETUNING_RAD_S: Final = (-20000.0, 20000.0)
 GAIN_UM_PER_V_S: Final = (0.001, 10000.0)
+DRIVE_SHARE: Final = (-10.0, 10.0)
+SENSE: Final = (0.0, 100.0)  # magnitude
+FEEDTHROUGH_UM_PER_V: Final = (0.0, 1.0)  # magnitude
 SWEEP_POINTS: Final = (1, 2001)
 SWEEP_DWELL_MS: Final = (1, 1000)
 SWEEP_OFFSET_HZ: Final = (-2000.0, 2000.0)  # from the drive frequency
@@ -83,6 +87,7 @@ LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
 COMMANDS: Final = {
     MSG_SET_CONTROLLER: "the control law or its gains",
     MSG_SET_MODEL: "the calibration of a mode",
+    MSG_SET_WIRING: "the calibration of the wiring",
     MSG_SWEEP: "the sweep",
     MSG_RAW_VOLTAGE: "the raw voltage",
     MSG_SET_TELEMETRY: "the telemetry",
@@ -97,7 +102,9 @@ FAULTS: Final = {
     4: "the sensors do not answer the drive",
     5: "dead-man timeout three times within ten seconds",
     6: "the board's configuration is invalid",
-    7: "the sensors do not follow the drive: inverted, swapped, or of a wrong phase or gain",
+    7: "the sensors do not follow the drive: a wrong phase or gain",
+    8: "the plate moves against its drive: wires of amplifiers or sensors are swapped or inverted, "
+    "and `hapticd calibrate resonance` says which",
 }
 
 EVENTS: Final = {

@@ -17,6 +17,7 @@ from hapticd.config.sections import (
     PLATE_NAMES,
     SCENARIO_NAMES,
     SIMULATED,
+    WIRING_NAMES,
     Config,
     DeviceConfig,
     PlateConfig,
@@ -26,6 +27,7 @@ from hapticd.errors import ConfigError
 from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.plate.glasses import GLASSES
+from hapticd.sim.plate.wirings import WIRINGS
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -114,6 +116,7 @@ def test_the_names_that_it_accepts_are_those_that_exist() -> None:
 
 def test_the_configured_plates_are_those_of_the_simulation() -> None:
     assert tuple(GLASSES) == PLATE_NAMES
+    assert WIRINGS == WIRING_NAMES
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:

@@ -13,6 +13,9 @@ from hapticd.files import calibration
 
 X = ModeCalibration(0, 29195.02, 498.7, 5.31, math.radians(-1.25))
 Y = ModeCalibration(1, 29215.1, 502.3, 5.28, math.radians(175.5))
+MIXED = ModeCalibration(
+    1, 29215.1, 502.3, 5.28, 0.0, drive=(1.0, -0.5), sense=(0.7 + 0j, -0.7 + 0.01j), feedthrough_um_per_v=(0.001j, 0j)
+)
 SOUND = "[[mode]]\nmode = 0\nfrequency_hz = 29195\nq_factor = 500\ngain_um_per_v_s = 5\nloop_phase_deg = 0\n"
 
 
@@ -26,6 +29,18 @@ def test_what_is_saved_is_loaded_again_in_the_order_of_the_modes(tmp_path: Path)
         assert found.q_factor == pytest.approx(saved.q_factor, abs=0.01)
         assert found.gain_um_per_v_s == pytest.approx(saved.gain_um_per_v_s, rel=1e-4)
         assert found.loop_phase_rad == pytest.approx(saved.loop_phase_rad, abs=1e-4)
+
+
+def test_the_wiring_is_loaded_again_and_may_be_missing(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    calibration.save(path, [X, MIXED])
+    first, second = calibration.load(path, 2)
+    assert (first.drive, first.sense, first.feedthrough_um_per_v) == ((), (), ())
+    assert (second.drive, second.sense, second.feedthrough_um_per_v) == (
+        MIXED.drive,
+        MIXED.sense,
+        MIXED.feedthrough_um_per_v,
+    )
 
 
 @pytest.mark.parametrize(
@@ -43,6 +58,11 @@ def test_what_is_saved_is_loaded_again_in_the_order_of_the_modes(tmp_path: Path)
         (SOUND + SOUND, r"\[\[mode\]\] 2: mode 0 is listed twice"),
         (SOUND.replace("29195", '"29195"'), "frequency_hz: '29195' is out of bounds"),
         (SOUND.replace("= 5\n", "= nan\n"), "gain_um_per_v_s: nan is out of bounds"),
+        (SOUND + "drive = 1", "drive: 1 is not a list of 2: give a number for each wire"),
+        (SOUND + "drive = [1.0, true]", "drive: True is out of place: give a number"),
+        (SOUND + "drive = [1.0, 20.0]", "drive: 20.0 is out of bounds"),
+        (SOUND + "sense = [[1, 0], [1]]", r"sense: \[1\] is out of place: give \[real, imaginary\]"),
+        (SOUND + "sense = [[1, 0], [nan, 1]]", "is out of bounds: it must be 0 .. 100"),
         (SOUND.replace("500", "2"), "q_factor: 2 does not describe a resonance"),
     ],
 )

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.board_values import BoardState, Verdict
+from hapticd.board_values import BoardState, SetWiring, Verdict
 from hapticd.wire import protocol, reference
+from hapticd.wire.device import encode_set_wiring
+from hapticd.wire.framing import FrameSplitter
 
 HEADER = Path(__file__).parents[2] / "firmware" / "core" / "protocol.h"
 CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "uint64_t": "Q", "float": "f"}
@@ -43,8 +45,13 @@ def layout(name: str, modes: int = 2) -> str:
     body = re.search(rf"typedef struct HD_PACKED \{{([^}}]*)\}} {name};", header_text())
     assert body, name
     parts: list[str] = []
-    for kind, count in re.findall(r"(\w+) \w+(?:\[(\w+)\])?;", body[1]):
-        n = {"": 1, "HD_MODES": modes, "HD_LOG_ENTRIES": protocol.LOG_ENTRIES}.get(count) or int(count)
+    for kind, count in re.findall(r"(\w+) \w+(?:\[([\w* ]+)\])?;", body[1]):
+        n = {
+            "": 1,
+            "HD_MODES": modes,
+            "HD_MODES * HD_MODES": modes * modes,
+            "HD_LOG_ENTRIES": protocol.LOG_ENTRIES,
+        }.get(count) or int(count)
         if count == "16" and kind == "uint8_t":
             parts.append("16s")
         else:
@@ -94,6 +101,12 @@ def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes
     assert layout("hd_wire_telemetry_t", modes) == protocol.TELEMETRY.format[1:] + "ffffffff" * modes
     entries = protocol.LOG_ENTRY.format[1:] * protocol.LOG_ENTRIES
     assert layout("hd_wire_log_t", modes) == protocol.LOG.format[1:] + entries
+    wires = layout("hd_wire_set_wiring_t", modes)
+    assert wires == "f" * modes**2 + "ff" * modes**2 + "ff" * modes**2
+    own = tuple(tuple(float(i == j) for j in range(modes)) for i in range(modes))
+    assert len(FrameSplitter(4096).feed(encode_set_wiring(SetWiring(own, own, own)))[0]) == 1 + struct.calcsize(
+        "<" + wires
+    )
     knot = layout("hd_wire_knot_t", modes)
     assert knot == "H" + "ff" * modes
     frame = reference._reference_layout(2, modes)
@@ -135,6 +148,9 @@ def test_limits_of_a_frame_agree() -> None:
         (None, "HD_DETUNING_MAX_RAD_S", protocol.DETUNING_RAD_S),
         ("HD_GAIN_MIN_UM_PER_V_S", "HD_GAIN_MAX_UM_PER_V_S", protocol.GAIN_UM_PER_V_S),
         ("HD_SWEEP_DWELL_MIN_MS", "HD_SWEEP_DWELL_MAX_MS", protocol.SWEEP_DWELL_MS),
+        (None, "HD_DRIVE_SHARE_MAX", protocol.DRIVE_SHARE),
+        (0.0, "HD_SENSE_MAX", protocol.SENSE),
+        (0.0, "HD_FEEDTHROUGH_MAX_UM_PER_V", protocol.FEEDTHROUGH_UM_PER_V),
         (None, "HD_SWEEP_OFFSET_MAX_HZ", protocol.SWEEP_OFFSET_HZ),
         (1, "HD_SWEEP_POINTS_MAX", protocol.SWEEP_POINTS),
         (1, "HD_RAW_MAX_MS", protocol.RAW_DURATION_MS),

@@ -66,7 +66,7 @@ def test_so_it_does_on_a_plate_that_should_rest(name: str) -> None:
     assert held_ms(board(**BROKEN[name]), (0.0, 0.0)) <= QUIET_WITHIN_MS
 
 
-@pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 7)])
+@pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 8)])
 def test_the_fault_says_which_of_both_it_is(name: str, code: int, new_bench: Any) -> None:
     bench = new_bench()
     bench.arm(1 + 0j, 0j)

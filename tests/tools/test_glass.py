@@ -43,7 +43,7 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
     ("command", "sentence"),
     [
         ("run --modes 5", "--modes: 5 modes cannot be driven on the reference plate: give 2 to 4."),
-        ("view --plate fingertip", "--plate and --modes name a simulated plate: give --sim as well."),
+        ("view --plate fingertip", "--plate, --modes and --wiring name a simulated plate: give --sim as well."),
         ("study run --participant P --out x --modes 4", "give --sim as well."),
         ("demo --modes 9", "--modes: 9 modes cannot be driven on the reference plate: give 2 to 4."),
         ("simulate strokes --plate steel", "--plate: there is no 'steel'"),

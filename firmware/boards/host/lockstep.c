@@ -42,6 +42,18 @@ size_t hd_board_setup_size(void)
     return sizeof(hd_board_setup_t);
 }
 
+/* Element (i, j) of a complex matrix of HD_MODES columns; 0 of one that is not given. */
+static double complex pair(const double *pairs, int i, int j)
+{
+    const double *at = pairs + 2 * (i * HD_MODES + j);
+    return pairs == NULL ? 0.0 : CMPLX(at[0], at[1]);
+}
+
+static hd_phasor_t phasor_of(double complex value)
+{
+    return (hd_phasor_t){(float)creal(value), (float)cimag(value)};
+}
+
 static void set_up_plate(hd_plate_t *plate, const hd_board_setup_t *setup)
 {
     plate->modes = setup->plate_modes;
@@ -50,6 +62,9 @@ static void set_up_plate(hd_plate_t *plate, const hd_board_setup_t *setup)
     plate->random = setup->seed;
     for (int k = 0; k < HD_MODES; k++) {
         plate->loop[k] = cexp(I * setup->loop_phase_rad[k]);
+        for (int a = 0; a < HD_MODES; a++) {
+            plate->through_um_per_v[k][a] = pair(setup->through_um_per_v, k, a);
+        }
     }
     for (int p = 0; p < plate->modes; p++) {
         plate->decay_1_s[p] = setup->decay_1_s[p];
@@ -81,6 +96,11 @@ static hd_config_t core_config(const hd_board_setup_t *setup)
             (float)setup->nominal_gain_um_per_v_s[k],
             {(float)cos(setup->nominal_loop_phase_rad[k]), (float)sin(setup->nominal_loop_phase_rad[k])},
         };
+        for (int n = 0; n < HD_MODES; n++) {
+            config.wiring.drive[k][n] = setup->drive == NULL ? k == n : (float)setup->drive[k * HD_MODES + n];
+            config.wiring.sense[k][n] = phasor_of(setup->sense == NULL ? k == n : pair(setup->sense, k, n));
+            config.wiring.feedthrough_um_per_v[k][n] = phasor_of(pair(setup->feedthrough_um_per_v, k, n));
+        }
     }
     return config;
 }
@@ -198,6 +218,10 @@ static void envelope_tick(hd_board_t *board, const hd_contact_t *contact)
     double tick_s = board->tick_us * 1e-6;
     double complex integral_um_s[HD_PLATE_MODES_MAX] = {0};
     hd_plate_advance(&board->plate, contact, board->applied_v, board->frame_rad_s, OUTPUT_DELAY_S, integral_um_s);
+    double complex mean_v[HD_MODES];
+    for (int k = 0; k < HD_MODES; k++) {
+        mean_v[k] = board->voltage_v[k] + board->output_delay_frac * (board->applied_v[k] - board->voltage_v[k]);
+    }
     memcpy(board->applied_v, board->voltage_v, sizeof board->applied_v);
     board->frame_rad_s = TWO_PI * (double)(board->core.drive_hz - board->core.config.drive_hz);
     hd_plate_advance(&board->plate, contact, board->applied_v, board->frame_rad_s, tick_s - OUTPUT_DELAY_S,
@@ -205,7 +229,7 @@ static void envelope_tick(hd_board_t *board, const hd_contact_t *contact)
     for (int p = 0; p < board->plate.modes; p++) {
         board->mean_um[p] = integral_um_s[p] / tick_s;
     }
-    hd_plate_measure(&board->plate, board->mean_um, board->measured_um);
+    hd_plate_measure(&board->plate, board->mean_um, mean_v, board->measured_um);
 }
 
 static void carrier_tick(hd_board_t *board, const hd_contact_t *contact)
@@ -237,7 +261,7 @@ static void control_tick(hd_board_t *board)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
-        measured_um[k] = (hd_phasor_t){(float)creal(board->measured_um[k]), (float)cimag(board->measured_um[k])};
+        measured_um[k] = phasor_of(board->measured_um[k]);
     }
     hd_tick(&board->core, (uint32_t)hd_board_t_us(board), measured_um, voltage_v);
     if (board->carrier != NULL) {

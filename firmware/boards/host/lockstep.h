@@ -32,6 +32,7 @@ typedef struct {
     const double *gain_um_per_v_s; /* (P, HD_MODES) */
     const double *sensor;          /* (HD_MODES, P) */
     const double *loop_phase_rad;  /* (HD_MODES,) what amplifier, electrodes and sensor add to each loop */
+    const double *through_um_per_v; /* (HD_MODES sensors, HD_MODES amplifiers) complex: what a voltage adds; or NULL */
     double noise_um;
     double amplifier_limit_v;
     uint64_t seed;
@@ -47,6 +48,9 @@ typedef struct {
     const double *nominal_detuning_rad_s;   /* (HD_MODES,) */
     const double *nominal_gain_um_per_v_s;  /* (HD_MODES,) */
     const double *nominal_loop_phase_rad;   /* (HD_MODES,) */
+    const double *drive;                    /* (HD_MODES amplifiers, HD_MODES modes); NULL: each mode its own */
+    const double *sense;                    /* (HD_MODES modes, HD_MODES sensors) complex; or NULL, as above */
+    const double *feedthrough_um_per_v;     /* (HD_MODES modes, HD_MODES amplifiers) complex; NULL: none */
     int32_t law;
     double bandwidth_1_s;
     double integral_time_s;

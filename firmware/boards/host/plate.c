@@ -116,12 +116,15 @@ double complex hd_random_normal(uint64_t *state)
 }
 
 void hd_plate_measure(hd_plate_t *plate, const double complex mean_um[HD_PLATE_MODES_MAX],
-                      double complex measured_um[HD_MODES])
+                      const double complex mean_v[HD_MODES], double complex measured_um[HD_MODES])
 {
     for (int k = 0; k < HD_MODES; k++) {
         measured_um[k] = plate->noise_um * hd_random_normal(&plate->random);
         for (int p = 0; p < plate->modes; p++) {
             measured_um[k] += plate->sensor[k][p] * mean_um[p];
+        }
+        for (int a = 0; a < HD_MODES; a++) {
+            measured_um[k] += plate->through_um_per_v[k][a] * mean_v[a];
         }
     }
 }

@@ -31,6 +31,7 @@ typedef struct {
     double gain_um_per_v_s[HD_PLATE_MODES_MAX][HD_MODES];
     double complex loop[HD_MODES]; /* e^(j theta) */
     double sensor[HD_MODES][HD_PLATE_MODES_MAX];
+    double complex through_um_per_v[HD_MODES][HD_MODES]; /* from amplifier to sensor, without the plate */
     double noise_um; /* standard deviation of each measured component, per tick */
     double amplifier_limit_v;
 
@@ -54,8 +55,9 @@ void hd_plate_advance(hd_plate_t *plate, const hd_contact_t *contact, const doub
 /* Two independent standard normal deviates at once, as a complex number. */
 double complex hd_random_normal(uint64_t *state);
 
-/* What the sensors make of a mean amplitude, with noise. */
+/* What the sensors make of a mean amplitude under a mean voltage, with noise. */
 void hd_plate_measure(hd_plate_t *plate, const double complex mean_um[HD_PLATE_MODES_MAX],
+                      const double complex mean_v[HD_MODES],
                       double complex measured_um[HD_MODES]);
 
 #endif

@@ -29,6 +29,7 @@ from ...board_values import (
     ReferenceFrame,
     SelectController,
     SetModel,
+    SetWiring,
     TimeRequest,
 )
 from ...values import SafeDrive, Tick
@@ -163,7 +164,9 @@ class BoardSession:
             return []
         self._asking_time.restart(t_now_ns)
         models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
-        self._settings_left = deque([SelectController(self._controller), *models])
+        wiring = SetWiring.of(self._calibration, hello.modes)
+        wires = [] if wiring is None else [wiring]
+        self._settings_left = deque([SelectController(self._controller), *models, *wires])
         return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
 
     def receive_answer(self, t_now_ns: int, *, is_taken: bool = True) -> list[BoardCommand]:

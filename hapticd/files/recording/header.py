@@ -35,6 +35,7 @@ _SCALARS = {
     "instance": int,
     "trackpad_model": str,
 }
+_WIRES = ("drive", "sense", "feedthrough_um_per_v")  # of a calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ def header_fields(header: Header) -> Fields:
         **{name: getattr(header, name) for name in _SCALARS},
         "config_toml": config.render(header.config),
         "modes_float64_le": _packed_modes(header.modes),
-        "calibration": [dataclasses.asdict(measured) for measured in header.calibration],
+        "calibration": [_calibration_fields(measured) for measured in header.calibration],
         "parasitic_modes": None if modes is None else _packed_parasitic_modes(modes),
     }
 
@@ -149,8 +150,25 @@ def _parasitic_modes(table: Any) -> ParasiticModes | None:
 
 
 def _calibration(entry: Any, modes: int) -> ModeCalibration:
-    measured = ModeCalibration(**entry)
-    figures: list[float] = [getattr(measured, name) for name in ModeCalibration.__slots__]
+    wires = {name: entry.get(name, ()) for name in _WIRES}
+    measured = ModeCalibration(
+        **{name: value for name, value in entry.items() if name not in _WIRES},
+        drive=tuple(map(float, wires["drive"])),
+        sense=tuple(complex(d, q) for d, q in wires["sense"]),
+        feedthrough_um_per_v=tuple(complex(d, q) for d, q in wires["feedthrough_um_per_v"]),
+    )
+    figures = [getattr(measured, name) for name in ModeCalibration.__slots__ if name not in _WIRES]
+    figures += [part for name in _WIRES for wire in getattr(measured, name) for part in (wire.real, wire.imag)]
     if not (type(measured.mode) is int and 0 <= measured.mode < modes and all(map(math.isfinite, figures))):
         raise ValueError("calibration")
+    if any(len(getattr(measured, name)) not in (0, modes) for name in _WIRES):
+        raise ValueError("calibration")
     return measured
+
+
+def _calibration_fields(measured: ModeCalibration) -> dict[str, object]:
+    """Its fields, complex numbers as pairs."""
+    fields = dataclasses.asdict(measured)
+    for name in ("sense", "feedthrough_um_per_v"):
+        fields[name] = [(value.real, value.imag) for value in fields[name]]
+    return fields

@@ -53,7 +53,8 @@ class PlateModel:
 
     `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode from the drive, `gain_um_per_v_s` (P, M) of each amplifier
     on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick,
-    `loop_phase_rad` (M,) the constant phase of each loop, 0 by default.
+    `loop_phase_rad` (M,) the constant phase of each loop, 0 by default, `through_um_per_v` (M, M) what a volt of each
+    amplifier adds to each sensor without moving the plate, complex, none by default.
     """
 
     decay_1_s: npt.NDArray[np.float64]
@@ -63,6 +64,7 @@ class PlateModel:
     noise_um: float
     amplifier_limit_v: float
     loop_phase_rad: tuple[float, ...] = ()
+    through_um_per_v: npt.NDArray[np.complex128] | None = None
 
     def __post_init__(self) -> None:
         p, m = self.plate_modes, self.modes
@@ -75,6 +77,8 @@ class PlateModel:
         for name in ("decay_1_s", *shapes, "noise_um", "amplifier_limit_v"):
             if not np.all(np.isfinite(getattr(self, name))):
                 raise ValueError(f"{name} is not finite.")
+        if self.through_um_per_v is not None and np.shape(self.through_um_per_v) != (m, m):
+            raise ValueError(f"through_um_per_v has shape {np.shape(self.through_um_per_v)}, not {(m, m)}.")
         if len(self.loop_phase_rad) not in (0, m) or not np.all(np.isfinite(self.loop_phase_rad)):
             raise ValueError(f"loop_phase_rad is {self.loop_phase_rad}: give {m} finite numbers, or none.")
         if not (np.all(self.decay_1_s > 0) and self.noise_um >= 0 and self.amplifier_limit_v > 0):
@@ -105,7 +109,7 @@ class BoardConfig:
 
     `controller` "pi" is the paper's four PI, "pi_ff" adds coupling compensation and feed-forward, "deadbeat"
     uses an observer; gains of None are the firmware's defaults. `loop_phase_rad` is the calibration of the loops, 0 by
-    default.
+    default; `drive`, `sense` and `feedthrough_um_per_v` that of the wires, each mode its own by default.
     """
 
     w_limit_um: tuple[float, ...] = (4.0, 4.0)
@@ -116,6 +120,9 @@ class BoardConfig:
     detuning_rad_s: tuple[float, ...] = (-20.0 * math.pi, 20.0 * math.pi)
     gain_um_per_v_s: tuple[float, ...] = field(default_factory=lambda: (reference_gain_um_per_v_s(),) * 2)
     loop_phase_rad: tuple[float, ...] = ()
+    drive: npt.NDArray[np.float64] | None = None
+    sense: npt.NDArray[np.complex128] | npt.NDArray[np.float64] | None = None
+    feedthrough_um_per_v: npt.NDArray[np.complex128] | None = None
     controller: str = "deadbeat"
     bandwidth_1_s: float | None = None
     integral_time_s: float | None = None
@@ -129,6 +136,10 @@ class BoardConfig:
                 raise ValueError(f"{name} has {len(getattr(self, name))} values for {m} modes.")
         if len(self.loop_phase_rad) not in (0, m):
             raise ValueError(f"loop_phase_rad has {len(self.loop_phase_rad)} values for {m} modes.")
+        for name in ("drive", "sense", "feedthrough_um_per_v"):
+            matrix = getattr(self, name)
+            if matrix is not None and np.shape(matrix) != (m, m):
+                raise ValueError(f"{name} has shape {np.shape(matrix)}, not {(m, m)}.")
         if self.controller not in _LAWS:
             raise ValueError(f"controller is {self.controller!r}, not one of {', '.join(_LAWS)}.")
 
@@ -262,6 +273,11 @@ class Board:
         self._library.hd_board_fake_measurement(self._board, values.ctypes.data)
 
 
+def _pairs(matrix: npt.ArrayLike | None) -> ctypes.Array[ctypes.c_double] | None:
+    """A complex matrix as (real, imaginary) pairs."""
+    return None if matrix is None else doubles(np.ascontiguousarray(matrix, np.complex128).view(np.float64))
+
+
 def _setup(
     model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int, converters: Converters | None
 ) -> Setup:
@@ -272,6 +288,7 @@ def _setup(
         gain_um_per_v_s=doubles(model.gain_um_per_v_s),
         sensor=doubles(model.sensor),
         loop_phase_rad=doubles(model.loop_phase_rad or (0.0,) * model.modes),
+        through_um_per_v=_pairs(model.through_um_per_v),
         noise_um=model.noise_um,
         amplifier_limit_v=model.amplifier_limit_v,
         seed=seed,
@@ -286,6 +303,9 @@ def _setup(
         nominal_detuning_rad_s=doubles(config.detuning_rad_s),
         nominal_gain_um_per_v_s=doubles(config.gain_um_per_v_s),
         nominal_loop_phase_rad=doubles(config.loop_phase_rad or (0.0,) * model.modes),
+        drive=None if config.drive is None else doubles(config.drive),
+        sense=_pairs(config.sense),
+        feedthrough_um_per_v=_pairs(config.feedthrough_um_per_v),
         law=_LAWS[config.controller],
         bandwidth_1_s=0.0 if config.bandwidth_1_s is None else config.bandwidth_1_s,
         integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,

@@ -30,6 +30,7 @@ from hapticd.design import fit_cartography, sample_cartography
 
 from . import shapes as plate_shapes
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE
+from .wirings import SEPARATE, wiring
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,6 +60,7 @@ class PlateSettings:
     sizes them for the bare plate.
     `parasitic_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
     `shapes` is one of `plate_shapes.KINDS`: shape and normalisation of the modes.
+    `wiring` is one of `wirings.WIRINGS`; its amplifiers hold all driven modes at `w_limit_um` together.
     `driven_modes` have an amplifier and a sensor; up to three of the reference plate have amplifiers that reach
     `w_limit_um` each, all others share the size of the first, so that a mode reaches less the farther it is from the
     drive (`GroundTruth.w_limit_um`).
@@ -73,6 +75,7 @@ class PlateSettings:
     finger_decay_1_s: float = FINGER_DECAY_1_S
     shapes: str = plate_shapes.FREE_PLATE
     driven_modes: int = 2
+    wiring: str = SEPARATE
 
     w_limit_um: float = 4.0
     v_limit_v: float = 150.0
@@ -90,10 +93,10 @@ class PlateSettings:
     map_noise_frac: float = 0.02
 
     @classmethod
-    def of(cls, plate: str, driven_modes: int | None = None) -> PlateSettings:
+    def of(cls, plate: str, driven_modes: int | None = None, wiring: str = SEPARATE) -> PlateSettings:
         """Return the settings of one of GLASSES with this many amplifiers. Raises ValueError for another name."""
         if plate == REFERENCE:
-            return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes)
+            return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes, wiring=wiring)
         if plate not in GLASSES:
             raise ValueError(f"there is no plate {plate!r}; choose from {', '.join(GLASSES)}.")
         glass = GLASSES[plate]
@@ -104,6 +107,7 @@ class PlateSettings:
             finger_decay_1_s=FINGER_DECAY_1_S * GLASSES[REFERENCE].mass_ratio(glass),
             w_limit_um=glass.reach_um,
             sized_for_damping=1.0,
+            wiring=wiring,
         )
 
     def __post_init__(self) -> None:
@@ -114,6 +118,7 @@ class PlateSettings:
         most = len(GLASSES[self.plate].modes) - LEAST_PARASITIC
         if not 2 <= self.driven_modes <= most:
             raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 to {most}.")
+        wiring(self.wiring, self.driven_modes)
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, str) or (value is None and field.name == "parasitic_offset_hz"):
@@ -132,7 +137,8 @@ class GroundTruth:
     `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
     `gain_um_per_v_s` (P, M): at the design damping and without drift, `v_limit_v` just holds `w_limit_um` (M,).
     `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): result of a sweep of
-    the bare plate's driven modes, set in the board's firmware.
+    the bare plate's driven modes, set in the board's firmware, as are `drive` and `sense` (M, M): amplifiers by modes
+    and modes by sensors.
     `sensor` (M, P): gain of each mode in each sensor. `loop_phase_rad` (M,): the constant phase of each loop.
     `finger_decay_1_s`: decay rate added by a finger, per square of the shape under it.
     """
@@ -146,12 +152,15 @@ class GroundTruth:
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
         own, self.w_limit_um = _amplifiers(settings, driven_hz)
         parasitic = len(built_hz) - len(own)
-        self.gain_um_per_v_s = _read_only(np.vstack((np.diag(own), *[settings.parasitic_coupling * own] * parasitic)))
-        self.sensor = _read_only(_sensor(settings, len(built_hz)))
+        wires = wiring(settings.wiring, len(own))
+        driven = np.diag(own) @ wires.drives
+        self.gain_um_per_v_s = _read_only(np.vstack((driven, *[settings.parasitic_coupling * own] * parasitic)))
+        self.sensor = _read_only(wires.senses @ _sensor(settings, len(built_hz)))
+        self.drive, self.sense = _read_only(wires.drive), _read_only(wires.sense)
         self.loop_phase_rad = (settings.loop_phase_rad,) * settings.driven_modes
         self.nominal_decay_1_s = _read_only(math.pi * driven_hz / settings.q_factor)
         self.nominal_detuning_rad_s = _read_only(2.0 * math.pi * (driven_hz - settings.drive_hz))
-        self.nominal_gain_um_per_v_s = _read_only(np.diag(self.gain_um_per_v_s).copy())
+        self.nominal_gain_um_per_v_s = _read_only(wires.gain * own)
         peak = 1.0 if settings.shapes == plate_shapes.FREE_PLATE else plate_shapes.peak_at_fingers()
         self.finger_decay_1_s = peak**2 * settings.finger_decay_1_s
         self._names = GLASSES[settings.plate].modes[: len(built_hz)]

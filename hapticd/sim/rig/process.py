@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import DeviceError
 from ..plate.glasses import REFERENCE
+from ..plate.wirings import SEPARATE
 
 END_WITHIN_S = 10.0
 # In the rig's directory: the mode maps of its driven and parasitic modes, and a configuration with the plate's size and
@@ -55,7 +56,8 @@ def end(process: subprocess.Popen[str]) -> None:
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    `plate` is one of `glasses.GLASSES`, `modes` the number of those that are driven, 0 for its own.
+    `plate` is one of `glasses.GLASSES`, `modes` the number of those that are driven, 0 for its own,
+    `wiring` one of `wirings.WIRINGS`.
     `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
     the recorded arrays after `close`; until then they lie in `directory`, which the rig deletes if its owner dies.
     """
@@ -67,6 +69,7 @@ class RigProcess:
         *,
         plate: str = REFERENCE,
         modes: int = 0,
+        wiring: str = SEPARATE,
         record: bool = False,
         program: Path | None = None,
     ) -> None:
@@ -86,6 +89,8 @@ class RigProcess:
             plate,
             "--modes",
             str(modes),
+            "--wiring",
+            wiring,
             "--owned",
         ]
         if record:

@@ -43,6 +43,7 @@ from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from ..fingers.sensor import Report, SensorModel, SensorSettings
 from ..plate.glasses import GLASSES, REFERENCE, driven_modes
 from ..plate.ground_truth import GroundTruth, PlateSettings
+from ..plate.wirings import SEPARATE, WIRINGS
 from ..world import World
 from .files import write_measured
 from .outboard import Outboard
@@ -229,6 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plate", default=REFERENCE, choices=tuple(GLASSES))
     parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
+    parser.add_argument("--wiring", default=SEPARATE, choices=WIRINGS)
     parser.add_argument("--record", type=Path, help="write the history (NPZ) at the end")
     parser.add_argument("--program", type=Path, help="run the board in another process: this firmware image")
     parser.add_argument(
@@ -247,7 +249,7 @@ def _run(options: argparse.Namespace) -> None:
         options.scenario,
         options.seed,
         keep=options.record is not None,
-        plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes)),
+        plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes), options.wiring),
         program=options.program,
     )
     for number in (signal.SIGTERM, signal.SIGINT):

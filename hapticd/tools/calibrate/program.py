@@ -88,11 +88,17 @@ def _add_seconds(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_resonance(steps: Any) -> None:
+    from .. import glass  # late, as are the steps
+
     parser = _step(
-        steps, "resonance", "sweep each mode on the board and propose the drive", "--port /dev/ttyACM0 --out DIR"
+        steps,
+        "resonance",
+        "sweep each amplifier of the board; fit modes, wires and drive",
+        "--port /dev/ttyACM0 --out DIR",
     )
     _add_board(parser)
     _add_sweep(parser)
+    glass.add_wiring(parser)
 
 
 def _add_modes(steps: Any) -> None:

@@ -1,4 +1,4 @@
-"""Step 1: sweep each mode on the board, fit its resonance, and propose a drive frequency.
+"""Step 1: sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
 
 A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.drive` defines
 the criterion for the drive, which is a constant of the firmware: it is proposed here, not set.
@@ -11,15 +11,16 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus, Sweep, SweepPoint
+from ...board_values import BoardHello, BoardState, BoardStatus, ModeCalibration, Sweep, SweepPoint
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
-from ...errors import CalibrationError, SweepEndedError
+from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
+from ...errors import CalibrationError, DeviceError, SweepEndedError
 from ...files import calibration
 from ...io.devices.serial_link import SerialLink
 from ...wire import protocol
@@ -35,6 +36,7 @@ PICTURE_FILE = "resonance.png"
 
 CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response
 WORTH_MOVING = 1.1  # times the voltage at the best drive
+DRIVEN_FRAC = 0.2  # of a mode's strongest amplifier: one that drives it too
 POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
 WIDTHS = 2.0  # of f / Q to either side, the second time
 DWELL_DECAYS = 12.0  # time constants of the mode; the board discards the first half: 0.2 % remains
@@ -43,6 +45,15 @@ PIECE_POINTS = 7  # of a sweep: lost when the board ends it
 TRIES = 8  # of a piece that the board ends
 STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
 QUIET_WITHIN = 10  # status messages
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Each mode as its strongest amplifier shows it, its calibration with the wires, and a sentence per wrong wire."""
+
+    sweeps: tuple[ModeSweep, ...]
+    modes: tuple[ModeCalibration, ...]
+    wrong_wires: tuple[str, ...] = ()
 
 
 def check(options: argparse.Namespace) -> None:
@@ -56,37 +67,78 @@ def run(options: argparse.Namespace) -> Verdict:
     check(options)
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
-        hello, sweeps = asyncio.run(_sweep_on(port, baud, options))
-    sweep.draw(sweeps, options.out / PICTURE_FILE, **PICTURE)
-    calibration.save(options.out / CALIBRATION_FILE, [one.fit.calibration(one.mode) for one in sweeps])
+        hello, measured = asyncio.run(_sweep_on(port, baud, options))
+    sweep.draw(measured.sweeps, options.out / PICTURE_FILE, **PICTURE)
+    calibration.save(options.out / CALIBRATION_FILE, measured.modes)
     device = {} if options.sim else {"port": port, "baud": baud}
     settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}}
-    return verdict(hello, sweeps, settings, is_simulated=options.sim)
+    return verdict(hello, measured, settings, is_simulated=options.sim)
 
 
-async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[BoardHello, tuple[ModeSweep, ...]]:
+async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[BoardHello, Measured]:
     async with Conversation(SerialLink(port, baud), f"{port} at {baud} baud") as board:
         return board.hello, await sweep_modes(board, sweep.planned(board.hello, options))
 
 
-async def sweep_modes(board: Conversation, plan: Sweep) -> tuple[ModeSweep, ...]:
-    """Sweep every mode by the same plan, and again where that was too coarse. Raises DeviceError."""
-    sweeps = []
-    for mode in range(board.hello.modes):
-        swept = await _sweep(board, replace(plan, mode=mode))
-        closer = refined(replace(plan, mode=mode), swept.fit, board.hello)
-        sweeps.append(swept if closer is None else await _sweep(board, closer))
-    return tuple(sweeps)
+async def sweep_modes(board: Conversation, plan: Sweep) -> Measured:
+    """Sweep every amplifier by the same plan, and again where that was too coarse for a mode. Raises DeviceError."""
+    points = [await _sweep(board, replace(plan, mode=amplifier)) for amplifier in range(board.hello.modes)]
+    found = _fitted(points)
+    closer = [await _closer(board, plan, found, amplifier) for amplifier in range(board.hello.modes)]
+    if any(closer):
+        points = [again or first for first, again in zip(points, closer, strict=True)]
+        found = _fitted(points)
+    return measured_modes(found, points)
 
 
-async def _sweep(board: Conversation, plan: Sweep) -> ModeSweep:
+async def _closer(board: Conversation, plan: Sweep, found: MeasuredWiring, amplifier: int) -> list[SweepPoint]:
+    """Sweep an amplifier around each mode that it drives, if the plan was too coarse for one of them."""
+    driven = [
+        fit for fit, row in zip(found.fits, abs(found.drives), strict=True) if row[amplifier] > DRIVEN_FRAC * row.max()
+    ]
+    plans = [refined(replace(plan, mode=amplifier), fit, board.hello) for fit in driven]
+    if not any(plans):
+        return []
+    return [point for one in plans for point in await _sweep(board, one or replace(plan, mode=amplifier))]
+
+
+async def _sweep(board: Conversation, plan: Sweep) -> list[SweepPoint]:
     """Sweep piece by piece: on a loaded host the board may receive nothing for 50 ms, and ends a sweep."""
     points: list[SweepPoint] = []
-    with Progress(f"sweeping mode {plan.mode}") as progress:
+    with Progress(f"sweeping amplifier {plan.mode}") as progress:
         for piece in pieces(plan):
             points += await _measured_piece(board, piece)
             progress(len(points) / plan.points)
-    return sweep.fitted(points, plan.mode)
+    return points
+
+
+def _fitted(points: Sequence[Sequence[SweepPoint]]) -> MeasuredWiring:
+    """Fit the sweeps of all amplifiers. Raises DeviceError if they do not show their modes."""
+    try:
+        return fit_wiring([_responses(amplifier, swept) for amplifier, swept in enumerate(points)])
+    except ValueError as error:
+        raise DeviceError(str(error)) from None
+
+
+def _responses(amplifier: int, points: Sequence[SweepPoint]) -> AmplifierSweep:
+    return AmplifierSweep(
+        amplifier,
+        np.array([point.frequency_hz for point in points]),
+        np.array([point.measured_um for point in points]) / np.array([[point.voltage_v] for point in points]),
+    )
+
+
+def measured_modes(found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]]) -> Measured:
+    """Return the calibrations, and each mode as its strongest amplifier shows it. Raises DeviceError."""
+    sweeps = []
+    for mode, fit in enumerate(found.fits):
+        swept = _responses(found.strongest(mode), points[found.strongest(mode)])
+        sweeps.append(ModeSweep(mode, swept.frequency_hz, found.modal(mode, swept), fit))
+    try:
+        modes = found.calibrations()
+    except ValueError as error:
+        raise DeviceError(str(error)) from None
+    return Measured(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()))
 
 
 def pieces(plan: Sweep) -> list[Sweep]:
@@ -137,12 +189,12 @@ def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
     return replace(plan, start_hz=start_hz, stop_hz=stop_hz, dwell_ms=max(plan.dwell_ms, dwell_ms))
 
 
-def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, *, is_simulated: bool) -> Verdict:
-    """Judge the sweeps, and the board's drive and amplifiers."""
-    modes = [one.fit.calibration(one.mode) for one in sweeps]
+def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_simulated: bool) -> Verdict:
+    """Judge the sweeps, the wires, and the board's drive and amplifiers."""
+    sweeps, modes = measured.sweeps, measured.modes
     best_hz = propose_drive_hz(modes, hello.w_limit_um)
     now_v, best_v = (largest_voltage_v(modes, drive_hz, hello.w_limit_um) for drive_hz in (hello.drive_hz, best_hz))
-    figures = [figure for one in sweeps for figure in _figures(one, hello)]
+    figures = [figure for one, mode in zip(sweeps, modes, strict=True) for figure in _figures(one, mode, hello)]
     figures += [
         Figure("drive now", hello.drive_hz, "Hz"),
         Figure("drive proposed", best_hz, "Hz"),
@@ -150,6 +202,7 @@ def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, 
         Figure("largest voltage proposed", best_v, "V"),
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
+    findings += [(Outcome.LOOK, sentence) for sentence in measured.wrong_wires]
     if best_v > hello.v_limit_v:
         findings.append(
             (Outcome.WARN, f"Full amplitude takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.")
@@ -170,14 +223,14 @@ def verdict(hello: BoardHello, sweeps: Sequence[ModeSweep], settings: Settings, 
     return Verdict("resonance", outcome, sentence, tuple(figures), settings, is_simulated)
 
 
-def _figures(one: ModeSweep, hello: BoardHello) -> list[Figure]:
+def _figures(one: ModeSweep, mode: ModeCalibration, hello: BoardHello) -> list[Figure]:
     found, name = one.fit, f"mode {one.mode}"
-    needed_v = voltage_v(found.calibration(one.mode), hello.drive_hz, hello.w_limit_um[one.mode])
+    needed_v = voltage_v(mode, hello.drive_hz, hello.w_limit_um[one.mode])
     return [
         Figure(f"{name} resonance", found.frequency_hz, "Hz"),
         Figure(f"{name} quality", found.q_factor, ""),
         Figure(f"{name} detuning", found.frequency_hz - hello.drive_hz, "Hz"),
-        Figure(f"{name} gain", found.gain_um_per_v_s, "um/(V s)"),
+        Figure(f"{name} gain", mode.gain_um_per_v_s, "um/(V s)"),
         Figure(f"{name} loop phase", float(np.degrees(found.loop_phase_rad)), "degrees"),
         Figure(f"{name} residual", 100.0 * found.residual_frac, "%"),
         Figure(f"{name} voltage for {hello.w_limit_um[one.mode]:g} um", needed_v, "V"),

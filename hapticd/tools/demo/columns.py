@@ -18,6 +18,7 @@ from ...sim import lockstep
 from ...sim.picture import Film
 from ...sim.plate.glasses import FINGERTIP, REFERENCE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+from ...sim.plate.wirings import SEPARATE
 
 PAPER, HAPTICD = "the paper", "hapticd"
 
@@ -38,21 +39,23 @@ class Column:
 
 def live_column(sim: SimConfig, *, is_bare: bool) -> Column:
     """Return hapticd on the chosen plate."""
-    return Column(HAPTICD, _plate(sim.plate, sim.modes, is_bare=is_bare))
+    return Column(HAPTICD, _plate(sim.plate, sim.modes, sim.wiring, is_bare=is_bare))
 
 
 def columns(live: Column, *, is_bare: bool) -> list[Column]:
     """Return the paper's scheme on the reference plate and hapticd on both, where `live` takes its plate's place."""
     fixed = [(PAPER, REFERENCE), (HAPTICD, REFERENCE), (HAPTICD, FINGERTIP)]
     return [
-        live if (scheme, name) == (HAPTICD, live.plate.plate) else Column(scheme, _plate(name, 0, is_bare=is_bare))
+        live
+        if (scheme, name) == (HAPTICD, live.plate.plate)
+        else Column(scheme, _plate(name, 0, SEPARATE, is_bare=is_bare))
         for scheme, name in fixed
     ]
 
 
-def _plate(name: str, modes: int, *, is_bare: bool) -> PlateSettings:
+def _plate(name: str, modes: int, wiring: str, *, is_bare: bool) -> PlateSettings:
     """Return a plate; a bare one, as inside the board in another process, has no fingers, parasitic modes and noise."""
-    plate = PlateSettings.of(name, modes or None)
+    plate = PlateSettings.of(name, modes or None, wiring)
     if not is_bare:
         return plate
     return replace(

@@ -78,7 +78,9 @@ def run(options: argparse.Namespace) -> None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
     sim = glass.chosen(options)
     if options.board == "host" and sim != SimConfig():
-        raise UsageError("--plate and --modes: the board in another process has the reference plate with two modes.")
+        raise UsageError(
+            "--plate, --modes and --wiring: the board in another process has the reference plate with two modes."
+        )
     program = None if options.board == "library" else find_program(options.image)
     out = _picture_file(options)
     try:
@@ -111,7 +113,7 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
-    rig = RigProcess(SCENARIO, seed, plate=sim.plate, modes=sim.modes, record=True, program=program)
+    rig = RigProcess(SCENARIO, seed, plate=sim.plate, modes=sim.modes, wiring=sim.wiring, record=True, program=program)
     with (
         rig,
         DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon,

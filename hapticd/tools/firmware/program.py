@@ -27,7 +27,7 @@ from ...board_values import (
     TimeRequest,
 )
 from ...config import loader as config
-from ...config.sections import SIMULATED, DeviceConfig
+from ...config.sections import SIMULATED, DeviceConfig, SimConfig
 from ...errors import ConfigError, DeviceError, UsageError
 from ...files import outputs
 from ...io.devices.serial_link import SerialLink
@@ -132,7 +132,9 @@ def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tupl
             raise UsageError(str(error)) from None
     baud = device.baud
     if options.sim or named == SIMULATED:
-        rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1))
+        sim = SimConfig() if loaded is None else loaded.sim
+        wiring = getattr(options, "wiring", None) or sim.wiring
+        rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1, wiring=wiring))
         return str(rig.directory / "board"), baud
     return str(named), baud
 

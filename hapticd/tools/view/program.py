@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> None:
 def _simulated(options: argparse.Namespace) -> SimulatedService:
     """Return a service on a simulated plate of its own."""
     sim = glass.chosen(options)
-    return SimulatedService(options.scenario or SCENARIO, options.seed, sim.plate, sim.modes)
+    return SimulatedService(options.scenario or SCENARIO, options.seed, sim)
 
 
 def _check(options: argparse.Namespace) -> None:

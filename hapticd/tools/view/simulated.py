@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from ...config.sections import PLATE_NAMES
+from ...config.sections import PLATE_NAMES, SimConfig
 from ...sim.plate.glasses import GLASSES, LEAST_PARASITIC
 from ...sim.rig.process import watch
 from ..daemon_process import PATIENT, DaemonProcess
@@ -16,11 +16,14 @@ CHOICES = {name: list(range(LEAST_MODES, len(GLASSES[name].modes) - LEAST_PARASI
 
 
 class SimulatedService(DaemonProcess):
-    """Context manager of a service on a simulated plate; `scenario` and `seed` stay when the plate is switched."""
+    """Context manager of a service on a simulated plate.
 
-    def __init__(self, scenario: str, seed: int, plate: str, modes: int) -> None:
+    When the plate is switched, `scenario` and `seed` stay, and each mode gets an amplifier of its own.
+    """
+
+    def __init__(self, scenario: str, seed: int, sim: SimConfig) -> None:
         self._fixed = f'scenario = "{scenario}"\nseed = {seed}\n'
-        super().__init__(self._plate(plate, modes), PATIENT)
+        super().__init__(f'{self._plate(sim.plate, sim.modes)}\nwiring = "{sim.wiring}"', PATIENT)
         self._switching = asyncio.Lock()
         self._on_end: Callable[[], None] = lambda: None
 

@@ -32,7 +32,7 @@ from hapticd.tools.firmware.conversation import Conversation
 pytestmark = pytest.mark.long
 
 SECONDS = 4.0
-Swept = tuple[BoardHello, tuple[resonance.ModeSweep, ...]]
+Swept = tuple[BoardHello, resonance.Measured]
 
 
 async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespace) -> Swept:

@@ -22,12 +22,12 @@ PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)
 
 
-def swept(settings: PlateSettings) -> tuple[ModeSweep, ...]:
-    async def sweep() -> tuple[ModeSweep, ...]:
+def swept(settings: PlateSettings) -> resonance.Measured:
+    async def sweep() -> resonance.Measured:
         async with Conversation(PlateLink(GroundTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
             return await sweep_modes(board, PLAN)
 
-    found: tuple[ModeSweep, ...] = in_virtual_time(sweep())
+    found: resonance.Measured = in_virtual_time(sweep())
     return found
 
 
@@ -42,11 +42,34 @@ def swept(settings: PlateSettings) -> tuple[ModeSweep, ...]:
 )
 def test_every_mode_is_found_within_half_a_hertz_and_three_percent_of_quality(settings: PlateSettings) -> None:
     truth = GroundTruth(settings)
-    sweeps = swept(settings)
+    sweeps = swept(settings).sweeps
     assert [one.mode for one in sweeps] == [0, 1]
     for one in sweeps:
         assert one.fit.frequency_hz == pytest.approx(truth.frequency_hz[one.mode], abs=0.5)
         assert one.fit.q_factor == pytest.approx(settings.q_factor, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("wiring", "sentence"),
+    [
+        ("paper", ""),
+        ("swapped", "Amplifiers 0 and 1, or their sensors, are swapped: amplifier 0 moves sensor 1."),
+        ("inverted", "Amplifier 1 or sensor 1 is inverted: the sensor moves against the amplifier."),
+    ],
+)
+def test_wires_are_measured_and_what_is_wrong_with_them_is_said(wiring: str, sentence: str) -> None:
+    """In the paper's wiring each amplifier drives both modes, and both sensors see both."""
+    settings = PlateSettings(wiring=wiring)
+    truth, measured = GroundTruth(settings), swept(settings)
+    found = resonance.verdict(HELLO, measured, {}, is_simulated=True)
+    assert found.outcome is (Outcome.LOOK if sentence else Outcome.PASS)
+    assert sentence in found.sentence
+    for mode in measured.modes:
+        assert mode.frequency_hz == pytest.approx(truth.frequency_hz[mode.mode], abs=0.5)
+        does = truth.gain_um_per_v_s[:2] @ np.array([one.drive for one in measured.modes]).T
+        sees = np.array([one.sense for one in measured.modes]) @ truth.sensor[:, :2]
+        whole = sees @ does * np.exp(1j * mode.loop_phase_rad)
+        assert abs(whole[mode.mode, 1 - mode.mode]) < 0.01 * abs(whole[mode.mode, mode.mode])
 
 
 def a_sweep(
@@ -58,7 +81,8 @@ def a_sweep(
 
 
 def judged(*sweeps: ModeSweep) -> Verdict:
-    return resonance.verdict(HELLO, sweeps, {}, is_simulated=True)
+    measured = resonance.Measured(sweeps, tuple(one.fit.calibration(one.mode) for one in sweeps))
+    return resonance.verdict(HELLO, measured, {}, is_simulated=True)
 
 
 def test_a_sound_pair_passes_and_the_drive_lies_between() -> None:
@@ -121,7 +145,7 @@ def test_a_piece_that_the_board_ends_is_swept_again_but_not_for_ever(
     measured = resonance.sweep.measured
     monkeypatch.setattr(resonance.sweep, "measured", stumbling)
     if ended < resonance.TRIES:
-        assert swept(PlateSettings())[0].fit.frequency_hz == pytest.approx(29195.0, abs=0.5)
+        assert swept(PlateSettings()).sweeps[0].fit.frequency_hz == pytest.approx(29195.0, abs=0.5)
     else:
         with pytest.raises(SweepEndedError):
             swept(PlateSettings())

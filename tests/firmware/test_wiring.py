@@ -1,0 +1,160 @@
+"""Amplifiers and sensors that each serve several modes: the paper's rig is driven as well as one mode per amplifier."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
+from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring, Verdict
+from hapticd.sim import lockstep
+from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.plate.wirings import PAPER, SEPARATE, wiring
+from hapticd.wire import device
+from hapticd.wire.commands import encode
+from hapticd.wire.protocol import FAULTS
+
+OWN = BoardConfig()
+QUIET_WITHIN_MS = 120.0
+SWAP, INVERT = np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
+
+
+def board(
+    name: str = PAPER, *, amplifiers: Any = None, sensors: Any = None, through: Any = None, **known: Any
+) -> Board:
+    """A board that knows this wiring, on a plate where `amplifiers` or `sensors` are connected otherwise."""
+    wires = wiring(name, 2)
+    gain = np.diag(OWN.gain_um_per_v_s) @ wires.drives
+    plate = PlateModel(
+        decay_1_s=np.array(OWN.decay_1_s),
+        detuning_rad_s=np.array(OWN.detuning_rad_s),
+        gain_um_per_v_s=gain if amplifiers is None else gain @ amplifiers,
+        sensor=wires.senses if sensors is None else sensors @ wires.senses,
+        noise_um=NOISE_UM,
+        amplifier_limit_v=LIMIT_V,
+        through_um_per_v=through,
+    )
+    nominal = tuple(wires.gain * np.array(OWN.gain_um_per_v_s))
+    return Board(plate, config=replace(OWN, gain_um_per_v_s=nominal, drive=wires.drive, sense=wires.sense, **known))
+
+
+def faults(of: Board) -> list[int]:
+    of.receive(device.encode_log_request())
+    (log,) = (message for message in device.Decoder().feed(of.transmit()) if isinstance(message, BoardLog))
+    return [entry.code for entry in log.entries if entry.code in FAULTS]
+
+
+def steps(random: np.random.Generator) -> Any:
+    def knots(_: float) -> list[tuple[float, npt.NDArray[np.complex128]]]:
+        return [(0.0, random.uniform(-4, 4, 2) * np.exp(1j * random.uniform(0, 6.28, 2)))]
+
+    return knots
+
+
+def test_no_amplifier_is_ever_above_its_limit_and_both_modes_reach_theirs() -> None:
+    trace = follow(board(), steps(np.random.default_rng(3)), 8000, 40)
+    assert np.abs(trace.voltage_v).max() <= LIMIT_V * (1.0 + 1e-6)
+    for sign in (1.0, -1.0, 1j):
+        held = follow(board(), lambda _, sign=sign: [(0.0, np.array([3.9, 3.9 * sign]))], 400, 100)
+        np.testing.assert_allclose(held.plate_um[-50:].mean(axis=0), [3.9, 3.9 * sign], atol=0.01)
+
+
+def test_what_the_wires_mix_the_modes_do_not_see() -> None:
+    """A step of one mode leaves the other alone, as with an amplifier and a sensor for each."""
+    for name in (SEPARATE, PAPER):
+        trace = follow(board(name), lambda _: [(0.0, np.array([2.0, 0.0]))], 200, 100)
+        assert np.abs(trace.plate_um[:, 1]).max() < 0.01
+        assert np.abs(trace.plate_um[-20:, 0] - 2.0).max() < 0.01
+
+
+def test_the_papers_wiring_leaks_no_more_than_a_mode_per_amplifier() -> None:
+    def leak_um(name: str) -> float:
+        plate = PlateSettings.of("reference", None, name)
+        return lockstep.run("strokes", settings=lockstep.Settings(plate=plate), seconds=2.0).score.leak_um
+
+    assert leak_um(PAPER) <= 1.1 * leak_um(SEPARATE)
+
+
+@pytest.mark.parametrize("asked_um", [(0.0, 0.0), (0.02, 0.0), (0.4, 0.1), (2.0, 2.0), (3.9, 0.5), (1.0, -1.0)])
+@pytest.mark.parametrize("wires", ["amplifiers", "sensors"])
+@pytest.mark.parametrize("name", [SEPARATE, PAPER])
+def test_swapped_and_inverted_wires_are_a_fault_that_names_them(
+    name: str, wires: str, asked_um: tuple[float, float]
+) -> None:
+    for wrong in (SWAP, INVERT):
+        wrongly = board(name, **{wires: wrong})
+        trace = follow(wrongly, lambda _: [(0.0, np.array(asked_um, complex))], 400, 100)
+        driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
+        assert (driven[-1] - driven[0] + 1) / 2 <= QUIET_WITHIN_MS
+        assert faults(wrongly) == [8]
+    assert "swapped or inverted" in FAULTS[8]
+
+
+def test_a_board_that_is_given_its_wiring_drives_the_papers_plate(new_bench: Any) -> None:
+    wires = wiring(PAPER, 2)
+    bench = new_bench()
+    bench.board = Board(board().model, config=OWN)
+    both = tuple(map(tuple, wires.drive)), tuple(map(tuple, wires.sense)), ((0.0,) * 2,) * 2
+    for k in (0, 1):
+        model = ModeModel(OWN.decay_1_s[k], OWN.detuning_rad_s[k], 2.0 * OWN.gain_um_per_v_s[k], 1 + 0j)
+        bench.say(encode(SetModel(k, model)))
+    bench.say(encode(SetWiring(*both)))
+    bench.arm(2.0, -1.0)
+    trace = bench.hold(100)
+    np.testing.assert_allclose(trace.plate_um[-1], [2.0, -1.0], atol=0.01)
+
+
+@pytest.mark.parametrize("law", ["deadbeat", "pi_ff", "pi"])
+@pytest.mark.parametrize("name", [SEPARATE, PAPER])
+@pytest.mark.parametrize("control_hz", [2000.0, 5000.0])
+def test_feedthrough_known_to_a_tenth_makes_no_limit_cycle(control_hz: float, name: str, law: str) -> None:
+    """0.02 um/V is 3 um at the voltage limit; what is not known of it moves the plate by a tenth of that at most."""
+    sense, asked_um = wiring(name, 2).sense, np.array([2.0, -1.0])
+    for turn in (1.0, -1.0, 1j, np.exp(0.7j), np.exp(-0.7j)):
+        for known in (0.9, 1.0, 1.1, 1.0 + 0.1j):
+            through = 0.02 * turn * np.eye(2)
+            feedthrough = sense @ (known * through)
+            driven = board(
+                name, through=through, control_hz=control_hz, controller=law, feedthrough_um_per_v=feedthrough
+            )
+            trace = follow(driven, lambda _: [(0.0, asked_um)], round(0.2 * control_hz), round(0.05 * control_hz))
+            held = slice(-round(0.05 * control_hz), None)
+            assert np.abs(trace.plate_um[held] - asked_um).max() < (0.01 if known == 1.0 else 0.3)
+            assert np.abs(trace.voltage_v[held] - trace.voltage_v[held].mean(axis=0)).max() < 5.0
+
+
+def test_feedthrough_that_is_not_known_ends_in_a_fault() -> None:
+    unknown = board(SEPARATE, through=0.02 * np.eye(2))
+    follow(unknown, lambda _: [(0.0, np.array([2.0, -1.0]))], 400, 100)
+    assert faults(unknown) == [7]
+
+
+OWN_WIRES, NO_WIRES = ((1.0, 0.0), (0.0, 1.0)), ((0.0, 0.0),) * 2
+
+
+@pytest.mark.parametrize("second", [(1.0, 1.0), (1.0, 0.99)], ids=["singular", "nearly so"])
+def test_a_board_refuses_amplifiers_that_cannot_drive_the_modes_independently(
+    second: tuple[float, float], new_bench: Any
+) -> None:
+    (verdict,) = new_bench().say(encode(SetWiring(((1.0, 1.0), second), OWN_WIRES, NO_WIRES)))
+    assert verdict.verdict is Verdict.OUT_OF_RANGE
+
+
+@pytest.mark.parametrize(
+    ("wires", "name"),
+    [
+        (SetWiring(((11.0, 0.0), (0.0, 1.0)), OWN_WIRES, NO_WIRES), "drive is 11"),
+        (SetWiring(((math.nan, 0.0), (0.0, 1.0)), OWN_WIRES, NO_WIRES), "drive is nan"),
+        (SetWiring(OWN_WIRES, ((1.0, 101j), (0.0, 1.0)), NO_WIRES), "sense is 101"),
+        (SetWiring(OWN_WIRES, OWN_WIRES, ((2.0, 0.0), (0.0, 0.0))), "feedthrough_um_per_v is 2"),
+    ],
+)
+def test_a_wiring_out_of_bounds_is_not_sent(wires: SetWiring, name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        encode(wires)
