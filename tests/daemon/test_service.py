@@ -117,8 +117,8 @@ def test_a_rig_is_started_with_the_configured_plate(
     started: list[tuple[str, int]] = []
 
     class NoRig:
-        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int) -> None:
-            del scenario, seed
+        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int, wiring: str) -> None:
+            del scenario, seed, wiring
             started.append((plate, modes))
             self.directory = tmp_path
 

@@ -202,7 +202,7 @@ def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_sim
         Figure("largest voltage proposed", best_v, "V"),
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
-    findings += [(Outcome.LOOK, sentence) for sentence in measured.wrong_wires]
+    findings += [(Outcome.WARN, sentence) for sentence in measured.wrong_wires]
     if best_v > hello.v_limit_v:
         findings.append(
             (Outcome.WARN, f"Full amplitude takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.")
