@@ -242,8 +242,8 @@ def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
     class IdleRig(service.RigProcess):
         """A process in the rig's place, with a directory that has a map and no devices."""
 
-        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int) -> None:
-            del scenario, seed, plate, modes
+        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int, wiring: str) -> None:
+            del scenario, seed, plate, modes, wiring
             self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
             self.directory = Path(self._directory.name)
             sine_plate().save(self.directory / MODES_FILE)

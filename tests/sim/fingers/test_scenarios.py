@@ -26,7 +26,7 @@ from hapticd.values import VirtualPath
 EDGE_MM = 68.75
 FINGERTIP_MM = 8.0
 W_LIM_UM = 4.0
-TWO_FINGERS = sorted(set(SCENARIOS) - {"step", "hands"})
+TWO_FINGERS = sorted(set(SCENARIOS) - {"step", "hands", "three"})
 
 
 def places_mm(actor: Actor, t_s: np.ndarray) -> np.ndarray:
