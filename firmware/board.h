@@ -31,8 +31,20 @@ size_t board_read(uint8_t *bytes, size_t capacity);
 size_t board_write_room(void);
 void board_write(const uint8_t *bytes, size_t n);
 
-/* Enables or disables the amplifiers. */
+/* What a board's log has besides enum hd_event. */
+enum hd_board_event {
+    HD_EVENT_IMAGE = 96,           /* the program in the flash is damaged: the board does not drive */
+    HD_EVENT_BROWN_OUT_OFF = 97,   /* the option bytes let the chip run on too little supply: the board does not drive */
+    HD_EVENT_SUPPLY = 98,          /* the chip's supply fell below 2.9 V */
+    HD_EVENT_AMPLIFIER_FAULT = 99,
+    HD_EVENT_EMERGENCY_STOP = 100,
+};
+
+/* Enables or disables the amplifiers, at every control tick. */
 void board_enable_amplifiers(bool enable);
+
+/* The event that forbids to drive now, such as an emergency stop; 0 if there is none. */
+uint8_t board_interlock(void);
 
 /* Masks the chunk interrupt while the main program is inside the core. */
 void board_lock(void);

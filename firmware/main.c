@@ -24,9 +24,27 @@ static bool amplifiers_needed(void)
     return core.state == HD_STATE_LIVE || core.state == HD_STATE_TOOL || core.ramp > 0;
 }
 
+/* Quiet as long as it lasts, and afterwards until the host's next consecutive references. */
+static void obey_interlock(void)
+{
+    static uint8_t before;
+    uint8_t event = board_interlock();
+    if (event != 0 && event != before) {
+        hd_wire_log_entry_t entry = {board_now_us(), core.config.boot_id, event, 255, 0.0f};
+        hd_log_add(&core.config.log, &entry);
+    }
+    before = event;
+    if (event != 0 && amplifiers_needed()) {
+        hd_on_missed_chunk();
+    } else if (event != 0) {
+        hd_deadman_reset(&core.deadman);
+    }
+}
+
 static void control_tick(void)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
+    obey_interlock();
     hd_carrier_measure(&carrier, measured_um);
     hd_tick(&core, board_now_us(), measured_um, voltage_v);
     hd_carrier_tune(&carrier, core.drive_hz);

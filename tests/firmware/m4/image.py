@@ -62,11 +62,11 @@ def _instructions(path: Path) -> dict[int, Instruction]:
 
 
 @cache
-def build(control_hz: int = 2000) -> Image:
-    """The image of boards/stm32f405 at this control rate, built afresh in a directory of its own."""
+def build(board: str = "stm32f405", control_hz: int = 2000, setup: str = "") -> Image:
+    """The image of a board at this control rate, built afresh in a directory of its own."""
     folder = Path(tempfile.mkdtemp(prefix="hapticd-m4-"))
-    target = folder / "stm32f405.elf"
-    command = ["make", "-s", "-C", FIRMWARE, f"BUILD={folder}", f"SETUP=-DCONTROL_HZ={control_hz}", target]
+    target = folder / f"{board}.elf"
+    command = ["make", "-s", "-C", FIRMWARE, f"BUILD={folder}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}", target]
     subprocess.run(command, check=True, capture_output=True)
     symbols = {name: int(address, 16) for address, name in _SYMBOL.findall(_tool("nm", target))}
     image = Image(target, _segments(target.read_bytes()), symbols, _instructions(target))
