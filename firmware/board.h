@@ -62,6 +62,10 @@ void board_keep_log(const hd_log_t *log);
 /* main.c: a chunk was sampled into `in`; fill the one that will be played after the next. */
 void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES]);
 
+/* main.c: the two halves of that, for a board that listens and speaks by itself. */
+hd_carrier_t *hd_program_carrier(void);
+void hd_on_tick(void);
+
 /* main.c: samples were lost or a chunk was filled too late. The output goes to zero until the host arms the board again. */
 void hd_on_missed_chunk(void);
 

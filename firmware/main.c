@@ -41,7 +41,7 @@ static void obey_interlock(void)
     }
 }
 
-static void control_tick(void)
+void hd_on_tick(void)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
     obey_interlock();
@@ -53,10 +53,15 @@ static void control_tick(void)
     watch_main_loop();
 }
 
+hd_carrier_t *hd_program_carrier(void)
+{
+    return &carrier;
+}
+
 void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES])
 {
     if (hd_carrier_listen(&carrier, in)) {
-        control_tick();
+        hd_on_tick();
     }
     hd_carrier_speak(&carrier, out);
 }

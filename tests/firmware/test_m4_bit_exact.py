@@ -33,7 +33,7 @@ from hapticd.wire import device
 from hapticd.wire.commands import encode
 
 from .m4 import image
-from .m4.boards import BOARDS, F405, Board
+from .m4.boards import BOARDS, F405, G474, Board
 from .m4.cpu import SCRATCH, Cpu
 
 pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
@@ -226,6 +226,31 @@ def test_synthesis_and_demodulation_give_the_same_bits(board: Board) -> None:
         words.update(struct.unpack(f"<{n * CHUNK}H", played))
     assert ticks == 200
     assert len(words) > 3000
+
+
+def test_samples_that_lie_mode_by_mode_give_the_bits_of_those_that_lie_instant_by_instant() -> None:
+    """The STM32G474's own way through its buffers against the core's: the carrier's whole state, and the words."""
+    rng = np.random.default_rng(11)
+    twins, n, ticks = Twins(G474, "hd_carrier_init", CONVERTERS), G474.modes, 0
+    played = ctypes.create_string_buffer(2 * n * CHUNK)
+    for i, samples in enumerate(chunks(rng, 600, n)):
+        planes = np.zeros((n, 2, CHUNK), dtype="<u2")
+        planes[:, 0] = np.frombuffer(samples, "<u2").reshape(CHUNK, n).T
+        twins.cpu.write(IN, planes.tobytes())
+        twins.host.hd_carrier_listen.restype = ctypes.c_bool
+        complete = twins.host.hd_carrier_listen(twins.object, samples)
+        assert twins.cpu.call("planar_listen", OBJECT, IN) & 0xFF == complete
+        if complete:
+            ticks += 1
+            twins.call("hd_carrier_drive", rng.normal(0, 90, 2 * n).astype("<f4").tobytes())
+        if i % 100 == 99:
+            tune(twins, float(rng.uniform(28000, 31000)))
+        twins.host.hd_carrier_speak(twins.object, played)
+        twins.cpu.call("planar_speak", OBJECT, OUT)
+        spoken = np.frombuffer(twins.cpu.read(OUT, 4 * n * CHUNK), "<u2").reshape(n, 2, CHUNK)[:, 0].T
+        assert spoken.tobytes() == played.raw
+        assert twins.cpu.read(OBJECT, OBJECT_SIZE) == twins.object.raw
+    assert ticks == 60
 
 
 def tune(twins: Twins, drive_hz: float) -> None:

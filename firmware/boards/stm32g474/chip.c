@@ -1,9 +1,8 @@
-/* The STM32G474's clocks, converters and line. Every mode has an ADC, a DAC and two streams of its own, so that samples
- * lie mode by mode; the core takes and gives them instant by instant. */
+/* The STM32G474's clocks, converters and line. Every mode has an ADC, a DAC and two streams of its own. */
 #include "chip.h"
 
 #include "board.h"
-#include "dsp.h"
+#include "planar.h"
 #include "setup.h"
 
 _Static_assert(HD_MODES == 2 || HD_MODES == 3, "three DACs of the STM32G474 have pins");
@@ -173,63 +172,12 @@ bool converters_in_step(void)
     return lost == 0;
 }
 
-static inline uint32_t low_halves(uint32_t low, uint32_t high)
-{
-    __asm("pkhbt %0, %0, %1, lsl #16" : "+r"(low) : "r"(high));
-    return low;
-}
-
-static inline uint32_t low_and_high(uint32_t low, uint32_t high)
-{
-    __asm("pkhbt %0, %0, %1" : "+r"(low) : "r"(high));
-    return low;
-}
-
-static inline uint32_t high_and_low(uint32_t low, uint32_t high)
-{
-    return low >> 16 | high << 16;
-}
-
-/* Two instants at a time: two samples of a mode are a word, which halves the loads and stores. */
-static void interleave(int half, uint16_t in[HD_CHUNK][HD_MODES])
-{
-    #pragma GCC unroll 5
-    for (int i = 0; i < HD_CHUNK; i += 2) {
-        uint32_t x = hd_load_pair(&sampled[0][half][i]), y = hd_load_pair(&sampled[1][half][i]);
-        hd_store_pair(in[i], low_halves(x, y));
-#if HD_MODES == 3
-        uint32_t z = hd_load_pair(&sampled[2][half][i]);
-        hd_store_pair(in[i] + 2, low_and_high(z, x));
-        hd_store_pair(in[i] + 4, hd_pack(z, y, 16));
-#else
-        hd_store_pair(in[i] + 2, hd_pack(y, x, 16));
-#endif
-    }
-}
-
-static void separate(int half, const uint16_t out[HD_CHUNK][HD_MODES])
-{
-    #pragma GCC unroll 5
-    for (int i = 0; i < HD_CHUNK; i += 2) {
-        uint32_t first = hd_load_pair(out[i]), second = hd_load_pair(out[i] + 2);
-#if HD_MODES == 3
-        uint32_t third = hd_load_pair(out[i] + 4);
-        hd_store_pair(&played[0][half][i], low_and_high(first, second));
-        hd_store_pair(&played[1][half][i], high_and_low(first, third));
-        hd_store_pair(&played[2][half][i], low_and_high(second, third));
-#else
-        hd_store_pair(&played[0][half][i], low_halves(first, second));
-        hd_store_pair(&played[1][half][i], hd_pack(second, first, 16));
-#endif
-    }
-}
-
 void converters_exchange(int half)
 {
-    static uint16_t in[HD_CHUNK][HD_MODES], out[HD_CHUNK][HD_MODES];
-    interleave(half, in);
-    hd_on_chunk((const uint16_t(*)[HD_MODES])in, out);
-    separate(half, (const uint16_t(*)[HD_MODES])out);
+    if (planar_listen(hd_program_carrier(), sampled[0][half])) {
+        hd_on_tick();
+    }
+    planar_speak(hd_program_carrier(), played[0][half]);
 }
 
 void serial_start(void)
