@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from hapticd.wire import device
 
 from .m4 import image
 from .m4.bench import Bench
-from .m4.boards import BOARDS, Board
+from .m4.boards import BOARDS, G474, Board
 from .m4.cpu import Cpu
 from .m4.peripherals import Peripherals
 from .m4.plate import Plate
@@ -94,6 +95,14 @@ def test_a_step_settles_and_stays(board: Board, control_hz: int, target_um: floa
     assert stepped_um.max() < 1.02 * target_um
     assert np.max(still_um) < 0.002
     assert np.sqrt(np.mean((stepped_um[-20000:] - target_um) ** 2)) < 0.002
+
+
+def test_the_board_with_three_dacs_drives_two_modes_as_well() -> None:
+    bench = Bench(replace(G474, modes=2))
+    assert bench.sampling.channels == (1, 2)
+    bench.arm(1.5, -0.8j)
+    bench.hold(40)
+    assert bench.amplitudes_um(1) == pytest.approx(np.tile((1.5, 0.8), (1000, 1)), abs=0.02)
 
 
 def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench) -> None:

@@ -25,7 +25,7 @@ class Board:
     reset_flags: tuple[int | None, ...]
 
     def image(self, control_hz: int = 2000, setup: str = "") -> Image:
-        return image.build(self.name, control_hz, setup)
+        return image.build(self.name, self.modes, control_hz, setup)
 
     def __str__(self) -> str:
         return self.name
