@@ -118,6 +118,8 @@ def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(b
     bench = Bench(board)
     drive(bench)
     assert bench.registers["EXTI.IMR"] == bench.registers["EXTI.RTSR"] == 1 << 16
+    detector = bench.registers["PWR.CR"] & 0xF0 if board is F405 else bench.registers["PWR.CR2"]
+    assert detector == (7 << 5 | 1 << 4 if board is F405 else 6 << 1 | 1), "on, at 2.9 V"
     bench.cpu.fault(SUPPLY_INTERRUPT, at=bench.cpu.address("hd_tick"))
     assert not bench.amplifiers
     assert bench.registers.reset_requested
@@ -128,6 +130,8 @@ def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(b
 @every_board
 def test_an_amplifiers_fault_ends_the_drive_within_a_tick_until_it_is_over(board: Board) -> None:
     bench = Bench(board)
+    assert bench.registers.field("GPIOB.MODER", 28, 4) == 0, "PB14 and PB15 are inputs"
+    assert bench.registers.field("GPIOB.PUPDR", 28, 4) == 0b0101, "pulled up"
     drive(bench)
     assert bench.amplifiers
     bench.registers["GPIOB.IDR"] &= ~FAULT_PIN

@@ -141,9 +141,11 @@ static bool watch_supply(void)
 {
     RCC->APB1ENR |= APB1_PWR;
     (void)RCC->APB1ENR;
-    EXTI->PR = EXTI_PVD;
+    (void)chip_watch_supply(); /* while it starts, the detector may report anything */
     EXTI->RTSR |= EXTI_PVD;
+    EXTI->PR = EXTI_PVD;
     EXTI->IMR |= EXTI_PVD;
+    NVIC_ICPR[0] = 1u << IRQ_PVD;
     NVIC_ISER[0] = 1u << IRQ_PVD; /* with the priority 0, above the chunks */
     return chip_watch_supply();
 }

@@ -33,7 +33,7 @@ void serial_start(void);
 /* Brown-out reset below 2.7 V at least, by the option bytes. */
 bool chip_guards_brown_out(void);
 
-/* Watches the supply: false if it is below 2.9 V already; falling later raises EXTI line 16. */
+/* Watches the supply: false if it stays below 2.9 V; falling later raises EXTI line 16. */
 bool chip_watch_supply(void);
 
 #endif

@@ -17,7 +17,7 @@
 #define DRIVE_HZ 29205.0f
 
 #ifndef CONTROL_HZ
-#define CONTROL_HZ 2000 /* or 5000 */
+#define CONTROL_HZ 5000 /* or 2000 */
 #endif
 
 /* Limits, applied independently of the host. */

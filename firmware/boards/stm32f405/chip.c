@@ -35,7 +35,7 @@ bool chip_guards_brown_out(void)
 bool chip_watch_supply(void)
 {
     PWR->CR |= PWR_PLS_2V9 | PWR_PVDE;
-    return (PWR->CSR & PWR_PVDO) == 0;
+    return reaches(&PWR->CSR, PWR_PVDO, 0);
 }
 
 void converters_silence(void)

@@ -60,7 +60,7 @@ bool chip_guards_brown_out(void)
 bool chip_watch_supply(void)
 {
     PWR->CR2 |= PWR_PLS_2V9 | PWR_PVDE;
-    return (PWR->SR2 & PWR_PVDO) == 0;
+    return reaches(&PWR->SR2, PWR_PVDO, 0);
 }
 
 void converters_silence(void)
