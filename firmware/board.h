@@ -31,8 +31,20 @@ size_t board_read(uint8_t *bytes, size_t capacity);
 size_t board_write_room(void);
 void board_write(const uint8_t *bytes, size_t n);
 
-/* Enables or disables the amplifiers. */
+/* What a board's log has besides enum hd_event. */
+enum hd_board_event {
+    HD_EVENT_IMAGE = 96,           /* the program in the flash is damaged: the board does not drive */
+    HD_EVENT_BROWN_OUT_OFF = 97,   /* the option bytes let the chip run on too little supply: the board does not drive */
+    HD_EVENT_SUPPLY = 98,          /* the chip's supply fell below 2.9 V */
+    HD_EVENT_AMPLIFIER_FAULT = 99,
+    HD_EVENT_EMERGENCY_STOP = 100,
+};
+
+/* Enables or disables the amplifiers, at every control tick. */
 void board_enable_amplifiers(bool enable);
+
+/* The event that forbids to drive now, such as an emergency stop; 0 if there is none. */
+uint8_t board_interlock(void);
 
 /* Masks the chunk interrupt while the main program is inside the core. */
 void board_lock(void);
@@ -49,6 +61,10 @@ void board_keep_log(const hd_log_t *log);
 
 /* main.c: a chunk was sampled into `in`; fill the one that will be played after the next. */
 void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES]);
+
+/* main.c: the two halves of that, for a board that listens and speaks by itself. */
+hd_carrier_t *hd_program_carrier(void);
+void hd_on_tick(void);
 
 /* main.c: samples were lost or a chunk was filled too late. The output goes to zero until the host arms the board again. */
 void hd_on_missed_chunk(void);

@@ -24,9 +24,27 @@ static bool amplifiers_needed(void)
     return core.state == HD_STATE_LIVE || core.state == HD_STATE_TOOL || core.ramp > 0;
 }
 
-static void control_tick(void)
+/* Quiet as long as it lasts, and afterwards until the host's next consecutive references. */
+static void obey_interlock(void)
+{
+    static uint8_t before;
+    uint8_t event = board_interlock();
+    if (event != 0 && event != before) {
+        hd_wire_log_entry_t entry = {board_now_us(), core.config.boot_id, event, 255, 0.0f};
+        hd_log_add(&core.config.log, &entry);
+    }
+    before = event;
+    if (event != 0 && amplifiers_needed()) {
+        hd_on_missed_chunk();
+    } else if (event != 0) {
+        hd_deadman_reset(&core.deadman);
+    }
+}
+
+void hd_on_tick(void)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
+    obey_interlock();
     hd_carrier_measure(&carrier, measured_um);
     hd_tick(&core, board_now_us(), measured_um, voltage_v);
     hd_carrier_tune(&carrier, core.drive_hz);
@@ -35,10 +53,15 @@ static void control_tick(void)
     watch_main_loop();
 }
 
+hd_carrier_t *hd_program_carrier(void)
+{
+    return &carrier;
+}
+
 void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES])
 {
     if (hd_carrier_listen(&carrier, in)) {
-        control_tick();
+        hd_on_tick();
     }
     hd_carrier_speak(&carrier, out);
 }

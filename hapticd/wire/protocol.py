@@ -115,6 +115,14 @@ EVENTS: Final = {
     68: "the program crashed",
 }
 
+BOARD_EVENTS: Final = {
+    96: "the program in the flash is damaged: the board does not drive",
+    97: "the chip's brown-out reset is off: the board does not drive; run `make -C firmware protect`",
+    98: "the supply fell below 2.9 V",
+    99: "an amplifier reported a fault",
+    100: "emergency stop",
+}
+
 RESET_CAUSES: Final = {
     0: "unknown",
     1: "power-up",

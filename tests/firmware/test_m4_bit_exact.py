@@ -33,8 +33,8 @@ from hapticd.wire import device
 from hapticd.wire.commands import encode
 
 from .m4 import image
+from .m4.boards import BOARDS, F405, G474, Board
 from .m4.cpu import SCRATCH, Cpu
-from .m4.peripherals import Peripherals
 
 pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
 
@@ -44,9 +44,12 @@ CONFIG, CONVERTERS, OBJECT, IN, OUT = (SCRATCH + 0x8000 * i for i in range(5))
 CHUNK = 50
 
 
-def fresh_cpu() -> Cpu:
-    registers = Peripherals()
-    cpu = Cpu(image.build(), read=registers.read, write=registers.write)
+every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
+
+
+def fresh_cpu(board: Board) -> Cpu:
+    registers = board.registers()
+    cpu = Cpu(board, board.image(), read=registers.read, write=registers.write)
     assert cpu.run_to("main")
     cpu.call("board_start", CONFIG, CONVERTERS)
     return cpu
@@ -55,9 +58,10 @@ def fresh_cpu() -> Cpu:
 class Twins:
     """One object of the core, twice; every call goes to both and returns what both say, or fails."""
 
-    def __init__(self, init: str, argument: int, *extra: int) -> None:
-        self.cpu = fresh_cpu()
-        self.host = load(2)
+    def __init__(self, board: Board, init: str, argument: int, *extra: int) -> None:
+        self.cpu = fresh_cpu(board)
+        self.modes = board.modes
+        self.host = load(board.modes)
         given = ctypes.create_string_buffer(self.cpu.read(argument, CONFIG_SIZE), CONFIG_SIZE)
         self.object = ctypes.create_string_buffer(OBJECT_SIZE)
         assert self.cpu.call(init, OBJECT, argument, *extra) & 0xFF == 1
@@ -96,13 +100,13 @@ class Twins:
         self.host.hd_receive(self.object, line, ctypes.c_size_t(len(line)), ctypes.c_uint32(now_us))
 
     def tick(self, now_us: int, measured_um: np.ndarray) -> np.ndarray:
-        values, _ = self.call("hd_tick", now_us, measured_um.astype("<f4").tobytes(), out=16)
+        values, _ = self.call("hd_tick", now_us, measured_um.astype("<f4").tobytes(), out=8 * self.modes)
         return np.frombuffer(values, dtype="<f4")
 
 
-def polyline(rng: np.random.Generator, seq: int, now_us: int) -> bytes:
+def polyline(rng: np.random.Generator, seq: int, now_us: int, modes: int) -> bytes:
     offsets_ms = np.cumsum(np.r_[0, rng.uniform(0.1, 6, rng.integers(0, 8))])
-    amplitudes = rng.normal(0, 1.6, (len(offsets_ms), 2)) + 1j * rng.normal(0, 0.4, (len(offsets_ms), 2))
+    amplitudes = rng.normal(0, 1.6, (len(offsets_ms), modes)) + 1j * rng.normal(0, 0.4, (len(offsets_ms), modes))
     knots = tuple(Knot(round(1e6 * t), tuple(w)) for t, w in zip(offsets_ms, amplitudes, strict=True))
     t_apply_us = now_us + int(rng.integers(-2000, 10000))
     return device.encode_reference(seq, SafeDrive(0, knots, LimitReason.NONE), t_apply_us & 0xFFFFFFFF)
@@ -123,26 +127,27 @@ def something_else(rng: np.random.Generator, seq: int) -> bytes:
     return choices[rng.integers(len(choices))]()
 
 
+@every_board
 @pytest.mark.parametrize("law", ["pi", "pi_ff", "deadbeat"])
-def test_control_ticks_and_frames_give_the_same_bits(law: str) -> None:
+def test_control_ticks_and_frames_give_the_same_bits(board: Board, law: str) -> None:
     """2500 ticks that follow random polylines on plates of random damping, across the wrap of the clock."""
     rng = np.random.default_rng(7)
     now_us = 2**32 - 600_000
-    twins = Twins("hd_init", CONFIG, now_us)
+    twins, n = Twins(board, "hd_init", CONFIG, now_us), board.modes
     twins.receive(encode(SelectController(law)), now_us)
-    plate_um, pole, seq, driven, said = np.zeros(2, complex), np.full(2, 0.9, complex), 0, 0, 0
+    plate_um, pole, seq, driven, said = np.zeros(n, complex), np.full(n, 0.9, complex), 0, 0, 0
     for tick in range(2500):
         now_us = (now_us + TICK_US) & 0xFFFFFFFF
         if tick % 25 == 0:
-            pole = np.exp(-rng.uniform(90, 500, 2) * 5e-4 + 1j * rng.uniform(-0.1, 0.1, 2))
+            pole = np.exp(-rng.uniform(90, 500, n) * 5e-4 + 1j * rng.uniform(-0.1, 0.1, n))
         if tick % 20 == 0:  # plates and models that are so wrong are faults now and then
             twins.receive(encode(ClearFault()), now_us)
         if tick % 20 < 3 or rng.random() < 0.02:
             seq += 1
-            twins.receive(polyline(rng, seq, now_us), now_us)
+            twins.receive(polyline(rng, seq, now_us, n), now_us)
         if rng.random() < 0.05:
             twins.receive(something_else(rng, seq), now_us)
-        measured = plate_um + rng.normal(0, 1e-3, 2) + 1j * rng.normal(0, 1e-3, 2)
+        measured = plate_um + rng.normal(0, 1e-3, n) + 1j * rng.normal(0, 1e-3, n)
         voltage_v = twins.tick(now_us, measured.astype(np.complex64).view(np.float32))
         plate_um = pole * plate_um - 1j * 5.2 * 5e-4 * (voltage_v[::2] + 1j * voltage_v[1::2])
         driven += bool(np.any(voltage_v))
@@ -151,10 +156,11 @@ def test_control_ticks_and_frames_give_the_same_bits(law: str) -> None:
     assert said > 10_000
 
 
-def test_tools_give_the_same_bits() -> None:
+@every_board
+def test_tools_give_the_same_bits(board: Board) -> None:
     rng = np.random.default_rng(8)
     now_us = 1000
-    twins = Twins("hd_init", CONFIG, now_us)
+    twins = Twins(board, "hd_init", CONFIG, now_us)
     commands = [
         Sweep(0, 29180.0, 29230.0, points=9, dwell_ms=10, voltage_v=20.0),
         Stop(),
@@ -166,7 +172,7 @@ def test_tools_give_the_same_bits() -> None:
         twins.receive(encode(command), now_us)
         for _ in range(250):
             now_us += TICK_US
-            twins.tick(now_us, rng.normal(0, 0.5, 4))
+            twins.tick(now_us, rng.normal(0, 0.5, 2 * board.modes))
             said += twins.transmit(now_us)
             twins.receive(device.encode_keepalive(0), now_us)
     kinds = {type(message).__name__ for message in device.Decoder().feed(said)}
@@ -177,12 +183,13 @@ EXTREMES = (0.0, -0.0, 1e-45, -1e-40, 3.4e38, -3.4e38, 1e19, np.inf, -np.inf, np
 
 
 def test_measurements_that_no_sensor_gives_end_the_same_way() -> None:
+    """On one board: what decides is the core's, which is the same."""
     rng = np.random.default_rng(9)
     now_us = 5
     for _ in range(40):
-        twins = Twins("hd_init", CONFIG, now_us)
+        twins = Twins(F405, "hd_init", CONFIG, now_us)
         for seq in (1, 2, 3):
-            twins.receive(polyline(rng, seq, now_us), now_us)
+            twins.receive(polyline(rng, seq, now_us, 2), now_us)
         for _ in range(30):
             now_us += TICK_US
             values = rng.choice(EXTREMES, 4) if rng.random() < 0.1 else rng.normal(0, 1, 4)
@@ -190,33 +197,60 @@ def test_measurements_that_no_sensor_gives_end_the_same_way() -> None:
             twins.transmit(now_us)
 
 
-def chunks(rng: np.random.Generator, n: int) -> list[bytes]:
+def chunks(rng: np.random.Generator, n: int, modes: int) -> list[bytes]:
     t = np.arange(n * CHUNK)
-    wave = 2048 + np.array([[1400.0], [600.0]]) * np.cos(2 * np.pi * 0.029205 * t + rng.uniform(0, 6, (2, 1)))
+    steps = np.array([[1400.0], [600.0], [900.0]])[:modes]
+    wave = 2048 + steps * np.cos(2 * np.pi * 0.029205 * t + rng.uniform(0, 6, (modes, 1)))
     words = (np.clip(np.rint(wave + rng.normal(0, 2, wave.shape)), 0, 4095).astype("<u2") << 4).T
     edges = np.arange(0, len(words) + 1, CHUNK)
     return [words[a:b].tobytes() for a, b in pairwise(edges)]
 
 
-def test_synthesis_and_demodulation_give_the_same_bits() -> None:
+@every_board
+def test_synthesis_and_demodulation_give_the_same_bits(board: Board) -> None:
     """2000 chunks of samples in, as many out, the voltages and the frequency changing under way."""
     rng = np.random.default_rng(10)
-    twins = Twins("hd_carrier_init", CONVERTERS)
+    twins, n = Twins(board, "hd_carrier_init", CONVERTERS), board.modes
     ticks, words = 0, set()
-    for i, samples in enumerate(chunks(rng, 2000)):
+    for i, samples in enumerate(chunks(rng, 2000, n)):
         _, complete = twins.call("hd_carrier_listen", samples)
         if complete & 0xFF:
             ticks += 1
-            measured, _ = twins.call("hd_carrier_measure", out=16)
+            measured, _ = twins.call("hd_carrier_measure", out=8 * n)
             assert np.all(np.isfinite(np.frombuffer(measured, "<f4")))
-            voltage_v = rng.normal(0, 90, 4) if i % 30 else rng.choice(EXTREMES, 4)
+            voltage_v = rng.normal(0, 90, 2 * n) if i % 30 else rng.choice(EXTREMES, 2 * n)
             twins.call("hd_carrier_drive", voltage_v.astype("<f4").tobytes())
         if i % 100 == 99:
             tune(twins, float(rng.uniform(28000, 31000)))
-        played, _ = twins.call("hd_carrier_speak", out=4 * CHUNK)
-        words.update(struct.unpack(f"<{2 * CHUNK}H", played))
+        played, _ = twins.call("hd_carrier_speak", out=2 * n * CHUNK)
+        words.update(struct.unpack(f"<{n * CHUNK}H", played))
     assert ticks == 200
     assert len(words) > 3000
+
+
+def test_samples_that_lie_mode_by_mode_give_the_bits_of_those_that_lie_instant_by_instant() -> None:
+    """The STM32G474's own way through its buffers against the core's: the carrier's whole state, and the words."""
+    rng = np.random.default_rng(11)
+    twins, n, ticks = Twins(G474, "hd_carrier_init", CONVERTERS), G474.modes, 0
+    played = ctypes.create_string_buffer(2 * n * CHUNK)
+    for i, samples in enumerate(chunks(rng, 600, n)):
+        planes = np.zeros((n, 2, CHUNK), dtype="<u2")
+        planes[:, 0] = np.frombuffer(samples, "<u2").reshape(CHUNK, n).T
+        twins.cpu.write(IN, planes.tobytes())
+        twins.host.hd_carrier_listen.restype = ctypes.c_bool
+        complete = twins.host.hd_carrier_listen(twins.object, samples)
+        assert twins.cpu.call("planar_listen", OBJECT, IN) & 0xFF == complete
+        if complete:
+            ticks += 1
+            twins.call("hd_carrier_drive", rng.normal(0, 90, 2 * n).astype("<f4").tobytes())
+        if i % 100 == 99:
+            tune(twins, float(rng.uniform(28000, 31000)))
+        twins.host.hd_carrier_speak(twins.object, played)
+        twins.cpu.call("planar_speak", OBJECT, OUT)
+        spoken = np.frombuffer(twins.cpu.read(OUT, 4 * n * CHUNK), "<u2").reshape(n, 2, CHUNK)[:, 0].T
+        assert spoken.tobytes() == played.raw
+        assert twins.cpu.read(OBJECT, OBJECT_SIZE) == twins.object.raw
+    assert ticks == 60
 
 
 def tune(twins: Twins, drive_hz: float) -> None:

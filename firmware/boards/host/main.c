@@ -169,6 +169,11 @@ void board_enable_amplifiers(bool enable)
     emulation.amplifiers_on = enable;
 }
 
+uint8_t board_interlock(void)
+{
+    return 0;
+}
+
 void board_lock(void)
 {
 }

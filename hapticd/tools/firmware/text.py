@@ -98,7 +98,8 @@ def log(found: BoardLog, boot_id: int) -> str:
 
 def _entry(entry: LogEntry, boot_id: int) -> str:
     boot = "this boot" if entry.boot_id == boot_id else f"boot {entry.boot_id:08x}"
-    what = protocol.FAULTS.get(entry.code) or protocol.EVENTS.get(entry.code) or f"code {entry.code}"
+    sentences = protocol.FAULTS | protocol.EVENTS | protocol.BOARD_EVENTS
+    what = sentences.get(entry.code, f"code {entry.code}")
     mode = "" if entry.mode is None else f", mode {entry.mode}"
     value = "" if entry.value == 0.0 else f" ({entry.value:g})"
     return f"{boot}, at {entry.t_board_us / 1e6:.3f} s{mode}: {what}{value}"

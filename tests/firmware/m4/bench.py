@@ -16,14 +16,13 @@ from hapticd.board_values import BoardMessage
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
-from . import wiring
+from .boards import Board
 from .cpu import Cpu
 from .image import Image
-from .peripherals import COMPLETE, HALF, Peripherals
+from .peripherals import Peripherals
 from .plate import Plate
 
 AMPLIFIERS = 1 << 12  # PB12
-HANDLER = "DMA2_Stream0_IRQHandler"
 KEEPALIVE_MS = 20
 _BITS_PER_BYTE = 10
 
@@ -31,10 +30,18 @@ _BITS_PER_BYTE = 10
 class Bench:
     """A board that was just switched on and waits for its first chunk."""
 
-    def __init__(self, image: Image, *, plate: Plate | None = None, registers: Peripherals | None = None) -> None:
-        self.plate = Plate() if plate is None else plate
-        self.registers = Peripherals() if registers is None else registers
-        self.cpu = Cpu(image, read=self._read, write=self._write)
+    def __init__(
+        self,
+        board: Board,
+        image: Image | None = None,
+        *,
+        plate: Plate | None = None,
+        registers: Peripherals | None = None,
+    ) -> None:
+        self.board = board
+        self.plate = Plate(mode_hz=Plate().mode_hz[: board.modes]) if plate is None else plate
+        self.registers = board.registers() if registers is None else registers
+        self.cpu = Cpu(board, board.image() if image is None else image, read=self._read, write=self._write)
         self.to_board = bytearray()
         self.messages: list[BoardMessage] = []
         self.motion_um: list[npt.NDArray[np.complex128]] = []
@@ -49,10 +56,11 @@ class Bench:
         self.registers.on_reset = self.cpu.stop
         self.cpu.load()
         assert self.cpu.run_to("board_wait")
-        self.sampling = wiring.sampling(registers)
-        self.ring = wiring.streams(registers)["USART1_RX"]
-        self.chunk_words = self.sampling.words // 2
-        self.chunk_us = round(1e6 * self.chunk_words / self.sampling.sample_hz)
+        self.wires = self.board.wires(registers)
+        self.sampling = self.wires.sampling()
+        self.ring = self.wires.streams()["RX"]
+        self.chunk = self.sampling.samples // 2
+        self.chunk_us = round(1e6 * self.chunk / self.sampling.sample_hz)
         self.chunks = 0
         self._ring_at = 0
         self._sending = b""
@@ -96,25 +104,40 @@ class Bench:
     def run(self, ms: float) -> None:
         for _ in range(round(ms * 1000 / self.chunk_us)):
             self.convert()
-            self.cpu.interrupt(HANDLER)
+            self.interrupt()
             self.come_round()
+
+    def interrupt(self) -> None:
+        self.cpu.interrupt(self.sampling.irq)
 
     def convert(self) -> None:
         """One chunk of the converters and of the line; its interrupt is pending then."""
         half = self.chunks % 2
-        at = 4 * self.chunk_words * half
-        data = self.cpu.read(self.sampling.played_at + at, 4 * self.chunk_words)
-        words = np.frombuffer(data, dtype="<u2").reshape(-1, 2)
-        sampled, motion_um = self.plate.advance(words, connected=self.amplifiers)
-        self.cpu.write(self.sampling.sampled_at + at, sampled.astype("<u2").tobytes())
+        words = np.stack([self._lane(lane.played_at, lane.stride, half) for lane in self.sampling.lanes], axis=1)
+        sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=self.sampling.delay_frac)
+        for lane, column in zip(self.sampling.lanes, sampled.T, strict=True):
+            self._fill_lane(lane.sampled_at, lane.stride, half, column)
         self.motion_um.append(motion_um)
         self.played.append(words)
         self.chunks += 1
         self.registers.now_us += self.chunk_us
-        self.registers["DMA2.LISR"] |= (HALF, COMPLETE)[half]
-        left = self.chunk_words if half == 0 else self.sampling.words
-        self.registers["DMA1_S5.NDTR"] = self.registers["DMA2_S0.NDTR"] = left
+        self.registers[self.sampling.flags] |= (self.sampling.half, self.sampling.complete)[half]
+        left = self.chunk if half == 0 else self.sampling.samples
+        for name in self.sampling.sampling:
+            self.registers[f"{name}.NDTR"] = left
+        for name in self.sampling.playing:  # one word ahead
+            self.registers[f"{name}.NDTR"] = left - 1
         self._move_line()
+
+    def _lane(self, at: int, stride: int, half: int) -> npt.NDArray[np.uint16]:
+        data = self.cpu.read(at + stride * self.chunk * half, stride * (self.chunk - 1) + 2)
+        return np.frombuffer(data, dtype="<u2")[:: stride // 2]
+
+    def _fill_lane(self, at: int, stride: int, half: int, samples: npt.NDArray[np.uint16]) -> None:
+        begin = at + stride * self.chunk * half
+        data = np.frombuffer(self.cpu.read(begin, stride * (self.chunk - 1) + 2), dtype="<u2").copy()
+        data[:: stride // 2] = samples
+        self.cpu.write(begin, data.astype("<u2").tobytes())
 
     def come_round(self, *, instructions: int | None = None) -> bool:
         """The main loop from its wait to its next, or a number of instructions towards it; False if not there yet."""
@@ -126,33 +149,32 @@ class Bench:
 
     def restarted(self) -> None:
         """The firmware has started the converters anew: their buffers begin at the beginning."""
-        self.sampling = wiring.sampling(self.registers)
+        self.sampling = self.wires.sampling()
         self.chunks = 0
 
     def _move_line(self) -> None:
-        room = int(self.chunk_us * 1e-6 * wiring.baud(self.registers) / _BITS_PER_BYTE)
+        room = int(self.chunk_us * 1e-6 * self.wires.baud() / _BITS_PER_BYTE)
         for byte in self.to_board[:room]:
             self.cpu.write(self.ring.memory + self._ring_at, bytes([byte]))
             self._ring_at = (self._ring_at + 1) % self.ring.items
         del self.to_board[:room]
-        self.registers["DMA2_S2.NDTR"] = self.ring.items - self._ring_at
+        self.registers[f"{self.ring.name}.NDTR"] = self.ring.items - self._ring_at
         self._send(room)
 
     def _send(self, room: int) -> None:
-        stream = wiring.streams(self.registers).get("USART1_TX")
-        if stream is None:
+        stream = self.wires.streams().get("TX")
+        if stream is None or (stream.items == 0 and not self._sending):
             return
-        assert (stream.to_peripheral, stream.circular, stream.item_size) == (True, False, 1)
+        assert (stream.to_peripheral, stream.circular, stream.memory_size) == (True, False, 1)
         self._sending = self._sending or self.cpu.read(stream.memory, stream.items)
         self.messages += self._decoder.feed(self._sending[:room])
         self._sending = self._sending[room:]
-        self.registers["DMA2_S7.NDTR"] = max(1, len(self._sending))
+        self.registers[f"{stream.name}.NDTR"] = max(1, len(self._sending))
         if not self._sending:
-            self.registers["DMA2_S7.CR"] &= ~1
-            self.registers["DMA2.HISR"] |= 1 << 27
+            self.wires.finish_sending()
 
     def amplitudes_um(self, ms: float) -> npt.NDArray[np.float64]:
-        """|W| of each mode in truth, sample by sample over the last `ms`: (samples, 2)."""
+        """|W| of each mode in truth, sample by sample over the last `ms`: (samples, modes)."""
         return np.abs(np.concatenate(self.motion_um[-round(ms * 1000 / self.chunk_us) :]))
 
     @property

@@ -8,13 +8,14 @@ from collections.abc import Callable
 import unicorn
 from unicorn import arm_const as arm
 
+from .boards import Board
 from .image import Image
 
 SCRATCH = 0x30000000  # memory that the board does not have, for the test's own arguments
 RETURN = SCRATCH + 0xFFFF0  # a function that comes back there stops the emulator
 _MEMORIES = ((0x08000000, 1 << 20), (0x10000000, 64 << 10), (0x20000000, 128 << 10), (SCRATCH, 1 << 20))
-_IDENTITY = 0x1FFF7A10
-_PERIPHERALS = ((0x40000000, 0x80000), (0xE0000000, 0x100000))
+_FLASH, _FLASH_SIZE = 0x08000000, 1 << 20
+_PERIPHERALS = ((0x40000000, 0x80000), (0x48000000, 0x2000), (0x50000000, 0x2000), (0xE0000000, 0x100000))
 _INSTRUCTIONS_MAX = 20_000_000  # a loop that never ends fails its test instead of hanging it
 
 Read = Callable[[int, int], int]  # address, size in bytes -> value
@@ -24,14 +25,15 @@ Write = Callable[[int, int, int], None]  # address, size, value
 class Cpu:
     """`read` and `write` answer the peripherals' addresses; without them every register is 0."""
 
-    def __init__(self, image: Image, *, read: Read | None = None, write: Write | None = None) -> None:
+    def __init__(self, board: Board, image: Image, *, read: Read | None = None, write: Write | None = None) -> None:
         self.image = image
+        self.damaged: int | None = None  # a byte of the flash that is not what was written
         self._uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self._uc.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
         for base, size in _MEMORIES:
             self._uc.mem_map(base, size)
-        self._uc.mem_map(_IDENTITY & ~0xFFF, 0x1000)
-        self._uc.mem_write(_IDENTITY, bytes(range(1, 13)))
+        self._uc.mem_map(board.identity_at & ~0xFFF, 0x1000)
+        self._uc.mem_write(board.identity_at, bytes(range(1, 13)))
         for base, size in _PERIPHERALS:
             self._map_peripherals(base, size, read or (lambda *_: 0), write or (lambda *_: None))
         self.load()
@@ -48,13 +50,19 @@ class Cpu:
 
     def load(self) -> None:
         """Flashes the image and stands at its reset vector; the RAM stays as it is."""
+        self._uc.mem_write(_FLASH, b"\xff" * _FLASH_SIZE)
         for address, data in self.image.segments:
             self._uc.mem_write(address, data)
-        stack, self.pc = struct.unpack("<II", self._uc.mem_read(0x08000000, 8))
+        if self.damaged is not None:
+            self.write(self.damaged, bytes([self.read(self.damaged, 1)[0] ^ 0x10]))
+        stack, self.pc = struct.unpack("<II", self._uc.mem_read(_FLASH, 8))
         self._uc.reg_write(arm.UC_ARM_REG_SP, stack)
         self._uc.reg_write(arm.UC_ARM_REG_BASEPRI, 0)
 
-    def address(self, symbol: str) -> int:
+    def address(self, symbol: str | int) -> int:
+        """Of a function by name, or of the handler of an exception, by its number, as the vector table has it."""
+        if isinstance(symbol, int):
+            return int(struct.unpack("<I", self.read(_FLASH + 4 * symbol, 4))[0]) & ~1
         return self.image.symbols[symbol] & ~1
 
     def read(self, address: int, n: int) -> bytes:
@@ -78,7 +86,7 @@ class Cpu:
         self._uc.reg_write(arm.UC_ARM_REG_R0, value)
         self.pc = self._uc.reg_read(arm.UC_ARM_REG_LR) & ~1
 
-    def call(self, symbol: str, *arguments: int) -> int:
+    def call(self, symbol: str | int, *arguments: int) -> int:
         """Calls a function with up to four integers or addresses; returns r0."""
         for register, value in zip(("R0", "R1", "R2", "R3"), arguments, strict=False):
             self._uc.reg_write(getattr(arm, f"UC_ARM_REG_{register}"), value & 0xFFFFFFFF)
@@ -93,21 +101,21 @@ class Cpu:
         (bits,) = struct.unpack("<I", struct.pack("<f", value))
         self._uc.reg_write(arm.UC_ARM_REG_S0 + register, bits)
 
-    def interrupt(self, symbol: str) -> None:
+    def interrupt(self, irq: int) -> None:
         """Calls a handler as an interrupt would: whatever ran before goes on as if nothing had happened."""
         before = self._uc.context_save()
         try:
-            self.call(symbol)
+            self.call(16 + irq)
         finally:
             self._uc.context_restore(before)
 
-    def fault(self, handler: str, *, at: int) -> None:
+    def fault(self, exception: int, *, at: int) -> None:
         """Takes the exception as the hardware would for an instruction at `at`, until `stop` is called."""
         frame = struct.pack("<8I", 0, 0, 0, 0, 0, 0, at, 1 << 24)
         stack = self._uc.reg_read(arm.UC_ARM_REG_SP) - len(frame)
         self._uc.mem_write(stack, frame)
         self._uc.reg_write(arm.UC_ARM_REG_SP, stack)
-        self._uc.emu_start(self.address(handler) | 1, RETURN, count=_INSTRUCTIONS_MAX)
+        self._uc.emu_start(self.address(exception) | 1, RETURN, count=_INSTRUCTIONS_MAX)
 
     @property
     def masked(self) -> bool:

@@ -62,12 +62,12 @@ def _instructions(path: Path) -> dict[int, Instruction]:
 
 
 @cache
-def build(control_hz: int = 2000) -> Image:
-    """The image of boards/stm32f405 at this control rate, built afresh in a directory of its own."""
+def build(board: str, modes: int, control_hz: int = 2000, setup: str = "") -> Image:
+    """The image of a board for this number of modes, at this control rate, built afresh in a directory of its own."""
     folder = Path(tempfile.mkdtemp(prefix="hapticd-m4-"))
-    target = folder / "stm32f405.elf"
-    command = ["make", "-s", "-C", FIRMWARE, f"BUILD={folder}", f"SETUP=-DCONTROL_HZ={control_hz}", target]
-    subprocess.run(command, check=True, capture_output=True)
+    target = folder / f"{board}.elf"
+    options = [f"BUILD={folder}", f"BOARD_MODES={modes}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}"]
+    subprocess.run(["make", "-s", "-C", FIRMWARE, *options, target], check=True, capture_output=True)
     symbols = {name: int(address, 16) for address, name in _SYMBOL.findall(_tool("nm", target))}
     image = Image(target, _segments(target.read_bytes()), symbols, _instructions(target))
     shutil.rmtree(folder)

@@ -1,66 +1,82 @@
-"""The STM32F405's registers as RM0090 (rev 18) lays them out, written down apart from the firmware's own header.
+"""The registers of an STM32: what is the same on every chip here, and how they live.
 
 Registers keep what is written to them; those with a life of their own are `Peripherals`' methods. An address that is
-not in the tables raises: the firmware has no business there.
+not in the tables raises: the firmware has no business there. The chips' tables are in `stm32f405` and `stm32g474`,
+written down from the reference manuals (RM0090 rev 18, RM0440) apart from the firmware's own headers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
-_GPIO = {"MODER": 0x00, "PUPDR": 0x0C, "ODR": 0x14, "BSRR": 0x18, "AFRL": 0x20, "AFRH": 0x24}
-_TIMER = {"CR1": 0x00, "CR2": 0x04, "EGR": 0x14, "CNT": 0x24, "PSC": 0x28, "ARR": 0x2C}
-_ADC = {"SR": 0x00, "CR1": 0x04, "CR2": 0x08, "SMPR2": 0x10, "SQR1": 0x2C, "SQR3": 0x34}
-_STREAM = {"CR": 0x00, "NDTR": 0x04, "PAR": 0x08, "M0AR": 0x0C, "FCR": 0x14}
-_RCC = {"CR": 0x00, "PLLCFGR": 0x04, "CFGR": 0x08, "APB1RSTR": 0x20, "APB2RSTR": 0x24, "AHB1ENR": 0x30}
+GPIO = {"MODER": 0x00, "PUPDR": 0x0C, "IDR": 0x10, "ODR": 0x14, "BSRR": 0x18, "AFRL": 0x20, "AFRH": 0x24}
+DAC = {"CR": 0x00, "DHR12L1": 0x0C, "DHR12L2": 0x18, "DHR12LD": 0x24, "SR": 0x34, "MCR": 0x3C}
+EXTI = {"IMR": 0x00, "RTSR": 0x08, "PR": 0x14}
+_TIMER = {"CR1": 0x00, "CR2": 0x04, "EGR": 0x14, "CCMR1": 0x18, "CNT": 0x24, "PSC": 0x28, "ARR": 0x2C, "CCR1": 0x34}
+_NVIC = {f"{name}{i}": at + 4 * i for name, at in (("ISER", 0), ("ICPR", 0x180)) for i in range(4)}
+_MPU = {"MPU_CTRL": 0x94, "MPU_RNR": 0x98, "MPU_RBAR": 0x9C, "MPU_RASR": 0xA0}
 
-BLOCKS: dict[str, tuple[int, dict[str, int]]] = {
+COMMON: dict[str, tuple[int, dict[str, int]]] = {
     "TIM2": (0x40000000, _TIMER),
     "TIM5": (0x40000C00, _TIMER),
-    "IWDG": (0x40003000, {"KR": 0x00, "PR": 0x04, "RLR": 0x08}),
-    "DAC": (0x40007400, {"CR": 0x00, "DHR12LD": 0x24, "SR": 0x34}),
-    "USART1": (0x40011000, {"SR": 0x00, "DR": 0x04, "BRR": 0x08, "CR1": 0x0C, "CR2": 0x10, "CR3": 0x14}),
-    "ADC1": (0x40012000, _ADC),
-    "ADC2": (0x40012100, _ADC),
-    "ADC": (0x40012300, {"CCR": 0x04, "CDR": 0x08}),
-    "GPIOA": (0x40020000, _GPIO),
-    "GPIOB": (0x40020400, _GPIO),
-    "RCC": (0x40023800, _RCC | {"APB1ENR": 0x40, "APB2ENR": 0x44, "CSR": 0x74}),
-    "FLASH": (0x40023C00, {"ACR": 0x00}),
-    "DMA1": (0x40026000, {"HIFCR": 0x0C, "HISR": 0x04}),
-    "DMA2": (0x40026400, {"LISR": 0x00, "HISR": 0x04, "LIFCR": 0x08, "HIFCR": 0x0C}),
-    **{
-        f"DMA{unit}_S{i}": (0x40026000 + 0x400 * (unit - 1) + 0x10 + 0x18 * i, _STREAM)
-        for unit in (1, 2)
-        for i in range(8)
-    },
-    "NVIC": (0xE000E100, {"ISER1": 0x04, "ICPR1": 0x184, "IPR56": 0x338}),
-    "SCB": (0xE000ED00, {"AIRCR": 0x0C, "CPACR": 0x88}),
+    "IWDG": (0x40003000, {"KR": 0x00, "PR": 0x04, "RLR": 0x08, "SR": 0x0C}),
+    "CRC": (0x40023000, {"DR": 0x00, "CR": 0x08}),
+    "NVIC": (0xE000E100, _NVIC | {f"IPR{i}": 0x300 + i for i in range(102)}),
+    "SCB": (0xE000ED00, {"AIRCR": 0x0C, "CPACR": 0x88} | _MPU),
     "DBGMCU": (0xE0042000, {"APB1_FZ": 0x08}),
 }
-ADDRESS = {f"{block}.{name}": base + at for block, (base, names) in BLOCKS.items() for name, at in names.items()}
-NAME = {address: name for name, address in ADDRESS.items()}
-_RESET = {"RCC.CR": 0x83, "RCC.PLLCFGR": 0x24003010, "RCC.AHB1ENR": 0x00100000, "GPIOA.MODER": 0xA8000000} | {
-    "GPIOB.MODER": 0x280,
-    "IWDG.RLR": 0xFFF,
+_RESET = {"IWDG.RLR": 0xFFF, "TIM2.ARR": 0xFFFFFFFF, "TIM5.ARR": 0xFFFFFFFF, "CRC.DR": 0xFFFFFFFF} | {
     "GPIOA.PUPDR": 0x64000000,
-    "TIM2.ARR": 0xFFFFFFFF,
-    "TIM5.ARR": 0xFFFFFFFF,
+    "GPIOB.PUPDR": 0x00000100,
+    "GPIOB.IDR": 1 << 14,  # no amplifier has a fault, the emergency stop's contact is closed
 }
+_UPDATE_READS = 3  # of the watchdog's status until its slow clock has taken a new reload on
 
-POWER_ON = 0x0E000000  # RCC_CSR: pin, power and brown-out together
-HALF, COMPLETE = 0x10, 0x20  # flags of stream 0, and of stream 4
+
+def _crc_table() -> list[int]:
+    table = []
+    for byte in range(256):
+        value = byte << 24
+        for _ in range(8):
+            value = value << 1 ^ (0x04C11DB7 if value >> 31 else 0)
+            value &= 0xFFFFFFFF
+        table.append(value)
+    return table
+
+
+_CRC_TABLE = _crc_table()
 
 
 class Peripherals:
     """`registers` by name, `trace` of all writes in order; `now_us` is set by whoever lets time pass."""
 
-    def __init__(self, *, crystal: bool = True, pll: bool = True, reset_flags: int = POWER_ON) -> None:
-        self.registers = dict.fromkeys(ADDRESS, 0) | _RESET | {"RCC.CSR": reset_flags}
+    BLOCKS: ClassVar[dict[str, tuple[int, dict[str, int]]]]
+    RESET: ClassVar[dict[str, int]]
+    ADDRESS: ClassVar[dict[str, int]]
+    NAME: ClassVar[dict[int, str]]
+    POWER_ON: ClassVar[int] = 0x0E000000  # RCC_CSR: pin, power and brown-out together
+    HSI_READY: ClassVar[int]
+    PLL_FROM_CRYSTAL: ClassVar[tuple[int, int]]  # mask and value in PLLCFGR
+    FORGET_RESET_FLAGS: ClassVar[int]
+    CHUNK_FLAGS: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        cls.BLOCKS = COMMON | cls.BLOCKS
+        cls.RESET = _RESET | cls.RESET
+        cls.ADDRESS = {
+            f"{block}.{name}": base + at for block, (base, names) in cls.BLOCKS.items() for name, at in names.items()
+        }
+        cls.NAME = {address: name for name, address in cls.ADDRESS.items()}
+
+    def __init__(self, *, crystal: bool = True, pll: bool = True, reset_flags: int | None = None) -> None:
+        flags = self.POWER_ON if reset_flags is None else reset_flags
+        self.registers = dict.fromkeys(self.ADDRESS, 0) | self.RESET | {"RCC.CSR": flags}
         self.trace: list[tuple[str, int]] = []
         self.reads = 0
         self.now_us = 0
         self.t_fed_us: int | None = None  # None while the watchdog is not started
+        self.fed_early = False  # before its reload was taken on
         self.reset_requested = False
         self.on_reset: Callable[[], None] = lambda: None
         self.on_look: Callable[[], None] = lambda: None  # what happens right after the ADC's flags were read
@@ -68,20 +84,20 @@ class Peripherals:
         self.pending = False  # the chunk's interrupt, latched while its handler works
         self._crystal = crystal
         self._pll = pll
+        self._updating = 0
         self._effects: dict[str, Callable[[int], None]] = {
             "RCC.CR": self._clock_control,
             "RCC.CFGR": self._clock_switch,
             "RCC.CSR": self._reset_flags,
-            "RCC.APB1RSTR": lambda value: self._reset_blocks(value, {0: ["TIM2"], 29: ["DAC"]}),
-            "RCC.APB2RSTR": lambda value: self._reset_blocks(value, {8: ["ADC1", "ADC2", "ADC"]}),
             "IWDG.KR": self._watchdog_key,
+            "IWDG.RLR": self._watchdog_reload,
             "SCB.AIRCR": self._system_reset,
-            "NVIC.ICPR1": self._forget_interrupt,
-            "DMA2.LIFCR": lambda value: self._clear("DMA2.LISR", value),
-            "DMA2.HIFCR": lambda value: self._clear("DMA2.HISR", value),
-            "DMA1.HIFCR": lambda value: self._clear("DMA1.HISR", value),
+            "CRC.CR": lambda _: self.registers.__setitem__("CRC.DR", 0xFFFFFFFF),
+            "CRC.DR": self._crc,
             "GPIOA.BSRR": lambda value: self._pins("GPIOA.ODR", value),
             "GPIOB.BSRR": lambda value: self._pins("GPIOB.ODR", value),
+            **{f"NVIC.ISER{i}": self._enable_interrupts(i) for i in range(4)},
+            **{f"NVIC.ICPR{i}": self._forget_interrupt for i in range(4)},
         }
 
     def __getitem__(self, name: str) -> int:
@@ -90,58 +106,79 @@ class Peripherals:
     def __setitem__(self, name: str, value: int) -> None:
         self.registers[name] = value
 
+    def field(self, name: str, at: int, width: int) -> int:
+        return self.registers[name] >> at & ((1 << width) - 1)
+
     def read(self, address: int, size: int) -> int:
         self.reads += 1
-        name = NAME[address]
-        assert size == (1 if name == "NVIC.IPR56" else 4), f"{name} was read as {size} bytes"
+        name = self.NAME[address]
+        assert size == (1 if name.startswith("NVIC.IPR") else 4), f"{name} was read as {size} bytes"
         if name == "TIM5.CNT" and self.registers["TIM5.CR1"] & 1:
             return self.now_us & 0xFFFFFFFF
+        if name == "IWDG.SR":
+            self._updating = max(0, self._updating - 1)
+            return 3 if self._updating else 0
         value = self.registers[name]
-        if name == "DMA2.LISR":
+        if name == self.CHUNK_FLAGS:
             self.on_look()
         return value
 
     def write(self, address: int, size: int, value: int) -> None:
-        name = NAME[address]
-        assert size == (1 if name == "NVIC.IPR56" else 4), f"{name} was written as {size} bytes"
-        self.trace.append((name, value))
+        name = self.NAME[address]
+        assert size == (1 if name.startswith("NVIC.IPR") else 4), f"{name} was written as {size} bytes"
+        if name != "CRC.DR":
+            self.trace.append((name, value))
         self._effects.get(name, lambda v: self.registers.__setitem__(name, v))(value)
 
     def _clock_control(self, value: int) -> None:
-        ready = (1 << 1) | (1 << 17 if value & 1 << 16 and self._crystal else 0)
-        source_runs = self._crystal or not self.registers["RCC.PLLCFGR"] & 1 << 22
+        mask, crystal = self.PLL_FROM_CRYSTAL
+        ready = self.HSI_READY | (1 << 17 if value & 1 << 16 and self._crystal else 0)
+        source_runs = self._crystal or self.registers["RCC.PLLCFGR"] & mask != crystal
         ready |= 1 << 25 if value & 1 << 24 and self._pll and source_runs else 0
-        self.registers["RCC.CR"] = value & ~(1 << 1 | 1 << 17 | 1 << 25) | ready
+        self.registers["RCC.CR"] = value & ~(self.HSI_READY | 1 << 17 | 1 << 25) | ready
 
     def _clock_switch(self, value: int) -> None:
         self.registers["RCC.CFGR"] = value & ~0xC | (value & 3) << 2
 
     def _reset_flags(self, value: int) -> None:
-        self.registers["RCC.CSR"] = 0 if value & 1 << 24 else value
+        self.registers["RCC.CSR"] = 0 if value & self.FORGET_RESET_FLAGS else value
 
-    def _reset_blocks(self, value: int, blocks: dict[int, list[str]]) -> None:
+    def reset_blocks(self, value: int, blocks: dict[int, list[str]]) -> None:
         for bit, names in blocks.items():
             for block in names if value & 1 << bit else []:
-                for register in BLOCKS[block][1]:
+                for register in self.BLOCKS[block][1]:
                     name = f"{block}.{register}"
-                    self.registers[name] = _RESET.get(name, 0)
+                    self.registers[name] = self.RESET.get(name, 0)
+
+    def clear(self, flags: str, value: int) -> None:
+        self.registers[flags] &= ~value
+        if flags == self.CHUNK_FLAGS:
+            self.on_clear()
 
     def _watchdog_key(self, value: int) -> None:
         if value == 0xCCCC or (value == 0xAAAA and self.t_fed_us is not None):
             self.t_fed_us = self.now_us
+            self.fed_early |= value == 0xAAAA and self._updating > 0
+
+    def _watchdog_reload(self, value: int) -> None:
+        self.registers["IWDG.RLR"] = value
+        self._updating = _UPDATE_READS
 
     def _system_reset(self, value: int) -> None:
         assert value == 0x05FA0004
         self.reset_requested = True
         self.on_reset()
 
-    def _clear(self, flags: str, value: int) -> None:
-        self.registers[flags] &= ~value
-        if flags == "DMA2.LISR":
-            self.on_clear()
+    def _crc(self, word: int) -> None:
+        value = self.registers["CRC.DR"]
+        for byte in word.to_bytes(4, "big"):
+            value = (value << 8 & 0xFFFFFF00) ^ _CRC_TABLE[value >> 24 ^ byte]
+        self.registers["CRC.DR"] = value
 
-    def _forget_interrupt(self, value: int) -> None:
-        assert value == 1 << (56 - 32)
+    def _enable_interrupts(self, i: int) -> Callable[[int], None]:
+        return lambda value: self.registers.__setitem__(f"NVIC.ISER{i}", self.registers[f"NVIC.ISER{i}"] | value)
+
+    def _forget_interrupt(self, _: int) -> None:
         self.pending = False
 
     def _pins(self, output: str, value: int) -> None:

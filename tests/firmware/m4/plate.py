@@ -23,9 +23,10 @@ STEP_V = 3.3 / STEPS
 
 @dataclass(slots=True)
 class Plate:
-    """The reference plate behind 110 V/V and 4.85 um/V; `noise_steps` is the standard deviation of the ADCs' noise."""
+    """The reference plate behind 110 V/V and 4.85 um/V, with two modes of it or three; `noise_steps` is the standard
+    deviation of the ADCs' noise."""
 
-    mode_hz: tuple[float, ...] = (29195.0, 29215.0)
+    mode_hz: tuple[float, ...] = (29195.0, 29215.0, 29205.0)
     quality: float = 500.0
     amplifier_v_per_v: float = 110.0
     amplifier_limit_v: float = 180.0
@@ -49,13 +50,13 @@ class Plate:
         return math.pi * self.mode_hz[k] / self.quality
 
     def advance(
-        self, words: npt.NDArray[np.uint16], *, connected: bool
+        self, words: npt.NDArray[np.uint16], *, connected: bool, delay_frac: float
     ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.complex128]]:
-        """Plays `words` (n, 2), left-aligned, and samples at the same triggers: words (n, 2), and the motion (n, 2).
+        """Plays `words` (n, modes), left-aligned, and samples: words (n, modes), and the motion (n, modes).
 
         A trigger puts out the word that was fetched before it, so each is heard one sample later; the sample is taken
-        as the new value appears. The motion is Re: displacement in um, Im: its quadrature. Without `connected` the
-        amplifiers give nothing.
+        `delay_frac` of a sample after the new value appears. The motion is Re: displacement in um, Im: its quadrature.
+        Without `connected` the amplifiers give nothing.
         """
         heard = np.concatenate((self._held, words[:-1]))
         self._held = words[-1:]
@@ -65,18 +66,19 @@ class Plate:
         for k in range(len(self.mode_hz)):
             asked_v = ((heard[:, k] >> 4).astype(np.float64) - STEPS / 2) * STEP_V * self.amplifier_v_per_v
             voltage_v = np.clip(asked_v, -self.amplifier_limit_v, self.amplifier_limit_v) if connected else np.zeros(n)
-            motion_um[:, k] = self._resonator(k, voltage_v)
+            motion_um[:, k] = self._resonator(k, voltage_v, delay_frac)
             steps = motion_um[:, k].real / (self.sensor_um_per_v * STEP_V) + self._random.normal(0, self.noise_steps, n)
             sampled[:, k] = np.clip(np.rint(steps + STEPS / 2), 0, STEPS - 1).astype(np.uint16) << 4
         return sampled, motion_um
 
-    def _resonator(self, k: int, voltage_v: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
-        """z' = lambda z + b v with w = Re z, at the triggers that begin each hold."""
+    def _resonator(self, k: int, voltage_v: npt.NDArray[np.float64], delay_frac: float) -> npt.NDArray[np.complex128]:
+        """z' = lambda z + b v with w = Re z, `delay_frac` of a sample after each hold began."""
         decay_1_s = self.decay_1_s(k)
         free_rad_s = math.sqrt((2 * math.pi * self.mode_hz[k]) ** 2 - decay_1_s**2)
         pole_1_s = complex(-decay_1_s, free_rad_s)
         per_volt = 2 * (2 * math.pi * DRIVE_HZ) * self.gain_um_per_v_s(k) / (1j * free_rad_s)
         step = np.exp(pole_1_s * SAMPLE_S)
         weight = per_volt * (step - 1) / pole_1_s
-        motion, self._state[k] = lfilter([0, weight], [1, -step], voltage_v, zi=self._state[k])
-        return motion
+        begun, self._state[k] = lfilter([0, weight], [1, -step], voltage_v, zi=self._state[k])
+        later = np.exp(pole_1_s * SAMPLE_S * delay_frac)
+        return begun * later + per_volt * (later - 1) / pole_1_s * voltage_v

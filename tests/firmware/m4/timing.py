@@ -18,7 +18,6 @@ from functools import cache
 from .cpu import Cpu
 from .image import Image, Instruction
 
-CORE_HZ = 168e6
 INTERRUPT_CYCLES = 2 * (12 + 17)
 _REFILL = 3
 _DIVISION = 12

@@ -1,6 +1,6 @@
 /* Memory that a reset leaves as it was, and power-up fills with noise. */
-#ifndef HD_F405_KEPT_H
-#define HD_F405_KEPT_H
+#ifndef HD_STM32_KEPT_H
+#define HD_STM32_KEPT_H
 
 #include <stdint.h>
 
@@ -13,5 +13,8 @@ typedef struct {
 } kept_t;
 
 extern kept_t kept;
+
+/* Adds an event of this boot to the log. */
+void kept_add(uint8_t event, float value, uint32_t now_us);
 
 #endif

@@ -1,6 +1,6 @@
-/* The host's line: USART1, both directions by DMA, no interrupt. */
-#ifndef HD_F405_LINK_H
-#define HD_F405_LINK_H
+/* The host's line, both directions by DMA, no interrupt. */
+#ifndef HD_STM32_LINK_H
+#define HD_STM32_LINK_H
 
 #include <stddef.h>
 #include <stdint.h>

@@ -2,22 +2,31 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "chip.h"
 #include "crash.h"
-#include "registers.h"
 #include "sampling.h"
 
-extern uint32_t stack_top, ccm_begin, ccm_end, data_begin, data_end, bss_begin, bss_end;
+extern uint32_t stack_top, stack_guard, ccm_begin, ccm_end, data_begin, data_end, bss_begin, bss_end;
 extern const uint32_t ccm_load, data_load;
 
 int main(void);
 void Reset_Handler(void);
-void DMA2_Stream0_IRQHandler(void);
 
 static void load(uint32_t *to, const uint32_t *end, const uint32_t *from)
 {
     while (to < end) {
         *to++ = *from++;
     }
+}
+
+/* A stack that grows into the variables is a fault. */
+static void guard_stack(void)
+{
+    MPU_RNR = 0;
+    MPU_RBAR = (uint32_t)(uintptr_t)&stack_guard;
+    MPU_RASR = MPU_NO_ACCESS_32_BYTES;
+    MPU_CTRL = MPU_ENABLE;
+    __asm volatile("dsb\n\tisb" : : : "memory");
 }
 
 /* The converters come first: until then their pins float. Memory is copied at 16 MHz, which takes a millisecond. */
@@ -31,14 +40,18 @@ void Reset_Handler(void)
     for (uint32_t *word = &bss_begin; word < &bss_end; word++) {
         *word = 0;
     }
+    guard_stack();
     main();
 }
 
 typedef void (*vector_t)(void);
 
-__attribute__((section(".vectors"), used)) static const vector_t vectors[16 + IRQ_DMA2_STREAM0 + 1] = {
+#pragma GCC diagnostic ignored "-Woverride-init" /* the few that may happen, among all that should not */
+__attribute__((section(".vectors"), used)) static const vector_t vectors[16 + IRQ_LAST + 1] = {
     [0] = (vector_t)(uintptr_t)&stack_top,
     [1] = Reset_Handler,
-    [2 ... 16 + IRQ_DMA2_STREAM0 - 1] = crash_handler, /* 2: the crystal stopped; 3: a fault */
-    [16 + IRQ_DMA2_STREAM0] = DMA2_Stream0_IRQHandler,
+    [2 ... 16 + IRQ_LAST] = crash_handler, /* 2: the crystal stopped; 3: a fault */
+    [16 + IRQ_PVD] = crash_supply_handler,
+    VECTORS_TRANSFER_ERROR
+    [16 + IRQ_CHUNK] = sampling_on_chunk,
 };

@@ -1,17 +1,17 @@
-/* The calls of board.h on an STM32F405. */
+/* The calls of board.h on an STM32. */
 #include "board.h"
 
+#include "chip.h"
 #include "clock.h"
 #include "crash.h"
 #include "kept.h"
 #include "link.h"
-#include "registers.h"
 #include "sampling.h"
 #include "setup.h"
 
 #define STEPS 4096.0f
 #define PI 3.14159265f
-#define CONVERTER_LAG_S 1.5e-6f /* sampling.c: one sample late, and half a sample because it is held for one */
+#define CONVERTER_LAG_S 1.0e-6f /* sampling.c: half a sample late, and half a sample because it is held for one */
 #define CONVERTER_LAG (2.0f * PI * DRIVE_HZ * CONVERTER_LAG_S)
 
 /* The unit phasor of a loop with an additional phase lag of `rad`. */
@@ -38,10 +38,10 @@ static enum hd_reset_cause reset_cause(void)
     if (flags & CSR_SFTRSTF) {
         return HD_RESET_SOFTWARE;
     }
-    if (flags & CSR_PORRSTF) {
+    if (flags & CSR_POWER_UP) {
         return HD_RESET_POWER;
     }
-    if (flags & CSR_BORRSTF) {
+    if (flags & CSR_BROWN_OUT) {
         return HD_RESET_BROWN_OUT;
     }
     return flags & CSR_PINRSTF ? HD_RESET_PIN : HD_RESET_UNKNOWN;
@@ -103,10 +103,51 @@ static void describe_board(hd_config_t *config, const hd_converters_t *converter
     }
 }
 
-static void log_slow_clock(void)
+void kept_add(uint8_t event, float value, uint32_t now_us)
 {
-    hd_wire_log_entry_t entry = {.boot_id = kept.boot_id, .code = HD_EVENT_SLOW_CLOCK, .mode = 255};
+    hd_wire_log_entry_t entry = {now_us, kept.boot_id, event, 255, value};
     hd_log_add(&kept.log, &entry);
+}
+
+static uint32_t reversed(uint32_t word)
+{
+    __asm("rbit %0, %1" : "=r"(word) : "r"(word));
+    return word;
+}
+
+/* CRC-32, as in ISO 3309, of what was flashed: make appends it to the image. */
+static bool image_intact(void)
+{
+    extern const uint32_t image_begin[], image_crc[];
+    RCC->AHB1ENR |= AHB1_CRC;
+    (void)RCC->AHB1ENR;
+    CRC->CR = CRC_RESET;
+    for (const uint32_t *word = image_begin; word < image_crc; word++) {
+        CRC->DR = reversed(*word); /* the unit takes the highest bit first */
+    }
+    return ~reversed(CRC->DR) == *(const volatile uint32_t *)image_crc;
+}
+
+/* The core refuses a plate without gain, and reports it to the host; the log has the reason. */
+static void require(bool condition, uint8_t event, hd_config_t *config)
+{
+    if (!condition) {
+        kept_add(event, 0.0f, 0);
+        config->model[0].gain_um_per_v_s = 0.0f;
+    }
+}
+
+static bool watch_supply(void)
+{
+    RCC->APB1ENR |= APB1_PWR;
+    (void)RCC->APB1ENR;
+    (void)chip_watch_supply(); /* while it starts, the detector may report anything */
+    EXTI->RTSR |= EXTI_PVD;
+    EXTI->PR = EXTI_PVD;
+    EXTI->IMR |= EXTI_PVD;
+    NVIC_ICPR[0] = 1u << IRQ_PVD;
+    NVIC_ISER[0] = 1u << IRQ_PVD; /* with the priority 0, above the chunks */
+    return chip_watch_supply();
 }
 
 void board_start(hd_config_t *config, hd_converters_t *converters)
@@ -119,12 +160,12 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     config->reset_cause = (uint8_t)cause;
     clock_source_t source = clock_start();
     if (source == CLOCK_NONE) {
-        crash(0);
+        crash(HD_EVENT_CRASH, 0);
     }
-    if (source == CLOCK_INTERNAL) {
-        log_slow_clock();
-        config->model[0].gain_um_per_v_s = 0.0f; /* the core refuses such a plate and reports it */
-    }
+    require(source == CLOCK_CRYSTAL, HD_EVENT_SLOW_CLOCK, config);
+    require(image_intact(), HD_EVENT_IMAGE, config);
+    require(chip_guards_brown_out(), HD_EVENT_BROWN_OUT_OFF, config);
+    require(watch_supply(), HD_EVENT_SUPPLY, config);
     config->log = kept.log;
     link_start();
 }
@@ -136,6 +177,7 @@ void board_run(void)
     IWDG->KR = IWDG_KEY_WRITE;
     IWDG->PR = 0;
     IWDG->RLR = WATCHDOG_RELOAD;
+    (void)reaches(&IWDG->SR, IWDG_UPDATING, 0); /* fed earlier, it would start from the longest time */
     IWDG->KR = IWDG_KEY_FEED;
     sampling = true;
     sampling_run();
@@ -164,6 +206,11 @@ void board_write(const uint8_t *bytes, size_t n)
 void board_enable_amplifiers(bool enable)
 {
     sampling_enable_amplifiers(enable);
+}
+
+uint8_t board_interlock(void)
+{
+    return sampling_interlock();
 }
 
 void board_lock(void)

@@ -1,12 +1,6 @@
 /* Clocks and the microsecond counter. */
-#ifndef HD_F405_CLOCK_H
-#define HD_F405_CLOCK_H
-
-#include <stdbool.h>
-
-#define CORE_HZ 168000000
-#define APB1_TIMER_HZ 84000000
-#define APB2_HZ 84000000
+#ifndef HD_STM32_CLOCK_H
+#define HD_STM32_CLOCK_H
 
 typedef enum {
     CLOCK_NONE,     /* not even the internal oscillator brings the PLL to lock */
@@ -14,7 +8,7 @@ typedef enum {
     CLOCK_CRYSTAL,
 } clock_source_t;
 
-/* Brings the core to 168 MHz, and starts counting microseconds. Every wait is bounded: returns within 40 ms. */
+/* Brings the core to CORE_HZ, and starts counting microseconds. Every wait is bounded: returns within 40 ms. */
 clock_source_t clock_start(void);
 
 #endif

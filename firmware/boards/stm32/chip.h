@@ -1,0 +1,39 @@
+/* What each chip does in a way of its own, in its folder's chip.c; the rest of the program is the same on all of them. */
+#ifndef HD_STM32_CHIP_H
+#define HD_STM32_CHIP_H
+
+#include <stdbool.h>
+
+#include "registers.h"
+
+/* Waits for (*reg & mask) == value, but not for ever: false after 20000 turns, 5 ms at 16 MHz. */
+bool reaches(reg_t *reg, uint32_t mask, uint32_t value);
+
+/* Lets the locked PLL clock the core, at the speed of clock.h. */
+bool chip_use_pll(void);
+
+/* Registers only, in any state of the chip: all outputs at mid-rail, without a trigger. */
+void converters_silence(void);
+
+/* From silence: the streams, the DACs and the ADCs wait for TIM2. */
+void converters_start(void);
+
+/* Ends the streams and resets DACs, ADCs and TIM2. */
+void converters_stop(void);
+
+/* All streams are where they should be relative to each other, and nothing was lost. */
+bool converters_in_step(void);
+
+/* Hands the half that was sampled and the half to be played next to hd_on_chunk. */
+void converters_exchange(int half);
+
+/* Pins, baud rate and stream routes of the host's line; link.c starts the streams. */
+void serial_start(void);
+
+/* Brown-out reset below 2.7 V at least, by the option bytes. */
+bool chip_guards_brown_out(void);
+
+/* Watches the supply: false if it stays below 2.9 V; falling later raises EXTI line 16. */
+bool chip_watch_supply(void);
+
+#endif

@@ -1,0 +1,62 @@
+/* Received bytes run round a ring that the main loop follows; what is sent has the buffer to itself until it is on the
+ * line. The main loop wakes at every chunk, so either way 50 us are lost at most.
+ */
+#include "link.h"
+
+#include <string.h>
+
+#include "chip.h"
+
+#define RING 1024  /* 11 ms at 921600 baud; the main loop comes round every 50 us */
+#define BUFFER 512
+
+static volatile uint8_t ring[RING];
+static uint32_t ring_read;
+static uint8_t sent[BUFFER];
+
+static void receive(void)
+{
+    ring_read = 0;
+    LINK_RX->PAR = LINK_RX_DATA;
+    LINK_RX->M0AR = (uint32_t)(uintptr_t)ring;
+    LINK_RX->NDTR = RING;
+    LINK_RX->CR = LINK_RX_ROUTE | DMA_MINC | DMA_CIRC | DMA_PRIORITY(1) | DMA_EN;
+}
+
+void link_start(void)
+{
+    serial_start();
+    receive();
+    LINK_TX->PAR = LINK_TX_DATA;
+    LINK_TX->M0AR = (uint32_t)(uintptr_t)sent;
+}
+
+size_t link_read(uint8_t *bytes, size_t capacity)
+{
+    if ((LINK_RX->CR & DMA_EN) == 0) { /* a transfer error ends the stream, and would leave a board that is deaf */
+        LINK_RX_CLEAR = LINK_RX_FLAGS;
+        receive();
+    }
+    uint32_t written = RING - LINK_RX->NDTR;
+    size_t n = 0;
+    while (n < capacity && ring_read != written % RING) {
+        bytes[n++] = ring[ring_read];
+        ring_read = (ring_read + 1) % RING;
+    }
+    return n;
+}
+
+size_t link_write_room(void)
+{
+    return (LINK_TX->CR & DMA_EN) != 0 && !LINK_TX_DONE ? 0 : BUFFER;
+}
+
+void link_write(const uint8_t *bytes, size_t n)
+{
+    memcpy(sent, bytes, n);
+    LINK_TX->CR = 0;
+    LINK_TX_CLEAR = LINK_TX_FLAGS;
+    LINK_TX->NDTR = (uint32_t)n;
+    __asm volatile("dsb" : : : "memory"); /* the bytes are in memory before the stream reads them */
+    LINK_TX->CR = LINK_TX_ROUTE | DMA_MINC | DMA_TO_PERIPHERAL | DMA_EN;
+}

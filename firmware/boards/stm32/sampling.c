@@ -1,0 +1,126 @@
+/* TIM2 is a square wave of 1 MHz. Its rising edge moves the DACs, its falling edge starts the ADCs, so that the two never
+ * drift, and samples are taken half a period after the outputs moved. All words travel by DMA; the ADCs' half and full
+ * transfer is the interrupt of the program.
+ *
+ * A trigger outputs what a DAC holds and only then requests the next word: a word appears one period after that of its
+ * index was requested, half a period after the sample of the same index, and is held for a period.
+ * CONVERTER_LAG_S in board.c accounts for it.
+ */
+#include "sampling.h"
+
+#include "board.h"
+#include "chip.h"
+#include "clock.h"
+#include "setup.h"
+
+#define CHUNK_PRIORITY 0x10 /* below the faults and the supply, above nothing */
+#define SETTLE_TURNS 200 /* of at least 4 cycles: 4 us, where the ADCs need 3 */
+#define PERIOD (TIMER_HZ / HD_SAMPLE_HZ)
+
+#define AMPLIFIERS 12 /* PB12, high to enable, or changing with every tick */
+#define BUSY 13       /* PB13, high while the interrupt works: its duty cycle is the load */
+#define AMPLIFIER_FAULT 14 /* PB14, low: an amplifier reports a fault; open: none */
+#define EMERGENCY_STOP 15  /* PB15, low through a closed contact to ground; open: stop */
+
+void sampling_enable_amplifiers(bool enable)
+{
+    bool high = enable && !(ENABLE_BY_PULSES && (GPIOB->ODR & 1u << AMPLIFIERS) != 0);
+    GPIOB->BSRR = high ? 1u << AMPLIFIERS : 1u << (AMPLIFIERS + 16);
+}
+
+uint8_t sampling_interlock(void)
+{
+    uint32_t pins = GPIOB->IDR;
+    if (HAS_EMERGENCY_STOP && (pins & 1u << EMERGENCY_STOP) != 0) {
+        return HD_EVENT_EMERGENCY_STOP;
+    }
+    return (pins & 1u << AMPLIFIER_FAULT) == 0 ? HD_EVENT_AMPLIFIER_FAULT : 0;
+}
+
+void sampling_silence(void)
+{
+    GPIO_ENR |= GPIO_A | GPIO_B;
+    RCC->APB1ENR |= APB1_TIM2 | APB1_DAC;
+    (void)RCC->APB1ENR; /* the clocks need two cycles to arrive */
+    sampling_enable_amplifiers(false);
+    GPIOB->PUPDR |= PULL_UP(AMPLIFIER_FAULT) | PULL_UP(EMERGENCY_STOP);
+    uint32_t pins = ANALOGUE(AMPLIFIERS) | ANALOGUE(BUSY) | ANALOGUE(AMPLIFIER_FAULT) | ANALOGUE(EMERGENCY_STOP);
+    GPIOB->MODER = (GPIOB->MODER & ~pins) | OUTPUT(AMPLIFIERS) | OUTPUT(BUSY);
+    TIM2->CR1 = 0;
+    converters_silence();
+}
+
+/* High for the first half of a period. It begins at the end of one, low, so that the DACs' edge is the first. */
+static void start_timer(void)
+{
+    TIM2->PSC = 0;
+    TIM2->ARR = PERIOD - 1;
+    TIM2->CCR[0] = PERIOD / 2;
+    TIM2->CNT = PERIOD - 1;
+    TIM2->CCMR[0] = TIM_OC1M_PWM1;
+    TIM2->CR2 = TIM_MMS_OC1REF;
+    for (volatile int turn = 0; turn < SETTLE_TURNS; turn++) {
+    }
+    TIM2->CR1 = TIM_CEN;
+}
+
+static void accept_interrupt(int irq)
+{
+    NVIC_IPR[irq] = CHUNK_PRIORITY;
+    NVIC_ICPR[irq / 32] = 1u << irq % 32; /* a chunk of before a restart is none */
+    NVIC_ISER[irq / 32] = 1u << irq % 32;
+}
+
+void sampling_run(void)
+{
+    static const uint8_t failures[] = {IRQS_TRANSFER_ERROR};
+    converters_start();
+    for (unsigned i = 0; i < sizeof failures; i++) {
+        accept_interrupt(failures[i]);
+    }
+    accept_interrupt(IRQ_CHUNK);
+    start_timer();
+}
+
+/* From the beginning, by way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC
+ * that was overrun neither. */
+static void restart(void)
+{
+    hd_on_missed_chunk();
+    sampling_silence();
+    converters_stop();
+    sampling_silence();
+    sampling_run();
+}
+
+void sampling_on_chunk(void)
+{
+    GPIOB->BSRR = 1u << BUSY;
+    uint32_t event = CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE | CHUNK_ERROR);
+    CHUNK_CLEAR = event; /* and not what comes between the two: that would be a chunk lost unseen */
+    if ((event == CHUNK_HALF || event == CHUNK_COMPLETE) && converters_in_step()) {
+        converters_exchange(event == CHUNK_COMPLETE);
+    } else {
+        event = 0;
+    }
+    /* The other half's event now would mean that the DACs play what was just being filled. */
+    if (event == 0 || (CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE)) != 0) {
+        restart();
+    }
+    GPIOB->BSRR = 1u << (BUSY + 16);
+}
+
+void sampling_on_transfer_error(void)
+{
+    restart();
+}
+
+void sampling_lock(void)
+{
+    __asm volatile("msr basepri, %0\n\tisb" : : "r"(CHUNK_PRIORITY) : "memory");
+}
+
+void sampling_unlock(void)
+{
+    __asm volatile("msr basepri, %0" : : "r"(0) : "memory");
+}

@@ -1,0 +1,55 @@
+/* What a laboratory sets: its plate, its amplifiers, its sensors and its clockwork. Measure, edit, build, flash.
+ *
+ * As it stands: the reference plate of the founding paper with Q = 500, with a third mode between its two where a board
+ * drives three, and a front end with which 150 V and 8 um fit the converters. Model and gains can be changed on the
+ * running board too (SET_MODEL, SET_CONTROLLER); limits cannot. The crystal is in a board's registers.h.
+ */
+#ifndef HD_STM32_SETUP_H
+#define HD_STM32_SETUP_H
+
+#if HD_MODES == 3
+#define PER_MODE(x, y, z) {x, y, z}
+#else
+#define PER_MODE(x, y, z) {x, y}
+#endif
+
+#define LINK_BAUD 921600
+#define DRIVE_HZ 29205.0f
+
+#ifndef CONTROL_HZ
+#define CONTROL_HZ 5000 /* or 2000 */
+#endif
+
+/* Limits, applied independently of the host. */
+#define V_LIMIT_V 150.0f
+#define W_LIMIT_UM PER_MODE(4.0f, 4.0f, 4.0f)
+
+/* The plate: each mode's resonance, its quality factor, and what V_LIMIT_V hold at the drive frequency. */
+#define MODE_HZ PER_MODE(29195.0f, 29215.0f, 29205.0f)
+#define QUALITY PER_MODE(500.0f, 500.0f, 500.0f)
+#define HELD_UM PER_MODE(4.0f, 4.0f, 4.0f)
+
+/* By how much amplifier, electrodes and sensor turn the phase back at the drive frequency, in rad. A sweep shows minus
+ * the phase of the whole loop: take off the 0.184 rad (10.5 degrees) of the converters, which LAG adds by itself. */
+#define LOOP PER_MODE(LAG(0.0f), LAG(0.0f), LAG(0.0f))
+
+/* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
+ * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
+#define REFERENCE_V 3.3f
+#define DAC_STEPS 1800.0f
+#define AMPLIFIER_V_PER_V PER_MODE(110.0f, 110.0f, 110.0f)
+#define SENSOR_UM_PER_V PER_MODE(4.85f, 4.85f, 4.85f)
+
+/* Between board and amplifiers. */
+#ifndef ENABLE_BY_PULSES
+#define ENABLE_BY_PULSES false /* PB12 is high to enable; true: it changes with every tick, for a retriggerable monostable */
+#endif
+#ifndef HAS_EMERGENCY_STOP
+#define HAS_EMERGENCY_STOP false /* true: drives only while a closed contact connects PB15 to ground */
+#endif
+
+#define LATCH_REPEATED_TRIPS true /* three dead-man trips in ten seconds: a person should look */
+
+_Static_assert(CONTROL_HZ == 2000 || CONTROL_HZ == 5000, "a tick is a whole number of chunks of 50 us");
+
+#endif

@@ -1,0 +1,106 @@
+/* The registers that these chips have in the same place: PM0214 for the core's own, RM0090 rev 18 and RM0440 for the
+ * others. What differs is in the registers.h of a chip. */
+#ifndef HD_STM32_H
+#define HD_STM32_H
+
+#include <stdint.h>
+
+typedef volatile uint32_t reg_t;
+
+typedef struct {
+    reg_t MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFR[2];
+} gpio_t;
+
+typedef struct {
+    reg_t CR1, CR2, SMCR, DIER, SR, EGR, CCMR[2], CCER, CNT, PSC, ARR, RCR, CCR[4];
+} timer_t;
+
+typedef struct {
+    reg_t CR, SWTRIGR, DHR12R1, DHR12L1, DHR8R1, DHR12R2, DHR12L2, DHR8R2, DHR12RD, DHR12LD, DHR8RD, DOR1, DOR2, SR, CCR, MCR;
+} dac_t;
+
+typedef struct {
+    reg_t KR, PR, RLR, SR;
+} watchdog_t;
+
+typedef struct {
+    reg_t IMR, EMR, RTSR, FTSR, SWIER, PR;
+} exti_t;
+
+typedef struct {
+    reg_t DR, IDR, CR;
+} crc_t;
+
+#define TIM2 ((timer_t *)0x40000000)
+#define TIM5 ((timer_t *)0x40000C00)
+#define IWDG ((watchdog_t *)0x40003000)
+#define CRC ((crc_t *)0x40023000)
+#define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008)
+
+#define NVIC_ISER ((reg_t *)0xE000E100)
+#define NVIC_ICPR ((reg_t *)0xE000E280)
+#define NVIC_IPR ((volatile uint8_t *)0xE000E400)
+#define SCB_AIRCR (*(reg_t *)0xE000ED0C)
+#define SCB_CPACR (*(reg_t *)0xE000ED88)
+#define MPU_CTRL (*(reg_t *)0xE000ED94)
+#define MPU_RNR (*(reg_t *)0xE000ED98)
+#define MPU_RBAR (*(reg_t *)0xE000ED9C)
+#define MPU_RASR (*(reg_t *)0xE000EDA0)
+
+/* RCC: the fields of these names have the same bits */
+#define CR_HSEON (1u << 16)
+#define CR_HSERDY (1u << 17)
+#define CR_CSSON (1u << 19)
+#define CR_PLLON (1u << 24)
+#define CR_PLLRDY (1u << 25)
+#define CFGR_SWS (3u << 2)
+#define APB1_TIM2 (1u << 0)
+#define APB1_TIM5 (1u << 3)
+#define APB1_PWR (1u << 28)
+#define AHB1_CRC (1u << 12)
+#define GPIO_A (1u << 0)
+#define GPIO_B (1u << 1)
+#define CSR_PINRSTF (1u << 26)
+#define CSR_POWER_UP (1u << 27) /* of the STM32G474: or a brown-out */
+#define CSR_SFTRSTF (1u << 28)
+#define CSR_IWDGRSTF (1u << 29)
+#define CSR_WWDGRSTF (1u << 30)
+#define CSR_LPWRRSTF (1u << 31)
+
+/* GPIO: the two bits of a pin in MODER and PUPDR, the four in AFR */
+#define OUTPUT(pin) (1u << 2 * (pin))
+#define ALTERNATE(pin) (2u << 2 * (pin))
+#define ANALOGUE(pin) (3u << 2 * (pin))
+#define PULL_UP(pin) (1u << 2 * (pin))
+#define FUNCTION(pin, f) ((uint32_t)(f) << 4 * ((pin) % 8))
+
+#define TIM_CEN (1u << 0)
+#define TIM_UG (1u << 0)
+#define TIM_MMS_OC1REF (4u << 4)
+#define TIM_OC1M_PWM1 (6u << 4)
+
+/* DAC; channel 2's bits are 16 higher */
+#define DAC_EN (1u << 0)
+#define DAC_DMAEN (1u << 12)
+#define DAC_UNDERRUNS (1u << 13 | 1u << 29)
+
+#define USART_RE (1u << 2)
+#define USART_TE (1u << 3)
+#define USART_DMAR (1u << 6)
+#define USART_DMAT (1u << 7)
+
+#define IWDG_KEY_START 0xCCCCu
+#define IWDG_KEY_WRITE 0x5555u
+#define IWDG_KEY_FEED 0xAAAAu
+#define IWDG_UPDATING 3u /* SR: prescaler and reload are on their way to the slow clock */
+#define DBG_TIM2_STOP (1u << 0)
+#define DBG_IWDG_STOP (1u << 12)
+#define AIRCR_RESET (0x05FAu << 16 | 1u << 2)
+#define CPACR_FPU (0xFu << 20)
+#define MPU_ENABLE (1u << 2 | 1u << 0)                /* the default map stays for all else */
+#define MPU_NO_ACCESS_32_BYTES (1u << 28 | 4u << 1 | 1u) /* no execution, no access, 2^(4+1) bytes */
+#define CRC_RESET (1u << 0)
+#define EXTI_PVD (1u << 16)
+#define IRQ_PVD 1
+
+#endif

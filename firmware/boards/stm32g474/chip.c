@@ -1,0 +1,196 @@
+/* The STM32G474's clocks, converters and line. Every mode has an ADC, a DAC and two streams of its own. */
+#include "chip.h"
+
+#include "board.h"
+#include "planar.h"
+#include "setup.h"
+
+_Static_assert(HD_MODES == 2 || HD_MODES == 3, "three DACs of the STM32G474 have pins");
+_Static_assert(CRYSTAL_HZ % 4000000 == 0 && CRYSTAL_HZ <= 48000000, "the PLL needs 4 MHz");
+_Static_assert(LINK_BAUD >= 9600 && LINK_BAUD <= CORE_HZ / 3, "LPUART1 wants 3 to 4096 cycles a bit");
+
+#define WORDS (2 * HD_CHUNK)
+#define REGULATOR_TURNS 1000 /* of at least 4 cycles: 23 us, where the ADCs' regulators need 20 */
+#define CALIBRATED_TURNS 20  /* 4 cycles of the ADC's clock, from the end of its calibration */
+#define SERIAL_FUNCTION 12
+
+typedef struct {
+    adc_t *adc;
+    uint8_t channel;
+    uint8_t adc_request;
+    uint8_t dac_request;
+    reg_t *dac_data;
+} lane_t;
+
+static const lane_t lane[] = {
+    {ADC1, 1, REQUEST_ADC1, REQUEST_DAC1_1, &DAC1->DHR12L1},  /* PA0; PA4 */
+    {ADC2, 2, REQUEST_ADC2, REQUEST_DAC1_2, &DAC1->DHR12L2},  /* PA1; PA5 */
+    {ADC3, 12, REQUEST_ADC3, REQUEST_DAC2_1, &DAC2->DHR12L1}, /* PB0; PA6 */
+};
+
+static _Alignas(uint32_t) uint16_t sampled[HD_MODES][2][HD_CHUNK];
+static _Alignas(uint32_t) uint16_t played[HD_MODES][2][HD_CHUNK];
+
+/* RM0440, "Increasing the system clock frequency": above 80 MHz by way of half of it, for a microsecond. */
+bool chip_use_pll(void)
+{
+    RCC->APB1ENR |= APB1_PWR;
+    (void)RCC->APB1ENR;
+    PWR->CR5 &= ~PWR_R1MODE;
+    FLASH->ACR = ACR_170_MHZ;
+    if (!reaches(&FLASH->ACR, 0xF, ACR_170_MHZ & 0xF)) {
+        return false;
+    }
+    RCC->CFGR |= CFGR_HPRE_DIV2;
+    RCC->CFGR |= CFGR_SW_PLL;
+    if (!reaches(&RCC->CFGR, CFGR_SWS, CFGR_SW_PLL << 2)) {
+        return false;
+    }
+    for (volatile int turn = 0; turn < 50; turn++) {
+    }
+    RCC->CFGR &= ~CFGR_HPRE_DIV2;
+    return true;
+}
+
+bool chip_guards_brown_out(void)
+{
+    return (FLASH->OPTR & OPTR_BOR) >= OPTR_BOR_LEVEL_4;
+}
+
+bool chip_watch_supply(void)
+{
+    PWR->CR2 |= PWR_PLS_2V9 | PWR_PVDE;
+    return reaches(&PWR->SR2, PWR_PVDO, 0);
+}
+
+void converters_silence(void)
+{
+    RCC->AHB2ENR |= AHB2_DACS;
+    (void)RCC->AHB2ENR;
+    DAC1->DHR12LD = HD_MID_RAIL << 16 | HD_MID_RAIL;
+    DAC2->DHR12L1 = HD_MID_RAIL;
+    DAC1->MCR = DAC2->MCR = DAC_HFSEL_160_MHZ;
+    DAC1->CR = DAC_BOTH(DAC_EN); /* no trigger: what was written is put out within a few cycles */
+    DAC2->CR = DAC_EN;
+    GPIOA->MODER |= ANALOGUE(0) | ANALOGUE(1) | ANALOGUE(4) | ANALOGUE(5) | ANALOGUE(6);
+    GPIOB->MODER |= ANALOGUE(0);
+}
+
+static void start_stream(dma_stream_t *stream, const volatile void *peripheral, void *memory, uint32_t flags)
+{
+    stream->PAR = (uint32_t)(uintptr_t)peripheral;
+    stream->M0AR = (uint32_t)(uintptr_t)memory;
+    stream->NDTR = WORDS;
+    stream->CR = DMA_HALFWORDS | DMA_MINC | DMA_CIRC | DMA_PRIORITY(3) | DMA_TEIE | flags;
+    __asm volatile("dsb" : : : "memory"); /* what the stream will read is written */
+    stream->CR |= DMA_EN;
+}
+
+static void start_dacs(void)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        for (int i = 0; i < WORDS; i++) {
+            played[k][i / HD_CHUNK][i % HD_CHUNK] = HD_MID_RAIL;
+        }
+        DMAMUX[8 + k] = lane[k].dac_request;
+        start_stream(&DMA2->STREAM[k], lane[k].dac_data, played[k], DMA_TO_PERIPHERAL);
+    }
+    DAC1->CR = DAC_BOTH(DAC_EN | DAC_TEN | DAC_TSEL_TIM2 | DAC_DMAEN);
+    if (HD_MODES > 2) {
+        DAC2->CR = DAC_EN | DAC_TEN | DAC_TSEL_TIM2 | DAC_DMAEN;
+    }
+}
+
+static void calibrate(adc_t *adc)
+{
+    adc->CR = ADC_ADVREGEN | ADC_ADCAL;
+    (void)reaches(&adc->CR, ADC_ADCAL, 0);
+    for (volatile int turn = 0; turn < CALIBRATED_TURNS; turn++) {
+    }
+}
+
+static void start_adc(adc_t *adc, uint32_t channel)
+{
+    calibrate(adc);
+    adc->CFGR = ADC_DMA_CIRCULAR | ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING | ADC_ALIGN_LEFT;
+    adc->SMPR[channel / 10] = ADC_SAMPLE_6_5(channel);
+    adc->SQR[0] = ADC_SEQUENCE(channel);
+    adc->ISR = ADC_ADRDY;
+    adc->CR = ADC_ADVREGEN | ADC_ADEN;
+    (void)reaches(&adc->ISR, ADC_ADRDY, ADC_ADRDY);
+    adc->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
+}
+
+/* 42.5 MHz, 6.5 cycles to sample and 12.5 to convert: 0.45 us, over before the DACs move again. */
+static void start_adcs(void)
+{
+    ADC12_CCR = ADC345_CCR = ADC_CKMODE_DIV4;
+    for (int k = 0; k < HD_MODES; k++) {
+        lane[k].adc->CR = 0; /* out of deep power-down */
+        lane[k].adc->CR = ADC_ADVREGEN;
+    }
+    for (volatile int turn = 0; turn < REGULATOR_TURNS; turn++) {
+    }
+    for (int k = 0; k < HD_MODES; k++) {
+        uint32_t interrupts = k == CHUNK_STREAM ? DMA_HTIE | DMA_TCIE : 0;
+        DMAMUX[k] = lane[k].adc_request;
+        start_stream(&DMA1->STREAM[k], &lane[k].adc->DR, sampled[k], interrupts);
+        start_adc(lane[k].adc, lane[k].channel);
+    }
+}
+
+void converters_start(void)
+{
+    RCC->AHB1ENR |= AHB1_DMAS;
+    RCC->AHB2ENR |= AHB2_ADCS;
+    (void)RCC->AHB2ENR;
+    DMA1->IFCR = 0xFFF; /* streams 0 to 2 */
+    DMA2->IFCR = 0xFFF;
+    start_dacs();
+    start_adcs();
+}
+
+void converters_stop(void)
+{
+    for (int k = 0; k < HD_MODES; k++) {
+        DMA1->STREAM[k].CR = DMA2->STREAM[k].CR = 0;
+    }
+    RCC->AHB2RSTR = AHB2_ADCS | AHB2_DACS;
+    RCC->APB1RSTR = APB1_TIM2;
+    RCC->AHB2RSTR = 0;
+    RCC->APB1RSTR = 0;
+}
+
+/* The DACs' streams are one or two words ahead: they have fetched what the next trigger will put out. */
+bool converters_in_step(void)
+{
+    uint32_t lost = (DAC1->SR | DAC2->SR) & DAC_UNDERRUNS;
+    for (int k = 0; k < HD_MODES; k++) {
+        uint32_t lead = (DMA1->STREAM[k].NDTR - DMA2->STREAM[k].NDTR + WORDS) % WORDS;
+        lost |= (lane[k].adc->ISR & ADC_OVR) | (lead > 2);
+    }
+    return lost == 0;
+}
+
+void converters_exchange(int half)
+{
+    if (planar_listen(hd_program_carrier(), sampled[0][half])) {
+        hd_on_tick();
+    }
+    planar_speak(hd_program_carrier(), played[0][half]);
+}
+
+void serial_start(void)
+{
+    RCC->AHB1ENR |= AHB1_DMAS;
+    RCC->APB1ENR2 |= APB1_LPUART1;
+    (void)RCC->APB1ENR2;
+    GPIOA->PUPDR |= PULL_UP(3); /* an open input is a line at rest, not noise */
+    GPIOA->AFR[0] |= FUNCTION(2, SERIAL_FUNCTION) | FUNCTION(3, SERIAL_FUNCTION);
+    GPIOA->MODER = (GPIOA->MODER & ~(ANALOGUE(2) | ANALOGUE(3))) | ALTERNATE(2) | ALTERNATE(3);
+    LPUART1->BRR = (uint32_t)((256ull * CORE_HZ + LINK_BAUD / 2) / LINK_BAUD);
+    LPUART1->CR3 = USART_DMAR | USART_DMAT;
+    LPUART1->CR1 = USART_UE | USART_RE | USART_TE;
+    DMAMUX[4] = REQUEST_LPUART1_RX;
+    DMAMUX[5] = REQUEST_LPUART1_TX;
+}

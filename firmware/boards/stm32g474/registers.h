@@ -1,0 +1,152 @@
+/* The registers that the STM32G474 has in its own way: RM0440. */
+#ifndef HD_G474_REGISTERS_H
+#define HD_G474_REGISTERS_H
+
+#include "stm32.h"
+
+#define CRYSTAL_HZ 24000000
+#define CORE_HZ 170000000
+#define TIMER_HZ CORE_HZ
+
+typedef struct {
+    reg_t CR, ICSCR, CFGR, PLLCFGR, _0[2], CIER, CIFR, CICR, _1, AHB1RSTR, AHB2RSTR, AHB3RSTR, _2, APB1RSTR, APB1RSTR2,
+        APB2RSTR, _3, AHB1ENR, AHB2ENR, AHB3ENR, _4, APB1ENR, APB1ENR2, APB2ENR, _5, SMENR[8], CCIPR, _6, BDCR, CSR;
+} rcc_t;
+
+typedef struct {
+    reg_t ACR, PDKEYR, KEYR, OPTKEYR, SR, CR, ECCR, _0, OPTR;
+} flash_t;
+
+typedef struct {
+    reg_t CR1, CR2, CR3, CR4, SR1, SR2, SCR, _0, PULLS[24], CR5;
+} power_t;
+
+typedef struct {
+    reg_t ISR, IER, CR, CFGR, CFGR2, SMPR[2], _0, TR[3], _1, SQR[4], DR;
+} adc_t;
+
+typedef struct {
+    reg_t CR, NDTR, PAR, M0AR, _0;
+} dma_stream_t; /* a "channel" there */
+
+typedef struct {
+    reg_t ISR, IFCR;
+    dma_stream_t STREAM[8];
+} dma_t;
+
+typedef struct {
+    reg_t CR1, CR2, CR3, BRR, GTPR, RTOR, RQR, ISR, ICR, RDR, TDR, PRESC;
+} usart_t;
+
+#define RCC ((rcc_t *)0x40021000)
+#define FLASH ((flash_t *)0x40022000)
+#define GPIOA ((gpio_t *)0x48000000)
+#define GPIOB ((gpio_t *)0x48000400)
+#define PWR ((power_t *)0x40007000)
+#define LPUART1 ((usart_t *)0x40008000)
+#define EXTI ((exti_t *)0x40010400)
+#define DMA1 ((dma_t *)0x40020000)
+#define DMA2 ((dma_t *)0x40020400)
+#define DMAMUX ((reg_t *)0x40020800) /* 0 to 7 for DMA1, 8 to 15 for DMA2 */
+#define ADC1 ((adc_t *)0x50000000)
+#define ADC2 ((adc_t *)0x50000100)
+#define ADC12_CCR (*(reg_t *)0x50000308)
+#define ADC3 ((adc_t *)0x50000400)
+#define ADC345_CCR (*(reg_t *)0x50000708)
+#define DAC1 ((dac_t *)0x50000800)
+#define DAC2 ((dac_t *)0x50000C00)
+#define UNIQUE_ID ((const reg_t *)0x1FFF7590) /* 96 bits */
+
+/* RCC. VCO at 340 MHz from 4 MHz: 170 for the core. */
+#define PLL_CONFIG(input_hz, source) (((uint32_t)(input_hz) / 4000000 - 1) << 4 | 85u << 8 | 1u << 24 | (source))
+#define PLL_CRYSTAL 3u
+#define PLL_INTERNAL 2u
+#define CFGR_SW_PLL 3u
+#define CFGR_HPRE_DIV2 (8u << 4)
+#define GPIO_ENR RCC->AHB2ENR
+#define AHB1_DMAS (1u << 0 | 1u << 1 | 1u << 2) /* both, and their multiplexer */
+#define AHB2_ADCS (1u << 13 | 1u << 14)
+#define AHB2_DACS (1u << 16 | 1u << 17)
+#define APB1_DAC 0u
+#define APB1_LPUART1 (1u << 0) /* of APB1ENR2 */
+#define CSR_RMVF (1u << 23)
+#define CSR_BROWN_OUT 0u
+
+#define ACR_170_MHZ 0x40704u /* 4 wait states; prefetch, instruction and data cache; debug as after a reset */
+#define OPTR_BOR (7u << 8)
+#define OPTR_BOR_LEVEL_4 (4u << 8) /* 2.8 V */
+#define PWR_PVDE (1u << 0)      /* of CR2 */
+#define PWR_PLS_2V9 (6u << 1)
+#define PWR_PVDO (1u << 11)     /* of SR2 */
+#define PWR_R1MODE (1u << 8)    /* of CR5; 0 is the boost mode, above 150 MHz */
+
+/* DAC */
+#define DAC_TEN (1u << 1)
+#define DAC_TSEL_TIM2 (4u << 2)
+#define DAC_BOTH(bits) ((bits) | (bits) << 16)
+#define DAC_HFSEL_160_MHZ (2u << 14) /* of MCR, whose zeros are: to the pin, with the buffer */
+
+/* ADC */
+#define ADC_ADRDY (1u << 0)
+#define ADC_OVR (1u << 4)
+#define ADC_ADEN (1u << 0)
+#define ADC_ADSTART (1u << 2)
+#define ADC_ADVREGEN (1u << 28)
+#define ADC_ADCAL (1u << 31)
+#define ADC_DMA_CIRCULAR (3u << 0)
+#define ADC_EXTSEL_TIM2_TRGO (11u << 5)
+#define ADC_EXTEN_FALLING (2u << 10)
+#define ADC_ALIGN_LEFT (1u << 15)
+#define ADC_CKMODE_DIV4 (3u << 16)
+#define ADC_SAMPLE_6_5(channel) (1u << 3 * ((channel) % 10))
+#define ADC_SEQUENCE(channel) ((uint32_t)(channel) << 6)
+
+/* DMA */
+#define DMA_EN (1u << 0)
+#define DMA_TCIE (1u << 1)
+#define DMA_HTIE (1u << 2)
+#define DMA_TEIE (1u << 3)
+#define DMA_TO_PERIPHERAL (1u << 4)
+#define DMA_CIRC (1u << 5)
+#define DMA_MINC (1u << 7)
+#define DMA_HALFWORDS (2u << 8 | 1u << 10) /* a word at the peripheral, half of one in memory; 0 is bytes */
+#define DMA_PRIORITY(p) ((uint32_t)(p) << 12)
+#define DMA_ALL 0xFu
+
+/* Streams 0 to 2 of DMA1 are the ADCs', of DMA2 the DACs'. Requests are equally urgent and served in their order, so
+ * that the last mode's word is the last of its instant. */
+#define CHUNK_STREAM (HD_MODES - 1)
+#define CHUNK_FLAGS DMA1->ISR
+#define CHUNK_CLEAR DMA1->IFCR
+#define CHUNK_COMPLETE (2u << 4 * CHUNK_STREAM)
+#define CHUNK_HALF (4u << 4 * CHUNK_STREAM)
+#define CHUNK_ERROR (8u << 4 * CHUNK_STREAM)
+#define IRQ_CHUNK (11 + CHUNK_STREAM)
+#if HD_MODES == 3
+#define IRQS_TRANSFER_ERROR 11, 12, 56, 57, 58
+#define VECTORS_TRANSFER_ERROR \
+    [16 + 11 ... 16 + 12] = sampling_on_transfer_error, [16 + 56 ... 16 + 58] = sampling_on_transfer_error,
+#else
+#define IRQS_TRANSFER_ERROR 11, 56, 57
+#define VECTORS_TRANSFER_ERROR [16 + 11] = sampling_on_transfer_error, [16 + 56 ... 16 + 57] = sampling_on_transfer_error,
+#endif
+#define IRQ_LAST 58
+
+#define LINK_RX (&DMA1->STREAM[4])
+#define LINK_RX_ROUTE 0u
+#define LINK_RX_DATA ((uint32_t)(uintptr_t)&LPUART1->RDR)
+#define LINK_RX_CLEAR DMA1->IFCR
+#define LINK_RX_FLAGS (DMA_ALL << 16)
+#define LINK_TX (&DMA1->STREAM[5])
+#define LINK_TX_ROUTE 0u
+#define LINK_TX_DATA ((uint32_t)(uintptr_t)&LPUART1->TDR)
+#define LINK_TX_CLEAR DMA1->IFCR
+#define LINK_TX_FLAGS (DMA_ALL << 20)
+#define LINK_TX_DONE (LINK_TX->NDTR == 0)
+
+#define USART_UE (1u << 0)
+
+enum { REQUEST_ADC1 = 5, REQUEST_DAC1_1, REQUEST_DAC1_2, REQUEST_LPUART1_RX = 34, REQUEST_LPUART1_TX, REQUEST_ADC2,
+       REQUEST_ADC3, REQUEST_DAC2_1 = 41 };
+
+#endif

@@ -1,0 +1,205 @@
+"""What keeps a flashed board quiet when its chip, its supply or its amplifiers are not as they should be."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+
+pytest.importorskip("unicorn", reason="unicorn is not installed")
+
+from hapticd.board_values import BoardHello, BoardLog, BoardState, BoardStatus
+from hapticd.wire import device, protocol
+
+from .m4 import image
+from .m4.bench import Bench
+from .m4.boards import BOARDS, F405, Board
+from .m4.peripherals import Peripherals
+
+pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
+
+IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP = range(96, 101)
+DEADMAN_TRIP, MISSED_CHUNK, SLOW_CLOCK = 64, 66, 67
+ENABLE, FAULT_PIN, STOP_PIN = 1 << 12, 1 << 14, 1 << 15
+SUPPLY_INTERRUPT = 16 + 1
+FLASH = 0x08000000
+every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
+
+
+def last_status(bench: Bench) -> BoardStatus:
+    return [message for message in bench.messages if isinstance(message, BoardStatus)][-1]
+
+
+def logged(bench: Bench) -> list[int]:
+    bench.to_board += device.encode_log_request()
+    bench.run(5)
+    return [entry.code for entry in [m for m in bench.messages if isinstance(m, BoardLog)][-1].entries]
+
+
+def drive(bench: Bench) -> None:
+    bench.arm(*(2.0, 0.0, 0.0)[: bench.board.modes])
+    bench.hold(20)
+
+
+def without_crystal(board: Board) -> Peripherals:
+    return board.registers(crystal=False)
+
+
+def without_brown_out_reset(board: Board) -> Peripherals:
+    """The option bytes as the chips are delivered."""
+    registers = board.registers()
+    name, value = ("FLASH.OPTCR", 0x0FFFAAED) if board is F405 else ("FLASH.OPTR", 0xFFEFF8AA)
+    registers[name] = value
+    return registers
+
+
+def on_a_weak_supply(board: Board) -> Peripherals:
+    registers = board.registers()
+    name, bit = ("PWR.CSR", 2) if board is F405 else ("PWR.SR2", 11)
+    registers[name] = 1 << bit
+    return registers
+
+
+@every_board
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        (without_crystal, SLOW_CLOCK),
+        (without_brown_out_reset, BROWN_OUT_OFF),
+        (on_a_weak_supply, SUPPLY),
+    ],
+)
+def test_a_board_that_must_not_drive_says_why(board: Board, made: Callable[[Board], Peripherals], reason: int) -> None:
+    bench = Bench(board, registers=made(board))
+    expect_no_drive(bench, reason)
+
+
+def expect_no_drive(bench: Bench, reason: int) -> None:
+    bench.to_board += device.encode_hello_request()
+    bench.run(5)
+    drive(bench)
+    bench.hold(100)
+    assert any(isinstance(message, BoardHello) for message in bench.messages)
+    assert last_status(bench).state is BoardState.FAULT
+    assert "config" in protocol.FAULTS[last_status(bench).fault_code]
+    assert not bench.amplifiers
+    assert bench.at_mid_rail
+    assert logged(bench)[-1] == reason
+
+
+@every_board
+def test_one_changed_bit_of_the_program_is_found_at_the_next_start(board: Board) -> None:
+    bench = Bench(board)
+    drive(bench)
+    assert bench.amplifiers
+    bench.cpu.damaged = FLASH + 0x1000  # in the sine table's copy
+    bench.boot(board.registers())
+    expect_no_drive(bench, IMAGE)
+
+
+@every_board
+def test_the_image_carries_its_crc_and_nothing_follows_it(board: Board) -> None:
+    built = board.image()
+    flash = bytearray(b"\xff" * (1 << 20))
+    end = 0
+    for address, data in built.segments:
+        flash[address - FLASH : address - FLASH + len(data)] = data
+        end = max(end, address - FLASH + len(data))
+    at = built.symbols["image_crc"] - FLASH
+    assert at == end - 4
+    assert int.from_bytes(flash[at:end], "little") == zlib.crc32(flash[:at])
+
+
+@every_board
+def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(board: Board) -> None:
+    bench = Bench(board)
+    drive(bench)
+    assert bench.registers["EXTI.IMR"] == bench.registers["EXTI.RTSR"] == 1 << 16
+    detector = bench.registers["PWR.CR"] & 0xF0 if board is F405 else bench.registers["PWR.CR2"]
+    assert detector == (7 << 5 | 1 << 4 if board is F405 else 6 << 1 | 1), "on, at 2.9 V"
+    bench.cpu.fault(SUPPLY_INTERRUPT, at=bench.cpu.address("hd_tick"))
+    assert not bench.amplifiers
+    assert bench.registers.reset_requested
+    bench.boot(board.registers())
+    assert logged(bench) == [SUPPLY]
+
+
+@every_board
+def test_an_amplifiers_fault_ends_the_drive_within_a_tick_until_it_is_over(board: Board) -> None:
+    bench = Bench(board)
+    assert bench.registers.field("GPIOB.MODER", 28, 4) == 0, "PB14 and PB15 are inputs"
+    assert bench.registers.field("GPIOB.PUPDR", 28, 4) == 0b0101, "pulled up"
+    drive(bench)
+    assert bench.amplifiers
+    bench.registers["GPIOB.IDR"] &= ~FAULT_PIN
+    bench.run(0.5)
+    assert not bench.amplifiers
+    drive(bench)
+    assert not bench.amplifiers
+    assert last_status(bench).state is BoardState.QUIET
+    assert logged(bench) == [AMPLIFIER_FAULT, MISSED_CHUNK, DEADMAN_TRIP]
+    bench.registers["GPIOB.IDR"] |= FAULT_PIN
+    drive(bench)
+    assert bench.amplifiers
+
+
+@every_board
+@pytest.mark.parametrize(("wired", "drives"), [(False, True), (True, False)])
+def test_an_open_emergency_stop_ends_the_drive_where_there_is_one(board: Board, wired: bool, drives: bool) -> None:
+    bench = Bench(board, board.image(2000, "-DHAS_EMERGENCY_STOP=true") if wired else None)
+    drive(bench)
+    bench.registers["GPIOB.IDR"] |= STOP_PIN
+    bench.run(0.5)
+    assert bench.amplifiers == drives
+    assert (EMERGENCY_STOP in logged(bench)) == wired
+
+
+@every_board
+def test_pulses_enable_the_amplifiers_only_while_ticks_come(board: Board) -> None:
+    """For a monostable: the pin changes with every tick, so a program that hangs holds no level."""
+    bench = Bench(board, board.image(2000, "-DENABLE_BY_PULSES=true"))
+    levels = []
+    bench.arm(*(0j,) * board.modes)
+    for _ in range(20):
+        bench.run(0.5)
+        levels.append(bench.registers["GPIOB.ODR"] & ENABLE)
+    assert all(level != before for before, level in pairwise(levels))
+    bench.run(100)
+    levels = [bench.registers["GPIOB.ODR"] & ENABLE for _ in range(4) if bench.run(0.5) is None]
+    assert not any(levels), "low without a drive"
+
+
+@every_board
+def test_the_mpu_guards_the_end_of_the_stack(board: Board) -> None:
+    """32 bytes between the variables and the stack: no access, no execution, all else as without it (PM0214, 4.2)."""
+    bench = Bench(board)
+    registers, symbols = bench.registers, board.image().symbols
+    guard = symbols["stack_guard"]
+    assert registers["SCB.MPU_RBAR"] == guard
+    assert guard % 32 == 0
+    assert symbols["bss_end"] <= guard
+    assert registers["SCB.MPU_RASR"] == 1 << 28 | 4 << 1 | 1
+    assert registers["SCB.MPU_CTRL"] == 0b101
+
+
+@every_board
+def test_a_deaf_line_listens_again(board: Board) -> None:
+    """A transfer error ends its stream."""
+    bench = Bench(board)
+    bench.registers[f"{bench.ring.name}.CR"] &= ~1
+    bench.run(0.05)
+    assert "RX" in bench.wires.streams()
+
+
+def test_the_boards_events_have_sentences() -> None:
+    header = (image.FIRMWARE / "board.h").read_text()
+    codes = {int(code) for code in re.findall(r"HD_EVENT_\w+ = (\d+),", header)}
+    assert codes == {IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP} == set(protocol.BOARD_EVENTS)
+
+
+def test_no_two_registers_of_the_models_share_an_address() -> None:
+    for board in BOARDS:
+        assert len(board.registers.NAME) == len(board.registers.ADDRESS)
