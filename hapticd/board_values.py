@@ -169,7 +169,8 @@ class BoardStatus:
     """The board's report after each reference frame, and ten times a second otherwise.
 
     Times are wrapped board times. `seq` is the last accepted frame, `t_received_us` its arrival, `t_applied_us` when
-    its first knot took effect (0 and `applied` False while it is pending).
+    its first knot took effect (0 and `applied` False while it is pending). `measured_um` is per mode, `voltage_v` per
+    amplifier. `drive_hz` follows the plate; 0 of a board that does not say it.
     """
 
     t_board_us: int
@@ -186,6 +187,7 @@ class BoardStatus:
     late_frames: int
     measured_um: tuple[complex, ...]
     voltage_v: tuple[complex, ...]
+    drive_hz: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +216,14 @@ class SetGains:
 @dataclass(frozen=True, slots=True)
 class ControllerRequest:
     """Request the active law, gains and mode models."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetDrive:
+    """Set the drive, and how far it follows the plate to either side. The modes stay at their frequencies."""
+
+    drive_hz: float
+    follow_hz: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +264,7 @@ class Stop:
     """Stop a sweep or raw voltage."""
 
 
-ToolCommand = SetGains | ControllerRequest | Sweep | RawVoltage | SetTelemetry | LogRequest | Stop
+ToolCommand = SetGains | SetDrive | ControllerRequest | Sweep | RawVoltage | SetTelemetry | LogRequest | Stop
 
 # --- messages to the bench tools --------------------------------------------------------------------------------
 

@@ -88,17 +88,16 @@ void hd_prepare_set_wiring(hd_core_t *core, const uint8_t *payload)
     }
 }
 
-/* Another plant, for a plate at rest. */
-static void take_plant(hd_core_t *core, enum hd_message request)
+/* Another plant, for a plate at rest; true if it is in force. */
+static bool take_plant(hd_core_t *core, enum hd_message request)
 {
-    if (!core->heard.in_range) {
-        answer(core, request, HD_VERDICT_OUT_OF_RANGE);
-    } else if (!hd_at_rest(core) || core->fault == HD_FAULT_CONFIG) {
-        answer(core, request, HD_VERDICT_NOT_QUIET);
-    } else {
+    bool quiet = hd_at_rest(core) && core->fault != HD_FAULT_CONFIG;
+    bool taken = core->heard.in_range && quiet;
+    if (taken) {
         hd_control_adopt(&core->control, &core->heard.design);
-        answer(core, request, HD_VERDICT_DONE);
     }
+    answer(core, request, taken ? HD_VERDICT_DONE : core->heard.in_range ? HD_VERDICT_NOT_QUIET : HD_VERDICT_OUT_OF_RANGE);
+    return taken;
 }
 
 void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
@@ -113,6 +112,36 @@ void hd_take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us
     (void)payload;
     (void)now_us;
     take_plant(core, HD_MSG_SET_WIRING);
+}
+
+/* The modes stay where they are, and so are detuned by as much less. */
+void hd_prepare_set_drive(hd_core_t *core, const uint8_t *payload)
+{
+    hd_heard_t *heard = &core->heard;
+    hd_wire_set_drive_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    heard->in_range = fabsf(wire.drive_hz - core->config.drive_hz) <= HD_DRIVE_MOVE_MAX_HZ && wire.drive_hz >= 1.0f
+        && wire.follow_hz >= 0.0f && wire.follow_hz <= HD_FOLLOW_MAX_HZ;
+    heard->design = core->control.design;
+    for (int k = 0; heard->in_range && k < HD_MODES; k++) {
+        hd_mode_model_t *model = &heard->design.plant.model[k];
+        model->detuning_rad_s -= HD_TURN_RAD * (wire.drive_hz - core->follower.base_hz);
+        heard->in_range = hd_model_valid(model);
+    }
+    if (heard->in_range) {
+        hd_control_design(&heard->design);
+    }
+}
+
+void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)now_us;
+    hd_wire_set_drive_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    if (take_plant(core, HD_MSG_SET_DRIVE)) {
+        hd_follow_set(&core->follower, wire.drive_hz, wire.follow_hz);
+        core->drive_hz = wire.drive_hz;
+    }
 }
 
 void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)

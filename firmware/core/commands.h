@@ -8,11 +8,13 @@
 void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload);
 void hd_prepare_set_model(hd_core_t *core, const uint8_t *payload);
 void hd_prepare_set_wiring(hd_core_t *core, const uint8_t *payload);
+void hd_prepare_set_drive(hd_core_t *core, const uint8_t *payload);
 
 void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_controller_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
+void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_raw_voltage(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_set_telemetry(hd_core_t *core, const uint8_t *payload, uint32_t now_us);

@@ -71,7 +71,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
         return false;
     }
     core->state = HD_STATE_QUIET;
-    core->drive_hz = config->drive_hz;
+    hd_follow_init(&core->follower, config->drive_hz, config->control_hz);
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     core->distrust_limit_ticks = (uint16_t)(config->control_hz * DISTRUST_S);
     core->power_frac = 1.0f / (config->control_hz * POWER_MEMORY_S);
@@ -91,7 +91,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
 void hd_silence(hd_core_t *core)
 {
     core->ramp = 0;
-    core->drive_hz = core->config.drive_hz;
+    core->drive_hz = core->follower.drive_hz;
     hd_tool_abort(&core->tool);
     hd_timeline_clear(&core->timeline);
     hd_control_reset(&core->control);
@@ -355,6 +355,10 @@ static bool drive(hd_core_t *core, float ramp)
     for (int k = 0; k < HD_MODES; k++) {
         core->asked_um[k] = hd_scale(ramp, core->reference_um[k]);
     }
+    if (ramp == 1.0f && hd_follow_due(&core->follower)) {
+        hd_follow_step(&core->follower, &core->control);
+        core->drive_hz = core->follower.drive_hz;
+    }
     float v_limit_v = ramp * core->config.v_limit_v;
     return hd_control_step(&core->control, core->asked_um, core->measured_um, v_limit_v, core->voltage_v);
 }
@@ -366,7 +370,7 @@ static void use_tool(hd_core_t *core, uint32_t now_us)
         hd_deadman_reset(&core->deadman);
         enter(core, HD_STATE_QUIET);
     }
-    core->drive_hz = hd_tool_drive_hz(&core->tool);
+    core->drive_hz = hd_tool_drive_hz(&core->tool, core->follower.drive_hz);
     core->pending |= core->tool.count > 0 ? HD_PENDING_SWEEP_POINT : 0;
 }
 

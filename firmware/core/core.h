@@ -14,6 +14,7 @@
 #include "codec.h"
 #include "control.h"
 #include "deadman.h"
+#include "follow.h"
 #include "log.h"
 #include "phasor.h"
 #include "protocol.h"
@@ -90,10 +91,11 @@ typedef struct {
     hd_timeline_t timeline;
     hd_control_t control;
     hd_deadman_t deadman;
+    hd_follower_t follower;
     hd_tool_t tool;
     hd_telemetry_t telemetry;
 
-    float drive_hz; /* what the board's oscillator should run at: the configured one, but for a sweep */
+    float drive_hz; /* what the board's oscillator should run at: the follower's, but for a sweep */
     uint8_t state; /* enum hd_state */
     uint8_t fault; /* enum hd_fault */
     bool tripped;

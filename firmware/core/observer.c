@@ -77,6 +77,7 @@ static void learn(hd_observer_t *observer, const hd_observer_design_t *design, h
     if (hd_finite(moment) && power_um2 <= FLT_MAX) {
         observer->moment_um2_1_s = moment;
         observer->power_um2 = power_um2;
+        observer->learned_ticks++;
         observer->change_1_s = hd_limit_magnitude(hd_scale(1.0f / power_um2, moment), design->change_limit_1_s);
     }
 }

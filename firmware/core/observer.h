@@ -37,6 +37,7 @@ typedef struct {
 
     hd_phasor_t moment_um2_1_s; /* sum of g conj(W) d */
     float power_um2;            /* sum of |W|^2; 0 while nothing is known */
+    uint32_t learned_ticks;     /* since the drive was last moved after the plate */
     hd_phasor_t change_1_s;     /* of -decay + j detuning from the model's, up to a quarter per tick; 0 while not known */
 } hd_observer_t;
 
@@ -55,6 +56,13 @@ static inline void hd_observer_drive(hd_observer_t *observer, hd_phasor_t u_v)
 {
     observer->old_v = observer->new_v;
     observer->new_v = u_v;
+}
+
+/* The drive is faster by so much from now on: what was learned is of another frame. */
+static inline void hd_observer_turn(hd_observer_t *observer, float faster_rad_s)
+{
+    observer->change_1_s.q -= faster_rad_s;
+    observer->moment_um2_1_s.q -= faster_rad_s * observer->power_um2;
 }
 
 /* u that holds an amplitude on the plate as learned. */

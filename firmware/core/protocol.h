@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0x08daac96u
+#define HD_PROTOCOL_HASH 0x13a72c44u
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -54,6 +54,11 @@
 #define HD_SWEEP_OFFSET_MAX_HZ 2000.0f /* from the drive frequency */
 #define HD_LOG_ENTRIES 8
 
+/* The drive. */
+#define HD_DRIVE_MOVE_MAX_HZ 2000.0f /* from the one that the board started with */
+#define HD_FOLLOW_HZ 120.0f          /* how far it follows the plate, unless SET_DRIVE says otherwise */
+#define HD_FOLLOW_MAX_HZ 500.0f
+
 enum hd_message {
     HD_MSG_HELLO_REQUEST = 0x01,
     HD_MSG_REFERENCE = 0x02,
@@ -69,6 +74,7 @@ enum hd_message {
     HD_MSG_LOG_REQUEST = 0x0C,
     HD_MSG_STOP = 0x0D,
     HD_MSG_SET_WIRING = 0x0E,
+    HD_MSG_SET_DRIVE = 0x0F,
     HD_MSG_HELLO = 0x81,
     HD_MSG_STATUS = 0x82,
     HD_MSG_TIME = 0x83,
@@ -193,6 +199,11 @@ typedef struct HD_PACKED {
 } hd_wire_set_wiring_t;
 
 typedef struct HD_PACKED {
+    float drive_hz;
+    float follow_hz; /* how far it follows the plate, to either side; 0: not at all */
+} hd_wire_set_drive_t;
+
+typedef struct HD_PACKED {
     uint8_t mode;
     float start_hz;
     float stop_hz;
@@ -247,6 +258,7 @@ typedef struct HD_PACKED {
     uint32_t bad_frames;
     uint32_t late_frames;
     hd_wire_mode_t mode[HD_MODES];
+    float drive_hz;
 } hd_wire_status_t;
 
 typedef struct HD_PACKED {
@@ -318,10 +330,11 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "payloads are copied a
 _Static_assert(sizeof(hd_wire_reference_t) == 8, "a hole in REFERENCE");
 _Static_assert(sizeof(hd_wire_knot_t) == 2 + 8 * HD_MODES, "a hole in a knot");
 _Static_assert(sizeof(hd_wire_hello_t) == 41 + 4 * HD_MODES, "a hole in HELLO");
-_Static_assert(sizeof(hd_wire_status_t) == 28 + 16 * HD_MODES, "a hole in STATUS");
+_Static_assert(sizeof(hd_wire_status_t) == 32 + 16 * HD_MODES, "a hole in STATUS");
 _Static_assert(sizeof(hd_wire_time_t) == 16, "a hole in TIME");
 _Static_assert(sizeof(hd_wire_set_model_t) == 21, "a hole in SET_MODEL");
 _Static_assert(sizeof(hd_wire_set_wiring_t) == 20 * HD_MODES * HD_MODES, "a hole in SET_WIRING");
+_Static_assert(sizeof(hd_wire_set_drive_t) == 8, "a hole in SET_DRIVE");
 _Static_assert(sizeof(hd_wire_sweep_t) == 17, "a hole in SWEEP");
 _Static_assert(sizeof(hd_wire_raw_voltage_t) == 11, "a hole in RAW_VOLTAGE");
 _Static_assert(sizeof(hd_wire_controller_t) == 10 + 20 * HD_MODES, "a hole in CONTROLLER");

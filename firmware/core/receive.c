@@ -185,6 +185,7 @@ static const message_t MESSAGES[] = {
     {HD_MSG_LOG_REQUEST, 0, hd_take_log_request, NULL},
     {HD_MSG_STOP, 0, hd_take_stop, NULL},
     {HD_MSG_SET_WIRING, sizeof(hd_wire_set_wiring_t), hd_take_set_wiring, hd_prepare_set_wiring},
+    {HD_MSG_SET_DRIVE, sizeof(hd_wire_set_drive_t), hd_take_set_drive, hd_prepare_set_drive},
 };
 
 static const message_t *known(uint8_t type, size_t size)

@@ -75,11 +75,11 @@ void hd_tool_abort(hd_tool_t *tool)
     tool->goal_v = tool->voltage_v = (hd_phasor_t){0.0f, 0.0f};
 }
 
-float hd_tool_drive_hz(const hd_tool_t *tool)
+float hd_tool_drive_hz(const hd_tool_t *tool, float rest_hz)
 {
     const hd_wire_sweep_t *sweep = &tool->sweep;
     if (tool->kind != HD_TOOL_SWEEP) {
-        return tool->drive_hz;
+        return rest_hz;
     }
     float share = sweep->points > 1 ? (float)tool->index / (float)(sweep->points - 1) : 0.0f;
     return sweep->start_hz + share * (sweep->stop_hz - sweep->start_hz);
@@ -101,7 +101,7 @@ static void push_point(hd_tool_t *tool)
         .points = tool->sweep.points,
         .mode = tool->mode,
         .modes = HD_MODES,
-        .frequency_hz = hd_tool_drive_hz(tool),
+        .frequency_hz = hd_tool_drive_hz(tool, tool->drive_hz),
         .voltage_v = tool->sweep.voltage_v,
     };
     float averaged = (float)(tool->dwell_ticks - tool->dwell_ticks / 2);

@@ -64,8 +64,8 @@ void hd_tool_abort(hd_tool_t *tool);
 bool hd_tool_step(hd_tool_t *tool, uint32_t now_us, const hd_phasor_t measured_um[HD_MODES],
                   hd_phasor_t voltage_v[HD_MODES]);
 
-/* What the oscillator should run at. */
-float hd_tool_drive_hz(const hd_tool_t *tool);
+/* What the oscillator should run at, which is `rest_hz` but for a sweep. */
+float hd_tool_drive_hz(const hd_tool_t *tool, float rest_hz);
 
 /* Takes the oldest measured point; false if there is none. */
 bool hd_tool_pop(hd_tool_t *tool, hd_wire_sweep_point_t *point);

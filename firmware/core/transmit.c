@@ -44,6 +44,7 @@ static void fill_status(hd_core_t *core, uint32_t now_us, hd_wire_status_t *stat
         .deadman_trips = core->deadman.trips,
         .bad_frames = core->bad_frames,
         .late_frames = core->late_frames,
+        .drive_hz = core->drive_hz,
     };
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t w_um = core->measured_um[k], v_v = core->voltage_v[k];

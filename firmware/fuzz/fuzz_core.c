@@ -94,8 +94,11 @@ static void expect_sane_core(const hd_core_t *core)
     expect(core->state <= HD_STATE_TOOL && core->fault < HD_FAULT_CONFIG, "state and fault exist");
     expect((core->state == HD_STATE_FAULT) == (core->fault != HD_FAULT_NONE), "a fault is a state");
     expect((core->state == HD_STATE_TOOL) == (tool->kind != HD_TOOL_NONE), "a tool is a state");
-    expect(core->state == HD_STATE_TOOL || core->drive_hz == DRIVE_HZ, "after a tool the drive is the configured one");
-    expect(fabsf(core->drive_hz - DRIVE_HZ) <= HD_SWEEP_OFFSET_MAX_HZ, "a sweep stays near the drive");
+    const hd_follower_t *follower = &core->follower;
+    expect(core->state == HD_STATE_TOOL || core->drive_hz == follower->drive_hz, "after a tool the drive is the plate's");
+    expect(fabsf(follower->base_hz - DRIVE_HZ) <= HD_DRIVE_MOVE_MAX_HZ, "the drive is set near the first one");
+    expect(fabsf(follower->drive_hz - follower->base_hz) <= follower->reach_hz, "the drive follows within its reach");
+    expect(core->state != HD_STATE_TOOL || fabsf(core->drive_hz - DRIVE_HZ) <= HD_SWEEP_OFFSET_MAX_HZ + HD_DRIVE_MOVE_MAX_HZ + HD_FOLLOW_MAX_HZ, "a sweep stays near the drive");
     expect(core->receiver.n <= sizeof core->receiver.bytes, "the receiver keeps within its buffer");
     expect(core->timeline.count <= HD_POLYLINES && core->timeline.first < HD_POLYLINES, "the timeline's ring is sane");
     expect(core->telemetry.count <= HD_TELEMETRY_SAMPLES && core->telemetry.first < HD_TELEMETRY_SAMPLES,

@@ -97,10 +97,11 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     t_us, state, flags, fault, modes, seq, received_us, applied_us, trips, bad, late = protocol.STATUS.unpack_from(
         payload
     )
-    values = _floats(payload, protocol.STATUS.size, 4 * modes)
+    has_drive = len(payload) > protocol.STATUS.size + 16 * modes
+    values = _floats(payload, protocol.STATUS.size, 4 * modes + has_drive)
     if not (state in STATES and flags <= 7 and modes >= 1 and all(map(isfinite, values))):
         return None
-    phasors = _phasors(values)
+    phasors = _phasors(values[: 4 * modes])
     return BoardStatus(
         t_board_us=t_us,
         state=STATES[state],
@@ -116,6 +117,7 @@ def _read_status(payload: bytes) -> BoardStatus | None:
         late_frames=late,
         measured_um=tuple(phasors[::2]),
         voltage_v=tuple(phasors[1::2]),
+        drive_hz=values[-1] if has_drive else 0.0,
     )
 
 

@@ -12,6 +12,7 @@ from ..board_values import (
     RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetDrive,
     SetGains,
     SetModel,
     SetTelemetry,
@@ -51,6 +52,8 @@ def _encode_tool(command: ToolCommand) -> bytes:
     match command:
         case SetGains(law, bandwidth_1_s, integral_time_s):
             return device.encode_set_controller(law, bandwidth_1_s=bandwidth_1_s, integral_time_s=integral_time_s)
+        case SetDrive():
+            return device.encode_set_drive(command)
         case ControllerRequest():
             return device.encode_controller_request()
         case Sweep():

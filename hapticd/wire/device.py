@@ -10,7 +10,7 @@ import struct
 from collections.abc import Sequence
 from functools import cache
 
-from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, SetWiring, Sweep
+from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, SetDrive, SetWiring, Sweep
 from ..errors import DeviceError
 from . import protocol
 from .board_messages import Decoder
@@ -30,6 +30,7 @@ __all__ = [
     "encode_raw_voltage",
     "encode_reference",
     "encode_set_controller",
+    "encode_set_drive",
     "encode_set_model",
     "encode_set_telemetry",
     "encode_set_wiring",
@@ -109,6 +110,15 @@ def encode_set_wiring(wiring: SetWiring) -> bytes:
             _checked(name, abs(value), bounds)
             values += [value.real, value.imag]
     return encode_frame(_typed(protocol.MSG_SET_WIRING) + struct.pack(f"<{len(values)}f", *values))
+
+
+def encode_set_drive(drive: SetDrive) -> bytes:
+    """Set the drive, until the board's next reset. Raises ValueError for values that no board accepts."""
+    payload = protocol.SET_DRIVE.pack(
+        _checked("drive_hz", drive.drive_hz, protocol.DRIVE_HZ),
+        _checked("follow_hz", drive.follow_hz, protocol.FOLLOW_HZ),
+    )
+    return encode_frame(_typed(protocol.MSG_SET_DRIVE) + payload)
 
 
 def encode_controller_request() -> bytes:

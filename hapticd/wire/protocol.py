@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0x08DAAC96
+PROTOCOL_HASH: Final = 0x13A72C44
 
 KNOTS_MAX: Final = 24
 KNOT_UNIT_NS: Final = 4000
@@ -32,6 +32,7 @@ MSG_SET_TELEMETRY: Final = 0x0B
 MSG_LOG_REQUEST: Final = 0x0C
 MSG_STOP: Final = 0x0D
 MSG_SET_WIRING: Final = 0x0E
+MSG_SET_DRIVE: Final = 0x0F
 MSG_HELLO: Final = 0x81
 MSG_STATUS: Final = 0x82
 MSG_TIME: Final = 0x83
@@ -46,11 +47,12 @@ KEEPALIVE: Final = struct.Struct("<H")
 TIME_REQUEST: Final = struct.Struct("<Q")
 SET_CONTROLLER: Final = struct.Struct("<Bff")
 SET_MODEL: Final = struct.Struct("<Bfffff")
+SET_DRIVE: Final = struct.Struct("<ff")
 SWEEP: Final = struct.Struct("<BffHHf")
 RAW_VOLTAGE: Final = struct.Struct("<BffH")
 SET_TELEMETRY: Final = struct.Struct("<H")
 HELLO: Final = struct.Struct("<HIB16sIffHf")  # then the amplitude limit of each mode
-STATUS: Final = struct.Struct("<IBBBBHIIHII")  # then measured d, q and voltage d, q of each mode
+STATUS: Final = struct.Struct("<IBBBBHIIHII")  # then measured d, q and voltage d, q of each mode; the drive
 TIME: Final = struct.Struct("<QII")
 CONTROLLER: Final = struct.Struct("<BffB")  # then decay, detuning, gain and loop d, q of each mode
 SWEEP_POINT: Final = struct.Struct("<HHBBff")  # then measured d, q of each mode
@@ -73,6 +75,7 @@ GAIN_UM_PER_V_S: Final = (0.001, 10000.0)
 DRIVE_SHARE: Final = (-10.0, 10.0)
 SENSE: Final = (0.0, 100.0)  # magnitude
 FEEDTHROUGH_UM_PER_V: Final = (0.0, 1.0)  # magnitude
+FOLLOW_HZ: Final = (0.0, 500.0)
 SWEEP_POINTS: Final = (1, 2001)
 SWEEP_DWELL_MS: Final = (1, 1000)
 SWEEP_OFFSET_HZ: Final = (-2000.0, 2000.0)  # from the drive frequency
@@ -88,6 +91,7 @@ COMMANDS: Final = {
     MSG_SET_CONTROLLER: "the control law or its gains",
     MSG_SET_MODEL: "the calibration of a mode",
     MSG_SET_WIRING: "the calibration of the wiring",
+    MSG_SET_DRIVE: "the drive",
     MSG_SWEEP: "the sweep",
     MSG_RAW_VOLTAGE: "the raw voltage",
     MSG_SET_TELEMETRY: "the telemetry",

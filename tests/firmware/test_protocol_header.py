@@ -80,6 +80,7 @@ def test_the_hash_sees_a_changed_field_but_not_a_changed_comment() -> None:
         ("hd_wire_time_request_t", protocol.TIME_REQUEST),
         ("hd_wire_set_controller_t", protocol.SET_CONTROLLER),
         ("hd_wire_set_model_t", protocol.SET_MODEL),
+        ("hd_wire_set_drive_t", protocol.SET_DRIVE),
         ("hd_wire_sweep_t", protocol.SWEEP),
         ("hd_wire_raw_voltage_t", protocol.RAW_VOLTAGE),
         ("hd_wire_set_telemetry_t", protocol.SET_TELEMETRY),
@@ -95,7 +96,7 @@ def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struc
 @pytest.mark.parametrize("modes", [2, 3])
 def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes: int) -> None:
     assert layout("hd_wire_hello_t", modes) == protocol.HELLO.format[1:] + "f" * modes
-    assert layout("hd_wire_status_t", modes) == protocol.STATUS.format[1:] + "ffff" * modes
+    assert layout("hd_wire_status_t", modes) == protocol.STATUS.format[1:] + "ffff" * modes + "f"
     assert layout("hd_wire_controller_t", modes) == protocol.CONTROLLER.format[1:] + "fffff" * modes
     assert layout("hd_wire_sweep_point_t", modes) == protocol.SWEEP_POINT.format[1:] + "ff" * modes
     assert layout("hd_wire_telemetry_t", modes) == protocol.TELEMETRY.format[1:] + "ffffffff" * modes
@@ -148,6 +149,7 @@ def test_limits_of_a_frame_agree() -> None:
         (None, "HD_DETUNING_MAX_RAD_S", protocol.DETUNING_RAD_S),
         ("HD_GAIN_MIN_UM_PER_V_S", "HD_GAIN_MAX_UM_PER_V_S", protocol.GAIN_UM_PER_V_S),
         ("HD_SWEEP_DWELL_MIN_MS", "HD_SWEEP_DWELL_MAX_MS", protocol.SWEEP_DWELL_MS),
+        (0.0, "HD_FOLLOW_MAX_HZ", protocol.FOLLOW_HZ),
         (None, "HD_DRIVE_SHARE_MAX", protocol.DRIVE_SHARE),
         (0.0, "HD_SENSE_MAX", protocol.SENSE),
         (0.0, "HD_FEEDTHROUGH_MAX_UM_PER_V", protocol.FEEDTHROUGH_UM_PER_V),

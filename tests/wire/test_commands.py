@@ -17,6 +17,7 @@ from hapticd.board_values import (
     RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetDrive,
     SetGains,
     SetModel,
     SetTelemetry,
@@ -43,6 +44,7 @@ SESSION_COMMANDS: dict[int, BoardCommand] = {
 }
 TOOL_COMMANDS: dict[int, ToolCommand] = {
     protocol.MSG_SET_CONTROLLER: SetGains("pi", 800.0, 0.004),
+    protocol.MSG_SET_DRIVE: SetDrive(29210.0, 50.0),
     protocol.MSG_CONTROLLER_REQUEST: ControllerRequest(),
     protocol.MSG_SWEEP: Sweep(1, 29190.0, 29220.0, 31, 40, 20.0),
     protocol.MSG_RAW_VOLTAGE: RawVoltage(0, 3 - 4j, 100),

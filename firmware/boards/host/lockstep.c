@@ -184,6 +184,11 @@ void hd_board_estimate(const hd_board_t *board, double *estimate)
     }
 }
 
+void hd_board_detune(hd_board_t *board, const double *detuning_rad_s)
+{
+    memcpy(board->plate.detuning_rad_s, detuning_rad_s, (size_t)board->plate.modes * sizeof *detuning_rad_s);
+}
+
 void hd_board_fake_measurement(hd_board_t *board, const double *measured_um)
 {
     board->faked = measured_um != NULL;

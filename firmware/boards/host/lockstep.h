@@ -92,6 +92,9 @@ size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const doub
 /* What the observer has learned of each mode: (HD_MODES, 2), decay in 1/s and detuning in rad/s. */
 void hd_board_estimate(const hd_board_t *board, double *estimate);
 
+/* Gives the plate's modes other detunings (P,), from the configured drive; only of envelopes. */
+void hd_board_detune(hd_board_t *board, const double *detuning_rad_s);
+
 /* Overrides the sensors from now on; NaN is permitted. NULL restores the plate's measurement. */
 void hd_board_fake_measurement(hd_board_t *board, const double *measured_um);
 

@@ -262,6 +262,13 @@ class Board:
         self._library.hd_board_estimate(self._board, estimate.ctypes.data)
         return estimate
 
+    def detune(self, detuning_rad_s: npt.NDArray[np.float64]) -> None:
+        """Let the plate's modes drift to `detuning_rad_s` (P,) from the configured drive; not with a carrier."""
+        values = np.ascontiguousarray(detuning_rad_s, dtype=np.float64)
+        if values.shape != (self.model.plate_modes,) or not np.isfinite(values).all():
+            raise ValueError(f"detuning_rad_s is {detuning_rad_s}: give {self.model.plate_modes} finite numbers.")
+        self._library.hd_board_detune(self._board, values.ctypes.data)
+
     def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
         """Override the sensors with `measured_um` (M,), which may be NaN; None restores them."""
         if measured_um is None:

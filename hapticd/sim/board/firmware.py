@@ -101,6 +101,7 @@ def load(modes: int) -> ctypes.CDLL:
             [board, size, ctypes.c_int32, board, board, ctypes.POINTER(Trace), size, ctypes.c_int32],
         ),
         "hd_board_estimate": (None, [board, ctypes.c_void_p]),
+        "hd_board_detune": (None, [board, ctypes.c_void_p]),
         "hd_board_fake_measurement": (None, [board, ctypes.c_void_p]),
         "hd_carrier_init": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
         "hd_carrier_listen": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
