@@ -225,9 +225,8 @@ def _constants(priors: Sequence[Prior], spreads: FloatArray) -> str:
         lines.append(f"\n{name}: Final = Prior(\n    {prior.mean},\n    (\n{rows}    ),\n)\n")
     rounded = [[tuple(float(f"{value:.3g}") for value in row) for row in horizon] for horizon in spreads]
     body = "".join("    (\n" + "".join(f"        {row},\n" for row in horizon) + "    ),\n" for horizon in rounded)
-    lines.append(
-        f"\n# Along and across the motion, at both horizons, by class of speed.\nSPREADS_MM: Final = (\n{body})\n"
-    )
+    lines.append("\n# Along and across the motion, at both horizons, by class of speed.\n")
+    lines.append(f"SPREADS_MM: Final[tuple[Spreads, Spreads]] = (\n{body})\n")
     return "".join(lines).rstrip("\n")
 
 

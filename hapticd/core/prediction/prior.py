@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 Vector = tuple[float, float, float, float, float]
+Spreads = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 class Prior(NamedTuple):
@@ -42,7 +43,7 @@ FAR: Final = Prior(
 )
 
 # Along and across the motion, at both horizons, by class of speed.
-SPREADS_MM: Final = (
+SPREADS_MM: Final[tuple[Spreads, Spreads]] = (
     (
         (0.0226, 0.0756, 0.11, 0.16, 0.2, 0.313, 0.454, 0.64, 2.92),
         (0.00583, 0.0351, 0.05, 0.063, 0.0903, 0.114, 0.15, 0.164, 0.175),

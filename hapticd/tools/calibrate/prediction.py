@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,6 +37,8 @@ AHEADS_MS = (15, 25)
 NOMINAL_MS = 11.25
 FEWEST_SAMPLES = 1000  # ten seconds of strokes: fewer teach less than many pads do
 PASSES = 2
+LANDING_SAMPLES = 5  # whose predictions say more about the landing than about the pad
+PIECE_SAMPLES = 100  # a second: what was kept counts most where a touch is young
 WORTH_FRAC = 0.99  # of the error on the other half: a smaller gain is chance
 HELD_WORTH_FRAC = 0.5
 MOVING_MM_S = 50.0
@@ -127,12 +129,20 @@ async def _touched(pad: TrackpadSource, seconds: float) -> list[Trace]:
 
 
 def learned(traces: Sequence[Trace]) -> Learned:
-    """Learn on the first half of the samples, judge on the second."""
+    """Learn on the first half of the samples, judge on the second, where each piece begins with what was kept."""
     first, second = halves(traces)
     memory = PadMemory()
     for _ in range(PASSES):
-        errors_mm(first, memory)
-    return Learned(memory.kept, errors_mm(second, PadMemory()), errors_mm(second, PadMemory.of(memory.kept)))
+        errors_mm(first, lambda: memory)
+    judged = [piece for trace in second for piece in pieces(trace)]
+    return Learned(memory.kept, errors_mm(judged, PadMemory), errors_mm(judged, lambda: PadMemory.of(memory.kept)))
+
+
+def pieces(trace: Trace) -> list[Trace]:
+    """Cut a trace into touches of PIECE_SAMPLES."""
+    starts = range(0, len(trace.t_s) - PIECE_SAMPLES + 1, PIECE_SAMPLES)
+    cuts = [slice(start, start + PIECE_SAMPLES) for start in starts] or [slice(None)]
+    return [Trace(trace.device, trace.t_s[cut], trace.xy_mm[cut]) for cut in cuts]
 
 
 def halves(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
@@ -149,11 +159,11 @@ def halves(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
     return first, second
 
 
-def errors_mm(traces: Sequence[Trace], memory: PadMemory) -> tuple[float, ...]:
-    """Return RMS distances to the pad's own later reports, by horizon; the memory learns meanwhile."""
+def errors_mm(traces: Sequence[Trace], memory: Callable[[], PadMemory]) -> tuple[float, ...]:
+    """Return RMS distances to the pad's own later reports, by horizon; `memory` is that of one trace and learns."""
     squares: list[list[FloatArray]] = [[] for _ in AHEADS_MS]
     for trace in traces:
-        predictor = DEFAULT(memory=memory)
+        predictor = DEFAULT(memory=memory())
         predicted = []
         for t_ns, x_mm, y_mm in trace.samples:
             predictor.update(t_ns, x_mm, y_mm)
@@ -161,7 +171,7 @@ def errors_mm(traces: Sequence[Trace], memory: PadMemory) -> tuple[float, ...]:
         for place, ahead_ms in enumerate(AHEADS_MS):
             t_s = trace.t_s + 1e-3 * ahead_ms
             truth_mm = np.stack([np.interp(t_s, trace.t_s, axis) for axis in trace.xy_mm.T], axis=-1)
-            error_mm = (np.array(predicted)[:, place] - truth_mm)[t_s <= trace.t_s[-1]]
+            error_mm = (np.array(predicted)[:, place] - truth_mm)[t_s <= trace.t_s[-1]][LANDING_SAMPLES:]
             squares[place].append(np.sum(error_mm**2, axis=1))
     return tuple(float(np.sqrt(np.mean(np.concatenate(some)))) for some in squares)
 
