@@ -15,12 +15,14 @@ import numpy as np
 from .. import __version__
 from ..errors import UsageError
 from ..files.outputs import write_text
+from ..tools.touches import Trace, recorded
 from . import (
     contacts,
     firmware,
     leak,
     leak_budget,
     prediction,
+    prediction_traces,
     recording_cost,
     singular,
     soak,
@@ -29,6 +31,7 @@ from . import (
     solver_tracks,
     stability,
     tick,
+    traces,
 )
 from .tables import Table, plain, render
 
@@ -37,18 +40,19 @@ __all__ = ["PARTS", "run"]
 
 class Extent(NamedTuple):
     """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours or real
-    seconds of the soak."""
+    seconds of the soak; and the recorded touches for predictions."""
 
     seconds: float
     steps: int
     hours: float = 1.0
     real_time_s: float | None = None
+    touches: list[Trace] | None = None
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
 
 PARTS: dict[str, Part] = {
-    "prediction": lambda _: prediction.run(),
+    "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
     "solver": lambda _: (solver.run(), solver_tracks.run(), solver.sizes(), contacts.run()),
     "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
@@ -77,6 +81,8 @@ def run(
     steps: int = stability.STEPS,
     hours: float = 1.0,
     real_time_s: float | None = None,
+    traces_file: Path | None = None,
+    recording: Path | None = None,
 ) -> None:
     """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON and the
     picture if requested.
@@ -86,7 +92,9 @@ def run(
     out = sys.stderr if json_file == "-" else sys.stdout
     figures: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
-    for name, tables in _results(minutes, Extent(seconds, steps, hours, real_time_s)):
+    touches = traces.load(traces_file) if traces_file is not None else None
+    touches = recorded(recording) if recording is not None else touches
+    for name, tables in _results(minutes, Extent(seconds, steps, hours, real_time_s, touches)):
         figures[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)

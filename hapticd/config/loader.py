@@ -109,6 +109,9 @@ def _check_together(config: Config, where: str) -> None:
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
     _check_matrix(config.trackpad.matrix, where)
+    weights = config.prediction.pad_weights
+    if len(weights) not in (0, 10):
+        raise ConfigError(f"{where}: prediction.pad_weights: needs 10 numbers, not {len(weights)}.")
     if not 1 <= len(config.limits.w_limit_um) <= 8:
         raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. 8).")
     curve = config.plate.friction_curve

@@ -126,6 +126,13 @@ class PredictionConfig:
 
     period_ms: float = key(11.25, "the pad's nominal report period", low=2, high=50)
     noise_mm: float = key(0.053, "position noise assumed by the predictor, per axis", low=0.001, high=1)
+    pad_weights: tuple[float, ...] = key(
+        (),
+        "what `hapticd calibrate prediction` learned of the pad: weights of five corrections at 15 ms, then at 30 ms; "
+        "empty: those of many pads",
+        low=-8,
+        high=8,
+    )
 
 
 @dataclass(frozen=True, slots=True)

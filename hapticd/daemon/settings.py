@@ -6,6 +6,7 @@ from functools import partial
 
 from ..config.sections import Config
 from ..core.pipeline import PipelineSettings
+from ..core.prediction.pad_memory import PadMemory
 from ..core.prediction.predictor import DEFAULT
 from ..core.targets.scene import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..values import AffineMap
@@ -18,12 +19,12 @@ ENVELOPE_BYTES = 7  # of a frame: type, CRC, COBS and its delimiter
 
 
 def warm_up(config: Config) -> None:
-    """Compute the predictor's gains, which takes some 0.2 s, before a finger needs them."""
+    """Compute the predictor's gains, which takes some 0.1 s, before a finger needs them."""
     pipeline_settings(config).make_predictor()
 
 
 def pipeline_settings(config: Config) -> PipelineSettings:
-    """Return the pipeline's settings.
+    """Return the pipeline's settings. Their predictors share what they learn of the pad: take new ones for each core.
 
     Fingers are contacts on plates of LEAST_CONTACT_MODES or more. With fewer a still contact cannot be had, whatever
     is done, and the point's rule gives the slippery finger five times as much. Their frames have as many knots as the
@@ -33,7 +34,12 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     has_contacts = modes >= LEAST_CONTACT_MODES and solver.contact_radius_mm > 0.0
     return PipelineSettings(
         w_limit_um=config.limits.reference_limit_um,
-        make_predictor=partial(DEFAULT.for_touch, period_ms=prediction.period_ms, noise_mm=prediction.noise_mm),
+        make_predictor=partial(
+            DEFAULT.for_touch,
+            memory=PadMemory.of(prediction.pad_weights),
+            period_ms=prediction.period_ms,
+            noise_mm=prediction.noise_mm,
+        ),
         derating_mm2_um2=solver.derating_mm2_um2,
         phase_rotation=solver.phase_rotation,
         contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import UsageError
@@ -52,6 +53,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )
+    parser.add_argument(
+        "--traces",
+        type=Path,
+        metavar="F.npz",
+        help="prediction: touches of real pads in place of the motions (format: hapticd/bench/README.md)",
+    )
+    parser.add_argument(
+        "--recording",
+        type=Path,
+        metavar="F.mcap",
+        help="prediction: a recording's touches in place of the motions",
+    )
     outputs.add_json(parser)
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="plot error against run time")
     parser.set_defaults(command=_bench)
@@ -63,6 +76,13 @@ def _bench(options: argparse.Namespace) -> None:
         return
     if options.plot is not None and options.part != ALL and not PARTS[options.part].has_picture:
         raise UsageError(f"--plot: {options.part} has no table of error over run time: leave the option out.")
+    touches = options.traces or options.recording
+    if touches is not None and options.part != "prediction":
+        raise UsageError("--traces and --recording belong to one part: write hapticd bench prediction.")
+    if options.traces is not None and options.recording is not None:
+        raise UsageError("--traces and --recording exclude each other: give one.")
+    if touches is not None and options.plot is not None:
+        raise UsageError("--plot: recorded touches have no table of error over run time: leave the option out.")
     from ..bench import suite
 
     names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
@@ -72,6 +92,8 @@ def _bench(options: argparse.Namespace) -> None:
         steps=options.steps,
         hours=options.hours,
         real_time_s=options.real_time,
+        traces_file=options.traces,
+        recording=options.recording,
         json_file=options.json,
         plot=options.plot,
     )

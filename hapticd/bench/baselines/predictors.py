@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...core.prediction.bank import MAX_ACCELERATION_MM_S2, MAX_SPEED_MM_S, shortened
+from ...core.prediction.bank import MAX_ACCELERATION_MM_S2, MAX_SPEED_MM_S, ModelBank, shortened
 from ...core.prediction.gains import FloatArray, process_model, riccati_step, start_covariance
 from ...core.prediction.motion import MotionModel, Sample, checked
 from ...core.prediction.predictor import DEFAULT, Predictor, PredictorFactory
@@ -128,6 +128,7 @@ class KalmanConstantJerk(QuadraticMotion):
 
 PREDICTORS: dict[str, PredictorFactory] = {
     "default": DEFAULT,
+    "bank": PredictorFactory.of(ModelBank),
     "hold": PredictorFactory.of(Hold),
     "linear": PredictorFactory.of(Linear),
     "kalman_cv": PredictorFactory.of(KalmanConstantVelocity),
@@ -140,4 +141,4 @@ def make_predictor(name: str = "default", **settings: float) -> Predictor:
     factory = PREDICTORS.get(name)
     if factory is None:
         raise ValueError(f"Unknown predictor {name!r}: choose from {', '.join(sorted(PREDICTORS))}.")
-    return factory(**settings)
+    return factory(memory=None, **settings)

@@ -1,4 +1,4 @@
-"""The default motion model: seven fixed-gain Kalman filters, weighted by their likelihoods.
+"""A bank of seven fixed-gain Kalman filters, weighted by their likelihoods.
 
 One filter assumes rest (a random walk), three constant acceleration disturbed by white jerk, three constant jerk
 disturbed by white snap. Their densities (`gains.MODELS`) are so far apart that one of them fits rest, straight slides,
@@ -7,8 +7,8 @@ interacting-multiple-model recursion (Blom and Bar-Shalom, IEEE Trans. Automatic
 simplifications that save the matrix arithmetic and cost no accuracy on the bench: covariances are not mixed, so the
 gains are those of the single filters and precomputed; both axes share gains and weights.
 
-The noise of the pad's positions sets how far a sample corrects the filters. It is measured while the finger moves
-(`noise_meter`); of the precomputed noise levels the nearest is used.
+The bank assumes white noise of a known level. What a pad's noise does to its extrapolation is corrected by
+`adaptive`.
 
 The arithmetic is written out on floats: at this size numpy's time is the overhead of its calls.
 """
@@ -20,7 +20,6 @@ from typing import Final
 
 from .gains import MODELS, Gain, bank_gains
 from .motion import MotionModel, Sample, checked
-from .noise_meter import NoiseMeter
 
 # No finger on a plate exceeds these; a model beyond them has taken a bad sample.
 MAX_SPEED_MM_S: Final = 4e3
@@ -42,58 +41,41 @@ _INTERVALS_PER_OCTAVE: Final = 4
 _SHORTEST_INDEX: Final = -4
 _LONGEST_INDEX: Final = 10
 
-# Gains also depend on the noise: tabulated in half octaves around the expected one. A quarter octave off costs 2 %.
-_LEVELS_PER_OCTAVE: Final = 2
-_QUIETEST_LEVEL: Final = -4
-_LOUDEST_LEVEL: Final = 2
-_SAMPLES_PER_CHOICE: Final = 8
-_LEAST_CHANGE: Final = 1.0  # levels: above the scatter of the measurement, so that the gains do not toggle
-
 _State = tuple[float, float, float, float, float, float, float, float]  # x, y in mm, then velocity, acceleration, jerk
 
 
 class ModelBank(MotionModel):
     """`period_ms` is the nominal sample period, `noise_mm` the standard error of one position on one axis.
 
-    That noise holds until the touch has enough samples; then it is measured over the last `noise_samples` samples,
-    within a quarter to twice `noise_mm`; `noise_samples` = 0 keeps `noise_mm`. The first bank of a given (period,
-    noise) computes its gain tables, some 0.2 s; later ones share them.
+    The first bank of a given (period, noise) computes its gain tables; later ones share them.
     """
 
-    __slots__ = (
-        *("_ax", "_ay", "_vx", "_vy", "_x", "_y"),
-        *("_filters", "_level", "_mean", "_meter", "_noise_mm", "_period_s", "_samples", "_tables"),
-    )
+    __slots__ = ("_ax", "_ay", "_filters", "_gains", "_mean", "_period_s", "_samples", "_vx", "_vy", "_x", "_y")
 
-    def __init__(self, *, period_ms: float, noise_mm: float = 0.053, noise_samples: float = 128.0) -> None:
+    def __init__(self, *, period_ms: float, noise_mm: float = 0.053) -> None:
         self._x = self._y = self._vx = self._vy = self._ax = self._ay = math.nan
-        self._noise_mm = checked("noise_mm", noise_mm, 1e-4, 10.0)
-        samples = round(checked("noise_samples", noise_samples, 0.0, 1e4))
-        self._meter = NoiseMeter(samples) if samples > 0 else None
         self._period_s = 1e-3 * period_ms
         intervals_s = tuple(
             self._period_s * 2.0 ** (index / _INTERVALS_PER_OCTAVE)
             for index in range(_SHORTEST_INDEX, _LONGEST_INDEX + 1)
         )
-        levels = range(_QUIETEST_LEVEL, _LOUDEST_LEVEL + 1) if samples > 0 else (0,)
-        self._level = 0
-        self._tables = {
-            level: bank_gains(intervals_s, self._noise_mm * 2.0 ** (level / _LEVELS_PER_OCTAVE)) for level in levels
-        }
+        self._gains = bank_gains(intervals_s, checked("noise_mm", noise_mm, 1e-4, 10.0))
+
+    @property
+    def motion(self) -> tuple[float, float, float, float, float, float]:
+        """Position, velocity and undamped acceleration on x and y at the last sample; NaN before the first."""
+        return self._x, self._y, self._vx, self._vy, self._ax / _ACCELERATION_DAMPING, self._ay / _ACCELERATION_DAMPING
 
     def start(self, x_mm: float, y_mm: float) -> None:
         """Take the first sample of a touch; earlier ones are dropped."""
         still = (x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._samples = 1
         self._filters = [_FILTERS[order](still) for order, _ in MODELS]
-        if self._meter is not None:
-            self._meter.restart()
-            self._meter.update(x_mm, y_mm, 1.0)
         self._settle(still)
 
     def step(self, sample: Sample) -> None:
         """Take the next sample."""
-        interval_s, period_s, x_mm, y_mm = sample
+        interval_s, _, x_mm, y_mm = sample
         gains = self._gains_after(interval_s)
         self._samples += 1
         mean = self._mean
@@ -104,10 +86,6 @@ class ModelBank(MotionModel):
             model.weight = prior / model.spread
         _weigh(self._filters)
         self._settle(_weighted_mean(self._filters))
-        if self._meter is not None:
-            self._meter.update(x_mm, y_mm, interval_s / period_s)
-            if self._samples % _SAMPLES_PER_CHOICE == 0:
-                self._choose_level(self._meter.noise_mm(self._noise_mm))
 
     def position(self, ahead_s: float) -> tuple[float, float]:
         """Position in mm, `ahead_s` >= 0 after the last sample; NaN before the first."""
@@ -123,13 +101,8 @@ class ModelBank(MotionModel):
 
     def _gains_after(self, interval_s: float) -> tuple[Gain, ...]:
         index = round(_INTERVALS_PER_OCTAVE * math.log2(interval_s / self._period_s))
-        rows = self._tables[self._level][min(max(index, _SHORTEST_INDEX), _LONGEST_INDEX) - _SHORTEST_INDEX]
+        rows = self._gains[min(max(index, _SHORTEST_INDEX), _LONGEST_INDEX) - _SHORTEST_INDEX]
         return rows[min(self._samples, len(rows)) - 1]
-
-    def _choose_level(self, noise_mm: float) -> None:
-        level = _LEVELS_PER_OCTAVE * math.log2(max(noise_mm / self._noise_mm, 1e-3))
-        if abs(level - self._level) > _LEAST_CHANGE:
-            self._level = min(max(round(level), _QUIETEST_LEVEL), _LOUDEST_LEVEL)
 
     def _settle(self, mean: _State) -> None:
         self._mean = mean

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from mypy_extensions import mypyc_attr
@@ -35,6 +36,10 @@ class MotionModel:
     def velocity(self, ahead_s: float) -> tuple[float, float]:
         """Velocity in mm/s at the same instant."""
         raise NotImplementedError
+
+    def covariance(self, ahead_s: float) -> tuple[float, float, float]:
+        """Expected xx, xy, yy (mm^2) of the position's error; NaN for a model that does not know."""
+        return math.nan * ahead_s, math.nan, math.nan
 
 
 def checked(name: str, value: float, low: float, high: float) -> float:

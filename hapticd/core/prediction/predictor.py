@@ -2,7 +2,7 @@
 
 A predictor is an intake and a motion model. The intake refuses what is no sample, drops the stale duplicates that
 touchpads send, and filters the stamps (`core.touch.sample_clock`; in the touch path one filter serves all fingers). The
-model (`bank`) gets clean samples at true times and estimates the motion. `hapticd.bench.baselines` has other models.
+model (`adaptive`) gets clean samples at true times and estimates the motion; `hapticd.bench.baselines` has others.
 
 Every difference of instants is taken in integers before it becomes a float: the result does not depend on where time
 starts, to the last bit.
@@ -20,8 +20,9 @@ from typing import Final
 
 from ..touch.fingers import Predictor as FingerPredictor
 from ..touch.sample_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
-from .bank import ModelBank
+from .adaptive import AdaptiveMotion
 from .motion import MotionModel, Sample, checked
+from .pad_memory import PadMemory
 
 LONGEST_HORIZON_S: Final = 0.050  # a longer horizon is cut to this
 
@@ -79,6 +80,10 @@ class TouchPredictor(FingerPredictor):
         """Return the velocity in mm/s at `t_ns`."""
         return self._model.velocity(self._ahead_s(t_ns))
 
+    def covariance(self, t_ns: int) -> tuple[float, float, float]:
+        """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
+        return self._model.covariance(self._ahead_s(t_ns))
+
     def is_stale(self, x_mm: float, y_mm: float) -> bool:
         """Return whether a moving finger's sample repeats the last one exactly. A second one in a row is not stale: the
         finger has stopped."""
@@ -101,16 +106,16 @@ class Predictor:
     As `TouchPredictor`; `update(t_ns, x_mm, y_mm)` takes the device's stamps, whose jitter is filtered out first.
     """
 
-    __slots__ = ("_clock", "_fresh_clock", "_t_stamp_ns", "_touch")
+    __slots__ = ("_clock", "_fresh_clock", "_fresh_model", "_t_stamp_ns", "_touch")
 
-    def __init__(self, model: MotionModel, fresh_clock: Callable[[], SampleClock]) -> None:
+    def __init__(self, fresh_model: Callable[[], MotionModel], fresh_clock: Callable[[], SampleClock]) -> None:
+        self._fresh_model = fresh_model
         self._fresh_clock = fresh_clock
-        self._touch = TouchPredictor(model)
         self.reset()
 
     def reset(self) -> None:
-        """Drop all samples, and what was learned of the stamps."""
-        self._touch.reset()
+        """Drop all samples, and what was learned of the stamps; what was learned of the pad stays in its memory."""
+        self._touch = TouchPredictor(self._fresh_model())
         self._clock = self._fresh_clock()
         self._t_stamp_ns: int | None = None
 
@@ -135,34 +140,45 @@ class Predictor:
         """Return the velocity in mm/s at `t_ns`."""
         return self._touch.velocity(t_ns)
 
+    def covariance(self, t_ns: int) -> tuple[float, float, float]:
+        """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
+        return self._touch.covariance(t_ns)
+
 
 @dataclass(frozen=True, slots=True)
 class PredictorFactory:
-    """How predictors of one kind are made: call it with settings. `defaults` names them all, intake and model."""
+    """How predictors of one kind are made: call it with settings. `defaults` names them all, intake and model.
+
+    With a `memory` what one predictor learns of the pad serves the others that have it; without, each begins with the
+    prior.
+    """
 
     model: Callable[..., MotionModel]
     model_settings: frozenset[str]
     defaults: dict[str, float]
+    learns: bool
 
     @classmethod
     def of(cls, model: Callable[..., MotionModel]) -> PredictorFactory:
         """The recipe for a model: its settings are the keyword arguments of its constructor."""
-        own = inspect.signature(model).parameters
+        own = dict(inspect.signature(model).parameters)
+        learns = own.pop("memory", None) is not None
         own_defaults = {name: setting.default for name, setting in own.items() if name not in _INTAKE_DEFAULTS}
-        return cls(model, frozenset(own), _INTAKE_DEFAULTS | own_defaults)
+        return cls(model, frozenset(own), _INTAKE_DEFAULTS | own_defaults, learns)
 
-    def __call__(self, **settings: object) -> Predictor:
+    def __call__(self, *, memory: PadMemory | None = None, **settings: object) -> Predictor:
         """Return a predictor for one touch; ValueError names the valid settings, or the bounds of a value."""
         chosen = self._checked(settings)
         clock_s = tuple([1e-3 * chosen[name] for name in ("period_ms", "period_error_ms", "stamp_error_ms")])
-        return Predictor(self._model(chosen), partial(SampleClock, *clock_s))
+        return Predictor(self._model(chosen, memory), partial(SampleClock, *clock_s))
 
-    def for_touch(self, **settings: object) -> TouchPredictor:
+    def for_touch(self, *, memory: PadMemory | None = None, **settings: object) -> TouchPredictor:
         """Return a predictor without a stamp filter; settings and errors as above."""
-        return TouchPredictor(self._model(self._checked(settings)))
+        return TouchPredictor(self._model(self._checked(settings), memory)())
 
-    def _model(self, chosen: dict[str, float]) -> MotionModel:
-        return self.model(**{name: chosen[name] for name in self.model_settings})
+    def _model(self, chosen: dict[str, float], memory: PadMemory | None) -> Callable[[], MotionModel]:
+        own: dict[str, object] = {name: chosen[name] for name in self.model_settings}
+        return partial(self.model, **own, memory=memory) if self.learns else partial(self.model, **own)
 
     def _checked(self, settings: dict[str, object]) -> dict[str, float]:
         chosen = self.defaults.copy()
@@ -178,7 +194,7 @@ class PredictorFactory:
         return chosen
 
 
-DEFAULT: Final = PredictorFactory.of(ModelBank)
+DEFAULT: Final = PredictorFactory.of(AdaptiveMotion)
 
 
 def make_predictor(name: str = "default", **settings: float) -> Predictor:
@@ -186,9 +202,9 @@ def make_predictor(name: str = "default", **settings: float) -> Predictor:
 
     The pad: its nominal `period_ms` and how wrong that may be, `period_error_ms` (standard error); `stamp_error_ms`,
     the standard error of one time stamp, 0 to take stamps as they are; `noise_mm`, the standard error of one position
-    on one axis, which matters most: it is a first guess, and then measured. The first predictor of a (period, noise)
-    takes some 0.2 s to compute gains: make one at start-up.
+    on one axis: what it misses is learned. The first predictor of a (period, noise) takes some 0.1 s to compute gains:
+    make one at start-up.
     """
     if name != "default":
         raise ValueError(f'Unknown predictor {name!r}: the core has "default"; hapticd.bench.baselines has the others.')
-    return DEFAULT(**settings)
+    return DEFAULT(memory=None, **settings)

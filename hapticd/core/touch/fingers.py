@@ -31,6 +31,10 @@ class Predictor:
         """Return the position in mm at `t_ns`."""
         raise NotImplementedError
 
+    def covariance(self, t_ns: int) -> tuple[float, float, float]:
+        """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
+        raise NotImplementedError
+
 
 class Fingers:
     """Tracked fingers with their predictors, from the trackpad's frames."""

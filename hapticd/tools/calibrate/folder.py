@@ -27,6 +27,7 @@ STEPS = {
     "modes": "fit the vibrometer's scan of the mode shapes (--scan FILE)",
     "trackpad": "touch marks on the plate to fit the pad's position (stop the service first)",
     "latency": "measure the delays that prediction must cover (stop the service first)",
+    "prediction": "stroke the pad for a minute, to learn its noise (stop the service first)",
     "friction": "fit friction against amplitude (--readings FILE)",
 }
 

@@ -1,4 +1,4 @@
-"""Step 5: fit of the friction curve to measured friction against amplitude.
+"""Step 6: fit of the friction curve to measured friction against amplitude.
 
 Readings are coefficients of friction, forces or anything proportional; there may be several at each amplitude. The fit
 assumes only that friction does not rise with amplitude: isotonic regression (R. E. Barlow et al., Statistical Inference

@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_modes(steps)
     _add_trackpad(steps)
     _add_latency(steps)
+    _add_prediction(steps)
     _add_friction(steps)
     _add_all(steps)
 
@@ -117,6 +118,18 @@ def _add_latency(steps: Any) -> None:
     _add_seconds(parser)
 
 
+def _add_strokes(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--recording", type=Path, metavar="F.mcap", help="learn from the strokes of a recording")
+    parser.add_argument(
+        "--strokes", type=POSITIVE, default=60.0, metavar="S", help="duration of the strokes (default 60)"
+    )
+
+
+def _add_prediction(steps: Any) -> None:
+    parser = _step(steps, "prediction", "learn the pad's noise from a minute of strokes", "--out DIR")
+    _add_strokes(parser)
+
+
 def _add_friction(steps: Any) -> None:
     parser = _step(steps, "friction", "fit friction against amplitude", "--readings friction.csv --out DIR")
     parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
@@ -129,6 +142,7 @@ def _add_all(steps: Any) -> None:
     _add_scan(parser)
     _add_marks(parser)
     _add_seconds(parser)
+    _add_strokes(parser)
     parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
 
 
@@ -144,7 +158,7 @@ def _run(options: argparse.Namespace) -> int:
     plotting.check(options.out / f"{options.step}.png")
     steps = _steps()
     names = list(steps) if options.step == "all" else [options.step]
-    given = [value for name, value in vars(options).items() if name in ("config", "scan", "readings")]
+    given = [value for name, value in vars(options).items() if name in ("config", "scan", "readings", "recording")]
     folder.prepare(options.out, names, given, is_simulated=options.sim, is_forced=options.force)
     for name in names:
         steps[name].check(options)  # what is wrong with the last step is said before the first
@@ -154,9 +168,16 @@ def _run(options: argparse.Namespace) -> int:
 
 def _steps() -> dict[str, Any]:
     """The steps' modules: `check` raises for arguments that `run` could not use."""
-    from . import delays, friction, modes, resonance, trackpad
+    from . import delays, friction, modes, prediction, resonance, trackpad
 
-    return {"resonance": resonance, "modes": modes, "trackpad": trackpad, "latency": delays, "friction": friction}
+    return {
+        "resonance": resonance,
+        "modes": modes,
+        "trackpad": trackpad,
+        "latency": delays,
+        "prediction": prediction,
+        "friction": friction,
+    }
 
 
 def _run_step(name: str, run: Callable[[argparse.Namespace], Verdict], options: argparse.Namespace) -> Outcome:

@@ -109,7 +109,7 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
     output = capsys.readouterr().out
     places = [output.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
     assert places == sorted(places)
-    assert output.count("done (simulated)") == 5
+    assert output.count("done (simulated)") == 6
     assert main(["calibrate", "--out", str(out / "none")]) == 0
     assert "Next: hapticd calibrate resonance" in capsys.readouterr().out
 

@@ -24,13 +24,13 @@ def test_unchanged_settings_make_the_recorded_references(strokes: Path) -> None:
     assert rehearse(recording, records, recording.header.config) == _recorded(records)
 
 
-def test_a_worse_predictor_leaks_more_at_the_true_positions(strokes: Path) -> None:
-    fingers, judged = compare(open_recording(strokes), ["prediction.noise_mm=1.0", "solver.derating_mm2_um2=0"])
+def test_predictions_for_a_wrong_instant_leak_more_at_the_true_positions(strokes: Path) -> None:
+    fingers, judged = compare(open_recording(strokes), ["trackpad.latency_ms=0", "solver.derating_mm2_um2=0"])
     leak_um = {one.name: one.score.leak_um for one in judged}
 
     assert fingers.is_true
-    assert list(leak_um) == ["as recorded", "prediction.noise_mm=1.0", "solver.derating_mm2_um2=0", "all of these"]
-    assert leak_um["prediction.noise_mm=1.0"] > 3 * leak_um["as recorded"]
+    assert list(leak_um) == ["as recorded", "trackpad.latency_ms=0", "solver.derating_mm2_um2=0", "all of these"]
+    assert leak_um["trackpad.latency_ms=0"] > 3 * leak_um["as recorded"]
     assert leak_um["as recorded"] < 0.1
 
 

@@ -1,0 +1,242 @@
+"""Step 5: what a minute of strokes teaches the predictor of this pad, and what the pad adds to them.
+
+The predictor learns while the plate is used; this step gives it what it would have learned by then. Weights are learned
+on one half of the touches and judged on the other. Nothing is kept that is no better there than the weights of many
+pads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.prediction.pad_memory import PadMemory
+from ...core.prediction.predictor import DEFAULT
+from ...errors import CalibrationError
+from ...files import plotting
+from ...io.devices.hid_trackpad import HidTrackpad
+from ...io.devices.trackpad_source import TrackpadSource
+from ...sim.fingers.paths import Strokes
+from ...sim.fingers.sensor import SensorModel
+from ...values import RawReport
+from ...wire.trackpad import Decoder
+from ..touches import FloatArray, Touches, Trace, recorded
+from . import simulated
+from .delays import PERIOD_WORTH_FRAC
+from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
+
+PICTURE_FILE = "prediction.png"
+SIMULATED_MODEL = "mt2-usb"
+SIMULATED_SPEED_MM_S = 100.0
+AHEADS_MS = (15, 25)
+NOMINAL_MS = 11.25
+FEWEST_SAMPLES = 1000  # ten seconds of strokes: fewer teach less than many pads do
+PASSES = 2
+LANDING_SAMPLES = 5  # whose predictions say more about the landing than about the pad
+PIECE_SAMPLES = 100  # a second: what was kept counts most where a touch is young
+WORTH_FRAC = 0.99  # of the error on the other half: a smaller gain is chance
+HELD_WORTH_FRAC = 0.5
+MOVING_MM_S = 50.0
+_SMOOTHED = np.array((-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0)) / 21.0  # Savitzky-Golay: a parabola through seven samples
+_LEFT = np.sqrt(1.0 - 7.0 / 21.0)  # of white noise, after the parabola is subtracted
+
+
+class Learned(NamedTuple):
+    """Weights to keep, and RMS errors on the other half by horizon: with those of many pads, and with these."""
+
+    weights: tuple[float, ...]
+    before_mm: tuple[float, ...]
+    after_mm: tuple[float, ...]
+
+    @property
+    def is_better(self) -> bool:
+        """The geometric mean over the horizons falls by more than chance."""
+        return float(np.prod(self.after_mm)) < WORTH_FRAC ** len(AHEADS_MS) * float(np.prod(self.before_mm))
+
+
+class PadNoise(NamedTuple):
+    """What the pad adds to a moving finger, RMS: across its way, along it as a time, and reports that repeat."""
+
+    across_mm: float
+    along_ms: float
+    repeated_frac: float
+
+
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    if options.recording is not None and not options.recording.is_file():
+        raise CalibrationError(f"--recording: there is no file {options.recording}.")
+
+
+def run(options: argparse.Namespace) -> Verdict:
+    """Run the step. Raises HapticdError."""
+    if options.sim:
+        traces = strokes(options.seed, options.strokes)
+    elif options.recording is not None:
+        traces = recorded(options.recording)
+    else:
+        traces = asyncio.run(_touched(HidTrackpad("auto"), options.strokes))
+    if sum(len(trace.t_s) for trace in traces) < FEWEST_SAMPLES:
+        raise CalibrationError(
+            f"The touches have fewer than {FEWEST_SAMPLES} samples: stroke the pad for a minute, slowly and fast."
+        )
+    found = learned(traces)
+    draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
+    return verdict(traces, found, is_simulated=options.sim)
+
+
+def strokes(seed: int, seconds: float) -> list[Trace]:
+    """Return the touch that the simulated pad reports of a finger's strokes."""
+    touches, decoder = Touches(), Decoder(SIMULATED_MODEL)
+    for report in SensorModel(seed=seed).reports([Strokes(seed, SIMULATED_SPEED_MM_S)], seconds):
+        for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
+            touches.add(frame)
+    return touches.traces(SIMULATED_MODEL)
+
+
+async def _touched(pad: TrackpadSource, seconds: float) -> list[Trace]:
+    """Return the touches of the next seconds on the pad."""
+    touches, decoders = Touches(), dict[str, Decoder]()
+
+    def on_link(is_up: bool, reason: str) -> None:
+        print(f"trackpad: {reason}", flush=True)
+        touches.lift_all()
+        if is_up and pad.model is not None:
+            decoders.setdefault(pad.model, Decoder(pad.model)).reset()
+            print(f"stroke the pad for {seconds:g} s with one or two fingers, slowly and fast, with stops", flush=True)
+
+    def on_reports(reports: Sequence[RawReport]) -> None:
+        if pad.model is None:
+            return
+        decoder = decoders[pad.model]
+        for report in reports:
+            for frame in decoder.decode(report.data, report.t_host_ns):
+                touches.add(frame)
+        if decoder.needs_enable:
+            pad.request_enable()
+
+    pad.start(asyncio.get_running_loop(), on_reports, on_link)
+    try:
+        await asyncio.sleep(seconds)
+    finally:
+        await pad.close()
+    return touches.traces(pad.model or "no trackpad")
+
+
+def learned(traces: Sequence[Trace]) -> Learned:
+    """Learn on the first half of the samples, judge on the second, where each piece begins with what was kept."""
+    first, second = halves(traces)
+    memory = PadMemory()
+    for _ in range(PASSES):
+        errors_mm(first, lambda: memory)
+    judged = [piece for trace in second for piece in pieces(trace)]
+    return Learned(memory.kept, errors_mm(judged, PadMemory), errors_mm(judged, lambda: PadMemory.of(memory.kept)))
+
+
+def pieces(trace: Trace) -> list[Trace]:
+    """Cut a trace into touches of PIECE_SAMPLES."""
+    starts = range(0, len(trace.t_s) - PIECE_SAMPLES + 1, PIECE_SAMPLES)
+    cuts = [slice(start, start + PIECE_SAMPLES) for start in starts] or [slice(None)]
+    return [Trace(trace.device, trace.t_s[cut], trace.xy_mm[cut]) for cut in cuts]
+
+
+def halves(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
+    """Return the traces of the first and of the second half of all samples; the one in the middle is cut."""
+    left = sum(len(trace.t_s) for trace in traces) // 2
+    first: list[Trace] = []
+    second: list[Trace] = []
+    for trace in traces:
+        cut = min(left, len(trace.t_s))
+        left -= cut
+        for part, some in ((slice(None, cut), first), (slice(cut, None), second)):
+            if len(trace.t_s[part]) > 1:
+                some.append(Trace(trace.device, trace.t_s[part], trace.xy_mm[part]))
+    return first, second
+
+
+def errors_mm(traces: Sequence[Trace], memory: Callable[[], PadMemory]) -> tuple[float, ...]:
+    """Return RMS distances to the pad's own later reports, by horizon; `memory` is that of one trace and learns."""
+    squares: list[list[FloatArray]] = [[] for _ in AHEADS_MS]
+    for trace in traces:
+        predictor = DEFAULT(memory=memory())
+        predicted = []
+        for t_ns, x_mm, y_mm in trace.samples:
+            predictor.update(t_ns, x_mm, y_mm)
+            predicted.append([predictor.predict(t_ns + 1_000_000 * ahead_ms) for ahead_ms in AHEADS_MS])
+        for place, ahead_ms in enumerate(AHEADS_MS):
+            t_s = trace.t_s + 1e-3 * ahead_ms
+            truth_mm = np.stack([np.interp(t_s, trace.t_s, axis) for axis in trace.xy_mm.T], axis=-1)
+            error_mm = (np.array(predicted)[:, place] - truth_mm)[t_s <= trace.t_s[-1]][LANDING_SAMPLES:]
+            squares[place].append(np.sum(error_mm**2, axis=1))
+    return tuple(float(np.sqrt(np.mean(np.concatenate(some)))) for some in squares)
+
+
+def noise(traces: Sequence[Trace]) -> PadNoise:
+    """Compare samples of moving fingers with the parabola through seven of them."""
+    across_mm, along_s, repeats = [], [], []
+    for trace in traces:
+        repeats.append(np.all(np.diff(trace.xy_mm, axis=0) == 0.0, axis=1))
+        if len(trace.t_s) < len(_SMOOTHED) + 1:
+            continue
+        middle = slice(len(_SMOOTHED) // 2, -(len(_SMOOTHED) // 2))
+        smooth_mm = np.stack([np.convolve(axis, _SMOOTHED, "valid") for axis in trace.xy_mm.T], axis=-1)
+        velocity = np.gradient(smooth_mm, trace.t_s[middle], axis=0)
+        speed = np.hypot(*velocity.T)
+        left_mm = (trace.xy_mm[middle] - smooth_mm)[speed > MOVING_MM_S] / _LEFT
+        unit = (velocity / np.maximum(speed, 1e-9)[:, None])[speed > MOVING_MM_S]
+        across_mm.append(left_mm[:, 1] * unit[:, 0] - left_mm[:, 0] * unit[:, 1])
+        along_s.append(np.sum(left_mm * unit, axis=1) / speed[speed > MOVING_MM_S])
+    return PadNoise(_rms(across_mm), 1e3 * _rms(along_s), float(np.mean(np.concatenate(repeats))))
+
+
+def _rms(parts: Sequence[FloatArray]) -> float:
+    values = np.concatenate(parts) if parts else np.empty(0)
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> Verdict:
+    """Judge whether the pad's own weights help on touches that did not teach them."""
+    added = noise(traces)
+    period_ms = 1e3 * float(np.median(np.concatenate([np.diff(trace.t_s) for trace in traces])))
+    figures = (
+        Figure("samples", float(sum(len(trace.t_s) for trace in traces)), ""),
+        Figure("report period", period_ms, "ms"),
+        Figure("noise across the way", added.across_mm, "mm"),
+        Figure("error along the way", added.along_ms, "ms"),
+        Figure("reports that repeat", 100.0 * added.repeated_frac, "%"),
+        *(
+            Figure(f"error {ahead_ms} ms ahead, {whose}", error_mm, "mm")
+            for whose, errors in (("weights of many pads", found.before_mm), ("of this pad", found.after_mm))
+            for ahead_ms, error_mm in zip(AHEADS_MS, errors, strict=True)
+        ),
+    )
+    findings: list[Finding] = []
+    settings: dict[str, list[float] | float] = {}
+    if found.is_better:
+        settings["pad_weights"] = [round(weight, 4) for weight in found.weights]
+    else:
+        findings.append((Outcome.WARN, "The weights of many pads are as good: none are kept. Longer strokes may help."))
+    if abs(period_ms / NOMINAL_MS - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
+        settings["period_ms"] = round(period_ms, 2)
+    if added.repeated_frac > HELD_WORTH_FRAC:
+        findings.append((Outcome.WARN, "More than half of the reports repeat: keep the fingers moving."))
+    gain = 100.0 * (1.0 - found.after_mm[0] / found.before_mm[0])
+    outcome, sentence = judge(findings, f"The error 15 ms ahead falls by {gain:.0f} % on touches that taught nothing.")
+    return Verdict("prediction", outcome, sentence, figures, {"prediction": settings} if settings else {}, is_simulated)
+
+
+def draw(found: Learned, path: Path, *, source: str = "") -> None:
+    """Draw the errors before and after. Raises HapticdError."""
+    figure, axes = plotting.subplots(4.5, 3.5, source=source)
+    (plot,) = axes[0]
+    places = np.arange(len(AHEADS_MS))
+    plot.bar(places - 0.2, found.before_mm, 0.4, label="weights of many pads")
+    plot.bar(places + 0.2, found.after_mm, 0.4, label="weights of this pad")
+    plot.set(xticks=places, xticklabels=[f"{ahead_ms} ms" for ahead_ms in AHEADS_MS], ylabel="RMS error, mm")
+    plot.legend(fontsize=8)
+    plotting.save(figure, path, **PICTURE)

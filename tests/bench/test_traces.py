@@ -1,0 +1,155 @@
+"""Predictors on recorded touches: the file's format, the tables, the fit of the prior, and the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.bench import prediction_prior, prediction_traces, traces
+from hapticd.core.prediction.pad_memory import FAR_S, NEAR_S
+from hapticd.core.prediction.prior import NEAR
+from hapticd.errors import UsageError
+from hapticd.sim.fingers.paths import Strokes
+from hapticd.tools.touches import FloatArray, Trace
+
+Arrays = dict[str, np.ndarray]  # type: ignore[type-arg]
+
+
+def stroked(device: str, seed: int, seconds: float = 3.0) -> Trace:
+    """Strokes on a pad that averages its positions."""
+    rng = np.random.default_rng(seed)
+    t_s: FloatArray = np.arange(round(100 * seconds)) / 100.0
+    xy_mm = Strokes(seed, 100.0).position_mm(t_s) + 0.05 * rng.standard_normal((len(t_s), 2))
+    return Trace(device, t_s[1:], np.asarray(0.5 * (xy_mm[1:] + xy_mm[:-1])))
+
+
+STROKED = [stroked("kind/one", 1), stroked("kind/one", 2), stroked("hid/maker_0001_0002", 3)]
+
+
+def arrays(some: list[Trace]) -> Arrays:
+    return {
+        "t_s": np.concatenate([trace.t_s for trace in some]),
+        "xy_mm": np.concatenate([trace.xy_mm for trace in some]),
+        "trace": np.repeat(np.arange(len(some)), [len(trace.t_s) for trace in some]),
+        "device": np.array([trace.device for trace in some]),
+    }
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "traces.npz"
+    np.savez(path, **arrays(STROKED))  # type: ignore[arg-type]
+    return path
+
+
+def test_a_file_is_read_as_it_was_written_one_device_after_the_other(file: Path) -> None:
+    found = traces.load(file)
+    assert [trace.device for trace in found] == ["hid/maker_0001_0002", "kind/one", "kind/one"]
+    assert [trace.group for trace in found] == ["maker", "kind", "kind"]
+    assert np.array_equal(found[0].xy_mm, STROKED[2].xy_mm)
+    assert {name: len(some) for name, some in traces.by_device(found).items()} == {
+        "hid/maker_0001_0002": 1,
+        "kind/one": 2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"xy_mm": np.zeros(3)}, "two columns"),
+        ({"trace": np.array([2, 1, 0])}, "must not decrease|one entry"),
+        ({"trace": np.flip}, "must not decrease"),
+        ({"device": np.array(["kind/one"])}, "count the names"),
+        ({"t_s": lambda t_s: t_s * np.nan}, "finite"),
+        ({"xy_mm": None}, "cannot be read"),
+    ],
+)
+def test_a_file_of_another_form_is_refused_with_what_is_wrong(
+    tmp_path: Path, change: dict[str, object], problem: str
+) -> None:
+    held = arrays(STROKED)
+    for name, value in change.items():
+        if value is None:
+            del held[name]
+        else:
+            held[name] = value(held[name]) if callable(value) else value  # type: ignore[assignment]
+    path = tmp_path / "wrong.npz"
+    np.savez(path, **held)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=problem):
+        traces.load(path)
+
+
+def test_the_table_has_every_group_and_the_default_wins_on_a_filtering_pad() -> None:
+    by_group, covariance = prediction_traces.run(sorted(STROKED, key=lambda trace: trace.device))
+    assert [row.name for row in by_group.rows] == ["kind", "maker", prediction_traces.ALL]
+    figures = by_group.row(prediction_traces.ALL).figures
+    assert figures["over_the_better_15ms"] < 0.9
+    assert figures["over_the_better_25ms"] < 0.9
+    assert figures["predictions_count"] == sum(len(trace.t_s) - 2 - 3 for trace in STROKED)
+    assert 0.55 < covariance.row("all").figures["within_15ms_frac"] < 0.8
+
+
+def test_the_prior_is_the_distribution_of_the_devices_weights() -> None:
+    """Twenty made-up devices, whose weights scatter around a mean."""
+    rng = np.random.default_rng(1)
+    mean, deviation = np.array((0.0, 0.5, 1.0, -1.0, 0.5)), 0.3
+    devices = []
+    for _ in range(20):
+        weights = mean + deviation * rng.standard_normal(5)
+        rows = rng.standard_normal((4000, 5))
+        right = rows @ weights + 0.05 * rng.standard_normal(4000)
+        devices.append(prediction_prior.Sums(rows.T @ rows, rows.T @ right, float(right @ right), 4000))
+    found_mean, covariance = prediction_prior.fitted(devices)
+    assert found_mean == pytest.approx(mean, abs=3.0 * deviation / np.sqrt(20))
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(deviation, rel=0.5)
+
+
+@pytest.mark.parametrize("ahead_s", [NEAR_S, FAR_S])
+def test_the_recipe_sums_the_corrections_that_the_predictor_makes(ahead_s: float) -> None:
+    samples = STROKED[0].samples
+    features, lacked, places = prediction_prior.corrections([samples], ahead_s)
+    assert features.shape == (len(lacked), 2, len(NEAR.mean)) == (len(places), 2, 5)
+    own = prediction_prior.sums([samples], ahead_s)
+    weights = np.linalg.solve(own.matrix, own.right)
+    left_mm2 = np.sum((lacked - features @ weights) ** 2)
+    assert left_mm2 == pytest.approx(own.squares - own.right @ weights, rel=1e-6)
+    assert left_mm2 < np.sum((lacked - features @ NEAR.mean) ** 2)
+
+
+def test_the_fitted_module_is_what_the_recipe_writes() -> None:
+    text = prediction_prior.module_text([NEAR, NEAR], np.ones((2, 2, 9)))
+    held: dict[str, object] = {}
+    exec(text, held)
+    assert held["NEAR"] == held["FAR"] == NEAR
+    assert np.array_equal(np.array(held["SPREADS_MM"]), np.ones((2, 2, 9)))
+
+
+def test_the_command_prints_both_tables_and_their_figures(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", "prediction", "--traces", str(file), "--json", str(tmp_path / "figures.json")]) == 0
+    printed = capsys.readouterr().out
+    assert "by group of devices" in printed
+    assert "within one deviation" in printed
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert set(figures["parts"]["prediction"]) == {"prediction_traces", "prediction_covariance"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["tick", "--traces", "F"], "belong to one part"),
+        (["prediction", "--traces", "F", "--recording", "G"], "exclude each other"),
+        (["prediction", "--traces", "F", "--plot", "p.png"], "leave the option out"),
+        (["prediction", "--traces", "F"], "cannot be read"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    arguments: list[str], problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", *arguments]) == 2
+    assert problem in capsys.readouterr().err

@@ -1,0 +1,103 @@
+"""`hapticd calibrate prediction`: what strokes teach, what is kept of it, and what the pad adds to them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.config import loader as config
+from hapticd.core.prediction.pad_memory import PadMemory
+from hapticd.daemon.settings import pipeline_settings
+from hapticd.sim.fingers.paths import Strokes
+from hapticd.tools.calibrate import prediction
+from hapticd.tools.calibrate.verdict import Outcome
+from hapticd.tools.touches import FloatArray, Trace
+
+
+def stroked(seed: int, *, across_mm: float = 0.02, along_ms: float = 0.0, seconds: float = 12.0) -> Trace:
+    """A straight slide on a pad with noise across it and a time error along it."""
+    rng = np.random.default_rng(seed)
+    t_s: FloatArray = np.arange(round(100 * seconds)) / 100.0
+    x_mm = 100.0 * (t_s + 1e-3 * along_ms * rng.standard_normal(len(t_s)))
+    return Trace("pad", t_s, np.stack((x_mm, across_mm * rng.standard_normal(len(t_s))), axis=-1))
+
+
+def filtered(seed: int, seconds: float = 20.0) -> Trace:
+    """Strokes on a pad that averages its positions heavily."""
+    rng = np.random.default_rng(seed)
+    t_s: FloatArray = np.arange(round(125 * seconds)) / 125.0
+    xy_mm = Strokes(seed, 150.0).position_mm(t_s) + 0.05 * rng.standard_normal((len(t_s), 2))
+    for k in range(1, len(xy_mm)):
+        xy_mm[k] = 0.8 * xy_mm[k - 1] + 0.2 * xy_mm[k]
+    return Trace("pad", t_s, np.round(xy_mm, 2))
+
+
+@pytest.mark.parametrize(("across_mm", "along_ms"), [(0.02, 0.0), (0.05, 0.0), (0.02, 0.8)])
+def test_the_noise_across_and_the_time_error_along_are_measured(across_mm: float, along_ms: float) -> None:
+    found = prediction.noise([stroked(1, across_mm=across_mm, along_ms=along_ms)])
+    assert found.across_mm == pytest.approx(across_mm, rel=0.1)
+    assert found.along_ms == pytest.approx(along_ms, abs=0.1)
+    assert found.repeated_frac == 0.0
+
+
+def test_reports_that_repeat_are_counted() -> None:
+    one = stroked(1)
+    held = one._replace(xy_mm=np.repeat(one.xy_mm[::2], 2, axis=0))
+    assert prediction.noise([held]).repeated_frac == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_halves_hold_every_sample_once() -> None:
+    traces = [stroked(seed, seconds=seconds) for seed, seconds in ((1, 3.0), (2, 4.0), (3, 1.0))]
+    first, second = prediction.halves(traces)
+    assert sum(len(trace.t_s) for trace in first) == sum(len(trace.t_s) for trace in second) == 400
+    assert np.array_equal(
+        np.concatenate([trace.xy_mm for trace in (*first, *second)]), np.concatenate([one.xy_mm for one in traces])
+    )
+
+
+def test_weights_of_a_pad_that_filters_are_kept_and_the_service_begins_with_them() -> None:
+    traces = [filtered(1)]
+    found = prediction.learned(traces)
+    verdict = prediction.verdict(traces, found, is_simulated=True)
+    assert found.is_better
+    assert verdict.outcome is Outcome.PASS
+    kept = verdict.settings["prediction"]["pad_weights"]
+    assert verdict.settings["prediction"]["period_ms"] == pytest.approx(8.0)
+    loaded = config.from_table({"prediction": {"pad_weights": kept}}, where="test", folder=None)
+    make = pipeline_settings(loaded).make_predictor
+    assert make.keywords["memory"].kept == pytest.approx(PadMemory.of(kept).kept)  # type: ignore[attr-defined]
+
+
+def test_weights_that_help_no_more_than_those_of_many_pads_are_not_kept() -> None:
+    same = (0.1, 0.2)
+    verdict = prediction.verdict([filtered(1)], prediction.Learned((0.0,) * 10, same, same), is_simulated=True)
+    assert verdict.outcome is Outcome.WARN
+    assert "pad_weights" not in verdict.settings["prediction"]
+
+
+def test_the_step_runs_on_the_simulated_pad_and_writes_its_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "plate"
+    assert main(["calibrate", "prediction", "--sim", "--strokes", "15", "--out", str(out)]) == 0
+    assert "error along the way" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {"hapticd.toml", "prediction.json", "prediction.png"}
+
+
+def test_too_few_strokes_and_a_missing_recording_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "plate")]
+    assert main(["calibrate", "prediction", "--sim", "--strokes", "3", *out]) == 2
+    assert "fewer than 1000 samples" in capsys.readouterr().err
+    assert main(["calibrate", "prediction", "--recording", str(tmp_path / "none.mcap"), *out]) == 2
+    assert "there is no file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("weights", [[0.1] * 9, [0.1] * 9 + [9.0]])
+def test_a_configuration_with_other_weights_is_refused(weights: list[float]) -> None:
+    with pytest.raises(Exception, match=r"prediction\.pad_weights"):
+        config.from_table({"prediction": {"pad_weights": weights}}, where="test", folder=None)
