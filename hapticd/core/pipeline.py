@@ -230,7 +230,8 @@ class Pipeline:
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
-        return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns)
+        variances_mm2 = self._fingers.variances_mm2(keys, t_ns) if self._solver.has_contacts else None
+        return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns, variances_mm2)
 
     def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
         """Return where the fingers will be at an instant, and the target amplitude of each there."""

@@ -4,6 +4,9 @@ The mean square amplitude over a contact is W^H G W with the Gram matrix G (M, M
 disc. It is taken at seven points, the centre and a hexagon at sqrt(2/3) of the radius, whose weights integrate
 polynomials up to degree 5 exactly (J. Radon 1948; Abramowitz and Stegun, 25.4.61). On discs of 5 mm contrasts are
 within 1 % of those by a Gauss quadrature of 100 points, as are maps of G with a root per pair of modes; both cost more.
+
+A predicted place errs by some sigma on each axis. What is expected over the contact is then the mean over all places
+where it may be, and to second order that is a larger disc: the squares of its moments add, a^2 / 4 + sigma^2.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ CENTRE_WEIGHT: Final = 0.25
 RIM_WEIGHT: Final = 0.125
 RIM_FRAC: Final = math.sqrt(2.0 / 3.0)
 RIM_POINTS: Final = 6
+MOST_STRETCH: Final = 1.5  # a finger whose place is less certain than that is better served as it was
 
 
 def disc_points(radius_mm: float) -> list[tuple[float, float, float]]:
@@ -32,12 +36,21 @@ def disc_points(radius_mm: float) -> list[tuple[float, float, float]]:
     return [(0.0, 0.0, CENTRE_WEIGHT), *rim]
 
 
-def contact_gram(modes: ModeShapes, disc: list[tuple[float, float, float]], x_mm: float, y_mm: float) -> Gram:
+def stretch(variance_mm2: float, radius_mm: float) -> float:
+    """Return by how much a disc grows if its centre is uncertain, `variance_mm2` on each axis: up to MOST_STRETCH, and
+    not where the variance is unknown (NaN)."""
+    square = 4.0 * variance_mm2 / (radius_mm * radius_mm)
+    return min(math.sqrt(1.0 + square), MOST_STRETCH) if square > 0.0 else 1.0
+
+
+def contact_gram(
+    modes: ModeShapes, disc: list[tuple[float, float, float]], x_mm: float, y_mm: float, stretched: float = 1.0
+) -> Gram:
     """Return G of the disc about one point, as plain floats. Points beyond the map have its edge's shapes."""
     count = modes.M
     gram = [[0.0] * count for _ in range(count)]
     for dx_mm, dy_mm, weight in disc:
-        phi = modes.at(x_mm + dx_mm, y_mm + dy_mm)
+        phi = modes.at(x_mm + stretched * dx_mm, y_mm + stretched * dy_mm)
         for k in range(count):
             row, share = gram[k], weight * phi[k]
             for other in range(k, count):

@@ -12,7 +12,7 @@ from typing import Final
 
 from ...values import SafeDrive, TouchPoint
 from ..phasors import Row, magnitude, re_im
-from ..plate.contact import contact_gram, disc_points
+from ..plate.contact import contact_gram, disc_points, stretch
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
@@ -74,13 +74,22 @@ class InstantSolver:
         self._derating_mm2_um2 = derating_mm2_um2
         self._rotates = phase_rotation
         self._parasitic_modes = parasitic_modes
+        self._contact_radius_mm = contact_radius_mm
         self._disc = disc_points(contact_radius_mm) if contact_radius_mm > 0.0 else []
         self._is_turned = False
 
-    def solve(self, places: list[Place], previous_um: Row, since_ns: int) -> ModalSolution:
-        """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before."""
+    @property
+    def has_contacts(self) -> bool:
+        """Whether fingers are discs, whose places are taken with their variance."""
+        return len(self._disc) > 0
+
+    def solve(
+        self, places: list[Place], previous_um: Row, since_ns: int, variances_mm2: list[float] | None = None
+    ) -> ModalSolution:
+        """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. `variances_mm2` (N,)
+        are those of the places on each axis, for contacts."""
         if len(self._disc) > 0:
-            return self._solve_contacts(places, previous_um, since_ns)
+            return self._solve_contacts(places, previous_um, since_ns, variances_mm2)
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
@@ -100,12 +109,19 @@ class InstantSolver:
             modal_um = self._parasitic_modes.silenced(places, phi, modal_um, self._w_limit_um)
         return ModalSolution(places, [_amplitude_um(row, modal_um) for row in phi], modal_um, limited)
 
-    def _solve_contacts(self, places: list[Place], previous_um: Row, since_ns: int) -> ModalSolution:
+    def _solve_contacts(
+        self, places: list[Place], previous_um: Row, since_ns: int, variances_mm2: list[float] | None
+    ) -> ModalSolution:
         d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
         for mode in range(len(previous_um)):
             d_um[mode], q_um[mode] = re_im(previous_um[mode])
         before_d_um, before_q_um = d_um.copy(), q_um.copy()
-        grams = [contact_gram(self._modes, self._disc, x_mm, y_mm) for x_mm, y_mm, _ in places]
+        if variances_mm2 is None:
+            variances_mm2 = [0.0] * len(places)
+        grams = []
+        for place, variance_mm2 in zip(places, variances_mm2, strict=True):
+            stretched = stretch(variance_mm2, self._contact_radius_mm)
+            grams.append(contact_gram(self._modes, self._disc, place[0], place[1], stretched))
         targets_um = tuple([target_um for _, _, target_um in places])
         achieved_um, limited = solve_contacts(grams, targets_um, self._contact_limit_um, d_um, q_um)
         most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns

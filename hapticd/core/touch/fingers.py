@@ -106,6 +106,17 @@ class Fingers:
         t_latest_ns = self.t_sample_ns + MAX_HORIZON_NS
         return self.predictors[finger_id].predict(t_ns if t_ns < t_latest_ns else t_latest_ns)
 
+    def variances_mm2(self, keys: Sequence[int | str], t_ns: int) -> list[float]:
+        """Return the variance of each predicted place, the mean of both axes; 0 for virtual fingers."""
+        variances_mm2 = []
+        for key in keys:
+            xx_mm2 = yy_mm2 = 0.0
+            if isinstance(key, int):
+                t_latest_ns = self.t_sample_ns + MAX_HORIZON_NS
+                xx_mm2, _, yy_mm2 = self.predictors[key].covariance(t_ns if t_ns < t_latest_ns else t_latest_ns)
+            variances_mm2.append(0.5 * (xx_mm2 + yy_mm2))
+        return variances_mm2
+
     def _forget(self, finger_id: int) -> None:
         self.predictors.pop(finger_id, None)
         self.released.discard(finger_id)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
-from hapticd.core.plate.contact import contact_gram, contact_grams, disc_points
+from hapticd.core.plate.contact import contact_gram, contact_grams, disc_points, stretch
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import disc
@@ -33,6 +35,20 @@ def test_the_rule_integrates_polynomials_of_degree_five() -> None:
     assert weights @ x_mm**4 == pytest.approx(3.0**4 / 8)
     for power in (1, 3, 5):
         assert weights @ x_mm**power == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_uncertain_disc_is_the_mean_over_the_places_where_it_may_be(modes: ModeShapes) -> None:
+    random, sigma_mm = np.random.default_rng(3), 0.8
+    places_mm = np.array([12.0, -30.0]) + sigma_mm * random.normal(size=(4000, 2))
+    expected = contact_grams(modes, places_mm, 5.0).mean(axis=0)
+    stretched = np.array(contact_gram(modes, disc_points(5.0), 12.0, -30.0, stretch(sigma_mm**2, 5.0)))
+    certain = np.array(contact_gram(modes, disc_points(5.0), 12.0, -30.0))
+    assert np.abs(stretched - expected).max() < 0.3 * np.abs(certain - expected).max()
+
+
+@pytest.mark.parametrize(("variance_mm2", "by"), [(0.0, 1.0), (math.nan, 1.0), (-1.0, 1.0), (1e300, 1.5)])
+def test_a_variance_that_says_nothing_leaves_the_disc_or_bounds_it(variance_mm2: float, by: float) -> None:
+    assert stretch(variance_mm2, 5.0) == by
 
 
 def test_a_disc_of_no_size_is_a_point(modes: ModeShapes) -> None:
