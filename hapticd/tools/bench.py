@@ -22,7 +22,7 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "prediction": Part("predictions 15 ms ahead on 15 motions", 1.0),
+    "prediction": Part("predictions 15 ms ahead on 15 motions", 1.5),
     "solver": Part("solvers against general optimisers", 1.0),
     "stability": Part("digits of a solution at the ends of the solver's range", 2.0),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),

@@ -111,6 +111,38 @@ def test_noise_and_stamp_jitter_are_as_large_as_stated() -> None:
     assert np.ptp(stamp_error_ms) <= 3.0
 
 
+def reported_mm(path: Path, seconds: float, **noise: float) -> np.ndarray:  # type: ignore[type-arg]
+    settings = SensorSettings(stamp_jitter_ms=0.0, **noise)  # type: ignore[arg-type]
+    frames = decoded(SensorModel(settings, 1).reports([path], seconds), settings)
+    return np.array([(frame.contacts[0].x_mm, frame.contacts[0].y_mm) for frame in frames])
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.65, 0.9])
+def test_filtered_noise_is_as_large_as_white_noise_and_correlated(correlation: float) -> None:
+    x_mm = reported_mm(Rest((10.0, -10.0)), 60.0, noise_mm=0.1, noise_correlation=correlation)[:, 0] - 10.0
+    assert x_mm.std() == pytest.approx(0.1, rel=0.1)
+    assert np.mean(x_mm[1:] * x_mm[:-1]) / np.mean(x_mm**2) == pytest.approx(correlation, abs=0.06)
+
+
+def test_a_time_error_shifts_positions_along_the_way_alone() -> None:
+    circle = Circle((0.0, 0.0), 30.0, 200.0)
+    errors_mm = reported_mm(circle, 60.0, noise_mm=0.0, time_error_ms=0.8)
+    radius_mm = np.hypot(*errors_mm.T)
+    angle_rad = np.unwrap(np.arctan2(errors_mm[:, 1], errors_mm[:, 0]))
+    places = np.arange(len(angle_rad))
+    along_mm = 30.0 * (angle_rad - np.polyval(np.polyfit(places, angle_rad, 1), places))
+    assert radius_mm.std() < QUANTUM_MM
+    assert along_mm.std() == pytest.approx(0.8e-3 * 200.0, rel=0.2)
+
+
+def test_a_pad_that_holds_repeats_the_report_of_a_resting_finger_and_follows_a_moving_one() -> None:
+    resting = reported_mm(Rest((10.0, -10.0)), 20.0, noise_mm=0.01, hold_mm=0.1)
+    assert np.mean(np.all(np.diff(resting, axis=0) == 0.0, axis=1)) > 0.95
+    circle = Circle((0.0, 0.0), 30.0, 100.0)
+    moving, free = (reported_mm(circle, 5.0, noise_mm=0.0, hold_mm=hold_mm) for hold_mm in (0.1, 0.0))
+    assert np.hypot(*(moving - free).T).max() < 0.1 + 2.0 * QUANTUM_MM
+
+
 def test_reports_arrive_a_latency_after_they_were_sampled_at_88_9_hz() -> None:
     reports = SensorModel(SensorSettings(latency_s=0.013)).reports([Rest((0.0, 0.0))], 5.0)
     np.testing.assert_allclose([r.t_arrive_s - r.t_sample_s for r in reports], 0.013)
