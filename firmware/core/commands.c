@@ -27,6 +27,7 @@ void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload)
     heard->in_range = hd_gains_valid(&heard->design.gains);
     if (heard->in_range) {
         hd_control_design(&heard->design);
+        heard->in_range = hd_control_stable(&heard->design);
     }
 }
 

@@ -80,6 +80,39 @@ void hd_control_design(hd_design_t *design)
     hd_wiring_design(&design->wires, &plant->wiring, loop);
 }
 
+#define TRIAL_TICKS 200
+#define TRIAL_UM 0.05f    /* below what the observer learns from */
+#define TRIAL_LIMIT_V 1e6f
+
+/* The mean that a tick shows of the plate as designed, which moves on by it. */
+static hd_phasor_t trial_mean(const hd_observer_design_t *mode, const hd_observer_t *observer, hd_phasor_t *w_um)
+{
+    hd_phasor_t mean_um = hd_mul(mode->mean_of_state, *w_um);
+    mean_um = hd_add(mean_um, hd_mul(mode->mean_of_new_um_per_v, observer->new_v));
+    mean_um = hd_add(mean_um, hd_mul(mode->mean_of_old_um_per_v, observer->old_v));
+    *w_um = hd_add(hd_mul(mode->keep, *w_um), hd_mul(mode->push_um_per_v, observer->new_v));
+    return mean_um;
+}
+
+bool hd_control_stable(const hd_design_t *design)
+{
+    static const hd_phasor_t rest_um[HD_MODES];
+    hd_control_t control = {.design = *design};
+    hd_phasor_t w_um[HD_MODES], mean_um[HD_MODES], voltage_v[HD_MODES];
+    bool rests = true;
+    for (int k = 0; k < HD_MODES; k++) {
+        w_um[k] = control.loop[k].observer.w_um = (hd_phasor_t){TRIAL_UM, 0.0f};
+    }
+    for (int tick = 0; tick < TRIAL_TICKS; tick++) {
+        for (int k = 0; k < HD_MODES; k++) {
+            mean_um[k] = trial_mean(&design->observer[k], &control.loop[k].observer, &w_um[k]);
+            rests = rests && (tick < TRIAL_TICKS / 2 || hd_within(w_um[k], TRIAL_UM));
+        }
+        hd_control_step(&control, rest_um, mean_um, TRIAL_LIMIT_V, voltage_v);
+    }
+    return rests;
+}
+
 static bool same_model(const hd_mode_model_t *a, const hd_mode_model_t *b)
 {
     return a->decay_1_s == b->decay_1_s && a->detuning_rad_s == b->detuning_rad_s

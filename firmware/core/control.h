@@ -65,6 +65,9 @@ bool hd_gains_valid(const hd_gains_t *gains);
  * it, and nothing need. */
 void hd_control_design(hd_design_t *design);
 
+/* Whether the loop that this design makes with its own plate comes to rest from a small amplitude. */
+bool hd_control_stable(const hd_design_t *design);
+
 /* At rest, by this design. What was learned of a mode is kept unless its model is another. */
 void hd_control_adopt(hd_control_t *control, const hd_design_t *design);
 

@@ -23,8 +23,7 @@
 #define SWING_UP 3
 #define SWING_DOWN 2
 
-#define POWER_MEMORY_S 0.02f
-#define AGAINST 0.1f /* of the measured amplitude times the voltage limit; a limit cycle averages out */
+#define AGAINST_S 0.01f /* longer than it takes to brake any amplitude; a limit cycle changes sides sooner */
 
 #define ALL_MODES 255 /* in the log: no single one is concerned */
 
@@ -74,7 +73,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     hd_follow_init(&core->follower, config->drive_hz, config->control_hz);
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     core->distrust_limit_ticks = (uint16_t)(config->control_hz * DISTRUST_S);
-    core->power_frac = 1.0f / (config->control_hz * POWER_MEMORY_S);
+    core->against_limit_ticks = (uint16_t)(config->control_hz * AGAINST_S);
     hd_design_t *design = &core->heard.design;
     design->gains = core->config.gains;
     design->plant.tick_s = 1.0f / config->control_hz;
@@ -103,7 +102,7 @@ void hd_silence(hd_core_t *core)
     memset(core->astray_ticks, 0, sizeof core->astray_ticks);
     memset(core->swings, 0, sizeof core->swings);
     memset(core->previous_v, 0, sizeof core->previous_v);
-    memset(core->power_um_v, 0, sizeof core->power_um_v);
+    memset(core->against_ticks, 0, sizeof core->against_ticks);
 }
 
 static void enter(hd_core_t *core, enum hd_state state)
@@ -217,12 +216,11 @@ static uint32_t amplifiers_driven_hard(const hd_core_t *core)
     return hard;
 }
 
-/* The fault, or that of the wires if the mode as measured gave power back: what takes its drive's power, however far it
- * is from resonance and however damped, is wired as the board believes. */
+/* The fault, or that of the wires if the mode as measured keeps giving power back: what takes its drive's power, however
+ * far it is from resonance and however damped, is wired as the board believes. */
 static enum hd_fault against(const hd_core_t *core, int k, enum hd_fault fault)
 {
-    float least_um_v = AGAINST * core->config.v_limit_v * hd_magnitude(core->measured_um[k]);
-    return core->power_um_v[k] < -least_um_v ? HD_FAULT_WIRING : fault;
+    return core->against_ticks[k] >= core->against_limit_ticks ? HD_FAULT_WIRING : fault;
 }
 
 /* Judges a mode that is driven hard by its measurement against the voltage and the reference of the tick before, which
@@ -235,7 +233,7 @@ static enum hd_fault hard_driven_fault(hd_core_t *core, int k)
     bool dead = asked > DEAD_ASKED * limit_um && hd_within(measured_um, DEAD_ANSWER * asked);
     bool astray = !hd_within(hd_sub(measured_um, asked_um), ASTRAY_ANSWER * asked + ASTRAY_FLOOR * limit_um);
     float gained_um_v = hd_dot(measured_um, core->control.loop[k].observer.new_v);
-    core->power_um_v[k] += core->power_frac * (gained_um_v - core->power_um_v[k]);
+    lasts(gained_um_v < 0.0f, &core->against_ticks[k], core->against_limit_ticks);
     bool is_dead = lasts(dead, &core->dead_ticks[k], core->distrust_limit_ticks);
     bool is_astray = lasts(astray, &core->astray_ticks[k], core->distrust_limit_ticks);
     return is_dead ? HD_FAULT_NO_RESPONSE : is_astray ? against(core, k, HD_FAULT_ASTRAY) : HD_FAULT_NONE;

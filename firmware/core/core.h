@@ -102,12 +102,12 @@ typedef struct {
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     uint16_t ramp_ticks;
     uint16_t distrust_limit_ticks;
-    float power_frac; /* weight of a tick in the mean */
+    uint16_t against_limit_ticks;
     uint16_t over_amplitude_ticks[HD_MODES];
     uint16_t dead_ticks[HD_MODES];
     uint16_t astray_ticks[HD_MODES];
     uint16_t swings[HD_MODES];
-    float power_um_v[HD_MODES]; /* mean into each mode as measured, while it is driven hard */
+    uint16_t against_ticks[HD_MODES]; /* driven hard, in a row, in which the mode as measured gave power back */
     hd_phasor_t previous_v[HD_MODES];
 
     hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */

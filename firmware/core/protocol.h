@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0x13a72c44u
+#define HD_PROTOCOL_HASH 0xd5eb9584u
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -23,6 +23,7 @@
 #define HD_AHEAD_US 1000000   /* a later t_apply is a clock error, not a plan */
 #define HD_STALE_US 50000     /* an earlier t_apply is what a stalled link had buffered */
 #define HD_DEADMAN_US 50000   /* silence after which the board trusts the host no longer */
+#define HD_REFERENCE_AGE_US 10000000 /* after which keep-alives no longer hold a reference that moves the plate */
 #define HD_REARM_FRAMES 3     /* good references in a row before it trusts again */
 #define HD_RAMP_US 10000      /* from full drive to none, and back */
 #define HD_STATUS_US 100000   /* longest time between two STATUS messages */

@@ -110,15 +110,25 @@ static void take_reference(hd_core_t *core, uint32_t now_us)
     }
 }
 
+/* Whether a reference that moves the plate is so old that its planner must have stopped. */
+static bool outlived(const hd_core_t *core, uint32_t now_us)
+{
+    float moves_um = 0.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        moves_um += hd_magnitude(core->reference_um[k]);
+    }
+    return moves_um > 0.0f && now_us - core->newest.t_received_us > HD_REFERENCE_AGE_US;
+}
+
 static void take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     hd_wire_keepalive_t keepalive;
     memcpy(&keepalive, payload, sizeof keepalive);
     bool any_will_do = core->state == HD_STATE_TOOL; /* during a tool there are no references */
-    if (any_will_do || (core->has_seq && keepalive.seq == core->newest.seq)) {
+    if (any_will_do || (core->has_seq && keepalive.seq == core->newest.seq && !outlived(core, now_us))) {
         hd_deadman_good_keepalive(&core->deadman, now_us);
     } else {
-        core->late_frames++; /* the host refers to a reference that never arrived: report it */
+        core->late_frames++; /* of a reference that never arrived or is too old: report it */
     }
 }
 

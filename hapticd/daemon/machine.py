@@ -205,7 +205,7 @@ class Machine:
 
     def keeps_reference(self, t_now_ns: int) -> bool:
         """The board has the last reference, or will be given it when it wakes."""
-        return self.session.follows(t_now_ns) or self.session.is_resting
+        return self.session.holds(t_now_ns) or self.session.is_resting
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,

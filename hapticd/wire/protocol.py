@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0x13A72C44
+PROTOCOL_HASH: Final = 0xD5EB9584
 
 KNOTS_MAX: Final = 24
 KNOT_UNIT_NS: Final = 4000

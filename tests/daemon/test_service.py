@@ -114,12 +114,12 @@ def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(configuration
 def test_a_rig_is_started_with_the_configured_plate(
     configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    started: list[tuple[str, int]] = []
+    started: list[tuple[str, int, str]] = []
 
     class NoRig:
         def __init__(self, scenario: str, seed: int, *, plate: str, modes: int, wiring: str) -> None:
-            del scenario, seed, wiring
-            started.append((plate, modes))
+            del scenario, seed
+            started.append((plate, modes, wiring))
             self.directory = tmp_path
 
         def close(self) -> None:
@@ -132,7 +132,7 @@ def test_a_rig_is_started_with_the_configured_plate(
             config_loader.prepare(replace(configuration, sim=sim))
         with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 6"):
             config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
-    assert started == [("fingertip", 4), ("fingertip", 5)]
+    assert started == [("fingertip", 4, "separate"), ("fingertip", 5, "separate")]
 
 
 def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(configuration: Config, tmp_path: Path) -> None:

@@ -63,6 +63,16 @@ def test_keepalives_of_the_last_reference_keep_it_up(bench: Any) -> None:
     assert abs(trace.plate_um[-1, 0] - 2) < 0.01
 
 
+def test_keepalives_that_outlive_their_planner_do_not_hold_the_plate(bench: Any) -> None:
+    """A reference that moves the plate holds for 10 s; none at all for ever."""
+    bench.arm(2 + 0j, 1j)
+    trace = bench.hold(2000 * 11)
+    driven_s = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))[-1] / 2000
+    assert 9.9 < driven_s < 10.1
+    bench.arm(0j, 0j)
+    assert live(bench.hold(2000 * 11).flags).all()
+
+
 def test_keepalives_of_another_reference_do_not(bench: Any) -> None:
     bench.arm(2 + 0j, 0j)
     for _ in range(8):

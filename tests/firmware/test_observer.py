@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step_trace
 from hapticd.bench.lqg import hold
+from hapticd.board_values import SetDrive
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
+from hapticd.wire.commands import encode
 
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)
@@ -173,6 +175,7 @@ def test_a_finger_s_damping_is_learned_and_its_lifting_too() -> None:
 
 def test_nothing_is_learned_from_silence() -> None:
     board = DEADBEAT.board(Plate(damping=1.4, detune_hz=9.0))
+    board.receive(encode(SetDrive(board.config.drive_hz, 0.0)))  # it stays, and so does the frame of the estimates
     np.testing.assert_allclose(board.estimate(), np.transpose([decay_1_s(), (-20 * np.pi, 20 * np.pi)]), rtol=1e-6)
     hold_for(board, np.array([1.0 + 0j, 1.0]), 0.2)
     learned = board.estimate()

@@ -124,15 +124,18 @@ def test_the_clock_may_wrap_in_the_middle_of_a_run(new_bench: NewBench, t_start_
     assert history(t_start_us) == history(3_000_000)
 
 
-def test_a_reference_held_for_longer_than_half_a_wrap_stands(new_bench: NewBench) -> None:
+def test_a_reference_renewed_every_five_seconds_stands_for_longer_than_half_a_wrap(new_bench: NewBench) -> None:
     bench = new_bench(controller="pi", control_hz=500.0)
     bench.arm(1 + 0j, 0.5j)
-    keepalive, trace = device.encode_keepalive(bench.seq), BoardTrace(24, 2, 2)
-    no_fingers = np.zeros((24, 0, 2)), np.zeros((24, 0))
-    minutes = 37
-    for _ in range(minutes * 60 * 500 // 24):
-        bench.board.receive(keepalive)
+    trace, no_fingers = BoardTrace(24, 2, 2), (np.zeros((24, 0, 2)), np.zeros((24, 0)))
+    minutes, spans_a_minute = 37, 60 * 500 // 24
+    for span in range(minutes * spans_a_minute):
+        if span % (spans_a_minute // 12) == 0:
+            bench.say(bench.constant(1 + 0j, 0.5j))
+        else:
+            bench.board.receive(device.encode_keepalive(bench.seq))
         bench.board.run(24, *no_fingers, trace)
+        assert trace.voltage_v[-1].any()
     np.testing.assert_array_equal(trace.reference_um, np.tile([1, 0.5j], (24, 1)))
 
 

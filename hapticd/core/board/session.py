@@ -52,6 +52,7 @@ OVERDUE_NS: Final = 5_000_000  # beyond the round trip: then an answer is missin
 MUTE_AFTER_NS: Final = 150_000_000  # without a status, which comes every 100 ms: what is sent may never be read
 SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
 STOPPED_AFTER_NS: Final = 600_000_000  # between two timers: the host was stopped, and has not read what the board sent
+RENEW_AFTER_NS: Final = 3_000_000_000  # of a reference that holds: the board drops one of 10 s that moves the plate
 STALE_NS: Final = 50_000_000  # the board drops what is later than that
 REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
@@ -131,6 +132,10 @@ class BoardSession:
             return False
         waited_ns = t_now_ns - self._t_numbered_ns
         return self.status.seq == self._seq or waited_ns < 2 * self.latency.link_ns + ANSWER_WITHIN_NS
+
+    def holds(self, t_now_ns: int) -> bool:
+        """Whether the board follows references, and need not get the last one again to go on with it."""
+        return self.follows(t_now_ns) and t_now_ns - self._t_numbered_ns < RENEW_AFTER_NS
 
     def link_up(self, t_now_ns: int) -> list[BoardCommand]:
         """The port is open: start the handshake."""

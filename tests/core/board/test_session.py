@@ -302,6 +302,16 @@ def test_who_was_not_accepted_is_not_believed() -> None:
     assert bench.session.status is None
 
 
+def test_a_reference_that_stands_is_sent_again_before_the_board_calls_it_too_old() -> None:
+    bench = Bench().met()
+    (frame,) = bench.send()
+    assert isinstance(frame, ReferenceFrame)
+    bench.say(BoardState.LIVE, seq=frame.seq)
+    assert bench.session.holds(bench.t_ns + 2_900 * MS)
+    assert not bench.session.holds(bench.t_ns + 3_100 * MS)
+    assert bench.session.follows(bench.t_ns + 3_100 * MS)
+
+
 def test_only_a_live_board_follows() -> None:
     bench = Bench()
     assert not bench.session.follows(bench.t_ns)
