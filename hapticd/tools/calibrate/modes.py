@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +23,7 @@ from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...errors import CalibrationError, ModesError
 from ...files import plotting
 from ...files.mode_map import Scan, read_scan
+from ..progress import Progress
 from . import simulated
 from .folder import MODES_FILE
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
@@ -89,7 +90,8 @@ def run(options: argparse.Namespace) -> Verdict:
     size_mm = parse_size(options.size)
     scan = Scan(*simulated.scan(options.seed)) if options.sim else _read(options.scan)
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
-    found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim))
+    with Progress("fitting the scan twice") as progress:
+        found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     found.fit.modes.save(options.out / MODES_FILE)
     draw(scan, found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, len(scan.points_mm), size_mm, is_simulated=options.sim)
@@ -106,7 +108,9 @@ def parse_size(text: str) -> tuple[float, float]:
     return width_mm, depth_mm
 
 
-def fit_map(scan: Scan, size_mm: tuple[float, float], *, normalise: bool) -> FittedMap:
+def fit_map(
+    scan: Scan, size_mm: tuple[float, float], *, normalise: bool, progress: Callable[[float], None] = lambda _: None
+) -> FittedMap:
     """Fit and cross-check the scan. Raises CalibrationError if it does not describe mode shapes."""
     fits: list[CartographyFit] = []
     for by in ("plate_equation", "free_plate"):
@@ -115,6 +119,7 @@ def fit_map(scan: Scan, size_mm: tuple[float, float], *, normalise: bool) -> Fit
         except ModesError as error:
             if by == "plate_equation":
                 raise CalibrationError(f"The scan cannot be fitted: {error}") from None
+        progress(0.5 * len(fits))
     fits.sort(key=lambda fit: float((fit.prediction_rms**2).sum()))
     best = fits[0]
     differs = best.modes.shapes - fits[-1].modes.shapes

@@ -19,8 +19,10 @@ from ...sim.picture import Film
 from ...sim.plate.glasses import FINGERTIP, REFERENCE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...sim.plate.wirings import SEPARATE
+from ..progress import Progress
 
 PAPER, HAPTICD = "the paper", "hapticd"
+PROGRESS_FRAC = 0.02  # of a run, between two messages of its process
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +88,16 @@ class VirtualRun:
 
     def film(self) -> Film:
         """Return what was played. Raises HapticdError if the process has ended."""
-        try:
-            film: Film = self._pipe.recv()
-        except EOFError:
-            raise HapticdError(f"The comparison with {self._column.title} ended: see its message above.") from None
-        return film
+        with Progress(f"comparing with {self._column.title}") as progress:
+            while True:
+                try:
+                    received: Film | float = self._pipe.recv()
+                except EOFError:
+                    sentence = f"The comparison with {self._column.title} ended: see its message above."
+                    raise HapticdError(sentence) from None
+                if isinstance(received, Film):
+                    return received
+                progress(received)
 
 
 def _serve(pipe: Connection, column: Column, scenario: str, seed: int) -> None:
@@ -104,7 +111,15 @@ def _serve(pipe: Connection, column: Column, scenario: str, seed: int) -> None:
     settings = lockstep.Settings(plate=column.plate)
     if column.scheme == PAPER:
         settings = lockstep.paper(settings)
-    run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s)
+    shown_frac = 0.0
+
+    def progress(done_frac: float) -> None:
+        nonlocal shown_frac
+        if done_frac >= shown_frac + PROGRESS_FRAC:
+            shown_frac = done_frac
+            pipe.send(done_frac)
+
+    run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s, progress=progress)
     pipe.send(Film.of(run, column.title).between(start_s, end_s))
 
 
