@@ -16,7 +16,7 @@ from service import PATIENCE_S, PIPE, ROOT, Bench, first, is_driven, wait_state
 EXAMPLES = ROOT / "clients" / "examples"
 
 
-@pytest.mark.long
+@pytest.mark.alone  # its picture and its live lines need a rig that is on time
 def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None:
     out = bench.folder / "demo.png"
     command = [sys.executable, "-m", "hapticd", "demo", "--seconds", "3", "--out", str(out)]
