@@ -35,6 +35,7 @@ from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
 from ..io.host.systemd import Notifier
 from ..sim.plate.glasses import driven_modes
+from ..sim.plate.wirings import wiring
 from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
 from .daemon import Daemon
 from .lifecycle import serve
@@ -244,9 +245,14 @@ def _measured(config: Config, key: str) -> ModeShapes:
 def _driven_modes(sim: SimConfig) -> int:
     """Return the number of driven modes of the simulated plate. Raises ConfigError."""
     try:
-        return driven_modes(sim.plate, sim.modes)
+        modes = driven_modes(sim.plate, sim.modes)
     except ValueError as error:
         raise ConfigError(f"sim.modes: {error}") from None
+    try:
+        wiring(sim.wiring, modes)
+    except ValueError as error:
+        raise ConfigError(f"sim.wiring: {error}") from None
+    return modes
 
 
 def _on_rig(config: Config, rig_dir: Path) -> Config:
