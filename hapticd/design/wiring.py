@@ -87,7 +87,7 @@ class MeasuredWiring:
         ]
 
     def wrong_wires(self) -> list[str]:
-        """Return a sentence for each swapped or inverted wire: sensor k lies beside the patches of amplifier k."""
+        """Return a sentence for each swapped or inverted wire: sensor k lies next to the patches of amplifier k."""
         count = len(self.fits)
         unit = 1j * self.drives / np.linalg.norm(self.drives, axis=1, keepdims=True)
         together = (self.senses @ unit).real
