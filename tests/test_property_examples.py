@@ -40,4 +40,5 @@ def test_make_test_asks_for_no_new_examples_and_make_test_all_for_those_of_every
     recipes = (ROOT / "Makefile").read_text(encoding="utf-8").split("\n\n")
     test, test_all = (next(recipe for recipe in recipes if f"\n{name}: " in recipe) for name in ("test", "test-all"))
     assert "NEW_EXAMPLES=1" not in test
-    assert 'NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs -m "(long or hypothesis)' in test_all
+    assert 'NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis' in test_all
+    assert '"long and not hypothesis and not alone"' in test_all  # a failure on a new example is never run again

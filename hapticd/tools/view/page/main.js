@@ -223,11 +223,11 @@ const drive = () => (plate?.drive_hz ? `${(plate.drive_hz / 1000).toFixed(3)} kH
 
 const counts = new Map();
 /** A counter since the daemon's start; it is highlighted for a while when it grows. */
-function count(name, value = 0) {
+function count(name, value = 0, how = "bad") {
   const known = counts.get(name);
   if (!known || value < known.value) counts.set(name, { value, grew_ms: -Infinity });
   else if (value > known.value) counts.set(name, { value, grew_ms: performance.now() });
-  return [`${name} ${value}`, performance.now() - counts.get(name).grew_ms < NEW_MS && "bad"];
+  return [`${name} ${value}`, performance.now() - counts.get(name).grew_ms < NEW_MS && how];
 }
 
 function flags(frame) {
@@ -238,7 +238,7 @@ function flags(frame) {
     ...(board.ready === false ? [["board is silent", "bad"]] : []),
     ...(frame.state === "FAULT" ? [[`fault ${board.fault_code ?? ""}`, "bad"]] : []),
     count("dead-man trips", board.deadman_trips ?? 0),
-    count("late frames", status?.late_frames),
+    count("late frames", status?.late_frames, "is"), // by more than 1 ms, as often without real-time priority
     count("missed ticks", status?.missed_ticks),
   ];
   const box = $("flags");
