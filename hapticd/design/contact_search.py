@@ -19,7 +19,7 @@ import numpy as np
 
 from hapticd.core.solver.contacts import COLD_SWEEPS
 
-from .contact_pairs import contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
+from .contact_pairs import Shapes, contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
 from .free_plate import ModeShape, free_plate_modes
 from .glued_plate import Patch, glued_plate_modes
 from .legendre import FloatArray
@@ -38,6 +38,7 @@ SEARCH_SWEEPS = 16
 SEED = 1
 
 Progress = Callable[[float], None]
+Measure = Callable[[Sequence[ModeShape]], Shapes]  # from a plate's modes to the maps that a laboratory has of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,12 +119,12 @@ class PlateModes:
     def __init__(self, plate: Plate, band_hz: tuple[float, float], drive: Drive, pairs: int, seed: int = SEED) -> None:
         """Solve the plate's modes in the band, widened by `drive.farthest_hz`."""
         self.plate, self.drive = plate, drive
+        self._places_mm = random_pairs(plate.size_mm, pairs, seed)
         modes = plate.modes((max(band_hz[0] - drive.farthest_hz, 0.0), band_hz[1] + drive.farthest_hz))
         self.frequency_hz = np.array([hz for hz, _ in modes])
         self.shapes = [shape for _, shape in modes]
-        places_mm = random_pairs(plate.size_mm, pairs, seed)
         if modes:
-            self._grams = np.moveaxis(grams(surfaces(self.shapes), places_mm, drive.radius_mm), 3, 0)
+            self._grams = np.moveaxis(grams(surfaces(self.shapes), self._places_mm, drive.radius_mm), 3, 0)
 
     def nearest(self, drive_hz: float, count: int) -> tuple[int, ...]:
         """Return the `count` modes nearest to the drive; fewer where no more are within `farthest_hz`."""
@@ -144,9 +145,10 @@ class PlateModes:
                     best = Choice(score, float(drive_hz), driven)
         return best
 
-    def judge(self, drive_hz: float, driven: Sequence[int]) -> ContactDesign:
-        """Return all figures of one drive and its modes, solved to the end."""
-        slip_um, still_um = self._rms_um(drive_hz, driven)
+    def judge(self, drive_hz: float, driven: Sequence[int], measure: Measure | None = None) -> ContactDesign:
+        """Return all figures of one drive and its modes, solved to the end on the maps that `measure` makes of them,
+        without it on the modes themselves."""
+        slip_um, still_um = self._rms_um(drive_hz, driven, measure=measure)
         limits_um = self._limits_um(drive_hz, driven)
         slipping, still = self._grams_of(driven)
         bound, _ = contrast_bound(slipping, still, limits_um)
@@ -168,10 +170,20 @@ class PlateModes:
         )
 
     def _rms_um(
-        self, drive_hz: float, driven: Sequence[int], sweeps: int = COLD_SWEEPS, pairs: int | None = None
+        self,
+        drive_hz: float,
+        driven: Sequence[int],
+        sweeps: int = COLD_SWEEPS,
+        pairs: int | None = None,
+        measure: Measure | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         slipping, still = self._grams_of(driven, pairs)
-        w_um = settle(slipping, still, self.drive.target_um, self._limits_um(drive_hz, driven), sweeps)
+        known = slipping, still
+        if measure is not None:
+            maps = measure([self.shapes[mode] for mode in driven])
+            both = grams(maps, self._places_mm, self.drive.radius_mm)
+            known = both[..., 0], both[..., 1]
+        w_um = settle(*known, self.drive.target_um, self._limits_um(drive_hz, driven), sweeps)
         return contact_rms_um(slipping, w_um), contact_rms_um(still, w_um)
 
     def _grams_of(self, driven: Sequence[int], pairs: int | None = None) -> tuple[FloatArray, FloatArray]:
@@ -214,17 +226,19 @@ def _designs(
             yield modes.judge(choice.drive_hz, choice.driven)
 
 
-def best_near(design: ContactDesign, plate: Plate, drive: Drive, pairs: int = JUDGE_PAIRS) -> ContactDesign | None:
+def best_near(
+    design: ContactDesign, plate: Plate, drive: Drive, pairs: int = JUDGE_PAIRS, measure: Measure | None = None
+) -> ContactDesign | None:
     """Return `plate`, which differs little from the design's, at its own best drive; None without enough modes there.
 
-    Raises ValueError.
+    It is solved on the maps that `measure` makes of its modes, without it on the modes themselves. Raises ValueError.
     """
     scale = plate.thickness_mm / design.plate.thickness_mm
     scale *= math.sqrt(plate.material.young_gpa / design.plate.material.young_gpa)
     band_hz = (design.drive_hz * scale - NEAR_HZ, design.drive_hz * scale + NEAR_HZ)
     modes = PlateModes(plate, band_hz, drive, pairs)
     choice = modes.best_drive(drives_hz(*band_hz), len(design.shapes))
-    return None if choice is None else modes.judge(choice.drive_hz, choice.driven)
+    return None if choice is None else modes.judge(choice.drive_hz, choice.driven, measure)
 
 
 def drives_hz(low_hz: float, high_hz: float, step_hz: float = STEP_HZ) -> FloatArray:

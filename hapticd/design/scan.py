@@ -41,7 +41,7 @@ def sample_scan(
     *,
     step_mm: float = 4.5,
     noise_frac: float = 0.02,
-    seed: int = 1,
+    seed: int | Sequence[int] = 1,
     missing_frac: float = 0.0,
     dropout_frac: float = 0.0,
     pose: Pose = NOMINAL,
