@@ -38,6 +38,7 @@ NAMES = {
     protocol.MSG_CLEAR_FAULT: "clear fault",
     protocol.MSG_SET_CONTROLLER: "controller",
     protocol.MSG_SET_MODEL: "model",
+    protocol.MSG_SET_WIRING: "wiring",
 }
 NUMBERS = {name: number for number, name in NAMES.items()}
 
@@ -102,7 +103,7 @@ class FakeBoard:
         elif name == "time":
             (stamp,) = protocol.TIME_REQUEST.unpack(payload)
             self.say(protocol.MSG_TIME, protocol.TIME.pack(stamp, self.bench.t_ns // 1000 % 2**32, 0))
-        elif name in ("controller", "model"):
+        elif name in ("controller", "model", "wiring"):
             self.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(NUMBERS[name], 0))
         elif name == "clear fault" and self.state == FAULT:
             self.state, self.fault_code = QUIET, 0

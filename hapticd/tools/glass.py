@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from typing import Any
 
 from ..config.sections import PLATE_NAMES, WIRING_NAMES, SimConfig
 from ..errors import UsageError
@@ -17,6 +18,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
     add_wiring(parser)
+
+
+def settings(sim: SimConfig) -> dict[str, dict[str, Any]]:
+    """Return the configuration's section that names the simulated plate; nothing for the default one."""
+    named = {name: getattr(sim, name) for name in ("plate", "modes", "wiring")}
+    named = {name: value for name, value in named.items() if value != getattr(SimConfig(), name)}
+    return {"sim": named} if named else {}
 
 
 def add_wiring(parser: argparse.ArgumentParser) -> None:

@@ -362,6 +362,12 @@ def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
     assert [each.name for each in bench.run(600)].count("model") == 1
 
 
+def test_a_board_is_driven_once_it_has_taken_its_measured_wires() -> None:
+    modes = [ModeCalibration(k, 29195.0 + 20.0 * k, 500.0, 5.0, 0.0, drive=(1.0, 1.0 - 2.0 * k)) for k in range(2)]
+    bench = Bench(SLIPPERY, STICKY, calibration=modes).driven()
+    assert [each.name for each in bench.board.heard].count("wiring") == 1
+
+
 def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(SLIPPERY, calibration=[ModeCalibration(0, 40_000.0, 500.0, 5.0, 0.0)])
     bench.run(500)

@@ -16,13 +16,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...config.sections import LimitsConfig
+from ...config.sections import LimitsConfig, SimConfig, SolverConfig
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.solver.public import solve_batch
+from ...daemon.settings import LEAST_CONTACT_MODES
 from ...design import CartographyFit, fit_scan, nearest_free_modes
+from ...design.cartography import REFERENCE_SIZE_MM
+from ...design.contact_pairs import grams, settle
 from ...errors import CalibrationError, ModesError
 from ...files import plotting
 from ...files.mode_map import Scan, read_scan
+from ...sim.plate.glasses import GLASSES
+from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+from .. import glass
 from ..progress import Progress
 from . import simulated
 from .folder import MODES_FILE
@@ -44,6 +50,7 @@ W_LIMIT_UM = 4.0
 PAIRS = 1000
 MARGIN_MM = 8.0  # least distance of fingers from an edge
 APART_MM = 15.0  # and from each other
+CONTACT_RADIUS_MM = SolverConfig().contact_radius_mm
 SCAN_PT2 = 8  # area of a reading's mark in the picture
 
 
@@ -70,10 +77,17 @@ class FittedMap:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises CalibrationError."""
-    parse_size(options.size)
+    """Check the arguments. Raises CalibrationError, UsageError."""
+    glass.chosen(options, is_simulated=options.sim)
+    _size_mm(options)
     if not options.sim:
         _read(options.scan)
+
+
+def _size_mm(options: argparse.Namespace) -> tuple[float, float]:
+    if options.size is not None:
+        return parse_size(options.size)
+    return GLASSES[glass.chosen(options).plate].size_mm if options.sim else REFERENCE_SIZE_MM
 
 
 def _read(path: Path | None) -> Scan:
@@ -87,14 +101,14 @@ def _read(path: Path | None) -> Scan:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    size_mm = parse_size(options.size)
-    scan = Scan(*simulated.scan(options.seed)) if options.sim else _read(options.scan)
+    size_mm, plate = _size_mm(options), glass.chosen(options) if options.sim else None
+    scan = _read(options.scan) if plate is None else Scan(*simulated.scan(options.seed, plate))
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     with Progress("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     found.fit.modes.save(options.out / MODES_FILE)
     draw(scan, found, options.out / PICTURE_FILE, source=simulated.source(options))
-    return verdict(found, len(scan.points_mm), size_mm, is_simulated=options.sim)
+    return verdict(found, len(scan.points_mm), size_mm, plate)
 
 
 def parse_size(text: str) -> tuple[float, float]:
@@ -133,8 +147,8 @@ def fit_map(
     )
 
 
-def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], *, is_simulated: bool) -> Verdict:
-    """Judge whether these are modes of one plate, and the map's expected leak."""
+def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulated: SimConfig | None) -> Verdict:
+    """Judge whether these are modes of one plate, here the `simulated` one, and the map's expected leak."""
     fit = found.fit
     figures = [
         Figure("points", float(points), ""),
@@ -157,15 +171,18 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], *, is_s
     ]
     taken = {"plate_equation": "the plate equation", "free_plate": "free-plate modes"}[fit.by]
     outcome, sentence = judge(
-        _findings(found, points), f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um."
+        _findings(found, points, simulated is not None),
+        f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um.",
     )
     settings: dict[str, dict[str, Any]] = {"plate": {"size_mm": [*size_mm], "modes_file": MODES_FILE}}
+    if simulated is not None:
+        settings |= glass.settings(simulated)
     if len(USUAL_LIMIT_UM) != fit.modes.M:
-        settings["limits"] = {"w_limit_um": _limits_um(fit.modes.M)}
-    return Verdict("modes", outcome, sentence, tuple(figures), settings, is_simulated)
+        settings["limits"] = {"w_limit_um": _limits_um(fit.modes.M, simulated)}
+    return Verdict("modes", outcome, sentence, tuple(figures), settings, simulated is not None)
 
 
-def _findings(found: FittedMap, points: int) -> list[Finding]:
+def _findings(found: FittedMap, points: int, is_simulated: bool) -> list[Finding]:
     fit, leak_um = found.fit, found.leak.rms_um
     findings: list[Finding] = []
     if leak_um > GOOD_LEAK_UM:
@@ -173,7 +190,7 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
         findings.append(
             (bad, f"The map would leak {leak_um:.2f} um for 1 um: measure closer points, or longer at each.")
         )
-    if len(USUAL_LIMIT_UM) != fit.modes.M:
+    if len(USUAL_LIMIT_UM) != fit.modes.M and not is_simulated:
         count = f"{fit.modes.M} mode{'' if fit.modes.M == 1 else 's'} where a plate usually has {len(USUAL_LIMIT_UM)}"
         findings.append((Outcome.WARN, f"The scan has {count}: check limits.w_limit_um and the board's modes."))
     if found.beyond > RUNAWAY:
@@ -209,8 +226,10 @@ def _findings(found: FittedMap, points: int) -> list[Finding]:
     return findings
 
 
-def _limits_um(modes: int) -> list[float]:
-    """One limit for each mode, as the service requires: the smallest of the usual plate's."""
+def _limits_um(modes: int, simulated: SimConfig | None) -> list[float]:
+    """One limit for each mode, as the service requires: what the simulated amplifiers reach, or the usual plate's."""
+    if simulated is not None:
+        return [*GroundTruth(PlateSettings.of(simulated.plate, modes)).w_limit_um]
     return [min(USUAL_LIMIT_UM)] * modes
 
 
@@ -235,10 +254,13 @@ def finger_pairs_mm(modes: ModeShapes, pairs: int, seed: int) -> npt.NDArray[np.
     return np.asarray(drawn[apart_mm >= APART_MM][:pairs], np.float64)
 
 
-def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the modal amplitudes (pairs, M) that the solver finds on the map."""
+def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
+    """Return the modal amplitudes (pairs, M) that the service would find on the map, for points or for contacts."""
+    if modes.M >= LEAST_CONTACT_MODES:
+        both = grams(modes, pairs_mm, CONTACT_RADIUS_MM)
+        return settle(both[..., 0], both[..., 1], TARGETS_UM[0], np.full(modes.M, W_LIMIT_UM)).T
     phi = modes.evaluate(pairs_mm.reshape(-1, 2)).reshape(*pairs_mm.shape[:2], modes.M)
-    return solve_batch(phi, TARGETS_UM, W_LIMIT_UM)
+    return solve_batch(phi, TARGETS_UM, W_LIMIT_UM).astype(np.complex128)
 
 
 def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float], *, seed: int = 1) -> ExpectedLeak:
@@ -249,7 +271,7 @@ def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float], *, seed: in
     are left out, of which prediction is the largest.
     """
     modal_um = solved_um(modes, finger_pairs_mm(modes, PAIRS, seed))
-    variance_um2 = modal_um**2 @ np.asarray(map_error_rms, np.float64) ** 2
+    variance_um2 = np.abs(modal_um) ** 2 @ np.asarray(map_error_rms, np.float64) ** 2
     return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
 
 

@@ -46,6 +46,12 @@ def _step(steps: Any, name: str, summary: str, example: str) -> argparse.Argumen
     return parser
 
 
+def _add_plate(parser: argparse.ArgumentParser) -> None:
+    from .. import glass  # late, as are the steps
+
+    glass.add_arguments(parser)
+
+
 def _add_board(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", help="serial port of the board, such as /dev/ttyACM0")
     parser.add_argument("--baud", type=int, help="its speed (default 921600)")
@@ -63,7 +69,7 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
 
 def _add_scan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scan", type=Path, metavar="FILE", help="the vibrometer's readings, CSV or NPZ")
-    parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="of the plate (default 137.5x137.5)")
+    parser.add_argument("--size", metavar="MMxMM", help="of the plate (default 137.5x137.5, or the simulated plate's)")
     parser.add_argument(
         "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"
     )
@@ -89,8 +95,6 @@ def _add_seconds(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_resonance(steps: Any) -> None:
-    from .. import glass  # late, as are the steps
-
     parser = _step(
         steps,
         "resonance",
@@ -99,12 +103,13 @@ def _add_resonance(steps: Any) -> None:
     )
     _add_board(parser)
     _add_sweep(parser)
-    glass.add_wiring(parser)
+    _add_plate(parser)
 
 
 def _add_modes(steps: Any) -> None:
     parser = _step(steps, "modes", "fit the vibrometer's scan of the mode shapes", "--scan scan.csv --out DIR")
     _add_scan(parser)
+    _add_plate(parser)
 
 
 def _add_trackpad(steps: Any) -> None:
@@ -137,6 +142,7 @@ def _add_friction(steps: Any) -> None:
 
 def _add_all(steps: Any) -> None:
     parser = _step(steps, "all", "run all steps in order", "--sim --out DIR")
+    _add_plate(parser)
     _add_board(parser)
     _add_sweep(parser)
     _add_scan(parser)

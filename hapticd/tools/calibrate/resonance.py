@@ -24,6 +24,7 @@ from ...errors import CalibrationError, DeviceError, SweepEndedError
 from ...files import calibration
 from ...io.devices.serial_link import SerialLink
 from ...wire import protocol
+from .. import glass
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.program import named_port
@@ -35,6 +36,7 @@ from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
 PICTURE_FILE = "resonance.png"
 
 CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response
+ENOUGH = 1.01  # times the amplifiers' voltage: a sweep is no more exact
 WORTH_MOVING = 1.1  # times the voltage at the best drive
 DRIVEN_FRAC = 0.2  # of a mode's strongest amplifier: one that drives it too
 POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
@@ -57,7 +59,8 @@ class Measured:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises CalibrationError."""
+    """Check the arguments. Raises CalibrationError, UsageError."""
+    glass.chosen(options, is_simulated=options.sim)
     if not MIN_POINTS <= options.points <= MOST_POINTS:
         raise CalibrationError(f"--points: {options.points} is out of bounds, not {MIN_POINTS} .. {MOST_POINTS}.")
 
@@ -71,7 +74,8 @@ def run(options: argparse.Namespace) -> Verdict:
     sweep.draw(measured.sweeps, options.out / PICTURE_FILE, **PICTURE)
     calibration.save(options.out / CALIBRATION_FILE, measured.modes)
     device = {} if options.sim else {"port": port, "baud": baud}
-    settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}}
+    simulated = glass.settings(glass.chosen(options)) if options.sim else {}
+    settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}, **simulated}
     return verdict(hello, measured, settings, is_simulated=options.sim)
 
 
@@ -203,7 +207,7 @@ def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_sim
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
     findings += [(Outcome.WARN, sentence) for sentence in measured.wrong_wires]
-    if best_v > hello.v_limit_v:
+    if best_v > ENOUGH * hello.v_limit_v:
         findings.append(
             (Outcome.WARN, f"Full amplitude takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.")
         )

@@ -1,8 +1,8 @@
 """Simulated measurements for the steps that need no board: scan, touches and friction readings.
 
-The ground truth is `sim.plate.truth`: the scan shows the driven modes with noise of 2 % of the peak, 3 % of the points
-lost, 1 % wrong, and the phase of a drive; the pad lies as the rig's pad does; friction follows the scene's built-in
-curve. Left out: a rotated scan, fingers that miss their mark, friction that drifts as a finger dries.
+The scan shows the plate's driven modes with noise of 2 % of the peak, 3 % of the points lost, 1 % wrong, and the phase
+of a drive; the pad lies as the rig's pad does; friction follows the scene's built-in curve. Left out: a rotated scan,
+fingers that miss their mark, friction that drifts as a finger dries.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ...config.sections import SimConfig
 from ...core.targets.textures import DEFAULT_FRICTION_CURVE
-from ...design import free_plate_modes, sample_scan
+from ...design import sample_scan
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
-from ...sim.plate.ground_truth import DRIVEN_MODES
+from ...sim.plate.glasses import GLASSES, driven_modes
+from ...sim.plate.shapes import theory
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
-DRIVE_PHASES_RAD = (0.4, -1.1)  # of the vibrometer's readings, caused by the drive
+DRIVE_PHASE_RAD, PHASE_STEP_RAD = 0.4, -1.5  # of the first mode's readings, caused by the drive, and to the next mode's
 
 HOLD_S, AWAY_S = 0.9, 0.5  # time of a finger on a mark, and between two marks
 TREMOR_MM = 0.05
@@ -38,16 +40,16 @@ def source(options: argparse.Namespace) -> str:
     return f"simulated, seed {options.seed}" if options.sim else ""
 
 
-def scan(seed: int) -> tuple[Array, npt.NDArray[np.complex128]]:
+def scan(seed: int, plate: SimConfig) -> tuple[Array, npt.NDArray[np.complex128]]:
     """Return points (N, 2) and complex readings (N, M) of the driven modes."""
-    shapes = {shape.name: shape for _, shape in free_plate_modes()}
+    names = GLASSES[plate.plate].modes[: driven_modes(plate.plate, plate.modes)]
     return sample_scan(
-        [shapes[name] for name in DRIVEN_MODES],
+        [theory(name, plate.plate)[1] for name in names],
         noise_frac=SCAN_NOISE_FRAC,
         seed=seed,
         missing_frac=SCAN_MISSING_FRAC,
         dropout_frac=SCAN_DROPOUT_FRAC,
-        scale=np.exp(1j * np.array(DRIVE_PHASES_RAD)).tolist(),
+        scale=np.exp(1j * (DRIVE_PHASE_RAD + PHASE_STEP_RAD * np.arange(len(names)))).tolist(),
     )
 
 

@@ -27,11 +27,12 @@ from ...board_values import (
     TimeRequest,
 )
 from ...config import loader as config
-from ...config.sections import SIMULATED, DeviceConfig, SimConfig
+from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
 from ...files import outputs
 from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
+from .. import glass
 from ..arguments import add_command, number, whole
 from . import sweep, telemetry, text
 from .conversation import Conversation
@@ -64,6 +65,7 @@ def _command(commands: Any, name: str, summary: str, example: str, *, json: bool
     where.add_argument("--baud", type=int, help="serial speed (default 921600)")
     where.add_argument("--config", type=Path, help="the service's configuration, which names port and speed")
     where.add_argument("--sim", action="store_true", help="a simulated board with a simulated plate")
+    glass.add_arguments(parser)
     if json:
         parser.add_argument("--json", action="store_true", help="write JSON")
     parser.set_defaults(command=run, subcommand=name)
@@ -131,10 +133,10 @@ def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tupl
         except ConfigError as error:
             raise UsageError(str(error)) from None
     baud = device.baud
-    if options.sim or named == SIMULATED:
-        sim = SimConfig() if loaded is None else loaded.sim
-        wiring = getattr(options, "wiring", None) or sim.wiring
-        rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1, wiring=wiring))
+    is_simulated = options.sim or named == SIMULATED
+    sim = glass.chosen(options, None if loaded is None else loaded.sim, is_simulated=is_simulated)
+    if is_simulated:
+        rig = stack.enter_context(RigProcess(SIM_SCENARIO, 1, plate=sim.plate, modes=sim.modes, wiring=sim.wiring))
         return str(rig.directory / "board"), baud
     return str(named), baud
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.config.sections import SimConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.errors import CalibrationError
@@ -28,7 +29,7 @@ POINTS_MM = np.random.default_rng(5).uniform(-60.0, 60.0, (2000, 2))
 
 @pytest.fixture(scope="module")
 def found() -> modes.FittedMap:
-    return fit_map(Scan(*simulated.scan(1)), SIZE_MM, normalise=False)
+    return fit_map(Scan(*simulated.scan(1, SimConfig())), SIZE_MM, normalise=False)
 
 
 def test_the_map_is_the_plate_within_one_percent_from_readings_with_two(found: modes.FittedMap) -> None:
@@ -44,7 +45,7 @@ def test_the_expected_leak_is_what_the_true_plate_gives_the_sticky_finger(found:
     fitted = found.fit.modes
     pairs_mm = finger_pairs_mm(fitted, 600, seed=9)
     sticky = GroundTruth().shapes(pairs_mm[:, TARGETS_UM.index(0.0)])[:, :2]
-    leaked_um = np.einsum("nm,nm->n", sticky, solved_um(fitted, pairs_mm))
+    leaked_um = np.abs(np.einsum("nm,nm->n", sticky, solved_um(fitted, pairs_mm)))
     true_um = float(np.sqrt((leaked_um**2).mean()))
     assert 0.4 * true_um < found.leak.rms_um < 2.5 * true_um
     assert found.leak.rms_um < found.leak.most_um
@@ -57,9 +58,21 @@ def test_a_map_twice_as_wrong_leaks_twice_as_much(found: modes.FittedMap) -> Non
 
 
 def test_the_simulated_plate_s_verdict_is_a_pass_that_names_the_map(found: modes.FittedMap) -> None:
-    verdict = modes.verdict(found, 900, SIZE_MM, is_simulated=True)
+    verdict = modes.verdict(found, 900, SIZE_MM, SimConfig())
     assert verdict.outcome is Outcome.PASS
     assert verdict.settings == {"plate": {"size_mm": [137.5, 137.5], "modes_file": "modes.npz"}}
+
+
+def test_a_plate_of_four_modes_is_calibrated_for_its_contacts() -> None:
+    plate = SimConfig(plate="fingertip", modes=4)
+    scan = Scan(*simulated.scan(1, plate))
+    found = fit_map(scan, (200.0, 200.0), normalise=False)
+    verdict = modes.verdict(found, len(scan.points_mm), (200.0, 200.0), plate)
+    assert verdict.outcome is Outcome.PASS
+    assert [name for name, _ in found.like] == ["13x1-1x13", "10x8-8x10", "13x0", "0x13"]
+    assert verdict.settings["sim"] == {"plate": "fingertip", "modes": 4}
+    assert verdict.settings["limits"]["w_limit_um"][0] > 2.0 * verdict.settings["limits"]["w_limit_um"][2]
+    assert folder.accepted(verdict) == verdict
 
 
 def same_twice(fit: CartographyFit) -> CartographyFit:
@@ -72,7 +85,7 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
     one = ModeShapes.from_grid(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes[:1])
     alone = replace(found, fit=replace(fit, modes=one, noise_rms=fit.noise_rms[:1], across_rms=fit.across_rms[:1]))
     alone = replace(alone, like=found.like[:1])
-    verdict = modes.verdict(alone, 900, SIZE_MM, is_simulated=False)
+    verdict = modes.verdict(alone, 900, SIZE_MM, None)
 
     assert verdict.outcome is Outcome.WARN
     assert "1 mode where a plate usually has 2" in verdict.sentence
@@ -110,7 +123,7 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
 def test_a_fault_of_the_scan_is_reported(
     found: modes.FittedMap, change: Callable[[modes.FittedMap], modes.FittedMap], outcome: Outcome, sentence: str
 ) -> None:
-    verdict = modes.verdict(change(found), 900, SIZE_MM, is_simulated=False)
+    verdict = modes.verdict(change(found), 900, SIZE_MM, None)
     assert verdict.outcome is outcome
     assert sentence in verdict.sentence
 
@@ -131,7 +144,7 @@ GRID_MM = np.stack(np.meshgrid(np.linspace(-60, 60, 20), np.linspace(-60, 60, 20
 def test_readings_that_are_no_modes_fail(points_mm: np.ndarray, scale: float) -> None:
     readings = scale * np.random.default_rng(1).integers(-3, 4, (400, 1))
     found = fit_map(Scan(points_mm, readings), SIZE_MM, normalise=True)
-    assert modes.verdict(found, 400, SIZE_MM, is_simulated=False).outcome is Outcome.FAIL
+    assert modes.verdict(found, 400, SIZE_MM, None).outcome is Outcome.FAIL
 
 
 @pytest.mark.parametrize("to_mm", [0.0, 1e-3], ids=["a point", "in metres"])
@@ -159,7 +172,7 @@ def test_the_map_s_file_is_one_that_the_service_loads_and_the_picture_one(
 ) -> None:
     found.fit.modes.save(tmp_path / "modes.npz")
     assert np.array_equal(ModeShapes.load(tmp_path / "modes.npz").shapes, found.fit.modes.shapes)
-    modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png")
+    modes.draw(Scan(*simulated.scan(1, SimConfig())), found, tmp_path / "modes.png")
     assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -168,7 +181,7 @@ def test_the_picture_has_labels_and_a_scale_of_each_kind(
 ) -> None:
     figures: list[Any] = []
     monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: figures.append(figure))
-    modes.draw(Scan(*simulated.scan(1)), found, tmp_path / "modes.png", source="simulated, seed 1")
+    modes.draw(Scan(*simulated.scan(1, SimConfig())), found, tmp_path / "modes.png", source="simulated, seed 1")
     assert figures[0].get_supxlabel().endswith(", simulated, seed 1")
     *maps, shapes, differences = figures[0].axes
     assert [axis.get_xlabel() for axis in maps[-3:]] == ["x, mm"] * 3
