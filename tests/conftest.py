@@ -7,6 +7,7 @@ import os
 import sys
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -23,6 +24,14 @@ settings.register_profile(
 )
 settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False)
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
+
+
+SLOWEST = {"virtual_machine", "view"}  # folders of emulated machines and browsers
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take minutes, so that none of them is left for one core at the end."""
+    items.sort(key=lambda item: SLOWEST.isdisjoint(item.path.parts))
 
 
 def pytest_collection_finish() -> None:
