@@ -114,8 +114,7 @@ class Machine:
         """Idle, without targets, and no tool drives the board: another core may take over unnoticed."""
         board = self.session.status
         is_tool = board is not None and board.state is BoardState.TOOL
-        is_requested = self.scene.next_expiry_ns is not None or len(self.scene.surfaces.layers) > 0
-        return self.is_idle and not is_requested and not is_tool
+        return self.is_idle and self.scene.next_expiry_ns is None and not is_tool
 
     @property
     def timer_period_ns(self) -> int:

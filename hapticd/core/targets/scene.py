@@ -111,8 +111,9 @@ class Scene:
 
     @property
     def next_expiry_ns(self) -> int | None:
-        """When the next target expires; None while there is none."""
-        return min((held.t_expires_ns for held in self._held.values()), default=None)
+        """When the next target or surface expires; None while there is none."""
+        ends_ns = [held.t_expires_ns for held in self._held.values()]
+        return min(ends_ns + [layer.t_expires_ns for layer in self.surfaces.layers], default=None)
 
     def target_of(self, key: Key) -> Target | None:
         """The target of a finger, or None."""

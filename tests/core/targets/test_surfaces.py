@@ -191,11 +191,18 @@ def test_surfaces_of_a_silent_client_end_with_its_time_to_live() -> None:
     assert stack(scene) == ["other"]
 
 
-def test_a_released_client_has_no_surfaces_and_owns_no_finger_for_those_it_had() -> None:
+def test_a_released_client_has_no_surfaces() -> None:
     scene = a_scene(mine=Surface(ONE))
-    assert scene.next_expiry_ns is None
+    publish(scene, "b", other=Surface(HALF))
     scene.release_client("a")
-    assert stack(scene) == []
+    assert stack(scene) == ["other"]
+
+
+def test_surfaces_are_requests_that_expire_and_own_no_finger() -> None:
+    scene = a_scene(mine=Surface(ONE))
+    assert scene.next_expiry_ns == T0_NS + TTL_NS
+    assert scene.requested([1], (), T0_NS) == []
+    assert scene.owner_of(1) is None
 
 
 def test_so_many_surfaces_are_on_the_plate_and_a_refresh_needs_no_room() -> None:
