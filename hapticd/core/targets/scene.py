@@ -10,7 +10,7 @@ from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
 from ...values import AmplitudeTarget, ClientTargets, FrictionTarget, Target, VirtualPath
-from .surfaces import Surfaces
+from .surfaces import NEVER_NS, Surfaces
 from .textures import DEFAULT_FRICTION_CURVE, NO_DETAIL, Detail, FrictionCurve, Texture, detail, highest_um, texture
 from .virtual_paths import Walk
 
@@ -112,8 +112,9 @@ class Scene:
     @property
     def next_expiry_ns(self) -> int | None:
         """When the next target or surface expires; None while there is none."""
-        ends_ns = [held.t_expires_ns for held in self._held.values()]
-        return min(ends_ns + [layer.t_expires_ns for layer in self.surfaces.layers], default=None)
+        next_ns = min((held.t_expires_ns for held in self._held.values()), default=NEVER_NS)
+        next_ns = min(next_ns, self.surfaces.t_expires_ns)
+        return None if next_ns == NEVER_NS else next_ns
 
     def target_of(self, key: Key) -> Target | None:
         """The target of a finger, or None."""

@@ -17,6 +17,7 @@ from .layer import Layer
 from .textures import FrictionCurve, Texture, detail, highest_um, texture
 
 MAX_SURFACES: Final = 64  # of all clients
+NEVER_NS: Final = 2**62
 MAX_EDGES: Final = 8  # that one finger crosses in one frame: a frame has room for knots at seven
 
 Predicted = Callable[[int], tuple[float, float]]  # an instant: where the finger will be
@@ -36,6 +37,7 @@ class Surfaces:
 
     def __init__(self, w_limit_um: float, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> None:
         self.layers: list[Layer] = []
+        self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
         self._curve: Final = curve
         self._plate_size_mm: Final = plate_size_mm
@@ -69,10 +71,8 @@ class Surfaces:
 
     def expire(self, t_ns: int) -> None:
         """Remove what has expired by `t_ns`."""
-        for layer in self.layers:
-            if t_ns >= layer.t_expires_ns:
-                self._stack([layer for layer in self.layers if t_ns < layer.t_expires_ns])
-                return
+        if t_ns >= self.t_expires_ns:
+            self._stack([layer for layer in self.layers if t_ns < layer.t_expires_ns])
 
     # --- reading, for the touch path ---
 
@@ -158,6 +158,7 @@ class Surfaces:
 
     def _stack(self, layers: list[Layer]) -> None:
         self.layers = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
+        self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
 
 
 def _pose(surface: Surface) -> tuple[object, ...]:
