@@ -310,6 +310,8 @@ class Pipeline:
                 moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
                 if target_um != was_um or not moved_um <= self._settings.tolerance_um:
                     return None
+        if steepness_um_mm > 0.0 and not self._surfaces.layers:
+            return ends[0]  # while the plate is silent, fingers may move far: over stripes, to the same target
         pieces, _, edges_ns = self._pieces(keys, _moved_mm(ends[0], ends[1]), t_plate_ns)
         return ends[0] if pieces == 1 and not edges_ns else None
 

@@ -169,6 +169,16 @@ def test_a_texture_on_a_surface_gets_the_knots_of_the_same_target() -> None:
             assert mine.drive == theirs.drive
 
 
+def test_a_narrow_stripe_between_two_silent_ends_of_a_frame_is_not_passed_over() -> None:
+    bench = Bench()
+    bench.report((-2.0, Y_MM))
+    bench.want({1: GratingTarget(period_mm=6.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.1)})
+    stroke(bench, 200.0, 1.0, 2)
+    ticks = stroke(bench, 200.0, 5.5, 3)
+    peaks_um = [max(abs(w_um) for knot in tick.drive.knots for w_um in knot.modal_um) for tick in ticks if tick.drive]
+    assert max(peaks_um) > 0.5
+
+
 def test_a_square_grating_that_is_high_everywhere_is_a_constant() -> None:
     bench = Bench()
     bench.report((-20.0, Y_MM))
