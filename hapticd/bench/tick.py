@@ -124,9 +124,9 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "parasitic modes unknown": _Situation(strokes._replace(parasitic_modes=None), config),
         "a single knot": _Situation(strokes, changed(config, {"solver": {"max_knots": 1}})),
         "a texture, 20 knots": _Situation(_textured(strokes), textured_config),
-        "surfaces: 8, one moving": _Situation(_on_surfaces(strokes, 8), config),
-        "surfaces: 64, one moving": _Situation(_on_surfaces(strokes, 64), config),
         "both slip": _Situation(both_slip, config),
+        "both slip on 8 surfaces": _Situation(_on_surfaces(both_slip, 8), config),
+        "both slip on 64 surfaces": _Situation(_on_surfaces(both_slip, 64), config),
         FIVE_FINGERS: _Situation(record(_five_fingers(), settings=three_modes, seconds=span_s), three_modes.config),
         CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
         "standing": _Situation(still, config),
@@ -175,15 +175,16 @@ def _textured(recording: Recording) -> Recording:
 
 
 def _on_surfaces(recording: Recording, count: int) -> Recording:
-    """The same touch without targets on tiles that leave no gap: the left ones are slippery, the right ones sticky,
-    and one of them moves over the others."""
-    columns, rows = round(math.sqrt(2 * count)), round(math.sqrt(count / 2))
+    """The same touch without targets on tiles that leave no gap, each a little more or less slippery than the next;
+    one of them moves over the others."""
+    columns = 2 ** math.ceil(math.log2(count) / 2)
+    rows = count // columns
     width_mm, height_mm = 2.0 * _HALF_PLATE_MM / columns, 2.0 * _HALF_PLATE_MM / rows
     x_mm, y_mm = 0.5 * width_mm, 0.5 * height_mm
     tile = Polygon(((-x_mm, -y_mm), (x_mm, -y_mm), (x_mm, y_mm), (-x_mm, y_mm)))
     surfaces = {
         f"{column} {row}": Surface(
-            AmplitudeTarget(SLIPPERY_UM if 2 * column < columns else STICKY_UM),
+            AmplitudeTarget(SLIPPERY_UM if (column + row) % 2 else 0.8 * SLIPPERY_UM),
             tile,
             ((column + 0.5) * width_mm - _HALF_PLATE_MM, (row + 0.5) * height_mm - _HALF_PLATE_MM),
         )

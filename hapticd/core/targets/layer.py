@@ -19,9 +19,9 @@ class Layer:
     """One surface with its owner and its place in the stack. `born` counts layers in the order in which they came."""
 
     __slots__ = (
-        *("_angle_rad", "_cos", "_is_whole", "_radius_mm", "_reach_mm2", "_scale", "_sides", "_sin"),
+        *("_angle_rad", "_cos", "_is_whole", "_radius_mm", "_reach_mm", "_scale", "_sides", "_sin"),
         *("_turning_rad_s", "_vx_mm_s", "_vy_mm_s", "_x_mm", "_y_mm", "adds", "born", "finest_mm", "is_smooth"),
-        *("moves", "name", "owner", "replaces", "surface", "t_expires_ns", "t_pose_ns", "texture", "z"),
+        *("moves", "name", "owner", "replaces", "speed_mm_s", "surface", "t_expires_ns", "t_pose_ns", "texture", "z"),
     )
 
     def __init__(
@@ -51,7 +51,8 @@ class Layer:
         self._is_whole: Final = shape is None
         self._radius_mm: Final = shape.radius_mm if isinstance(shape, Circle) else 0.0
         self._sides: Final = _sides(shape) if isinstance(shape, Polygon) else []
-        self._reach_mm2: Final = _reach_mm2(shape, surface.scale)
+        self._reach_mm: Final = _reach_mm(shape) * surface.scale
+        self.speed_mm_s: Final = math.hypot(self._vx_mm_s, self._vy_mm_s)
 
     def local_mm(self, x_mm: float, y_mm: float, t_ns: int) -> tuple[float, float]:
         """Return a place of the plate in the layer's frame."""
@@ -69,14 +70,23 @@ class Layer:
 
     def amplitude_um(self, x_mm: float, y_mm: float, t_ns: int) -> float:
         """Return what the layer asks for at a place of the plate; OUTSIDE_UM beyond its shape."""
-        if self._reach_mm2 < math.inf:  # most places are far from most layers
-            since_s = (t_ns - self.t_pose_ns) * 1e-9 if self.moves else 0.0
-            dx_mm = x_mm - self._x_mm - since_s * self._vx_mm_s
-            dy_mm = y_mm - self._y_mm - since_s * self._vy_mm_s
-            if not dx_mm * dx_mm + dy_mm * dy_mm <= self._reach_mm2:
-                return OUTSIDE_UM
+        if self.is_far(x_mm, y_mm, t_ns):
+            return OUTSIDE_UM
         u_mm, v_mm = self.local_mm(x_mm, y_mm, t_ns)
         return self.texture(u_mm, v_mm) if self.holds(u_mm, v_mm) else OUTSIDE_UM
+
+    def is_far(self, x_mm: float, y_mm: float, t_ns: int, way_mm: float = 0.0) -> bool:
+        """Return whether a place, and a way of `way_mm` from it, is certainly beyond the shape: most are, of most."""
+        if self._is_whole:
+            return False
+        x_mm -= self._x_mm
+        y_mm -= self._y_mm
+        if self.moves:
+            since_s = (t_ns - self.t_pose_ns) * 1e-9
+            x_mm -= since_s * self._vx_mm_s
+            y_mm -= since_s * self._vy_mm_s
+        reach_mm = self._reach_mm + way_mm
+        return not x_mm * x_mm + y_mm * y_mm <= reach_mm * reach_mm
 
     def covers(self, x_mm: float, y_mm: float, t_ns: int) -> bool:
         """Return whether a place of the plate is within the layer's shape."""
@@ -100,8 +110,7 @@ class Layer:
         """Return at which shares (0 .. 1) of a straight way in the layer's frame it crosses the shape's edge."""
         du, dv = to_u - from_u, to_v - from_v
         length_mm = math.sqrt(du * du + dv * dv)
-        far_mm = math.sqrt(from_u * from_u + from_v * from_v) - length_mm
-        if self._is_whole or not length_mm > 0.0 or (far_mm > 0.0 and (far_mm * self._scale) ** 2 > self._reach_mm2):
+        if self._is_whole or not length_mm > 0.0:
             return []
         if self._radius_mm > 0.0:
             return _circle_crossings(from_u, from_v, du, dv, self._radius_mm)
@@ -134,12 +143,10 @@ def _sides(polygon: Polygon) -> list[_Side]:
     return [(*points[index - 1], *points[index]) for index in range(len(points))]
 
 
-def _reach_mm2(shape: Circle | Polygon | None, scale: float) -> float:
-    """Return the square of the largest distance of the shape from the layer's origin, on the plate."""
+def _reach_mm(shape: Circle | Polygon | None) -> float:
+    """Return the largest distance of a shape from its origin, and some more, so that rounding loses no place of it."""
     if shape is None:
         return math.inf
     if isinstance(shape, Circle):
-        reach_mm = shape.radius_mm
-    else:
-        reach_mm = max([math.hypot(x_mm, y_mm) for x_mm, y_mm in shape.points_mm])
-    return (reach_mm * scale) ** 2 * (1.0 + 1e-9)  # no place within is lost to rounding
+        return shape.radius_mm * (1.0 + 1e-9)
+    return max([math.hypot(x_mm, y_mm) for x_mm, y_mm in shape.points_mm]) * (1.0 + 1e-9)

@@ -11,12 +11,13 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ...values import AmplitudeTarget, Circle, ClientTargets, FrictionTarget, MapTarget, Surface, Target
+from ...values import AmplitudeTarget, Circle, ClientTargets, FrictionTarget, MapTarget, Polygon, Surface, Target
 from ..trajectory.knots import GRAIN_NS
 from .layer import Layer
 from .textures import FrictionCurve, Texture, detail, highest_um, texture
 
 MAX_SURFACES: Final = 64  # of all clients
+MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
 NEVER_NS: Final = 2**62
 MAX_EDGES: Final = 8  # that one finger crosses in one frame: a frame has room for knots at seven
 
@@ -55,7 +56,7 @@ class Surfaces:
         mine: list[Layer] = []
         refusals: list[str] = []
         for name, surface in message.surfaces.items():
-            refusal = self._refusal(surface, len(others) + len(mine))
+            refusal = self._refusal(surface, others + mine)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
                 continue
@@ -97,10 +98,13 @@ class Surfaces:
         """Return what a finger without a target meets on its way over `span_ns` from `t_ns`."""
         x_mm, y_mm = predicted_mm(t_ns)
         end_x_mm, end_y_mm = predicted_mm(t_ns + span_ns)
+        way_mm = math.hypot(end_x_mm - x_mm, end_y_mm - y_mm)
         pieces, smooth = 1.0, True
         crossed: list[tuple[float, float, float, int]] = []  # share, from, to, layer
         for index in range(len(self.layers)):
             layer = self.layers[index]
+            if layer.is_far(x_mm, y_mm, t_ns, way_mm + layer.speed_mm_s * span_ns * 1e-9):
+                continue
             u_mm, v_mm = layer.local_mm(x_mm, y_mm, t_ns)
             end_u_mm, end_v_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
             shares = layer.crossings(u_mm, v_mm, end_u_mm, end_v_mm)
@@ -129,10 +133,12 @@ class Surfaces:
 
     # --- the stack ---
 
-    def _refusal(self, surface: Surface, others: int) -> str:
+    def _refusal(self, surface: Surface, others: list[Layer]) -> str:
         """Return why a surface is refused; empty if it is not."""
-        if others >= MAX_SURFACES:
+        if len(others) >= MAX_SURFACES:
             return f"is one too many: the plate has {MAX_SURFACES} surfaces at once."
+        if sum([_corners(layer.surface) for layer in others]) + _corners(surface) > MAX_CORNERS:
+            return f"has too many corners: all surfaces on the plate have {MAX_CORNERS} at most."
         asked_um = highest_um(surface.content, self._curve)
         if isinstance(surface.content, FrictionTarget) or asked_um <= self._w_limit_um:
             return ""
@@ -159,6 +165,10 @@ class Surfaces:
     def _stack(self, layers: list[Layer]) -> None:
         self.layers = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
+
+
+def _corners(surface: Surface) -> int:
+    return len(surface.shape.points_mm) if isinstance(surface.shape, Polygon) else 0
 
 
 def _pose(surface: Surface) -> tuple[object, ...]:

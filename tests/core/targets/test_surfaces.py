@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.targets.scene import Scene
-from hapticd.core.targets.surfaces import MAX_SURFACES
+from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES
 from hapticd.values import (
     AmplitudeTarget,
     Blend,
@@ -212,6 +212,16 @@ def test_so_many_surfaces_are_on_the_plate_and_a_refresh_needs_no_room() -> None
     (refusal,) = publish(scene, "late", one=Surface(ONE))
     assert refusal == "surface 'one' is one too many: the plate has 64 surfaces at once."
     assert publish(scene, "client 0", **{f"s{n}": Surface(ONE) for n in range(16)}) == ()
+
+
+def test_all_shapes_together_have_so_many_corners_and_a_refresh_needs_no_room() -> None:
+    scene = Scene(w_limit_um=4.0)
+    ring = Polygon(tuple((10.0 * math.cos(0.4 * k), 10.0 * math.sin(0.4 * k)) for k in range(16)))
+    stack = {f"s{n}": Surface(ONE, ring) for n in range(MAX_CORNERS // 16)}
+    assert publish(scene, **stack) == ()
+    (refusal,) = publish(scene, "late", one=Surface(ONE, SQUARE), disc=Surface(ONE, Circle(5.0)))
+    assert refusal == "surface 'one' has too many corners: all surfaces on the plate have 256 at most."
+    assert publish(scene, **stack) == ()
 
 
 def test_more_than_the_plate_can_do_is_refused_and_the_other_surfaces_are_active() -> None:
