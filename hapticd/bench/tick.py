@@ -115,7 +115,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     strokes = record(actors, seconds=span_s)
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
-    nobody = record((), seconds=span_s, timed="timer")
+    no_finger = record((), seconds=span_s, timed="timer")
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes, contacts = _three_modes(), _contacts()
     return {
@@ -131,8 +131,8 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
-        "no finger": _Situation(nobody, config),
-        "no finger, 64 surfaces": _Situation(_on_surfaces(nobody, 64), config),
+        "no finger": _Situation(no_finger, config),
+        "no finger, 64 surfaces": _Situation(_on_surfaces(no_finger, 64), config),
     }
 
 
