@@ -13,8 +13,8 @@ named tuples, which cost a third of a frozen dataclass.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import IntFlag
+from dataclasses import dataclass, field
+from enum import Enum, IntFlag
 from typing import NamedTuple
 
 import numpy as np
@@ -172,12 +172,56 @@ class VirtualPath:
     loop: bool
 
 
+class Blend(Enum):
+    """What a layer does with the amplitude of the layers below it."""
+
+    REPLACE = "replace"
+    ADD = "add"
+    MAX = "max"
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A disc around the layer's origin."""
+
+    radius_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Polygon:
+    """Corners (3 or more) in the layer's frame. Inside is where a ray outwards crosses the sides an odd number of
+    times, so that sides may cross each other."""
+
+    points_mm: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A layer on the plate: content within a shape, felt by any finger that has no target of its own.
+
+    Content and `shape` (None: everywhere) are in the layer's frame, which is scaled, turned anticlockwise and moved to
+    `position_mm` at `t_pose_ns` (None: when it arrives), and moves on from there. Of two layers the one with the
+    larger `z` is on top.
+    """
+
+    content: Target
+    shape: Circle | Polygon | None = None
+    position_mm: tuple[float, float] = (0.0, 0.0)
+    angle_rad: float = 0.0
+    scale: float = 1.0
+    velocity_mm_s: tuple[float, float] = (0.0, 0.0)
+    turning_rad_s: float = 0.0
+    t_pose_ns: int | None = None
+    z: int = 0
+    blend: Blend = Blend.REPLACE
+
+
 @dataclass(frozen=True, slots=True)
 class ClientTargets:
     """All present targets of one client; they replace that client's earlier ones.
 
     Keys of `targets` are finger ids (int) or names of virtual fingers (str). `stamp` grows with each change of what
-    the client requests; None where the client does not say.
+    the client requests; None where the client does not say. `surfaces` are in order, the last on top.
     """
 
     client: str
@@ -185,6 +229,7 @@ class ClientTargets:
     targets: dict[int | str, Target]
     virtuals: dict[str, VirtualPath]
     stamp: int | None = None
+    surfaces: dict[str, Surface] = field(default_factory=dict)
 
 
 # --- what the plate should do -----------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from ..tools.touches import Trace, recorded
 from . import (
     contacts,
     firmware,
+    landing,
     leak,
     leak_budget,
     prediction,
@@ -57,6 +58,7 @@ PARTS: dict[str, Part] = {
     "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "recording": lambda extent: (recording_cost.run(seconds=extent.seconds),),
+    "landing": lambda _: (landing.run(),),
     "leak": lambda _: (
         leak.run(),
         leak.both_slip(),

@@ -7,6 +7,7 @@ the daemon, when caches and branch predictors have lost the path.
 from __future__ import annotations
 
 import json
+import math
 import os
 import statistics
 import subprocess
@@ -21,7 +22,7 @@ from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, 
 from ..sim.lockstep import Settings
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from ..values import AmplitudeTarget, GratingTarget
+from ..values import AmplitudeTarget, GratingTarget, Polygon, Surface
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
@@ -32,6 +33,7 @@ DEFAULT = "two fingers"
 CONTACTS = "two contacts, four modes"
 FIVE_FINGERS = "five fingers, three modes"
 _CENTRES_MM = ((-38.0, -30.0), (-16.0, 22.0), (4.0, -26.0), (24.0, 28.0), (42.0, -20.0))
+_HALF_PLATE_MM = 68.75
 _SETTLE_S = 0.5  # from landing to the first pass that counts
 _SKIPPED = ("skipped_no_finger", "skipped_no_target", "skipped_standing")
 
@@ -113,6 +115,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     strokes = record(actors, seconds=span_s)
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
+    no_finger = record((), seconds=span_s, timed="timer")
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes, contacts = _three_modes(), _contacts()
     return {
@@ -122,11 +125,14 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "a single knot": _Situation(strokes, changed(config, {"solver": {"max_knots": 1}})),
         "a texture, 20 knots": _Situation(_textured(strokes), textured_config),
         "both slip": _Situation(both_slip, config),
+        "both slip on 8 surfaces": _Situation(_on_surfaces(both_slip, 8), config),
+        "both slip on 64 surfaces": _Situation(_on_surfaces(both_slip, 64), config),
         FIVE_FINGERS: _Situation(record(_five_fingers(), settings=three_modes, seconds=span_s), three_modes.config),
         CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
-        "no finger": _Situation(record((), seconds=span_s, timed="timer"), config),
+        "no finger": _Situation(no_finger, config),
+        "no finger, 64 surfaces": _Situation(_on_surfaces(no_finger, 64), config),
     }
 
 
@@ -164,6 +170,33 @@ def _textured(recording: Recording) -> Recording:
                 key: target if target == AmplitudeTarget(0.0) else grating for key, target in message.targets.items()
             }
             call = call._replace(arguments=(replace(message, targets=targets), *rest))
+        calls.append(call)
+    return recording._replace(calls=tuple(calls))
+
+
+def _on_surfaces(recording: Recording, count: int) -> Recording:
+    """The same touch without targets on tiles that leave no gap, each a little more or less slippery than the next;
+    one of them moves over the others."""
+    columns = 2 ** math.ceil(math.log2(count) / 2)
+    rows = count // columns
+    width_mm, height_mm = 2.0 * _HALF_PLATE_MM / columns, 2.0 * _HALF_PLATE_MM / rows
+    x_mm, y_mm = 0.5 * width_mm, 0.5 * height_mm
+    tile = Polygon(((-x_mm, -y_mm), (x_mm, -y_mm), (x_mm, y_mm), (-x_mm, y_mm)))
+    surfaces = {
+        f"{column} {row}": Surface(
+            AmplitudeTarget(SLIPPERY_UM if (column + row) % 2 else 0.8 * SLIPPERY_UM),
+            tile,
+            ((column + 0.5) * width_mm - _HALF_PLATE_MM, (row + 0.5) * height_mm - _HALF_PLATE_MM),
+        )
+        for column in range(columns)
+        for row in range(rows)
+    }
+    surfaces["0 0"] = replace(surfaces["0 0"], velocity_mm_s=(20.0, 15.0), z=1)
+    calls = []
+    for call in recording.calls:
+        if call.name == "want":
+            message, *rest = call.arguments
+            call = call._replace(arguments=(replace(message, targets={}, surfaces=surfaces), *rest))
         calls.append(call)
     return recording._replace(calls=tuple(calls))
 

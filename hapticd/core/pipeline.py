@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
 from .phasors import Row, magnitude, re_im
@@ -35,6 +37,8 @@ from .targets.scene import Scene
 from .touch.fingers import Fingers, Predictor
 from .trajectory.gate import gate, silence
 from .trajectory.knots import SHORTEST_NS, refine
+
+_NO_EDGES: Final[Sequence[int]] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +96,7 @@ class Pipeline:
         self.counters = PipelineCounters()
         self._modes = modes
         self._scene = scene
+        self._surfaces = scene.surfaces
         self._settings = settings
         self._solver = InstantSolver(
             modes,
@@ -157,6 +162,9 @@ class Pipeline:
         sent again, however still the fingers are.
         """
         self.counters.passes += 1
+        if self._surfaces.layers:
+            self._surfaces.expire(t_now_ns)
+            self._fingers.hold_all()
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if is_allowed else []
         if not keys:
             return self.rest(t_now_ns, link_ns)
@@ -215,16 +223,16 @@ class Pipeline:
         last = self._solve_at(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
         knots = [begin, Knot(span_ns, last.modal_um)]
         moved_mm = _moved_mm(first.places, last.places)
-        pieces, smooth = self._pieces(keys, moved_mm)
-        if pieces == 1 and smooth and self._bend_um(knots, moved_mm) <= settings.tolerance_um:
+        pieces, smooth, edges_ns = self._pieces(keys, moved_mm, t_plate_ns)
+        if pieces == 1 and smooth and not edges_ns and self._bend_um(knots, moved_mm) <= settings.tolerance_um:
             return first, last, knots
 
         def solve(dt_ns: int, before: Knot) -> Row:
             return self._solve_at(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
 
-        for piece in range(1, pieces):
-            dt_ns = span_ns * piece // pieces // 1000 * 1000
-            knots.insert(piece, Knot(dt_ns, solve(dt_ns, knots[piece - 1])))
+        between_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
+        for dt_ns in sorted({*between_ns, *edges_ns}) if edges_ns else between_ns:
+            knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
         return first, last, refine(solve, knots, settings.tolerance_um, settings.max_knots, smooth=smooth)
 
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
@@ -243,18 +251,39 @@ class Pipeline:
             else:
                 x_mm, y_mm = fingers.predicted_mm(key, t_ns)
             target_um = scene.amplitude_um(key, x_mm, y_mm)
-            places.append((x_mm, y_mm, 0.0 if target_um is None else target_um))
+            if target_um is None:
+                target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
+            places.append((x_mm, y_mm, target_um))
         return places
 
-    def _pieces(self, keys: Sequence[Key], moved_mm: Sequence[float]) -> tuple[int, bool]:
-        """Return into how many spans the textures divide the fingers' way at first, and whether they are smooth."""
-        pieces, smooth = 1.0, True
+    def _pieces(
+        self, keys: Sequence[Key], moved_mm: Sequence[float], t_plate_ns: int
+    ) -> tuple[int, bool, Sequence[int]]:
+        """Return into how many spans the textures divide the fingers' way at first, whether they are smooth, and the
+        instants before and after each edge of a surface."""
+        pieces, smooth, edges_ns = 1.0, True, _NO_EDGES
         for finger, way_mm in enumerate(moved_mm):
             finest_mm, is_smooth = self._scene.detail(keys[finger])
             if way_mm > pieces * finest_mm:
                 pieces = way_mm / finest_mm
             smooth = smooth and is_smooth
-        return math.ceil(min(pieces, self._settings.max_knots - 1, self._settings.cover_ns / SHORTEST_NS)), smooth
+        if self._surfaces.layers:
+            surface_pieces, are_smooth, edges_ns = self._edges(keys, t_plate_ns)
+            pieces, smooth = max(pieces, surface_pieces), smooth and are_smooth
+        room = max(self._settings.max_knots - 1 - len(edges_ns), 1)
+        return math.ceil(min(pieces, room, self._settings.cover_ns / SHORTEST_NS)), smooth, edges_ns
+
+    def _edges(self, keys: Sequence[Key], t_plate_ns: int) -> tuple[float, bool, Sequence[int]]:
+        """Return what the surfaces add to `_pieces`; where there are too many edges, the earliest."""
+        settings, pieces, smooth, found_ns = self._settings, 1.0, True, set[int]()
+        for key in keys:
+            if isinstance(key, int) and self._scene.target_of(key) is None:
+                predicted_mm = partial(self._fingers.predicted_mm, key)
+                way = self._surfaces.along(predicted_mm, t_plate_ns, settings.cover_ns, settings.tolerance_um)
+                pieces, smooth = max(pieces, way.pieces), smooth and way.is_smooth
+                found_ns.update(way.edges_ns)
+        found_ns.discard(0)
+        return pieces, smooth, sorted(found_ns)[: (settings.max_knots - 2) // 2 * 2]
 
     def _bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
         """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""
@@ -281,7 +310,10 @@ class Pipeline:
                 moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
                 if target_um != was_um or not moved_um <= self._settings.tolerance_um:
                     return None
-        return ends[0]
+        if steepness_um_mm > 0.0 and not self._surfaces.layers:
+            return ends[0]  # while the plate is silent, fingers may move far: over stripes, to the same target
+        pieces, _, edges_ns = self._pieces(keys, _moved_mm(ends[0], ends[1]), t_plate_ns)
+        return ends[0] if pieces == 1 and not edges_ns else None
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool

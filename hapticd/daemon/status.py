@@ -133,6 +133,7 @@ class Status:
             "t_ns": t_now_ns,
             "fingers": len(self._pipeline.fingers),
             "virtual_fingers": len(self._scene.virtual_names(t_now_ns)),
+            "surfaces": self._surfaces(t_now_ns),
             "simulated": self._rig_directory(),
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
@@ -153,6 +154,14 @@ class Status:
             "timing": self._timing(),
             "latency_ms": _latency([line for line in ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),
         }
+
+    def _surfaces(self, t_now_ns: int) -> list[dict[str, object]]:
+        """All surfaces, topmost first."""
+        return [
+            {"client": layer.owner, "name": layer.name, "z": layer.z, "blend": layer.surface.blend.value}
+            for layer in self._scene.surfaces.layers
+            if t_now_ns < layer.t_expires_ns
+        ]
 
     def _rig_directory(self) -> str | None:
         """The directory of the simulated rig, if the trackpad is simulated."""

@@ -2,6 +2,7 @@
 
 It prints percentiles, draws the distributions, and writes frame by frame. The first finger gets a target of
 AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. Clients are not served meanwhile.
+With `--landing` it needs no devices: fingers land on the simulated rig in virtual time (`sim.landing`).
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from ..daemon.lifecycle import serve
 from ..daemon.machine import Machine
 from ..daemon.service import ConfigLoader, Prepared
 from ..daemon.status import histogram_fields
-from ..errors import HapticdError
+from ..errors import HapticdError, UsageError
 from ..files import outputs, plotting
+from ..sim import landing
 from ..values import AmplitudeTarget, ClientTargets, Target
 from .arguments import number
 from .progress import Progress
@@ -74,6 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
     )
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
+    parser.add_argument(
+        "--landing",
+        action="store_true",
+        help="measure on the simulated rig, in virtual time, how long a landing finger waits for its amplitude",
+    )
     parser.set_defaults(command=_latency)
 
 
@@ -84,6 +91,11 @@ def add_seconds(parser: argparse.ArgumentParser) -> None:
 
 
 def _latency(options: argparse.Namespace) -> None:
+    if options.landing:
+        if options.ledger is not None or options.plot is not None:
+            raise UsageError("--landing: has no frames to write or draw: leave --ledger and --plot out.")
+        run_landings(json_file=options.json)
+        return
     loaded = configuration(options)
     log_to_stderr(loaded.log.level)
     run(loaded, options.seconds, json_file=options.json, ledger=options.ledger, plot=options.plot)
@@ -102,6 +114,21 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
         write_ledger(measured.lines, ledger)
     if plot is not None:
         draw(measured, plot)
+
+
+def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> None:
+    """Measure landings on the simulated rig, print a row for each way, and write figures as JSON."""
+    with Progress("measuring") as progress:
+        found = landing.measure(landings, progress=progress)
+    out = sys.stderr if json_file == "-" else sys.stdout
+    what = f"landing to {landing.REACHED_FRAC:.0%} of {landing.TARGET_UM:g} um, ms"
+    print(f"{what:<34}{'p50':>8}{'p95':>8}{'max':>8}  of {landings} landings, in virtual time", file=out)
+    for way, spans_ms in found.items():
+        row = "".join(f"{value_ms:>8.1f}" for value_ms in landing.percentiles_ms(spans_ms).values())
+        print(f"{way:<34}{row}", file=out)
+    if json_file is not None:
+        plain = {way: landing.percentiles_ms(spans_ms) for way, spans_ms in found.items()}
+        outputs.write_text(json.dumps(plain, indent=2) + "\n", json_file)
 
 
 def measure(config: Config, seconds: float) -> Measured:

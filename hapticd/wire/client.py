@@ -18,9 +18,10 @@ import msgpack
 
 from ..errors import RequestError
 from ..values import ClientTargets
+from .contents import MAX_MAP_SIDE
 from .fields import MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
+from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
 from .targets import (
-    MAX_MAP_SIDE,
     MAX_PATH_POINTS,
     MAX_TARGETS,
     MAX_TTL_S,
@@ -41,11 +42,13 @@ UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be rea
 CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
-    "optional": ("stamp",),  # fields added within this version: a client sends only those listed here
+    "optional": ("stamp", "surfaces"),  # fields added within this version: a client sends only those listed here
     "targets": ("amplitude_um", "friction", "grating", "map"),
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
     "max_path_points": MAX_PATH_POINTS,
+    "max_surfaces": MAX_SURFACES,
+    "max_polygon_points": MAX_POLYGON_POINTS,
     "max_map_side": MAX_MAP_SIDE,
     "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,

@@ -165,6 +165,14 @@ def bounded(value: object, low: float, high: float, where: str) -> float:
     return float(value)
 
 
+def pair(value: object, most: float, where: str) -> tuple[float, float]:
+    """Two numbers x and y, within -`most` .. `most`."""
+    numbers = items(value, 2, where)
+    if len(numbers) != 2:
+        raise RequestError(f"{where}: a point has two numbers, x and y.")
+    return bounded(numbers[0], -most, most, where), bounded(numbers[1], -most, most, where)
+
+
 def whole(value: object, low: int, high: int, where: str) -> int:
     """A whole number within low .. high."""
     if type(value) is not int:

@@ -9,7 +9,9 @@ import random
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +20,7 @@ from typing import Any
 import pytest
 from fake_daemon import FakeDaemon
 
-from hapticd_client import Client, FingerState, Grating, Map, PlateState
+from hapticd_client import Circle, Client, FingerState, Grating, Map, PlateState
 
 CLIENTS = Path(__file__).parents[2] / "clients"
 NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
@@ -166,6 +168,37 @@ def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -
     program.serve(plate, program.slider_map(5, 1.5), 5, math.inf)
     places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
     assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
+
+
+def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as plate:
+        example("slider").lay(plate, 5, 1.5)
+        places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
+        felt = [daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm]
+    assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
+
+
+class PatchPlate(ScriptedPlate):
+    """States half a second apart, and the surfaces that were laid."""
+
+    def __init__(self, *fingers_mm: dict[int, tuple[float, float]]) -> None:
+        super().__init__(*fingers_mm)
+        self.laid: list[tuple[float, float]] = []
+
+    def states(self) -> Iterator[PlateState]:
+        return (replace(state, t_ns=500_000_000 * state.seq) for state in super().states())
+
+    def surface(self, name: str, shape: Circle, **fields: Any) -> None:
+        assert (name, shape) == ("patch", Circle(15.0))
+        self.laid.append((fields["position_mm"][0], fields["velocity_mm_s"][0]))
+
+
+def test_the_patch_turns_at_its_ends_and_two_fingers_on_it_hold_it(capsys: pytest.CaptureFixture[str]) -> None:
+    on_it = {1: (-20.0, 0.0), 2: (-15.0, 9.0)}
+    plate = PatchPlate({}, {}, on_it, on_it, {1: (-20.0, 0.0)}, {}, {}, {}, {}, {}, {})
+    example("moving_patch").serve(plate, 15.0, 20.0, math.inf)
+    assert plate.laid == [(-40.0, 20.0), (-20.0, 0.0), (-20.0, 20.0), (40.0, -20.0)]
+    assert capsys.readouterr().out.splitlines()[1] == "patch at x = -20 mm: +0 mm/s"
 
 
 def test_the_slider_prints_each_detent_that_a_finger_reaches(capsys: pytest.CaptureFixture[str]) -> None:

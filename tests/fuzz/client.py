@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import msgpack
 
 from fuzz.target import Cost, Target
+from hapticd.core.targets.layer import Layer
+from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.values import ClientTargets
+from hapticd.values import AmplitudeTarget, ClientTargets, Polygon, Surface
 from hapticd.wire.client import (
     MAX_MARKER_CHARACTERS,
     PROTOCOL_VERSION,
@@ -20,8 +23,10 @@ from hapticd.wire.client import (
     decode_request,
     decode_targets,
 )
+from hapticd.wire.contents import MAX_AMPLITUDE_UM, MAX_POSITION_MM
 from hapticd.wire.fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES
-from hapticd.wire.targets import MAX_AMPLITUDE_UM, MAX_PATH_POINTS, MAX_POSITION_MM, MAX_TARGETS, MAX_VIRTUALS
+from hapticd.wire.surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
+from hapticd.wire.targets import MAX_PATH_POINTS, MAX_TARGETS, MAX_VIRTUALS
 
 LONGEST_SENTENCE = 250
 
@@ -35,6 +40,17 @@ BODY: dict[str, object] = {
         {"finger": 6, "map": {"width": 2, "height": 3, "levels": bytes(6), "high_um": 3}},
     ],
     "virtuals": [{"name": "ghost", "path_mm": [[-40, 20], [40.5, 20]], "speed_mm_s": 80, "loop": False}],
+    "surfaces": [
+        {"name": "disc", "amplitude_um": 1, "circle_mm": 4.0, "position_mm": [3, -4], "z": -2, "blend": "max"},
+        {"name": "tile", "friction": 0.5, "rectangle_mm": [3, 24], "angle_rad": 0.5, "scale": 2, "turning_rad_s": -1},
+        {
+            "name": "bow",
+            "grating": {"period_mm": 5.0, "high_um": 2},
+            "polygon_mm": [[0, 0], [9, 0], [0, 5.5], [9, 9]],
+            "velocity_mm_s": [300, -20],
+            "t_pose_ns": 10**12,
+        },
+    ],
 }
 
 
@@ -69,9 +85,31 @@ def check_targets(wanted: ClientTargets) -> None:
             assert 0 <= getattr(target, name, 0.0) <= MAX_AMPLITUDE_UM
         assert len(getattr(target, "levels", b"")) <= MAX_BINARY_BYTES
         assert math.isfinite(getattr(target, "angle_rad", 0.0))
+    assert len(wanted.surfaces) <= MAX_SURFACES
+    for surface in wanted.surfaces.values():
+        check_surface(surface)
     for path in wanted.virtuals.values():
         assert 1 <= len(path.points_mm) <= MAX_PATH_POINTS
         assert all(abs(part) <= MAX_POSITION_MM for point in path.points_mm for part in point)
+
+
+def check_surface(surface: Surface) -> None:
+    """Where it is and what it covers stays finite at every instant that a clock can show."""
+    (layer,) = layers_of(surface)
+    for t_ns in (0, 10**18, 2**63 - 1):
+        assert all(math.isfinite(part) for part in layer.local_mm(3.0, 4.0, t_ns))
+        assert layer.amplitude_um(3.0, 4.0, t_ns) <= 4.0
+    if isinstance(surface.shape, Polygon):
+        assert 3 <= len(surface.shape.points_mm) <= MAX_POLYGON_POINTS
+        assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.points_mm for part in point)
+
+
+def layers_of(surface: Surface) -> list[Layer]:
+    """The surface in force, with content that every plate takes."""
+    scene = Scene(w_limit_um=4.0)
+    still = replace(surface, content=AmplitudeTarget(1.0))
+    assert scene.apply(ClientTargets("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
+    return scene.surfaces.layers
 
 
 def check_answer(data: bytes, request: Request | None) -> None:
@@ -110,8 +148,13 @@ def extremes() -> dict[str, bytes]:
     paths = [{"name": f"{n:032}", "path_mm": [[n, n]] * MAX_PATH_POINTS} for n in range(MAX_VIRTUALS)]
     image = {"width": 128, "height": 128, "levels": bytes(128 * 128), "high_um": 1}
     targets = [{"finger": n + 1, "map": image} for n in (1, 2)]
+    star = [[math.cos(2.4 * n), math.sin(2.4 * n)] for n in range(MAX_POLYGON_POINTS)]
+    polygons = [{"name": f"{n:032}", "amplitude_um": 1, "polygon_mm": star} for n in range(MAX_SURFACES)]
+    endless = {"name": "a", "amplitude_um": 1, "polygon_mm": [[0, 0]] * 10_000}
     return {
         "longest": packed({"client": "a", "virtuals": paths, "targets": targets}),
+        "polygons": packed({"client": "a", "surfaces": polygons}),
+        "a polygon of 10000 points": packed({"client": "a", "surfaces": [endless]}),
         "brackets": b"\x91" * MAX_PAYLOAD_BYTES,
         "maps": b"\x81\xa1v" * (MAX_PAYLOAD_BYTES // 3),
         "wide": b"\xdc\x00\x40" + b"\xdc\x00\x40" * 63 + b"\xc0" * (MAX_PAYLOAD_BYTES - 192),

@@ -14,8 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
-from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
-from hapticd.wire import client, targets
+from hapticd.values import (
+    AmplitudeTarget,
+    Blend,
+    ClientTargets,
+    FrictionTarget,
+    GratingTarget,
+    MapTarget,
+    Polygon,
+    Surface,
+    VirtualPath,
+)
+from hapticd.wire import client, contents, targets
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES, peek_whole
 
 FULL: dict[str, Any] = {
@@ -35,6 +45,22 @@ FULL: dict[str, Any] = {
         {"name": "ghost", "path_mm": [[-40, 20], [40.5, 20]], "speed_mm_s": 80, "loop": False},
         {"name": "post", "path_mm": [[0, 0]]},
     ],
+    "surfaces": [
+        {"name": "all", "friction": 1},
+        {
+            "name": "patch",
+            "amplitude_um": 1.5,
+            "polygon_mm": [[0, 0], [9, 0], [0, 5.5]],
+            "position_mm": [3, -4],
+            "angle_rad": 0.5,
+            "scale": 2,
+            "velocity_mm_s": [300, -20],
+            "turning_rad_s": -1,
+            "t_pose_ns": 10**12,
+            "z": -3,
+            "blend": "max",
+        },
+    ],
 }
 
 
@@ -44,6 +70,10 @@ def packed(**changes: object) -> bytes:
 
 def with_target(**target: object) -> bytes:
     return packed(targets=[{"finger": 1, **target}])
+
+
+def with_surface(**surface: object) -> bytes:
+    return packed(surfaces=[{"name": "one", **surface}])
 
 
 def refusal(payload: bytes) -> str:
@@ -69,7 +99,27 @@ def test_a_full_message_is_read_to_the_last_field() -> None:
             "ghost": VirtualPath(points_mm=((-40.0, 20.0), (40.5, 20.0)), speed_mm_s=80.0, loop=False),
             "post": VirtualPath(points_mm=((0.0, 0.0),), speed_mm_s=50.0, loop=True),
         },
+        surfaces={
+            "all": Surface(FrictionTarget(1.0)),
+            "patch": Surface(
+                content=AmplitudeTarget(1.5),
+                shape=Polygon(((0.0, 0.0), (9.0, 0.0), (0.0, 5.5))),
+                position_mm=(3.0, -4.0),
+                angle_rad=0.5,
+                scale=2.0,
+                velocity_mm_s=(300.0, -20.0),
+                turning_rad_s=-1.0,
+                t_pose_ns=10**12,
+                z=-3,
+                blend=Blend.MAX,
+            ),
+        },
     )
+
+
+def test_a_rectangle_is_centred_on_its_layer() -> None:
+    (tile,) = client.decode_targets(with_surface(friction=1, rectangle_mm=[6, 4])).surfaces.values()
+    assert tile.shape == Polygon(((-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0)))
 
 
 def test_the_smallest_message_has_no_targets_and_the_default_time_to_live() -> None:
@@ -87,7 +137,7 @@ def test_whole_numbers_become_floats_and_stay_exact() -> None:
     "payload",
     [
         with_target(amplitude_um=0),
-        with_target(amplitude_um=targets.MAX_AMPLITUDE_UM),
+        with_target(amplitude_um=contents.MAX_AMPLITUDE_UM),
         with_target(friction=0.0),
         packed(ttl_s=targets.MIN_TTL_S),
         packed(ttl_s=targets.MAX_TTL_S),
@@ -152,6 +202,24 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "speed_mm_s": 2001}]), "speed_mm_s: 2001 is out of"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "loop": 1}]), "loop: must be true or false"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
+        (packed(surfaces=[{"name": "a", "friction": 1}] * 2), "surfaces[1].name: 'a' is listed twice."),
+        (packed(surfaces=[{"name": str(n), "friction": 1} for n in range(17)]), "surfaces: has 17 items, at most 16"),
+        (with_surface(), "surfaces[0]: needs exactly one of amplitude_um, friction, grating, map."),
+        (with_surface(friction=1, hue=1), "'surfaces[0].hue': unknown field"),
+        (with_surface(friction=1, circle_mm=5, rectangle_mm=[1, 1]), "surfaces[0]: has at most one of circle_mm, "),
+        (with_surface(friction=1, circle_mm=0), "surfaces[0].circle_mm: 0 is out of bounds, it must be 0.1 .. 1000."),
+        (with_surface(friction=1, rectangle_mm=[0, 5]), "rectangle_mm: width and height must be 0.1 .. 1000."),
+        (with_surface(friction=1, rectangle_mm=[5]), "rectangle_mm: a point has two numbers"),
+        (with_surface(friction=1, polygon_mm=[[0, 0], [1, 1]]), "polygon_mm: needs three points or more."),
+        (with_surface(friction=1, polygon_mm=[[0, 0], [1, 1], [2, 2]]), "polygon_mm: encloses less than 0.01 mm^2."),
+        (with_surface(friction=1, polygon_mm=[[0, 0], [9, 9], [9, 0], [0, 9]]), "encloses less than 0.01 mm^2."),
+        (with_surface(friction=1, polygon_mm=[[0, 0]] * 17), "polygon_mm: has 17 items, at most 16 are allowed."),
+        (with_surface(friction=1, polygon_mm=[[0, 0]] * 1000), "exceeds max_array_len"),
+        (with_surface(friction=1, polygon_mm=[[0, 0], [1e9, 0], [0, 1]]), "polygon_mm[1]: 1e+09 is out of bounds"),
+        (with_surface(friction=1, scale=1e6), "surfaces[0].scale: 1e+06 is out of bounds, it must be 0.01 .. 100."),
+        (with_surface(friction=1, velocity_mm_s=[0, 2001]), "surfaces[0].velocity_mm_s: 2001 is out of bounds"),
+        (with_surface(friction=1, z=0.5), "surfaces[0].z: must be a whole number, not a number."),
+        (with_surface(friction=1, blend="multiply"), "surfaces[0].blend: must be one of replace, add, max."),
     ],
 )
 def test_a_refusal_names_field_and_defect(payload: bytes, sentence: str) -> None:

@@ -6,9 +6,11 @@ Start with `Client`. Its messages are defined in clients/PROTOCOL.md; it shares 
 from .client import Client
 from .errors import DaemonGoneError, HapticdError, RefusedError
 from .messages import FingerState, Marker, PlateState
+from .surface import Circle, Polygon, Rectangle
 from .targets import Grating, Map
 
 __all__ = [
+    "Circle",
     "Client",
     "DaemonGoneError",
     "FingerState",
@@ -17,5 +19,7 @@ __all__ = [
     "Map",
     "Marker",
     "PlateState",
+    "Polygon",
+    "Rectangle",
     "RefusedError",
 ]

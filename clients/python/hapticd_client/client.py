@@ -21,6 +21,7 @@ from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .messages import PROTOCOL_VERSION, FingerState, PlateState
 from .refresher import Refresher
+from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
 from .targets import MAX_TTL_S, MIN_TTL_S, Fields, Grating, Map, label, number, path_fields, target_fields
 from .telemetry import Telemetry
@@ -136,8 +137,59 @@ class Client:
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
         self._request(self._targets.with_virtual(label("name", name), fields, ttl_s), wait)
 
+    def surface(
+        self,
+        name: str,
+        shape: Shape | None = None,
+        *,
+        friction: float | None = None,
+        amplitude_um: float | None = None,
+        grating: Grating | None = None,
+        map: Map | None = None,  # noqa: A002
+        position_mm: Sequence[float] = (0.0, 0.0),
+        angle_rad: float = 0.0,
+        scale: float = 1.0,
+        velocity_mm_s: Sequence[float] = (0.0, 0.0),
+        turning_rad_s: float = 0.0,
+        t_pose_ns: int | None = None,
+        z: int = 0,
+        blend: str = "replace",
+        ttl_s: float = DEFAULT_TTL_S,
+        wait: bool = True,
+    ) -> None:
+        """Lay content on the plate: every finger without a target feels it where it is, from its first report on.
+
+        `shape` is a Circle, a Rectangle or a Polygon, by default the whole plate; content as in `set`. Both are scaled,
+        turned anticlockwise by `angle_rad` and moved to `position_mm`, from where they move on with `velocity_mm_s` and
+        `turning_rad_s`: since `t_pose_ns` on the daemon's monotonic clock, by default since the message arrives. The
+        larger `z` is on top, of equals the one that came last; `blend` is "replace", "add" or "max". The same name
+        again changes the surface. Raises RefusedError, also from an older daemon without surfaces.
+        """
+        if "surfaces" not in self.hello.get("optional", ()):
+            raise RefusedError("surface: this daemon has no surfaces: update it.")
+        target = target_fields(
+            friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, where="surface"
+        )
+        pose = surface_fields(
+            shape,
+            position_mm=position_mm,
+            angle_rad=angle_rad,
+            scale=scale,
+            velocity_mm_s=velocity_mm_s,
+            turning_rad_s=turning_rad_s,
+            t_pose_ns=t_pose_ns,
+            z=z,
+            blend=blend,
+        )
+        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
+        self._request(self._targets.with_surface(label("name", name), {**target, **pose}, ttl_s), wait)
+
+    def remove(self, surface: str) -> None:
+        """Remove one surface; one that there is not is no error."""
+        self._request(self._targets.without_surface(label("surface", surface)), wait=True)
+
     def release(self, finger: FingerState | Key | None = None) -> None:
-        """Release one finger, or a virtual finger by its name; without an argument, all."""
+        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces."""
         stamp = self._stamp()
         body: dict[str, object] = {"client": self.name, **stamp}
         targets = TargetSet()

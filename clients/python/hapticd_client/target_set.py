@@ -31,27 +31,30 @@ def no_stamp() -> Fields:
 
 MAX_TARGETS = 16
 MAX_VIRTUALS = 16
+MAX_SURFACES = 16
 MAX_MESSAGE_BYTES = 65536
 DEFAULT_TTL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class TargetSet:
-    """Targets by finger and paths by name, as message fields, with the time to live of each."""
+    """Targets by finger, paths and surfaces by name, as message fields, with the time to live of each."""
 
     targets: Mapping[Key, Fields] = field(default_factory=dict)
     virtuals: Mapping[str, Fields] = field(default_factory=dict)
     ttls_s: Mapping[Key, float] = field(default_factory=dict)
+    surfaces: Mapping[str, Fields] = field(default_factory=dict)
+    surface_ttls_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no target and no path."""
-        return not self.targets and not self.virtuals
+        """Whether there is no target, no path and no surface."""
+        return not self.targets and not self.virtuals and not self.surfaces
 
     @property
     def ttl_s(self) -> float:
         """Time to live of the message: the shortest of all."""
-        return min(self.ttls_s.values(), default=DEFAULT_TTL_S)
+        return min([*self.ttls_s.values(), *self.surface_ttls_s.values()], default=DEFAULT_TTL_S)
 
     def with_target(self, key: Key, target: Fields, ttl_s: float) -> TargetSet:
         """Return a copy with a new target for one finger."""
@@ -65,12 +68,28 @@ class TargetSet:
             raise RefusedError(f"virtual: a client may have {MAX_VIRTUALS} virtual fingers: release one first.")
         return replace(self, virtuals={**self.virtuals, name: path}, ttls_s={**self.ttls_s, name: ttl_s})
 
+    def with_surface(self, name: str, surface: Fields, ttl_s: float) -> TargetSet:
+        """Return a copy with a new or changed surface."""
+        if name not in self.surfaces and len(self.surfaces) >= MAX_SURFACES:
+            raise RefusedError(f"surface: a client may have {MAX_SURFACES} surfaces: remove one first.")
+        surfaces, ttls_s = {**self.surfaces, name: surface}, {**self.surface_ttls_s, name: ttl_s}
+        return replace(self, surfaces=surfaces, surface_ttls_s=ttls_s)
+
     def without(self, *keys: Key) -> TargetSet:
         """Return a copy without these fingers."""
-        return TargetSet(
-            {key: target for key, target in self.targets.items() if key not in keys},
-            {name: path for name, path in self.virtuals.items() if name not in keys},
-            {key: ttl_s for key, ttl_s in self.ttls_s.items() if key not in keys},
+        return replace(
+            self,
+            targets={key: target for key, target in self.targets.items() if key not in keys},
+            virtuals={name: path for name, path in self.virtuals.items() if name not in keys},
+            ttls_s={key: ttl_s for key, ttl_s in self.ttls_s.items() if key not in keys},
+        )
+
+    def without_surface(self, name: str) -> TargetSet:
+        """Return a copy without a surface."""
+        return replace(
+            self,
+            surfaces={other: surface for other, surface in self.surfaces.items() if other != name},
+            surface_ttls_s={other: ttl_s for other, ttl_s in self.surface_ttls_s.items() if other != name},
         )
 
     def fields(self, client: str, stamp: Fields) -> Fields:
@@ -81,6 +100,7 @@ class TargetSet:
             "ttl_s": self.ttl_s,
             "targets": [{"finger": key, **target} for key, target in self.targets.items()],
             "virtuals": [{"name": name, **path} for name, path in self.virtuals.items()],
+            **({"surfaces": [{"name": name, **one} for name, one in self.surfaces.items()]} if self.surfaces else {}),
         }
 
     def payload(self, client: str, stamp: Fields) -> bytes:

@@ -134,9 +134,14 @@ class Map:
 
 
 def target_fields(
-    *, friction: float | None, amplitude_um: float | None, grating: Grating | None, image: Map | None
+    *,
+    friction: float | None,
+    amplitude_um: float | None,
+    grating: Grating | None,
+    image: Map | None,
+    where: str = "set",
 ) -> Fields:
-    """Return the field of the one given argument. Raises RefusedError."""
+    """Return the field of the one given argument; `where` is the caller in errors. Raises RefusedError."""
     given: Fields = {}
     if friction is not None:
         given["friction"] = number("friction", friction, 0.0, 1.0)
@@ -150,7 +155,7 @@ def target_fields(
     if image is not None:
         given["map"] = image.fields()
     if len(given) != 1:
-        raise RefusedError("set: give exactly one of friction, amplitude_um, grating, map.")
+        raise RefusedError(f"{where}: give exactly one of friction, amplitude_um, grating, map.")
     return given
 
 

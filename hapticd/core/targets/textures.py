@@ -93,6 +93,8 @@ def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
     match target:
         case GratingTarget(period_mm, duty_frac=0.0):
             return Detail(period_mm / _PIECES_PER_WAVE, True)
+        case GratingTarget(duty_frac=1.0):
+            return NO_DETAIL
         case GratingTarget(period_mm, duty_frac=duty_frac):
             return Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
         case MapTarget(width, height):

@@ -43,7 +43,7 @@ class Fingers:
         """`sensor_latency_ns`: the pad's own; `silence_ns`: without a report for so long the pad counts as silent."""
         self.down: tuple[Finger, ...] = ()
         self.predictors: dict[int, Predictor] = {}  # of those that are down, by finger id
-        self.released: set[int] = set()  # those whose target ended while they were down
+        self.released: set[int] = set()  # of those: held still unless they have a target
         self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
         self.make_predictor = make_predictor
         self._silence_ns = silence_ns
@@ -100,6 +100,11 @@ class Fingers:
     def release(self, keys: Sequence[int | str]) -> None:
         """Mark those of these fingers that are down as released, until they are lifted."""
         self.released.update(key for key in keys if isinstance(key, int) and key in self.predictors)
+
+    def hold_all(self) -> None:
+        """Mark all fingers that are down as released: surfaces decide what they feel, also after the last has ended."""
+        if len(self.released) < len(self.predictors):
+            self.released.update(self.predictors)
 
     def predicted_mm(self, finger_id: int, t_ns: int) -> tuple[float, float]:
         """Return where a finger that is down will be at an instant, at most MAX_HORIZON_NS after the newest sample."""

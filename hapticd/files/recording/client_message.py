@@ -6,7 +6,18 @@ from typing import Any
 
 import msgpack
 
-from ...values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, Target, VirtualPath
+from ...values import (
+    AmplitudeTarget,
+    Circle,
+    ClientTargets,
+    FrictionTarget,
+    GratingTarget,
+    MapTarget,
+    Polygon,
+    Surface,
+    Target,
+    VirtualPath,
+)
 from ...wire.client import PROTOCOL_VERSION
 
 
@@ -22,6 +33,7 @@ def payload_of(message: ClientTargets) -> bytes:
                 **stamp,
                 "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
                 "virtuals": [_virtual(name, path) for name, path in message.virtuals.items()],
+                "surfaces": [_surface(name, surface) for name, surface in message.surfaces.items()],
             }
         )
     )
@@ -39,6 +51,20 @@ def _target(target: Target) -> dict[str, Any]:
         case MapTarget():
             names = ("width", "height", "levels", "low_um", "high_um")
             return {"map": {name: getattr(target, name) for name in names}}
+
+
+def _surface(name: str, surface: Surface) -> dict[str, Any]:
+    fields = {"name": name, **_target(surface.content), "blend": surface.blend.value}
+    if surface.shape is not None:
+        fields |= _shape(surface.shape)
+    if surface.t_pose_ns is not None:
+        fields["t_pose_ns"] = surface.t_pose_ns
+    names = ("position_mm", "angle_rad", "scale", "velocity_mm_s", "turning_rad_s", "z")
+    return fields | {name: getattr(surface, name) for name in names}
+
+
+def _shape(shape: Circle | Polygon) -> dict[str, Any]:
+    return {"circle_mm": shape.radius_mm} if isinstance(shape, Circle) else {"polygon_mm": shape.points_mm}
 
 
 def _virtual(name: str, path: VirtualPath) -> dict[str, Any]:

@@ -52,6 +52,11 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     image = {"width": 2, "height": 2, "levels": b"\0\x40\x80\xff", "high_um": 2.0}
     walker = {"name": "walker", "path_mm": [[-30.0, 12.0], [30.0, 15.0]], "speed_mm_s": 70.0}
     bench.machine.watch(lambda _: None, bench.t_ns)
+    corners = [[-9, -9], [9, -9], [0, 9]]
+    pose = {"position_mm": [-28, 5], "velocity_mm_s": [9, 3], "turning_rad_s": 2.0, "z": 1, "blend": "max"}
+    surfaces = [{"name": "all", "friction": 0.2}, {"name": "bit", "grating": grating, "polygon_mm": corners, **pose}]
+    painting = msgpack.packb({"v": 1, "client": "painter", "ttl_s": 0.4, "surfaces": surfaces})
+    bench.machine.targets(painting, bench.t_ns, "uid 7")
     for finger, request in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
         targets = [{"finger": finger, **request}, {"finger": "walker", "amplitude_um": 0.5}]
         message = {"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets, "virtuals": [walker]}
@@ -61,6 +66,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
     assert bench.ask("release", client="test", finger=2)["ok"]
+    bench.machine.targets(painting, bench.t_ns, "uid 7")
     bench.run(60)
     bench.machine.watch(None, bench.t_ns)
     bench.board.plugged = False

@@ -35,7 +35,18 @@ from hapticd.files.recording.kinds import (
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, VirtualPath
+from hapticd.values import (
+    AmplitudeTarget,
+    Blend,
+    Circle,
+    ClientTargets,
+    FrictionTarget,
+    GratingTarget,
+    MapTarget,
+    Polygon,
+    Surface,
+    VirtualPath,
+)
 from hapticd.wire.client import decode_targets
 
 from .conftest import rewritten, written
@@ -423,6 +434,20 @@ def test_values_become_the_message_that_means_the_same() -> None:
         },
         {"walker": VirtualPath(((1.0, math.pi), (-3.25, 0.1)), 77.7, loop=False)},
         stamp=2**63 - 1,
+        surfaces={
+            "plate": Surface(FrictionTarget(0.5)),
+            "disc": Surface(AmplitudeTarget(1.0), Circle(7.5), z=-2, blend=Blend.ADD),
+            "bow": Surface(
+                MapTarget(2, 1, b"\0\xff", 0.0, 2.0),
+                Polygon(((0.0, 0.0), (9.0, 0.25), (0.0, 5.0))),
+                (1.0, -2.5),
+                0.3,
+                2.0,
+                (100.0, -3.0),
+                -1.5,
+                10**15,
+            ),
+        },
     )
 
     assert decode_targets(payload_of(message)) == message

@@ -1,0 +1,220 @@
+"""The surfaces in force: layers of content on the plate, and what a finger feels among them.
+
+Ownership and time to live are those of targets. Of the layers at a place the one with the larger z is on top, and of
+equals the one that came last. Elsewhere the plate is bare glass: 0 um.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+from ...values import AmplitudeTarget, Circle, ClientTargets, FrictionTarget, MapTarget, Polygon, Surface, Target
+from ..trajectory.knots import GRAIN_NS
+from .layer import Layer
+from .textures import FrictionCurve, Texture, detail, highest_um, texture
+
+MAX_SURFACES: Final = 64  # of all clients
+MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
+NEVER_NS: Final = 2**62
+MAX_EDGES: Final = 8  # that one finger crosses in one frame: a frame has room for knots at seven
+
+Predicted = Callable[[int], tuple[float, float]]  # an instant: where the finger will be
+
+
+class Way(NamedTuple):
+    """How a finger's way is to be divided: into at least so many pieces, whether they are without corners, and the
+    instants from its beginning on just before and just after each edge that it crosses."""
+
+    pieces: float
+    is_smooth: bool
+    edges_ns: list[int]
+
+
+class Surfaces:
+    """All layers, topmost first. Instants are arguments in ns on one monotonic axis."""
+
+    def __init__(self, w_limit_um: float, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> None:
+        self.layers: list[Layer] = []
+        self.t_expires_ns = NEVER_NS  # the next one does
+        self._w_limit_um: Final = w_limit_um
+        self._curve: Final = curve
+        self._plate_size_mm: Final = plate_size_mm
+        self._born = 0
+
+    # --- requests of clients ---
+
+    def apply(self, message: ClientTargets, t_ns: int) -> list[str]:
+        """Replace all earlier surfaces of the client. Returns one error message per refused surface."""
+        if not message.surfaces and not self.layers:
+            return []
+        self.expire(t_ns)
+        before = {layer.name: layer for layer in self.layers if layer.owner == message.client}
+        others = [layer for layer in self.layers if layer.owner != message.client]
+        mine: list[Layer] = []
+        refusals: list[str] = []
+        for name, surface in message.surfaces.items():
+            refusal = self._refusal(surface, others + mine)
+            if refusal:
+                refusals.append(f"surface {name!r} {refusal}")
+                continue
+            layer = self._layer(name, message.client, surface, before.get(name), t_ns)
+            layer.t_expires_ns = t_ns + message.ttl_ns
+            mine.append(layer)
+        self._stack(others + mine)
+        return refusals
+
+    def release_client(self, client: str) -> None:
+        """Remove all surfaces of a client."""
+        self._stack([layer for layer in self.layers if layer.owner != client])
+
+    def expire(self, t_ns: int) -> None:
+        """Remove what has expired by `t_ns`."""
+        if t_ns >= self.t_expires_ns:
+            self._stack([layer for layer in self.layers if t_ns < layer.t_expires_ns])
+
+    # --- reading, for the touch path ---
+
+    def amplitude_um(self, x_mm: float, y_mm: float, t_ns: int) -> float:
+        """Return what a finger at a place feels: the topmost content, with what is blended into it."""
+        below_um = added_um = least_um = 0.0
+        for layer in self.layers:
+            layer_um = layer.amplitude_um(x_mm, y_mm, t_ns)
+            if layer_um < 0.0:
+                continue
+            if layer.replaces:
+                below_um = layer_um
+                break
+            if layer.adds:
+                added_um += layer_um
+            elif added_um + layer_um > least_um:
+                least_um = added_um + layer_um
+        felt_um = max(below_um + added_um, least_um)
+        return felt_um if felt_um < self._w_limit_um else self._w_limit_um
+
+    def along(self, predicted_mm: Predicted, t_ns: int, span_ns: int, tolerance_um: float) -> Way:
+        """Return what a finger without a target meets on its way over `span_ns` from `t_ns`."""
+        x_mm, y_mm = predicted_mm(t_ns)
+        end_x_mm, end_y_mm = predicted_mm(t_ns + span_ns)
+        way_mm = math.hypot(end_x_mm - x_mm, end_y_mm - y_mm)
+        pieces, smooth = 1.0, True
+        crossed: list[tuple[float, float, float, int]] = []  # share, from, to, layer
+        for index in range(len(self.layers)):
+            layer = self.layers[index]
+            if layer.is_far(x_mm, y_mm, t_ns, way_mm + layer.speed_mm_s * span_ns * 1e-9):
+                continue
+            u_mm, v_mm = layer.local_mm(x_mm, y_mm, t_ns)
+            end_u_mm, end_v_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
+            shares = layer.crossings(u_mm, v_mm, end_u_mm, end_v_mm)
+            is_inside = layer.holds(u_mm, v_mm)
+            if not shares and not is_inside:
+                continue
+            smooth = smooth and layer.is_smooth
+            pieces = max(pieces, math.hypot(end_u_mm - u_mm, end_v_mm - v_mm) / layer.finest_mm)
+            crossed += [(*span, index) for span in _spans(shares)]
+            if layer.replaces and is_inside and not shares:
+                break  # it hides what is below
+        crossed.sort()
+        found_ns: list[int] = []
+        for _, from_share, to_share, index in crossed[:MAX_EDGES]:
+            before_ns = _crossing_ns(self.layers[index], predicted_mm, t_ns, from_share * span_ns, to_share * span_ns)
+            if before_ns >= 0 and self._steps(predicted_mm, t_ns + before_ns, tolerance_um):
+                found_ns += (before_ns, before_ns + GRAIN_NS)
+        return Way(pieces, smooth, found_ns)
+
+    def _steps(self, predicted_mm: Predicted, t_ns: int, tolerance_um: float) -> bool:
+        """Whether what the finger feels jumps within a grain of time."""
+        x_mm, y_mm = predicted_mm(t_ns)
+        after_x_mm, after_y_mm = predicted_mm(t_ns + GRAIN_NS)
+        before_um = self.amplitude_um(x_mm, y_mm, t_ns)
+        return abs(self.amplitude_um(after_x_mm, after_y_mm, t_ns + GRAIN_NS) - before_um) > tolerance_um
+
+    # --- the stack ---
+
+    def _refusal(self, surface: Surface, others: list[Layer]) -> str:
+        """Return why a surface is refused; empty if it is not."""
+        if len(others) >= MAX_SURFACES:
+            return f"is one too many: the plate has {MAX_SURFACES} surfaces at once."
+        if sum([_corners(layer.surface) for layer in others]) + _corners(surface) > MAX_CORNERS:
+            return f"has too many corners: all surfaces on the plate have {MAX_CORNERS} at most."
+        asked_um = highest_um(surface.content, self._curve)
+        if isinstance(surface.content, FrictionTarget) or asked_um <= self._w_limit_um:
+            return ""
+        return f"cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
+
+    def _layer(self, name: str, owner: str, surface: Surface, before: Layer | None, t_ns: int) -> Layer:
+        """Return the surface's layer; what did not change is kept, so that a refreshed one stays where it is."""
+        if before is not None and before.surface == surface:
+            return before
+        t_pose_ns = t_ns if surface.t_pose_ns is None else surface.t_pose_ns
+        if before is not None and surface.t_pose_ns is None and _pose(before.surface) == _pose(surface):
+            t_pose_ns = before.t_pose_ns
+        born = self._born if before is None else before.born
+        self._born += before is None
+        size_mm = _size_mm(surface, self._plate_size_mm)
+        fine = detail(surface.content, size_mm)
+        return Layer(name, owner, surface, self._texture(surface.content, size_mm), fine, born, t_pose_ns)
+
+    def _texture(self, content: Target, size_mm: tuple[float, float]) -> Texture:
+        if isinstance(content, FrictionTarget):
+            content = AmplitudeTarget(min(highest_um(content, self._curve), self._w_limit_um))
+        return texture(content, self._curve, size_mm)
+
+    def _stack(self, layers: list[Layer]) -> None:
+        self.layers = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
+        self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
+
+
+def _corners(surface: Surface) -> int:
+    return len(surface.shape.points_mm) if isinstance(surface.shape, Polygon) else 0
+
+
+def _pose(surface: Surface) -> tuple[object, ...]:
+    return (
+        surface.position_mm,
+        surface.angle_rad,
+        surface.scale,
+        surface.velocity_mm_s,
+        surface.turning_rad_s,
+        surface.t_pose_ns,
+    )
+
+
+def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[float, float]:
+    """Return over which box around the layer's origin a map is spread: the least that holds the shape."""
+    shape = surface.shape
+    if shape is None or not isinstance(surface.content, MapTarget):
+        return plate_size_mm
+    if isinstance(shape, Circle):
+        return 2.0 * shape.radius_mm, 2.0 * shape.radius_mm
+    half_x_mm = max([abs(x_mm) for x_mm, _ in shape.points_mm])
+    half_y_mm = max([abs(y_mm) for _, y_mm in shape.points_mm])
+    return 2.0 * half_x_mm, 2.0 * half_y_mm
+
+
+def _spans(shares: list[float]) -> list[tuple[float, float, float]]:
+    """Return each crossing with the shares from .. to between which it is the only one."""
+    ends = [0.0, *[0.5 * (before + after) for before, after in pairwise(shares)], 1.0]
+    return [(share, ends[index], ends[index + 1]) for index, share in enumerate(shares)]
+
+
+def _crossing_ns(layer: Layer, predicted_mm: Predicted, t_ns: int, from_ns: float, to_ns: float) -> int:
+    """Return the last grain of time before the finger crosses a layer's edge; -1 if it does not."""
+    first, last = int(from_ns) // GRAIN_NS, int(to_ns) // GRAIN_NS
+    was_inside = _is_inside(layer, predicted_mm, t_ns + first * GRAIN_NS)
+    if _is_inside(layer, predicted_mm, t_ns + last * GRAIN_NS) == was_inside:
+        return -1
+    while last - first > 1:
+        middle = (first + last) // 2
+        if _is_inside(layer, predicted_mm, t_ns + middle * GRAIN_NS) == was_inside:
+            first = middle
+        else:
+            last = middle
+    return first * GRAIN_NS
+
+
+def _is_inside(layer: Layer, predicted_mm: Predicted, t_ns: int) -> bool:
+    x_mm, y_mm = predicted_mm(t_ns)
+    return layer.covers(x_mm, y_mm, t_ns)

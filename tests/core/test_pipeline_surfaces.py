@@ -1,0 +1,205 @@
+"""What a finger gets from the surfaces under it: from its first report on, and with a knot at every edge."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from pipeline_bench import FOREVER_NS, LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench, amplitude_um
+
+from hapticd.values import (
+    AmplitudeTarget,
+    Circle,
+    ClientTargets,
+    GratingTarget,
+    Knot,
+    Polygon,
+    Surface,
+    Tick,
+)
+
+ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))
+Y_MM = 5.1
+
+
+def publish(bench: Bench, ttl_ns: int = FOREVER_NS, **surfaces: Surface) -> None:
+    assert bench.scene.apply(ClientTargets("test", ttl_ns, {}, {}, surfaces=surfaces), bench.t_ns) == ()
+
+
+def stroke(bench: Bench, speed_mm_s: float, from_mm: float, reports: int) -> list[Tick]:
+    step_mm = speed_mm_s * PERIOD_NS * 1e-9
+    return [bench.report((from_mm + step_mm * n, Y_MM)) for n in range(reports)]
+
+
+def test_the_first_report_of_a_finger_on_a_surface_makes_its_frame() -> None:
+    bench = Bench()
+    publish(bench, disc=Surface(ONE, Circle(5.0), SLIPPERY))
+    tick = bench.report(SLIPPERY, STICKY)
+    assert [point.target_um for point in tick.points] == [1.0, 0.0]
+    for knot in (0, -1):
+        assert amplitude_um(tick, knot, SLIPPERY) == pytest.approx(1.0, abs=1e-9)
+        assert amplitude_um(tick, knot, STICKY) < 1e-12  # on no surface: bare glass
+
+
+def test_a_finger_s_own_target_wins_and_when_it_ends_the_surface_is_felt() -> None:
+    bench = Bench()
+    publish(bench, all=Surface(ONE))
+    bench.report(SLIPPERY, STICKY)
+    bench.scene.apply(ClientTargets("other", FOREVER_NS, {1: STILL}, {}), bench.t_ns)
+    assert [point.target_um for point in bench.report(SLIPPERY, STICKY).points] == [0.0, 1.0]
+    bench.scene.release_client("other")
+    bench.pipeline.release(bench.scene.expire(bench.t_ns))
+    assert [point.target_um for point in bench.report(SLIPPERY, STICKY).points] == [1.0, 1.0]
+
+
+def test_when_the_last_surface_has_ended_its_fingers_are_held_still_and_a_new_one_is_not() -> None:
+    bench = Bench()
+    publish(bench, ttl_ns=3 * PERIOD_NS, all=Surface(ONE))
+    bench.hold(2, SLIPPERY)
+    (point,) = bench.report(SLIPPERY).points  # its time is up
+    assert (point.key, point.target_um) == (1, 0.0)
+    assert [point.key for point in bench.report(SLIPPERY, STICKY).points] == [1]
+
+
+def test_surfaces_without_a_finger_are_nothing_to_solve() -> None:
+    bench = Bench()
+    publish(bench, all=Surface(ONE), moving=Surface(ONE, Circle(5.0), velocity_mm_s=(100.0, 0.0)))
+    assert [tick.drive for tick in bench.hold(5)] == [None] * 5
+    assert bench.pipeline.counters.solves == 0
+
+
+def test_a_resting_finger_on_a_resting_surface_needs_no_new_frame_and_on_a_moving_one_does() -> None:
+    bench = Bench()
+    publish(bench, disc=Surface(ONE, Circle(5.0), SLIPPERY))
+    assert [tick.drive is None for tick in bench.hold(4, SLIPPERY)][-1]
+    publish(bench, disc=Surface(ONE, Circle(5.0), SLIPPERY, velocity_mm_s=(300.0, 0.0)))
+    targets_um = [tick.points[0].target_um for tick in bench.hold(4, SLIPPERY)]
+    assert (targets_um[0], targets_um[-1]) == (1.0, 0.0)
+
+
+# --- knots at edges ---------------------------------------------------------------------------------------------
+
+
+def steps(tick: Tick) -> list[tuple[Knot, Knot]]:
+    """Pairs of knots that are one grain of time apart."""
+    knots = () if tick.drive is None else tick.drive.knots
+    return [(left, right) for left, right in pairwise(knots) if right.dt_ns - left.dt_ns == 4_000]
+
+
+def crossing_mm(bench: Bench, tick: Tick, layer: str) -> list[float]:
+    """How far from the edge x = 0 of a layer the finger is predicted to be at each step."""
+    assert tick.drive is not None
+    (found,) = (one for one in bench.scene.surfaces.layers if one.name == layer)
+    t_ns = [tick.drive.t_apply_ns + left.dt_ns for left, _ in steps(tick)]
+    places_mm = [(*bench.pipeline._fingers.predicted_mm(1, one_ns), one_ns) for one_ns in t_ns]
+    return [found.local_mm(*place_mm)[0] * found.surface.scale for place_mm in places_mm]
+
+
+@pytest.mark.parametrize("speed_mm_s", [30.0, 100.0, 400.0])
+@pytest.mark.parametrize("edge_mm_s", [0.0, 200.0, -200.0])
+def test_knots_lie_on_both_sides_of_an_edge_where_it_is_predicted_to_be_crossed(
+    speed_mm_s: float, edge_mm_s: float
+) -> None:
+    bench = Bench()
+    reports = 12
+    from_mm = 8.0 - speed_mm_s * 0.011 * reports
+    edge_mm = 8.0 - edge_mm_s * 0.011 * reports
+    publish(bench, left=Surface(ONE, LEFT_HALF, (edge_mm, 0.0), velocity_mm_s=(edge_mm_s, 0.0)))
+    crossed = 0
+    for n in range(2 * reports):
+        tick = bench.report((from_mm + speed_mm_s * PERIOD_NS * 1e-9 * n, Y_MM))
+        if tick.drive is not None:
+            distances_mm = crossing_mm(bench, tick, "left")
+            crossed += len(distances_mm)
+            assert all(abs(distance_mm) <= 0.1 for distance_mm in distances_mm)
+    assert crossed >= 1
+
+
+def test_at_an_edge_the_reference_steps_from_one_content_to_the_other() -> None:
+    bench = Bench()
+    publish(bench, left=Surface(ONE, LEFT_HALF, (8.0, 0.0)))
+    found = [(tick, step) for tick in stroke(bench, 100.0, -2.0, 12) for step in steps(tick)]
+    assert found
+    for tick, (before, after) in found:
+        assert tick.drive is not None
+        peaks_um = [max(abs(w_um) for w_um in knot.modal_um) for knot in (before, after)]
+        assert peaks_um[0] > 0.5
+        assert peaks_um[1] == 0.0
+        assert len(tick.drive.knots) <= 8
+
+
+def test_a_patch_narrower_than_the_way_of_a_frame_has_its_four_knots() -> None:
+    bench = Bench()
+    publish(bench, thin=Surface(ONE, Polygon(((-0.2, -20.0), (0.2, -20.0), (0.2, 20.0), (-0.2, 20.0))), (8.0, 0.0)))
+    assert max(len(steps(tick)) for tick in stroke(bench, 200.0, -8.0, 12)) == 2
+
+
+def test_an_edge_that_nothing_is_felt_of_has_no_knots() -> None:
+    bench = Bench()
+    same = {"under": Surface(ONE, LEFT_HALF, (8.0, 0.0)), "over": Surface(ONE, z=1)}
+    publish(bench, **same)
+    ticks = stroke(bench, 100.0, -2.0, 12)
+    assert [step for tick in ticks for step in steps(tick)] == []
+
+
+def test_a_frame_with_more_edges_than_it_has_room_for_keeps_the_earliest() -> None:
+    bench = Bench(max_knots=8)
+    comb = {f"tooth {n}": Surface(ONE, Circle(0.2), (0.5 * n, Y_MM)) for n in range(40)}
+    publish(bench, **comb)
+    for tick in stroke(bench, 400.0, -2.0, 6):
+        if tick.drive is not None:
+            assert len(tick.drive.knots) <= 8
+            offsets_ns = [knot.dt_ns for knot in tick.drive.knots]
+            assert offsets_ns == sorted(set(offsets_ns))
+
+
+def test_a_texture_on_a_surface_gets_the_knots_of_the_same_target() -> None:
+    grating = GratingTarget(period_mm=3.0, angle_rad=0.2, low_um=0.0, high_um=1.0, duty_frac=0.5)
+    own, on_plate = Bench(), Bench()
+    own.report((-20.0, Y_MM))
+    own.want({1: grating})
+    publish(on_plate, stripes=Surface(grating))
+    on_plate.report((-20.0, Y_MM))
+    for n in range(1, 8):
+        place_mm = (-20.0 + 2.0 * n, Y_MM)
+        mine, theirs = own.report(place_mm), on_plate.report(place_mm)
+        if n > 1:  # the first frame continues another one
+            assert mine.drive == theirs.drive
+
+
+def test_a_narrow_stripe_between_two_silent_ends_of_a_frame_is_not_passed_over() -> None:
+    bench = Bench()
+    bench.report((-2.0, Y_MM))
+    bench.want({1: GratingTarget(period_mm=6.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.1)})
+    stroke(bench, 200.0, 1.0, 2)
+    ticks = stroke(bench, 200.0, 5.5, 3)
+    peaks_um = [max(abs(w_um) for knot in tick.drive.knots for w_um in knot.modal_um) for tick in ticks if tick.drive]
+    assert max(peaks_um) > 0.5
+
+
+def test_a_square_grating_that_is_high_everywhere_is_a_constant() -> None:
+    bench = Bench()
+    bench.report((-20.0, Y_MM))
+    bench.want({1: GratingTarget(period_mm=5.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=1.0)})
+    assert [tick.points[0].target_um for tick in stroke(bench, 100.0, -20.0, 4)] == [1.0] * 4
+
+
+def test_the_same_messages_and_reports_give_the_same_bits() -> None:
+    def ticks() -> list[Tick]:
+        bench = Bench()
+        publish(bench, left=Surface(ONE, LEFT_HALF, velocity_mm_s=(30.0, 0.0), turning_rad_s=0.3))
+        return stroke(bench, 150.0, -20.0, 20)
+
+    assert ticks() == ticks()
+
+
+def test_the_frame_that_lands_takes_effect_one_link_from_the_report() -> None:
+    bench = Bench()
+    publish(bench, all=Surface(ONE))
+    tick = bench.report(SLIPPERY)
+    assert tick.drive is not None
+    assert tick.drive.t_apply_ns == bench.t_ns + LINK_NS
+    assert math.isclose(tick.horizon_ns, 10 * MS + LINK_NS)
+    assert len(tick.drive.knots[0].modal_um) == PLATE.M

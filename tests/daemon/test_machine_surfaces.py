@@ -1,0 +1,82 @@
+"""Surfaces in the machine: published by a client, reported in status, and felt from a finger's first report on."""
+
+from __future__ import annotations
+
+import msgpack
+import pytest
+from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
+
+from hapticd.core.board.supervisor import State
+
+
+def publish(bench: Bench, *surfaces: dict[str, object], client: str = "test", ttl_s: float = 5.0) -> None:
+    message = {"v": 1, "client": client, "ttl_s": ttl_s, "surfaces": list(surfaces)}
+    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+    assert bench.machine.clients.refused == 0, bench.machine.clients.last_refusal
+
+
+def landing(bench: Bench) -> int:
+    """Run until a finger is down; the instant of its first report."""
+    while not bench.machine.pipeline.fingers:
+        bench.run(1)
+    return bench.t_ns
+
+
+def test_the_first_report_of_a_finger_is_answered_with_its_amplitude() -> None:
+    bench = Bench(SLIPPERY)
+    publish(bench, {"name": "plate", "amplitude_um": 1.0})
+    t_landed_ns = landing(bench)
+    heard = references(bench.board.heard)[-1]
+    assert heard.t_ns == t_landed_ns
+    assert heard.peak_um > 0.5
+    assert bench.state is State.ACTIVE
+
+
+def test_a_board_stays_armed_while_a_surface_lies_on_the_plate_and_rests_when_it_has_gone() -> None:
+    bench = Bench()
+    publish(bench, {"name": "plate", "amplitude_um": 1.0})
+    bench.run(3000)
+    assert (bench.machine.session.is_resting, bench.board.state) == (False, LIVE)
+    bench.run(5000)
+    assert bench.machine.session.is_resting
+
+
+def test_a_surface_s_end_leaves_its_finger_still() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(400)
+    publish(bench, {"name": "plate", "amplitude_um": 1.0}, ttl_s=0.1)
+    assert references(bench.run(90))[-1].peak_um > 0.5
+    assert references(bench.run(60))[-1].peak_um == 0.0
+    assert [point.target_um for point in bench.machine.last_tick.points] == [0.0]  # type: ignore[union-attr]
+
+
+def test_status_lists_all_surfaces_topmost_first_with_their_owners() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    publish(bench, {"name": "plate", "friction": 1.0}, {"name": "tile", "amplitude_um": 1.0, "circle_mm": 5.0})
+    publish(bench, {"name": "patch", "amplitude_um": 0.5, "z": -1, "blend": "add"}, client="other")
+    assert bench.ask("status")["body"]["surfaces"] == [
+        {"client": "test", "name": "tile", "z": 0, "blend": "replace"},
+        {"client": "test", "name": "plate", "z": 0, "blend": "replace"},
+        {"client": "other", "name": "patch", "z": -1, "blend": "add"},
+    ]
+    assert bench.ask("release", client="test")["body"] == {"released": True}
+    assert [one["name"] for one in bench.ask("status")["body"]["surfaces"]] == ["patch"]
+    bench.t_ns += 6000 * MS
+    assert bench.ask("status")["body"]["surfaces"] == []
+
+
+@pytest.mark.parametrize("op", ["hello", "capabilities"])
+def test_surfaces_are_announced_as_optional_with_their_bounds(op: str) -> None:
+    body = Bench().ask(op)["body"]
+    assert "surfaces" in body["optional"]
+    assert (body["max_surfaces"], body["max_polygon_points"]) == (16, 16)
+
+
+def test_a_finger_on_a_surface_has_no_owner_and_may_be_taken_by_another_client() -> None:
+    bench = Bench(SLIPPERY)
+    publish(bench, {"name": "plate", "amplitude_um": 1.0}, client="surfaces")
+    landing(bench)
+    assert bench.machine.scene.owner_of(1) is None
+    bench.want({1: 0.0})
+    bench.run(30)
+    assert references(bench.board.heard)[-1].peak_um == 0.0

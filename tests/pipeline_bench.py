@@ -1,0 +1,61 @@
+"""A pipeline with its scene on a plate whose shapes are sines, and a pad whose fingers move as a test scripts it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hapticd.core.pipeline import Pipeline, PipelineSettings
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.prediction.predictor import DEFAULT
+from hapticd.core.targets.scene import Scene
+from hapticd.values import ClientTargets, Contact, Target, Tick, TouchFrame, VirtualPath
+
+MS = 1_000_000
+PERIOD_NS = 11_250_000
+LINK_NS = 5 * MS
+START_NS = 77_000_000_000
+FOREVER_NS = 10**15
+
+
+def sine_plate() -> ModeShapes:
+    axis_mm = np.linspace(-68.75, 68.75, 111)
+    wave = np.sin(2 * np.pi * axis_mm / 27.0)
+    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
+
+
+PLATE = sine_plate()
+
+
+class Bench:
+    """A pipeline, its scene, and a pad with scripted reports."""
+
+    def __init__(self, **settings: object) -> None:
+        self.scene = Scene(w_limit_um=4.0)
+        chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": DEFAULT.for_touch, **settings}
+        self.pipeline = Pipeline(PLATE, self.scene, PipelineSettings(**chosen))  # type: ignore[arg-type]
+        self.t_ns = START_NS
+
+    def want(self, targets: dict[int | str, Target], virtuals: dict[str, VirtualPath] | None = None) -> None:
+        message = ClientTargets("test", FOREVER_NS, targets, virtuals or {})
+        assert self.scene.apply(message, self.t_ns) == ()
+
+    def report(self, *positions_mm: tuple[float, float]) -> Tick:
+        contacts = tuple(
+            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0)
+            for index, (x_mm, y_mm) in enumerate(positions_mm)
+        )
+        self.t_ns += PERIOD_NS
+        self.pipeline.touch(TouchFrame(self.t_ns - 10 * MS, contacts, False), self.t_ns)
+        return self.pipeline.drive(self.t_ns, LINK_NS)
+
+    def hold(self, reports: int, *positions_mm: tuple[float, float]) -> list[Tick]:
+        return [self.report(*positions_mm) for _ in range(reports)]
+
+
+def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
+    assert tick.drive is not None
+    shapes = PLATE.at(*at_mm)
+    return abs(sum(phi * w_um.real for phi, w_um in zip(shapes, tick.drive.knots[knot].modal_um, strict=True)))
+
+
+SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)
