@@ -22,6 +22,8 @@ from ..board_values import (
     ModeCalibration,
     SelectController,
     SetModel,
+    SetTelemetry,
+    SetWiring,
     ToolMessage,
     Verdict,
 )
@@ -43,7 +45,12 @@ INCOMPLETE_AFTER_NS = 1_500_000_000  # a handshake takes a tenth of that: then a
 FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000
-ANSWERED_AS = {SelectController: protocol.MSG_SET_CONTROLLER, SetModel: protocol.MSG_SET_MODEL}  # by VERDICT
+ANSWERED_AS = {  # by VERDICT
+    SelectController: protocol.MSG_SET_CONTROLLER,
+    SetModel: protocol.MSG_SET_MODEL,
+    SetWiring: protocol.MSG_SET_WIRING,
+    SetTelemetry: protocol.MSG_SET_TELEMETRY,
+}
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
 CHECK_THE_FIRMWARE = "flash the firmware that came with this hapticd"
@@ -70,6 +77,7 @@ class BoardGateway:
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
+            telemetry_hz=config.record.telemetry_hz,
         )
         self.unsent = 0
         self.refused = ""  # why the present board is not accepted

@@ -19,7 +19,12 @@ from ...regular_file import open_regular, read_bounded
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
-FILES = {"resonance": (CALIBRATION_FILE,), "modes": (MODES_FILE,), "latency": (LEDGER_FILE,)}  # and result, picture
+FILES = {  # and result, picture
+    "resonance": (CALIBRATION_FILE,),
+    "modes": (MODES_FILE,),
+    "latency": (LEDGER_FILE,),
+    "touch": ("touch-calibration.toml", "touch-modes.npz"),
+}
 MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 STEPS = {
@@ -29,6 +34,7 @@ STEPS = {
     "latency": "measure the delays that prediction must cover (stop the service first)",
     "prediction": "stroke the pad for a minute, to learn its noise (stop the service first)",
     "friction": "fit friction against amplitude (--readings FILE)",
+    "touch": "correct pad, sensors and map by a recording of touches, later and at any time",
 }
 
 
@@ -137,7 +143,7 @@ def overview(directory: Path) -> str:
             lines.append(
                 f"   done{' (simulated)' if found[step].is_simulated else ''}: {last.removeprefix(step + ': ')}"
             )
-    left = [step for step in STEPS if step not in found or found[step].outcome is Outcome.FAIL]
+    left = [step for step in STEPS if (step != "touch" and step not in found) or found[step].outcome is Outcome.FAIL]
     if left:
         lines += ["", f"Next: hapticd calibrate {left[0]} --out {directory}"]
     else:
