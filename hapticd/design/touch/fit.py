@@ -30,10 +30,12 @@ from .observations import ComplexArray, FloatArray, Windows
 from .waves import Waves
 
 MAP_PRIOR = 0.004  # RMS of each of a hundred waves that the map may lack: a tenth of the map together
+CLUSTER_S = 0.2
 _BLOCK = 256  # windows whose derivatives are in memory at once
 _LOOSE = 1e6  # sigma of what has no prior
 _START_LOAD_1_S = 200.0
 _MOST_STEPS = 12
+_MOST_WITH_WAVES = 4  # they start near, and are linear
 _LEAST_GAIN = 3e-4  # of the cost: then it has converged
 _OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 
@@ -119,6 +121,7 @@ class _Normal(NamedTuple):
     load_from_right: FloatArray  # (B, 2 N)
     load_from_step: FloatArray  # (B, 2 N, P)
     load_weight: FloatArray  # (B, N)
+    scores: FloatArray  # (B, P), what each window adds to `right`, negative
 
 
 def fit(
@@ -134,7 +137,7 @@ def fit(
 
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
-    problem = _Problem(Model(windows, modes, waves), free, start)
+    problem = _Problem(Model(windows, modes, start, waves), free, start)
     state = State(
         start,
         np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
@@ -149,7 +152,7 @@ def fit(
         noise = _noise(problem.model, state)
     cost = _cost(problem, state, noise, mean, spread)
     damping = 0.0
-    for _ in range(_MOST_STEPS if any(free) else 1):
+    for _ in range(_MOST_WITH_WAVES if free.waves else _MOST_STEPS if any(free) else 1):
         trial, normal = _step(problem, state, noise, mean, spread, damping)
         trial_cost = _cost(problem, trial, noise, mean, spread)
         if trial_cost > cost * (1.0 + 1e-9):
@@ -164,7 +167,7 @@ def fit(
         if gain < _LEAST_GAIN and damping == 0.0:
             break
     normal = _normal(problem, state, noise, mean, spread)
-    covariance = np.linalg.inv(normal.matrix)
+    covariance = _covariance(normal, windows)
     pad = problem.sizes[0]
     return Fit(
         state.calibration,
@@ -192,10 +195,10 @@ def _normal(problem: _Problem, state: State, noise: FloatArray, mean: complex, s
     prior = problem.priors()
     matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
     fingers = state.loads.shape[1]
-    from_right, from_step, weights = [], [], []
+    from_right, from_step, weights, scores = [], [], [], []
     for start in range(0, len(state.loads), _BLOCK):
         rows = slice(start, start + _BLOCK)
-        point = problem.model.at(state, rows)
+        point = problem.model.at(state, rows, has_waves=problem.free.waves)
         weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
         columns = _columns(problem, point, rows) * weight[..., None]
         loads = point.by_loads * weight[..., None]
@@ -211,10 +214,12 @@ def _normal(problem: _Problem, state: State, noise: FloatArray, mean: complex, s
         back = np.linalg.solve(inner, np.concatenate((mixed, pull[..., None]), axis=-1))
         flat = left.reshape(-1, left.shape[-1])
         matrix += flat.T @ flat - mixed.reshape(-1, mixed.shape[-1]).T @ back[..., :-1].reshape(-1, mixed.shape[-1])
-        right -= flat.T @ rest.reshape(-1) + mixed.reshape(-1, mixed.shape[-1]).T @ back[..., -1].reshape(-1)
+        scores.append((left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0])
+        right -= scores[-1].sum(axis=0)
         from_right.append(back[..., -1])
         from_step.append(back[..., :-1])
-    return _Normal(matrix, right, np.concatenate(from_right), np.concatenate(from_step), np.concatenate(weights))
+    parts = (np.concatenate(part) for part in (from_right, from_step, weights, scores))
+    return _Normal(matrix, right, *parts)
 
 
 def _columns(problem: _Problem, point: Point, rows: slice) -> ComplexArray:
@@ -264,6 +269,22 @@ def _load_prior(state: State, normal: _Normal) -> tuple[complex, float]:
     weight = normal.load_weight
     mean = complex((state.loads * weight).sum() / max(float(weight.sum()), 1e-12))
     return mean, max(LOAD_PRIOR_FRAC * abs(mean), 1.0)
+
+
+def _covariance(normal: _Normal, windows: Windows) -> FloatArray:
+    """Return the parameters' covariance (P, P), which holds although residuals near each other are alike.
+
+    The errors of a finger's smoothed positions last for some reports: scores are summed over CLUSTER_S (a sandwich
+    estimator), and where windows alone give a larger variance, that counts.
+    """
+    inverse = np.linalg.inv(normal.matrix)
+    cluster = np.unique(np.floor(windows.start_s / CLUSTER_S), return_inverse=True)[1]
+    summed = np.zeros((int(cluster.max()) + 1, len(inverse)))
+    np.add.at(summed, cluster, normal.scores)
+    moved = summed @ inverse
+    robust = moved.T @ moved
+    larger = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.maximum(np.diag(robust), 1e-300)))
+    return np.asarray(robust * np.outer(larger, larger), np.float64)
 
 
 def _sigma(problem: _Problem, sigma: FloatArray) -> Calibration:

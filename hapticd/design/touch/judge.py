@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
 from .fit import Fit, Free, fit
-from .model import CENTROID, CENTROID_MM_S, LATENCY, Calibration
+from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration
 from .observations import WINDOW_S, Windows
 from .waves import Waves, wave_number
 
@@ -25,6 +25,7 @@ UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
 UNKNOWN_LATENCY_S = 0.0015
 SURE = 3.0  # standard errors of the gain
 WORTH_FRAC = 0.002  # of the residual's square: less is not felt
+MOST_SIGMAS = 4.0  # of the priors: what is farther off needs another step first
 APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
 
 
@@ -68,7 +69,12 @@ def calibrate(windows: Windows, modes: ModeShapes) -> Judged:
     gains = [_gains(part, modes, nominal, found.calibration) for part, found in ((second, one), (first, other))]
     found = fit(few, modes, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
-    refusal = _unknown(found.sigma, latency_sigma_s) or _apart(one, other) or _unconfirmed(gains)
+    refusal = (
+        _unknown(found.sigma, latency_sigma_s)
+        or _implausible(found.calibration)
+        or _apart(one, other)
+        or _unconfirmed(gains)
+    )
     adopted = nominal if refusal else _effective(found.calibration, latency_s)
     judged = Judged(
         calibration=adopted,
@@ -142,6 +148,13 @@ def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
             f"The touches do not tell the pad's latency (to within {1e3 * latency_sigma_s:.1f} ms): "
             "move the fingers faster, in all directions."
         )
+    return ""
+
+
+def _implausible(found: Calibration) -> str:
+    sense = np.abs(found.sense - np.eye(len(found.sense)))
+    if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() or (sense > MOST_SIGMAS * SENSE_PRIOR).any():
+        return "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
     return ""
 
 

@@ -86,30 +86,39 @@ class Point:
 
 
 class Model:
-    """Residual and derivatives over some windows. A call takes about 1 us for each tick and finger, without waves."""
+    """Residual and derivatives over some windows.
 
-    def __init__(self, windows: Windows, modes: ModeShapes, waves: Waves | None = None) -> None:
+    The waves are evaluated once, where `start` has the fingers: they are some per cent of a map, and positions move by
+    some per cent of a wavelength.
+    """
+
+    def __init__(self, windows: Windows, modes: ModeShapes, start: Calibration, waves: Waves | None = None) -> None:
         self.windows, self.modes, self.waves = windows, modes, waves
         self.terms = regressors(windows)
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
+        points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
+        self._shapes = np.zeros((*points.shape[:-1], 0 if waves is None else len(waves)))
+        if waves is not None:
+            is_down = np.isfinite(points).all(axis=-1)
+            self._shapes[is_down] = waves.at(points[is_down])
 
     def residual(self, state: State) -> ComplexArray:
         """Return the residual alone, of all windows (B, S, M)."""
         found, windows = state.calibration, self.windows
         position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
-        phi, _, _ = self._shapes(_moved(found, position, velocity)[0], found, has_slope=False)
+        phi = self._phi(_moved(found, position, velocity)[0], found, slice(None))
         out = phi @ np.linalg.inv(found.sense).T
         under_um = np.einsum("bsnk,bsk->bsn", phi, windows.measured_um @ found.sense.T)
         force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
         return np.asarray(self._known + np.einsum("bskl,kl->bsk", self.terms, state.rates) + force, np.complex128)
 
-    def at(self, state: State, rows: slice) -> Point:
-        """Return the model at `state` for some windows."""
+    def at(self, state: State, rows: slice, *, has_waves: bool) -> Point:
+        """Return the model at `state` for some windows; without derivatives by the waves unless `has_waves`."""
         found = state.calibration
         windows = self.windows.part(rows)
         position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
         points, drawn = _moved(found, position, velocity)
-        phi, slope, shapes = self._shapes(points, found, has_slope=True)
+        phi, slope = self._phi(points, found, rows), self._slope(points)
         by_place = _by_pad(position, velocity @ found.affine[0].T, drawn)
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
@@ -124,7 +133,8 @@ class Model:
             inverse * under_um[..., None, None] + out[..., :, None] * seen_um[:, :, None, None, :]
         )
         by_pad = np.einsum("bsnkm,bsnmp->bskp", by_phi, slope @ by_place)
-        by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, shapes, optimize=True)
+        shapes = self._shapes[rows] if has_waves else np.zeros((*phi.shape[:3], 0))
+        by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, shapes)
         return Point(
             residual,
             by_pad,
@@ -133,22 +143,17 @@ class Model:
             np.moveaxis(by_loads, 2, 3),
         )
 
-    def _shapes(
-        self, points: FloatArray, found: Calibration, *, has_slope: bool
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return phi (B, S, N, M), its gradient (.., 2), and the waves (B, S, N, K), zero where there is no finger."""
-        flat = points.reshape(-1, 2)
-        is_down = np.isfinite(flat).all(axis=1)
-        phi, slope = self.modes.evaluate(flat), np.zeros((len(flat), self.modes.M, 2))
-        if has_slope:
-            slope[is_down] = self.modes.gradient(flat[is_down])
-        shapes = np.zeros((len(flat), 0))
-        if self.waves is not None:
-            shapes = np.zeros((len(flat), len(self.waves)))
-            shapes[is_down] = self.waves.at(flat[is_down])
-            phi = phi + shapes @ found.waves.T
-        shape = points.shape[:-1]
-        return phi.reshape(*shape, -1), slope.reshape(*shape, -1, 2), shapes.reshape(*shape, -1)
+    def _phi(self, points: FloatArray, found: Calibration, rows: slice) -> FloatArray:
+        """Return the shapes (B, S, N, M), zero where there is no finger."""
+        phi = self.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
+        return phi + self._shapes[rows] @ found.waves.T if self.waves is not None else phi
+
+    def _slope(self, points: FloatArray) -> FloatArray:
+        """Return the gradient of the map (B, S, N, M, 2), zero where there is no finger."""
+        is_down = np.isfinite(points).all(axis=-1)
+        slope = np.zeros((*points.shape[:-1], self.modes.M, 2))
+        slope[is_down] = self.modes.gradient(points[is_down])
+        return slope
 
 
 def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -34,8 +34,10 @@ STEPS = {
     "latency": "measure the delays that prediction must cover (stop the service first)",
     "prediction": "stroke the pad for a minute, to learn its noise (stop the service first)",
     "friction": "fit friction against amplitude (--readings FILE)",
-    "touch": "correct pad, sensors and map by a recording of touches, later and at any time",
 }
+LATER = {
+    "touch": "correct pad, sensors and map by a recording of touches (RECORDING)"
+}  # at any time, of a plate in use
 
 
 def prepare(
@@ -76,7 +78,7 @@ def _is_own(config_file: Path) -> bool:
 def load(directory: Path) -> dict[str, Verdict]:
     """Read the results in the steps' order. Raises CalibrationError."""
     found = {}
-    for step in STEPS:
+    for step in (*STEPS, *LATER):
         path = directory / f"{step}.json"
         if not path.exists():
             continue
@@ -136,14 +138,14 @@ def overview(directory: Path) -> str:
     """Return the steps in order, with the results so far."""
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
-    for place, (step, what) in enumerate(STEPS.items(), 1):
-        lines.append(f"{place}. {step:<10} {what}")
+    for place, (step, what) in enumerate((STEPS | LATER).items(), 1):
+        lines.append(f"{place}. {step:<10} {what}" if step in STEPS else f"Later: {step:<7} {what}")
         if step in found:
             last = as_text(found[step]).splitlines()[-1]
             lines.append(
                 f"   done{' (simulated)' if found[step].is_simulated else ''}: {last.removeprefix(step + ': ')}"
             )
-    left = [step for step in STEPS if (step != "touch" and step not in found) or found[step].outcome is Outcome.FAIL]
+    left = [step for step in STEPS if step not in found or found[step].outcome is Outcome.FAIL]
     if left:
         lines += ["", f"Next: hapticd calibrate {left[0]} --out {directory}"]
     else:

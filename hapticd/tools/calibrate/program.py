@@ -168,7 +168,7 @@ def _run(options: argparse.Namespace) -> int:
         return 0
     plotting.check(options.out / f"{options.step}.png")
     steps = _steps()
-    names = [name for name in steps if name != "touch"] if options.step == "all" else [options.step]
+    names = list(folder.STEPS) if options.step == "all" else [options.step]
     if options.sim is None:  # the recording says which plate it is of
         steps["touch"].check(options)
         options.sim = steps["touch"].is_simulated(options.recording)

@@ -7,7 +7,6 @@ A finger loads the plate where it is, which the board's sensors show. The record
 from __future__ import annotations
 
 import argparse
-import cmath
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -59,7 +58,7 @@ def run(options: argparse.Namespace) -> Verdict:
     judged = calibrate(in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S), touched.header.modes)
     settings = saved(touched, judged, options.out)
     draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(options.recording.name))
-    return verdict(judged, settings, is_simulated=options.sim)
+    return verdict(judged, settings, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
 def saved(touched: Touched, judged: Judged, directory: Path) -> Settings:
@@ -67,8 +66,9 @@ def saved(touched: Touched, judged: Judged, directory: Path) -> Settings:
     if judged.refusal:
         return {}
     settings: dict[str, dict[str, Any]] = {"trackpad": pad_settings(touched, judged.calibration)}
-    calibration_file.save(directory / CALIBRATION_FILE, modes_of(touched, judged))
-    settings["device"] = {"calibration_file": CALIBRATION_FILE}
+    if has_sensors(touched):
+        calibration_file.save(directory / CALIBRATION_FILE, modes_of(touched, judged))
+        settings["device"] = {"calibration_file": CALIBRATION_FILE}
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
         settings["plate"] = {"modes_file": MODES_FILE}
@@ -90,21 +90,22 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
 
 
 def modes_of(touched: Touched, judged: Judged) -> tuple[ModeCalibration, ...]:
-    """Return the recording's calibration with corrected sensors; modes that it lacks are those of the fit."""
-    assert judged.fit is not None
+    """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
     modes = touched.header.modes.M
     known = {one.mode: one for one in touched.header.calibration}
-    rates = judged.fit.rates
     before = np.array([(known[mode].sense if mode in known else ()) or np.eye(modes)[mode] for mode in range(modes)])
     sense = judged.calibration.sense @ before
-    found = []
-    for mode in range(modes):
-        decay_1_s, detuning_rad_s = rates[mode, mode].real, -rates[mode, mode].imag
-        gain = rates[mode, modes + mode] / 1j
-        frequency_hz = touched.drive_hz + detuning_rad_s / (2.0 * math.pi)
-        fitted = ModeCalibration(mode, frequency_hz, math.pi * frequency_hz / decay_1_s, abs(gain), cmath.phase(gain))
-        found.append(replace(known.get(mode, fitted), sense=tuple(complex(value) for value in sense[mode])))
-    return tuple(found)
+    return tuple(
+        replace(one, sense=tuple(complex(value) for value in sense[mode])) for mode, one in sorted(known.items())
+    )
+
+
+def has_sensors(touched: Touched) -> bool:
+    """Return whether the recording has a calibration of all modes, whose sensors can be corrected.
+
+    The fit has rates and gains too, but too small ones where fingers move slowly: no board gets models of them.
+    """
+    return len(touched.header.calibration) == touched.header.modes.M
 
 
 def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:
@@ -115,7 +116,7 @@ def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:
     )
 
 
-def verdict(judged: Judged, settings: Settings, *, is_simulated: bool) -> Verdict:
+def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
     """Return what moved, by how much, one sigma, and whether it is adopted."""
     figures = [Figure("touching", judged.touched_s, "s")]
     for place, (name, unit, text) in enumerate(_POSE):
@@ -130,10 +131,10 @@ def verdict(judged: Judged, settings: Settings, *, is_simulated: bool) -> Verdic
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
     if judged.refusal:
         return Verdict("touch", Outcome.FAIL, f"Nothing is adopted. {judged.refusal}", tuple(figures), {}, is_simulated)
-    sentence = "Pad and sensors" + (" and map" if judged.waves is not None else "") + " are adopted."
-    return Verdict(
-        "touch", Outcome.PASS, f"{sentence} {judged.map_refusal}".strip(), tuple(figures), settings, is_simulated
-    )
+    adopted = ["pad", *(["sensors"] if has_sensors else []), *(["map"] if judged.waves is not None else [])]
+    lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
+    sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
+    return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)
 
 
 def _moved(name: str, value: float, sigma: float, unit: float, text: str) -> list[Figure]:
