@@ -182,6 +182,7 @@ def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: Judged, mode: i
     plot.set_title(f"map of mode {mode}, change", fontsize=9)
     if judged.waves is None:
         plotting.mark_empty(plot, "unchanged")
+        plot.set_xticks([])
         return
     change = judged.waves.on_grid(judged.calibration.waves, modes.x_mm, modes.y_mm)[mode]
     most = float(np.abs(change).max())
