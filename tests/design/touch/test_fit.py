@@ -32,6 +32,7 @@ def test_pad_latency_and_sensors_are_found_together() -> None:
     assert np.abs(found.sense - WRONG.sense).max() < 0.02
 
 
+@pytest.mark.long
 def test_errors_are_within_the_stated_sigma() -> None:
     ratios = []
     for seed in range(1, 5):
