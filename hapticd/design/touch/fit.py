@@ -35,6 +35,7 @@ _BLOCK = 256  # windows whose derivatives are in memory at once
 _LOOSE = 1e6  # sigma of what has no prior
 _START_LOAD_1_S = 200.0
 _MOST_STEPS = 12
+_MOST_DAMPING = 1e3
 _MOST_WITH_WAVES = 4  # they start near, and are linear
 _LEAST_GAIN = 3e-4  # of the cost: then it has converged
 _OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
@@ -143,29 +144,8 @@ def fit(
         np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
         np.zeros(windows.track.shape, np.complex128),
     )
-    held = replace(problem, free=Free())
-    mean, spread = 0.0 + 0.0j, _START_LOAD_1_S
-    noise = _noise(problem.model, state)
-    for _ in range(3):  # linear, but for the outliers
-        state, normal = _step(held, state, noise, mean, spread)
-        mean, spread = _load_prior(state, normal)
-        noise = _noise(problem.model, state)
-    cost = _cost(problem, state, noise, mean, spread)
-    damping = 0.0
-    for _ in range(_MOST_WITH_WAVES if free.waves else _MOST_STEPS if any(free) else 1):
-        trial, normal = _step(problem, state, noise, mean, spread, damping)
-        trial_cost = _cost(problem, trial, noise, mean, spread)
-        if trial_cost > cost * (1.0 + 1e-9):
-            damping = max(10.0 * damping, 1e-3)
-            if damping > 1e4:
-                break
-            continue
-        state, gain, damping = trial, 1.0 - trial_cost / cost, damping / 10.0 if damping > 1e-4 else 0.0
-        mean, spread = _load_prior(state, normal)
-        noise = _noise(problem.model, state)
-        cost = _cost(problem, state, noise, mean, spread)
-        if gain < _LEAST_GAIN and damping == 0.0:
-            break
+    settled = _settled(replace(problem, free=Free()), state)
+    state, noise, mean, spread = _descended(problem, settled) if any(free) else settled
     normal = _normal(problem, state, noise, mean, spread)
     covariance = _covariance(normal, windows)
     pad = problem.sizes[0]
@@ -178,6 +158,42 @@ def fit(
         state.rates,
         state.loads,
     )
+
+
+class _Settled(NamedTuple):
+    """A state with the noise (M,) of its residual, and mean and spread of its loads."""
+
+    state: State
+    noise: FloatArray
+    mean: complex
+    spread: float
+
+
+def _settled(problem: _Problem, state: State) -> _Settled:
+    """Solve for loads and rates: linear, but for the outliers."""
+    found = _Settled(state, _noise(problem.model, state), 0.0, _START_LOAD_1_S)
+    for _ in range(4):
+        state, normal = _step(problem, *found)
+        found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
+    return found
+
+
+def _descended(problem: _Problem, found: _Settled) -> _Settled:
+    """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little."""
+    left = _MOST_WITH_WAVES if problem.free.waves else _MOST_STEPS
+    cost, damping = _cost(problem, *found), 0.0
+    while left > 0 and damping < _MOST_DAMPING:
+        state, normal = _step(problem, *found, damping)
+        gain = 1.0 - _cost(problem, state, *found[1:]) / cost
+        if gain < 0.0:
+            damping = max(10.0 * damping, 1e-3)
+            continue
+        found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
+        cost, left = _cost(problem, *found), left - 1
+        if gain < _LEAST_GAIN and damping == 0.0:
+            break
+        damping = damping / 10.0 if damping > 1e-3 else 0.0
+    return found
 
 
 def _step(
