@@ -131,9 +131,10 @@ def _gains(
     at_start = fit(windows, modes, Free(), before, waves)
     then = fit(windows, modes, Free(), after, waves, judged_by_um_s=at_start.noise_um_s)
     turn = np.unique(np.floor(windows.start_s / TURN_S), return_inverse=True)[1]
-    gain = np.bincount(turn, at_start.cost - then.cost)
-    spread = float(np.std(gain)) * np.sqrt(len(gain)) + 1e-12
-    return _Gain(float(gain.sum() / at_start.cost.sum()), float(gain.sum()) / spread)
+    before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, then.cost)
+    worth = np.log(before_cost / after_cost)  # of each turn alike: a few with much residual would hide the others
+    error = float(np.std(worth)) / np.sqrt(len(worth)) + 1e-12
+    return _Gain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
 
 
 def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
