@@ -106,6 +106,13 @@ class SetWiring:
 
 
 @dataclass(frozen=True, slots=True)
+class SetTelemetry:
+    """Stream samples of the control tick, at most `rate_hz` a second; 0 stops the stream."""
+
+    rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
 class TimeRequest:
     """Request the board's clock; the answer repeats the stamp."""
 
@@ -133,7 +140,15 @@ class ClearFault:
 
 
 BoardCommand = (
-    HelloRequest | SelectController | SetModel | SetWiring | TimeRequest | ReferenceFrame | KeepAlive | ClearFault
+    HelloRequest
+    | SelectController
+    | SetModel
+    | SetWiring
+    | SetTelemetry
+    | TimeRequest
+    | ReferenceFrame
+    | KeepAlive
+    | ClearFault
 )
 
 # --- messages to the daemon -------------------------------------------------------------------------------------
@@ -245,13 +260,6 @@ class RawVoltage:
     mode: int
     voltage_v: complex
     duration_ms: int
-
-
-@dataclass(frozen=True, slots=True)
-class SetTelemetry:
-    """Stream samples of the control tick, at most `rate_hz` a second; 0 stops the stream."""
-
-    rate_hz: int
 
 
 @dataclass(frozen=True, slots=True)

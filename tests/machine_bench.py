@@ -39,6 +39,7 @@ NAMES = {
     protocol.MSG_SET_CONTROLLER: "controller",
     protocol.MSG_SET_MODEL: "model",
     protocol.MSG_SET_WIRING: "wiring",
+    protocol.MSG_SET_TELEMETRY: "telemetry",
 }
 NUMBERS = {name: number for number, name in NAMES.items()}
 
@@ -103,7 +104,7 @@ class FakeBoard:
         elif name == "time":
             (stamp,) = protocol.TIME_REQUEST.unpack(payload)
             self.say(protocol.MSG_TIME, protocol.TIME.pack(stamp, self.bench.t_ns // 1000 % 2**32, 0))
-        elif name in ("controller", "model", "wiring"):
+        elif name in ("controller", "model", "wiring", "telemetry"):
             self.say(protocol.MSG_VERDICT, protocol.VERDICT.pack(NUMBERS[name], 0))
         elif name == "clear fault" and self.state == FAULT:
             self.state, self.fault_code = QUIET, 0
@@ -145,13 +146,15 @@ class Bench:
         *paths: Path,
         protocol_hash: int = protocol.PROTOCOL_HASH,
         calibration: Sequence[ModeCalibration] = (),
+        config: Config | None = None,
         observer: Callable[[Machine], Observer] | None = None,
     ) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
         self.published: list[dict[str, Any]] = []
-        self.machine = Machine(Config(), PLATE, write_board=self.board.write, instance=4, calibration=calibration)
+        config = Config() if config is None else config
+        self.machine = Machine(config, PLATE, write_board=self.board.write, instance=4, calibration=calibration)
         self.machine.observer = None if observer is None else observer(self.machine)
         self.machine.trackpad_link(True, "a pad", self.t_ns)
         self.machine.board_link(True, "a board", self.t_ns)

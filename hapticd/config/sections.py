@@ -202,6 +202,12 @@ class RecordConfig:
     file: str = key("", "MCAP file to record everything to, from each start on; an existing file is kept; empty: none")
     max_mb: int = key(512, "size of a file at which it ends", low=1, high=1_000_000)
     max_files: int = key(8, "files kept of one start: a full one is followed, the oldest removed", low=1, high=999)
+    telemetry_hz: int = key(
+        0,
+        "control ticks per second that the board reports, for `hapticd calibrate touch`: 500; 0: none",
+        low=0,
+        high=2000,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from ..board_values import (
     ModeCalibration,
     SelectController,
     SetModel,
+    SetTelemetry,
     SetWiring,
     ToolMessage,
     Verdict,
@@ -48,6 +49,7 @@ ANSWERED_AS = {  # by VERDICT
     SelectController: protocol.MSG_SET_CONTROLLER,
     SetModel: protocol.MSG_SET_MODEL,
     SetWiring: protocol.MSG_SET_WIRING,
+    SetTelemetry: protocol.MSG_SET_TELEMETRY,
 }
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
@@ -75,6 +77,7 @@ class BoardGateway:
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
+            telemetry_hz=config.record.telemetry_hz,
         )
         self.unsent = 0
         self.refused = ""  # why the present board is not accepted

@@ -11,6 +11,7 @@ import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
 from hapticd.board_values import ModeCalibration
+from hapticd.config.sections import Config, RecordConfig
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
 from hapticd.sim.fingers.paths import Line
@@ -362,10 +363,22 @@ def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
     assert [each.name for each in bench.run(600)].count("model") == 1
 
 
-def test_a_board_is_driven_once_it_has_taken_its_measured_wires() -> None:
-    modes = [ModeCalibration(k, 29195.0 + 20.0 * k, 500.0, 5.0, 0.0, drive=(1.0, 1.0 - 2.0 * k)) for k in range(2)]
-    bench = Bench(SLIPPERY, STICKY, calibration=modes).driven()
-    assert [each.name for each in bench.board.heard].count("wiring") == 1
+def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
+    wired = ModeCalibration(0, 29195.0, 500.0, 5.0, 0.0, sense=(1.0 + 0.0j, 0.02 + 0.0j))
+    config = Config(record=RecordConfig(telemetry_hz=500))
+    bench = Bench(SLIPPERY, STICKY, calibration=[wired], config=config).driven()
+    heard = [each.name for each in bench.board.heard]
+    settings = [name for name in heard if name in ("controller", "model", "wiring", "telemetry")]
+    assert settings == ["controller", "model", "wiring", "telemetry"]
+
+
+def test_a_board_that_wakes_sends_telemetry_again() -> None:
+    bench = Bench(config=Config(record=RecordConfig(telemetry_hz=500)))
+    bench.run(3500)
+    assert bench.machine.session.is_resting
+    bench.board.heard.clear()
+    bench.machine.board.wake(bench.t_ns)
+    assert [each.name for each in bench.board.heard].count("telemetry") == 1
 
 
 def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.LogCaptureFixture) -> None:

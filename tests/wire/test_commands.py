@@ -40,6 +40,7 @@ SESSION_COMMANDS: dict[int, BoardCommand] = {
     protocol.MSG_CLEAR_FAULT: ClearFault(),
     protocol.MSG_SET_CONTROLLER: SelectController("pi_ff"),
     protocol.MSG_SET_MODEL: SetModel(1, ModeModel(180.0, -60.0, 5.0, 1j)),
+    protocol.MSG_SET_TELEMETRY: SetTelemetry(500),
     protocol.MSG_SET_WIRING: SetWiring(((1.0, 1.0), (1.0, -1.0)), ((1j, 0.5), (0.5, 1.0)), ((0.01j, 0.0),) * 2),
 }
 TOOL_COMMANDS: dict[int, ToolCommand] = {

@@ -29,6 +29,7 @@ from ...board_values import (
     ReferenceFrame,
     SelectController,
     SetModel,
+    SetTelemetry,
     SetWiring,
     TimeRequest,
 )
@@ -73,7 +74,14 @@ def _leapt(before_us: int, after_us: int) -> bool:
 class BoardSession:
     """One board, from one link-up to the next link-down."""
 
-    def __init__(self, *, link_start_ns: int, controller: str, calibration: Sequence[ModeCalibration] = ()) -> None:
+    def __init__(
+        self,
+        *,
+        link_start_ns: int,
+        controller: str,
+        calibration: Sequence[ModeCalibration] = (),
+        telemetry_hz: int = 0,
+    ) -> None:
         self.hello: BoardHello | None = None
         self.status: BoardStatus | None = None
         self.clock = BoardClock()
@@ -87,6 +95,7 @@ class BoardSession:
         self._is_reporting = False  # a status has arrived since the handshake
         self._controller = controller
         self._calibration = tuple(calibration)
+        self._telemetry = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
         self._settings_left: deque[BoardCommand] = deque()
         self._linked = False
         self._boot_id: int | None = None
@@ -171,7 +180,7 @@ class BoardSession:
         models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
         wiring = SetWiring.of(self._calibration, hello.modes)
         wires = [] if wiring is None else [wiring]
-        self._settings_left = deque([SelectController(self._controller), *models, *wires])
+        self._settings_left = deque([SelectController(self._controller), *models, *wires, *self._telemetry])
         return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
 
     def receive_answer(self, t_now_ns: int, *, is_taken: bool = True) -> list[BoardCommand]:
@@ -307,7 +316,8 @@ class BoardSession:
         self.is_resting = False
         self._t_status_ns = t_now_ns  # while the host rests, what the board sends waits in the port
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
-        return [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
+        frames = [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
+        return [*frames, *self._telemetry]  # which the hello request has stopped
 
     @property
     def _patience_ns(self) -> int:

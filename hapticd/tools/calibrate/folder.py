@@ -19,7 +19,12 @@ from ...regular_file import open_regular, read_bounded
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
-FILES = {"resonance": (CALIBRATION_FILE,), "modes": (MODES_FILE,), "latency": (LEDGER_FILE,)}  # and result, picture
+FILES = {  # and result, picture
+    "resonance": (CALIBRATION_FILE,),
+    "modes": (MODES_FILE,),
+    "latency": (LEDGER_FILE,),
+    "touch": ("touch-calibration.toml", "touch-modes.npz"),
+}
 MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 STEPS = {
@@ -30,6 +35,9 @@ STEPS = {
     "prediction": "stroke the pad for a minute, to learn its noise (stop the service first)",
     "friction": "fit friction against amplitude (--readings FILE)",
 }
+LATER = {
+    "touch": "correct pad, sensors and map by a recording of touches (RECORDING)"
+}  # at any time, of a plate in use
 
 
 def prepare(
@@ -70,7 +78,7 @@ def _is_own(config_file: Path) -> bool:
 def load(directory: Path) -> dict[str, Verdict]:
     """Read the results in the steps' order. Raises CalibrationError."""
     found = {}
-    for step in STEPS:
+    for step in (*STEPS, *LATER):
         path = directory / f"{step}.json"
         if not path.exists():
             continue
@@ -130,8 +138,8 @@ def overview(directory: Path) -> str:
     """Return the steps in order, with the results so far."""
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
-    for place, (step, what) in enumerate(STEPS.items(), 1):
-        lines.append(f"{place}. {step:<10} {what}")
+    for place, (step, what) in enumerate((STEPS | LATER).items(), 1):
+        lines.append(f"{place}. {step:<10} {what}" if step in STEPS else f"Later: {step:<7} {what}")
         if step in found:
             last = as_text(found[step]).splitlines()[-1]
             lines.append(

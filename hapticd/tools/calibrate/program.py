@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_prediction(steps)
     _add_friction(steps)
     _add_all(steps)
+    _add_touch(steps)
 
 
 def _step(steps: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
@@ -152,6 +153,16 @@ def _add_all(steps: Any) -> None:
     parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
 
 
+def _add_touch(steps: Any) -> None:
+    parser = add_command(
+        steps, "touch", "correct pad, sensors and map by a recording of touches", "session.mcap --out DIR"
+    )
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="with record.telemetry_hz = 500")
+    parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
+    parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
+    parser.set_defaults(step="touch", sim=None)
+
+
 def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
     from ...files import plotting
@@ -163,7 +174,10 @@ def _run(options: argparse.Namespace) -> int:
         return 0
     plotting.check(options.out / f"{options.step}.png")
     steps = _steps()
-    names = list(steps) if options.step == "all" else [options.step]
+    names = list(folder.STEPS) if options.step == "all" else [options.step]
+    if options.sim is None:  # the recording says which plate it is of
+        steps["touch"].check(options)
+        options.sim = steps["touch"].is_simulated(options.recording)
     given = [value for name, value in vars(options).items() if name in ("config", "scan", "readings", "recording")]
     folder.prepare(options.out, names, given, is_simulated=options.sim, is_forced=options.force)
     for name in names:
@@ -174,7 +188,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _steps() -> dict[str, Any]:
     """The steps' modules: `check` raises for arguments that `run` could not use."""
-    from . import delays, friction, modes, prediction, resonance, trackpad
+    from . import delays, friction, modes, prediction, resonance, touch, trackpad
 
     return {
         "resonance": resonance,
@@ -183,6 +197,7 @@ def _steps() -> dict[str, Any]:
         "latency": delays,
         "prediction": prediction,
         "friction": friction,
+        "touch": touch,
     }
 
 

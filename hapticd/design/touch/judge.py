@@ -1,0 +1,205 @@
+"""Self-calibration with a verdict: what moved, and whether touches that taught nothing confirm it.
+
+The windows are divided by turns of a second. Each half is fitted, and judged on the other one: by how much the residual
+falls there against the calibration before, in units of what chance does. What is not confirmed on both is not adopted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.plate.mode_shapes import ModeShapes
+from .fit import Fit, Free, fit
+from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration
+from .observations import WINDOW_S, Windows
+from .waves import Waves, wave_number
+
+LEAST_TOUCHED_S = 5.0
+LEAST_FOR_MAP_S = 45.0  # of fitted windows: about a minute of touching
+TURN_S = 1.0  # of one half after the other
+MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
+# One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
+UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
+UNKNOWN_LATENCY_S = 0.0015
+SURE = 3.0  # standard errors of the gain
+WORTH_FRAC = 0.002  # of the residual's square: less is not felt
+MOST_SIGMAS = 4.0  # of the priors: what is farther off needs another step first
+APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The calibration to adopt, which is the nominal one if `refusal` says why; `fitted` is what the fit found.
+
+    `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
+    `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none.
+    """
+
+    calibration: Calibration
+    fitted: Calibration
+    sigma: Calibration
+    touched_s: float
+    latency_s: float
+    latency_sigma_s: float
+    gain_frac: float
+    map_gain_frac: float
+    refusal: str
+    map_refusal: str
+    waves: Waves | None
+    fit: Fit | None
+
+
+def calibrate(windows: Windows, modes: ModeShapes) -> Judged:
+    """Fit and judge. Run time: about 10 s for a minute of touching, 30 s with the map."""
+    nominal = Calibration.nominal(modes.M)
+    touched_s = len(windows) * WINDOW_S
+    if touched_s < LEAST_TOUCHED_S:
+        refusal = (
+            f"Only {touched_s:.1f} s of touching while the plate followed its references, {LEAST_TOUCHED_S:g} s are "
+            "needed: move two fingers for a minute, one of them slippery."
+        )
+        return Judged(nominal, nominal, nominal, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
+    few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
+    free = Free(pad=True, sense=True)
+    first, second = _halves(few)
+    one = fit(first, modes, free, nominal)
+    other = fit(second, modes, free, one.calibration)
+    gains = [_gains(part, modes, nominal, found.calibration) for part, found in ((second, one), (first, other))]
+    found = fit(few, modes, free, other.calibration)
+    latency_s, latency_sigma_s = effective_latency(few, found)
+    refusal = (
+        _unknown(found.sigma, latency_sigma_s)
+        or _implausible(found.calibration)
+        or _apart(one, other)
+        or _unconfirmed(gains)
+    )
+    adopted = nominal if refusal else _effective(found.calibration, latency_s)
+    judged = Judged(
+        calibration=adopted,
+        fitted=found.calibration,
+        sigma=found.sigma,
+        touched_s=touched_s,
+        latency_s=latency_s,
+        latency_sigma_s=latency_sigma_s,
+        gain_frac=float(np.mean([gain.frac for gain in gains])),
+        map_gain_frac=0.0,
+        refusal=refusal,
+        map_refusal="",
+        waves=None,
+        fit=found,
+    )
+    return _with_map(judged, windows, modes)
+
+
+def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
+    """Return latency and its sigma (s) with the centroid's shift as far as it acts as one at the fingers' speeds."""
+    _, velocity = windows.fingers_mm()
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    speed = speed[np.isfinite(speed)]
+    drawn = speed / np.hypot(speed, CENTROID_MM_S)
+    s_per_mm = float((drawn * speed).sum() / max(float((speed**2).sum()), 1e-9))
+    weights = np.zeros(len(found.calibration.pad))
+    weights[LATENCY], weights[CENTROID] = 1.0, s_per_mm
+    variance = float(weights @ found.covariance @ weights)
+    return float(weights @ found.calibration.pad), float(np.sqrt(max(variance, 0.0)))
+
+
+def _effective(found: Calibration, latency_s: float) -> Calibration:
+    """The same with the latency that covers the centroid's shift, which the service does not model."""
+    pad = found.pad.copy()
+    pad[LATENCY], pad[CENTROID] = latency_s, 0.0
+    return replace(found, pad=pad)
+
+
+@dataclass(frozen=True, slots=True)
+class _Gain:
+    frac: float
+    standard_errors: float
+
+
+def _halves(windows: Windows) -> tuple[Windows, Windows]:
+    is_first = np.floor(windows.start_s / TURN_S) % 2 == 0
+    return windows.part(is_first), windows.part(~is_first)
+
+
+def _gains(
+    windows: Windows, modes: ModeShapes, before: Calibration, after: Calibration, waves: Waves | None = None
+) -> _Gain:
+    """Return what a calibration gains on windows that did not teach it."""
+    at_start = fit(windows, modes, Free(), before, waves)
+    then = fit(windows, modes, Free(), after, waves, judged_by_um_s=at_start.noise_um_s)
+    turn = np.unique(np.floor(windows.start_s / TURN_S), return_inverse=True)[1]
+    before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, then.cost)
+    worth = np.log(before_cost / after_cost)  # of each turn alike: a few with much residual would hide the others
+    error = float(np.std(worth)) / np.sqrt(len(worth)) + 1e-12
+    return _Gain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
+
+
+def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
+    """Return why the recording does not determine the pad."""
+    if (sigma.pad[: len(UNKNOWN)] > UNKNOWN).any():
+        return (
+            f"The touches do not tell where the pad lies (x, y to within {sigma.pad[0]:.2f}, {sigma.pad[1]:.2f} mm): "
+            "the fingers crossed too few node lines. Move them over the whole plate, along x and y."
+        )
+    if latency_sigma_s > UNKNOWN_LATENCY_S:
+        return (
+            f"The touches do not tell the pad's latency (to within {1e3 * latency_sigma_s:.1f} ms): "
+            "move the fingers faster, in all directions."
+        )
+    return ""
+
+
+def _implausible(found: Calibration) -> str:
+    sense = np.abs(found.sense - np.eye(len(found.sense)))
+    if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() or (sense > MOST_SIGMAS * SENSE_PRIOR).any():
+        return "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
+    return ""
+
+
+def _apart(one: Fit, other: Fit) -> str:
+    size = len(UNKNOWN)
+    away = np.abs(one.calibration.pad - other.calibration.pad)[:size]
+    allowed = APART * np.hypot(one.sigma.pad, other.sigma.pad)[:size] + UNKNOWN
+    if (away > allowed).any():
+        return "The two halves of the recording disagree: something moved meanwhile, or the fit failed. Record again."
+    return ""
+
+
+def _unconfirmed(gains: list[_Gain]) -> str:
+    if any(gain.frac < WORTH_FRAC or gain.standard_errors < SURE for gain in gains):
+        return "The held-out touches confirm no change: the calibration is as good as this recording can tell."
+    return ""
+
+
+def _with_map(judged: Judged, windows: Windows, modes: ModeShapes) -> Judged:
+    """Fit and judge the map from where pad and sensors are."""
+    if judged.touched_s < LEAST_FOR_MAP_S:
+        refusal = f"The map needs {LEAST_FOR_MAP_S:g} s of touching, not {judged.touched_s:.0f} s."
+        return replace(judged, map_refusal=refusal)
+    waves = Waves(modes, wave_number(modes))
+    start = replace(judged.calibration, waves=np.zeros((modes.M, len(waves))))
+    halves = _halves(windows)
+    free = Free(pad=True, sense=True, waves=True)
+    gains, last = [], start
+    for taught, held_out in (halves, halves[::-1]):
+        last = fit(taught, modes, free, start, waves).calibration
+        gains.append(_gains(held_out, modes, start, last, waves))
+    judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
+    if refusal := _unconfirmed(gains):
+        return replace(judged, map_refusal=refusal)
+    found = fit(windows, modes, free, last, waves)
+    latency_s, latency_sigma_s = effective_latency(windows, found)
+    return replace(
+        judged,
+        calibration=_effective(found.calibration, latency_s),
+        fitted=found.calibration,
+        sigma=found.sigma,
+        latency_s=latency_s,
+        latency_sigma_s=latency_sigma_s,
+        refusal="",
+        waves=waves,
+        fit=found,
+    )

@@ -1,0 +1,198 @@
+"""The plate under fingers, as a residual that is zero where pad, sensors and mode map are right.
+
+In coordinates of what the sensors report, y with W = C y, the plate follows (design/README.md)
+
+    dy/dt = A y + B V - sum_i load_i (C^-1 phi_i) (phi_i^T C y),      phi_i = phi(P_i)
+
+A, B and what the control law does within a tick are free and linear; so are the loads, in each window. What is sought
+is where P_i is (pad), C (sensors) and phi (map). C is known up to a factor, which the loads take: C[0, 0] stays 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.plate.mode_shapes import ModeShapes
+from .observations import ComplexArray, FloatArray, Windows
+from .waves import Waves
+
+PAD = ("x_mm", "y_mm", "rotation_rad", "scale_x", "scale_y", "latency_s", "centroid_mm")
+LATENCY, CENTROID = PAD.index("latency_s"), PAD.index("centroid_mm")
+# One sigma of what a laboratory meets. Latency, scale and centroid are ill-determined together without.
+PAD_PRIOR = np.array((1.0, 1.0, 0.02, 0.005, 0.005, 0.004, 0.3))
+SENSE_PRIOR = 0.1
+CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
+DRIFT_EVERY_S = 5.0  # knots of the modes' own rates
+DRIFT_PRIOR_1_S = 30.0
+TERMS = 3  # amplitudes, voltages, corrections: the regressors without a prior
+LOAD_PRIOR_FRAC = 0.5  # by which loads of windows differ
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What is sought: `pad` (7,) as in PAD, `sense` (M, M) complex, `waves` (M, K) that the map lacks; or its error."""
+
+    pad: FloatArray
+    sense: ComplexArray
+    waves: FloatArray
+
+    @classmethod
+    def nominal(cls, modes: int, waves: int = 0) -> Calibration:
+        """Return that of a plate which is as it was calibrated."""
+        return cls(np.zeros(len(PAD)), np.eye(modes, dtype=np.complex128), np.zeros((modes, waves)))
+
+    @property
+    def affine(self) -> tuple[FloatArray, FloatArray]:
+        """Return matrix (2, 2) and offset (2,): from where the fingers were taken to be, to where they are."""
+        x_mm, y_mm, rotation_rad, scale_x, scale_y = self.pad[:5]
+        return np.array(((1.0 + scale_x, -rotation_rad), (rotation_rad, 1.0 + scale_y))), np.array((x_mm, y_mm))
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A calibration with all that is free beside it: `rates` (M, L) of the regressors, `loads` (B, N)."""
+
+    calibration: Calibration
+    rates: ComplexArray
+    loads: ComplexArray
+
+
+def regressors(windows: Windows) -> ComplexArray:
+    """Return the linear terms of each mode (B, S, M, L): amplitudes, voltages, corrections, drift."""
+    common = np.concatenate((windows.measured_um, windows.voltage_v, windows.behind_um_s), axis=-1)
+    modes = windows.measured_um.shape[-1]
+    start_s, end_s = float(windows.t_s.min()), float(windows.t_s.max())
+    knots_s = np.linspace(start_s, end_s, max(2, round((end_s - start_s) / DRIFT_EVERY_S) + 1))
+    spacing_s = max(knots_s[1] - knots_s[0], 1e-9)
+    hats = np.maximum(1.0 - np.abs(windows.t_s[..., None] - knots_s[1:]) / spacing_s, 0.0)
+    own = windows.measured_um[..., None] * hats[..., None, :]
+    return np.concatenate((np.repeat(common[..., None, :], modes, axis=2), own), axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The model at one state: residual (B, S, M) in um/s and its derivatives (B, S, M, ..).
+
+    They are by the pad's 7, the elements of `sense` without the first, M K waves, and N loads.
+    """
+
+    residual: ComplexArray
+    by_pad: ComplexArray
+    by_sense: ComplexArray
+    by_waves: ComplexArray
+    by_loads: ComplexArray
+
+
+class Model:
+    """Residual and derivatives over some windows.
+
+    The waves are evaluated once, where `start` has the fingers: they are some per cent of a map, and positions move by
+    some per cent of a wavelength.
+    """
+
+    def __init__(self, windows: Windows, modes: ModeShapes, start: Calibration, waves: Waves | None = None) -> None:
+        self.windows, self.modes, self.waves = windows, modes, waves
+        self.terms = regressors(windows)
+        self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
+        points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
+        self._shapes = np.zeros((*points.shape[:-1], 0 if waves is None else len(waves)))
+        if waves is not None:
+            is_down = np.isfinite(points).all(axis=-1)
+            self._shapes[is_down] = waves.at(points[is_down])
+
+    def residual(self, state: State) -> ComplexArray:
+        """Return the residual alone, of all windows (B, S, M)."""
+        found, windows = state.calibration, self.windows
+        position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
+        phi = self._phi(_moved(found, position, velocity)[0], found, slice(None))
+        out = phi @ np.linalg.inv(found.sense).T
+        under_um = np.einsum("bsnk,bsk->bsn", phi, windows.measured_um @ found.sense.T)
+        force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
+        return np.asarray(self._known + np.einsum("bskl,kl->bsk", self.terms, state.rates) + force, np.complex128)
+
+    def at(self, state: State, rows: slice, *, has_waves: bool) -> Point:
+        """Return the model at `state` for some windows; without derivatives by the waves unless `has_waves`."""
+        found = state.calibration
+        windows = self.windows.part(rows)
+        position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
+        points, drawn = _moved(found, position, velocity)
+        phi, slope = self._phi(points, found, rows), self._slope(points)
+        by_place = _by_pad(position, velocity @ found.affine[0].T, drawn)
+        inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
+        out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
+        seen_um = windows.measured_um @ found.sense.T  # C y
+        under_um = np.asarray(np.einsum("bsnk,bsk->bsn", phi, seen_um), np.complex128)
+        by_loads = out * under_um[..., None]
+        loads = state.loads[rows][:, None, :]
+        force = np.einsum("bsnk,bn->bsk", by_loads, state.loads[rows])
+        residual = self._known[rows] + np.einsum("bskl,kl->bsk", self.terms[rows], state.rates) + force
+        # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
+        by_phi = loads[..., None, None] * (
+            inverse * under_um[..., None, None] + out[..., :, None] * seen_um[:, :, None, None, :]
+        )
+        by_pad = np.einsum("bsnkm,bsnmp->bskp", by_phi, slope @ by_place)
+        shapes = self._shapes[rows] if has_waves else np.zeros((*phi.shape[:3], 0))
+        by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, shapes)
+        return Point(
+            residual,
+            by_pad,
+            _by_sense(windows, loads, phi, out, under_um, inverse),
+            by_waves.reshape(*residual.shape, -1),
+            np.moveaxis(by_loads, 2, 3),
+        )
+
+    def _phi(self, points: FloatArray, found: Calibration, rows: slice) -> FloatArray:
+        """Return the shapes (B, S, N, M), zero where there is no finger."""
+        phi = self.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
+        return phi + self._shapes[rows] @ found.waves.T if self.waves is not None else phi
+
+    def _slope(self, points: FloatArray) -> FloatArray:
+        """Return the gradient of the map (B, S, N, M, 2), zero where there is no finger."""
+        is_down = np.isfinite(points).all(axis=-1)
+        slope = np.zeros((*points.shape[:-1], self.modes.M, 2))
+        slope[is_down] = self.modes.gradient(points[is_down])
+        return slope
+
+
+def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where the fingers are (..., 2), and the direction in which their centroids are drawn, with its share."""
+    matrix, offset_mm = found.affine
+    drawn = velocity / np.sqrt((velocity**2).sum(axis=-1, keepdims=True) + CENTROID_MM_S**2)
+    return position @ matrix.T + offset_mm + found.pad[CENTROID] * drawn, drawn
+
+
+def _by_sense(
+    windows: Windows,
+    loads: ComplexArray,
+    phi: FloatArray,
+    out: ComplexArray,
+    under_um: ComplexArray,
+    inverse: ComplexArray,
+) -> ComplexArray:
+    """By C[m, l]: -C^-1[:, m] (C^-1 phi)_l phi.Cy + C^-1 phi phi_m y_l, for each finger times its load."""
+    turned = -np.einsum("km,bsl->bskml", inverse, ((loads * under_um)[..., None] * out).sum(axis=2))
+    scaled = np.einsum(
+        "bskm,bsl->bskml", np.einsum("bsnk,bsnm->bskm", loads[..., None] * out, phi), windows.measured_um
+    )
+    by_sense = turned + scaled
+    return np.asarray(by_sense.reshape(*by_sense.shape[:3], -1)[..., 1:], np.complex128)
+
+
+def stepped(found: Calibration, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> Calibration:
+    """Return a calibration that is changed by a solution's parts; `sense` is without its first."""
+    modes = len(found.sense)
+    step = np.concatenate(((0.0,), sense)).reshape(modes, modes) if len(sense) else 0.0
+    lacking = waves.reshape(found.waves.shape) if waves.size else 0.0
+    return replace(found, pad=found.pad + pad, sense=found.sense + step, waves=found.waves + lacking)
+
+
+def _by_pad(position: FloatArray, velocity: FloatArray, drawn: FloatArray) -> FloatArray:
+    """Derivatives of the position (..., 2, 7) by PAD; zero where there is no finger."""
+    by_pad = np.zeros((*position.shape, len(PAD)))
+    by_pad[..., 0, 0] = by_pad[..., 1, 1] = 1.0
+    by_pad[..., 0, 2], by_pad[..., 1, 2] = -position[..., 1], position[..., 0]
+    by_pad[..., 0, 3], by_pad[..., 1, 4] = position[..., 0], position[..., 1]
+    by_pad[..., LATENCY], by_pad[..., CENTROID] = velocity, drawn
+    return np.nan_to_num(by_pad)

@@ -1,0 +1,134 @@
+"""What a recording shows of the plate and its fingers, in short windows that share their finger loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 20 ms
+FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
+_SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One touch: reported instants (n,), smoothed positions (n, 2) and velocities (n, 2), n at least 7."""
+
+    t_s: FloatArray
+    xy_mm: FloatArray
+    velocity_mm_s: FloatArray
+
+    @classmethod
+    def of(cls, t_s: FloatArray, xy_mm: FloatArray) -> Track:
+        """Smooth reported positions by a cubic through each sample and its six neighbours."""
+        count, width = len(t_s), 2 * _SMOOTHED + 1
+        if count < width:
+            raise ValueError(f"a track has {count} samples: give at least {width}.")
+        first = np.clip(np.arange(count) - _SMOOTHED, 0, count - width)
+        near = first[:, None] + np.arange(width)
+        scale_s = 1e-2  # keeps the powers near 1
+        powers = ((t_s[near] - t_s[:, None]) / scale_s)[..., None] ** np.arange(4)
+        cubic = np.linalg.pinv(powers)[:, :2] @ xy_mm[near]
+        return cls(t_s, cubic[:, 0], cubic[:, 1] / scale_s)
+
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions (..., 2) and velocities (..., 2) by cubic Hermite interpolation; NaN outside the touch."""
+        place = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
+        span_s = (self.t_s[place + 1] - self.t_s[place])[..., None]
+        u = (t_s - self.t_s[place])[..., None] / span_s
+        low, high = self.xy_mm[place], self.xy_mm[place + 1]
+        low_slope, high_slope = self.velocity_mm_s[place] * span_s, self.velocity_mm_s[place + 1] * span_s
+        square, cube = 3.0 * (high - low) - 2.0 * low_slope - high_slope, 2.0 * (low - high) + low_slope + high_slope
+        position = ((cube * u + square) * u + low_slope) * u + low
+        velocity = ((3.0 * cube * u + 2.0 * square) * u + low_slope) / span_s
+        is_in = ((t_s >= self.t_s[0]) & (t_s <= self.t_s[-1]))[..., None]
+        return np.where(is_in, position, np.nan), np.where(is_in, velocity, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """T control ticks of the board, M modes and as many amplifiers.
+
+    `t_s` (T,) is the middle of the tick whose mean amplitude moves by `slope_um_s` (T, M) under `voltage_v` (T, M);
+    `measured_um` (T, M) is extrapolated to it. `behind_um_s` (T, M): measured less reference, per tick, which the
+    control law takes back. `turning_rad_s` (T,): by how much the frame turns faster than at the start.
+    """
+
+    t_s: FloatArray
+    measured_um: ComplexArray
+    voltage_v: ComplexArray
+    slope_um_s: ComplexArray
+    behind_um_s: ComplexArray
+    turning_rad_s: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """B windows of up to S ticks and N fingers: the fields of `Ticks` as (B, S) and (B, S, M).
+
+    `is_used` (B, S) masks the padding. `track` (B, N) is the touch of each finger, -1 for none.
+    """
+
+    t_s: FloatArray
+    measured_um: ComplexArray
+    voltage_v: ComplexArray
+    slope_um_s: ComplexArray
+    behind_um_s: ComplexArray
+    turning_rad_s: FloatArray
+    is_used: npt.NDArray[np.bool_]
+    track: npt.NDArray[np.int64]
+    tracks: tuple[Track, ...]
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def start_s(self) -> FloatArray:
+        """The first instant of each window (B,)."""
+        return self.t_s[:, 0]
+
+    def part(self, chosen: npt.NDArray[np.bool_] | slice) -> Windows:
+        """Return the chosen windows (B,) alone."""
+        arrays = {one.name: getattr(self, one.name)[chosen] for one in fields(self) if one.name != "tracks"}
+        return replace(self, **arrays)
+
+    def fingers_mm(self, shift_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return positions and velocities (B, S, N, 2) as reported, `shift_s` later; NaN where there is no finger."""
+        shape = (*self.t_s.shape, self.track.shape[1], 2)
+        position, velocity = np.full(shape, np.nan), np.full(shape, np.nan)
+        for index, track in enumerate(self.tracks):
+            window, slot = np.nonzero(self.track == index)
+            position[window, :, slot], velocity[window, :, slot] = track.at(self.t_s[window] + shift_s)
+        return position, velocity
+
+
+def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Windows:
+    """Group ticks into windows in which the same fingers are down, also `most_shift_s` earlier and later.
+
+    Ticks without a finger, and windows of too few, are left out.
+    """
+    is_down = np.array(
+        [(ticks.t_s > one.t_s[0] + most_shift_s) & (ticks.t_s < one.t_s[-1] - most_shift_s) for one in tracks]
+    )
+    is_down = is_down.reshape(len(tracks), len(ticks.t_s))
+    cell = np.floor(ticks.t_s / WINDOW_S)
+    is_new = (np.diff(cell) != 0) | (np.diff(is_down, axis=1) != 0).any(axis=0)
+    groups = np.split(np.arange(len(ticks.t_s)), np.flatnonzero(is_new) + 1)
+    kept = [group for group in groups if len(group) >= FEWEST_IN_WINDOW and is_down[:, group[0]].any()]
+    most = max(map(len, kept), default=1)
+    fingers = max((int(is_down[:, group[0]].sum()) for group in kept), default=1)
+    place, is_used = np.zeros((len(kept), most), np.int64), np.zeros((len(kept), most), bool)
+    track = np.full((len(kept), fingers), -1, np.int64)
+    for row, group in enumerate(kept):
+        place[row], is_used[row, : len(group)] = np.resize(group, most), True
+        down = np.flatnonzero(is_down[:, group[0]])
+        track[row, : len(down)] = down
+    arrays: dict[str, Any] = {one.name: getattr(ticks, one.name)[place] for one in fields(Ticks)}
+    return Windows(**arrays, is_used=is_used, track=track, tracks=tuple(tracks))

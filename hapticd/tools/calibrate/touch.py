@@ -1,0 +1,193 @@
+"""After the steps: correct pad, sensors and map by a recording of ordinary touches (`design.touch`).
+
+A finger loads the plate where it is, which the board's sensors show. The recording needs the board's control ticks
+(`record.telemetry_hz`). Nothing is adopted that held-out touches do not confirm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...board_values import ModeCalibration
+from ...config.sections import SIMULATED
+from ...core.plate.mode_shapes import ModeShapes
+from ...daemon.settings import plate_from_pad
+from ...design.touch.judge import Judged, calibrate
+from ...design.touch.model import CENTROID, Calibration
+from ...design.touch.observations import in_windows
+from ...errors import CalibrationError
+from ...files import calibration as calibration_file
+from ...files import plotting
+from ...files.recording.mcap_reader import open_recording
+from .touch_recording import Touched, read
+from .verdict import PICTURE, Figure, Outcome, Settings, Verdict
+
+PICTURE_FILE, CALIBRATION_FILE, MODES_FILE = "touch.png", "touch-calibration.toml", "touch-modes.npz"
+MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
+LATENCY_MS = (0.0, 50.0)  # the service's bounds
+_POSE = (  # name, unit's size, unit
+    ("x", 1.0, "mm"),
+    ("y", 1.0, "mm"),
+    ("rotation", math.degrees(1.0), "degrees"),
+    ("scale along x", 100.0, "%"),
+    ("scale along y", 100.0, "%"),
+)
+_ENLARGED = 20.0  # magnification of moved positions in the picture
+
+
+def check(options: argparse.Namespace) -> None:
+    """Check the arguments. Raises CalibrationError."""
+    if not options.recording.is_file():
+        raise CalibrationError(f"RECORDING: there is no file {options.recording}.")
+
+
+def is_simulated(path: Path) -> bool:
+    """Return whether a recording is of the simulated plate. Raises RecordingError."""
+    return open_recording(path).header.config.trackpad.source == SIMULATED
+
+
+def run(options: argparse.Namespace) -> Verdict:
+    """Run the step. Raises HapticdError."""
+    touched = read(options.recording)
+    judged = calibrate(in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S), touched.header.modes)
+    settings = saved(touched, judged, options.out)
+    draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(options.recording.name))
+    return verdict(judged, settings, has_sensors=has_sensors(touched), is_simulated=options.sim)
+
+
+def saved(touched: Touched, judged: Judged, directory: Path) -> Settings:
+    """Write what changes of calibration and map, and return the settings that go with it. Raises HapticdError."""
+    if judged.refusal:
+        return {}
+    settings: dict[str, dict[str, Any]] = {"trackpad": pad_settings(touched, judged.calibration)}
+    if has_sensors(touched):
+        calibration_file.save(directory / CALIBRATION_FILE, modes_of(touched, judged))
+        settings["device"] = {"calibration_file": CALIBRATION_FILE}
+    if judged.waves is not None:
+        mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
+        settings["plate"] = {"modes_file": MODES_FILE}
+    return settings
+
+
+def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
+    """Return the pad's pose and latency: those of the recording, corrected."""
+    before = plate_from_pad(touched.header.config)
+    matrix, offset_mm = found.affine
+    turned = matrix @ ((before.xx, before.xy), (before.yx, before.yy))
+    moved_mm = matrix @ (before.offset_x_mm, before.offset_y_mm) + offset_mm
+    latency_ms = touched.header.config.trackpad.latency_ms + 1e3 * float(found.pad[5])
+    return {
+        "matrix": [round(float(value), 6) for value in turned.ravel()],
+        "offset_mm": [round(float(value), 4) for value in moved_mm],
+        "latency_ms": round(min(max(latency_ms, LATENCY_MS[0]), LATENCY_MS[1]), 3),
+    }
+
+
+def modes_of(touched: Touched, judged: Judged) -> tuple[ModeCalibration, ...]:
+    """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
+    modes = touched.header.modes.M
+    known = {one.mode: one for one in touched.header.calibration}
+    before = np.array([(known[mode].sense if mode in known else ()) or np.eye(modes)[mode] for mode in range(modes)])
+    sense = judged.calibration.sense @ before
+    return tuple(
+        replace(one, sense=tuple(complex(value) for value in sense[mode])) for mode, one in sorted(known.items())
+    )
+
+
+def has_sensors(touched: Touched) -> bool:
+    """Return whether the recording has a calibration of all modes, whose sensors can be corrected.
+
+    The fit has rates and gains too, but too small ones where fingers move slowly: no board gets models of them.
+    """
+    return len(touched.header.calibration) == touched.header.modes.M
+
+
+def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:
+    """Return the map with the waves that it lacked."""
+    assert judged.waves is not None
+    return ModeShapes(
+        modes.x_mm, modes.y_mm, modes.shapes + judged.waves.on_grid(judged.calibration.waves, modes.x_mm, modes.y_mm)
+    )
+
+
+def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
+    """Return what moved, by how much, one sigma, and whether it is adopted."""
+    figures = [Figure("touching", judged.touched_s, "s")]
+    for place, (name, unit, text) in enumerate(_POSE):
+        figures += _moved(f"pad's {name}", judged.fitted.pad[place], judged.sigma.pad[place], unit, text)
+    figures += _moved("pad's latency, with the centroid's shift", judged.latency_s, judged.latency_sigma_s, 1e3, "ms")
+    figures += _moved("centroid's shift", judged.fitted.pad[CENTROID], judged.sigma.pad[CENTROID], 1.0, "mm")
+    figures += _sense_figures(judged)
+    if judged.waves is not None:
+        change = np.sqrt((judged.calibration.waves**2).sum(axis=1))
+        figures += [Figure(f"map of mode {mode}, change RMS", float(rms), "") for mode, rms in enumerate(change)]
+    figures.append(Figure("held-out residual falls by", 100.0 * judged.gain_frac, "%"))
+    figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
+    if judged.refusal:
+        return Verdict("touch", Outcome.FAIL, f"Nothing is adopted. {judged.refusal}", tuple(figures), {}, is_simulated)
+    adopted = ["pad", *(["sensors"] if has_sensors else []), *(["map"] if judged.waves is not None else [])]
+    lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
+    sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
+    return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)
+
+
+def _moved(name: str, value: float, sigma: float, unit: float, text: str) -> list[Figure]:
+    return [Figure(name, unit * float(value), text), Figure(f"{name}, one sigma", unit * float(sigma), text)]
+
+
+def _sense_figures(judged: Judged) -> list[Figure]:
+    """Return each sensor's weight in each mode against before; that of the first in its own stands for all gains."""
+    figures = []
+    modes = len(judged.fitted.sense)
+    for mode in range(modes):
+        for sensor in range(modes):
+            if mode == sensor == 0:
+                continue
+            moved = judged.fitted.sense[mode, sensor] - (mode == sensor)
+            sigma = judged.sigma.sense[mode, sensor]
+            name = f"sensor {sensor} in mode {mode}"
+            figures += _moved(f"{name}, in phase", moved.real, sigma.real, 100.0, "%")
+            figures += _moved(f"{name}, in quadrature", moved.imag, sigma.imag, 100.0, "%")
+    return figures
+
+
+def draw(touched: Touched, judged: Judged, path: Path, *, source: str = "") -> None:
+    """Draw how far positions move over the plate, and the map's change. Raises HapticdError."""
+    modes = touched.header.modes
+    figure, axes = plotting.subplots(4.0 * (1 + modes.M), 4.0, 1, 1 + modes.M, source=source)
+    grid = np.stack(np.meshgrid(np.linspace(-55.0, 55.0, 9), np.linspace(-55.0, 55.0, 9)), axis=-1)
+    matrix, offset_mm = judged.fitted.affine
+    moved_mm = grid @ matrix.T + offset_mm - grid
+    plot = axes[0][0]
+    for track in touched.tracks:
+        plot.plot(*track.xy_mm.T, color="lightgrey", lw=0.5, zorder=0)
+    plot.quiver(
+        *np.moveaxis(grid, -1, 0), *np.moveaxis(moved_mm * _ENLARGED, -1, 0), angles="xy", scale_units="xy", scale=1
+    )
+    plot.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")
+    largest_mm = float(np.hypot(*np.moveaxis(moved_mm, -1, 0)).max())
+    plot.set_title(f"positions move by up to {largest_mm:.2f} mm (drawn x{_ENLARGED:g})", fontsize=9)
+    for mode in range(modes.M):
+        _draw_map(axes[0][1 + mode], figure, modes, judged, mode)
+    plotting.save(figure, path, **PICTURE)
+
+
+def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: Judged, mode: int) -> None:
+    plot.set_title(f"map of mode {mode}, change", fontsize=9)
+    if judged.waves is None:
+        plotting.mark_empty(plot, "unchanged")
+        plot.set_xticks([])
+        return
+    change = judged.waves.on_grid(judged.calibration.waves, modes.x_mm, modes.y_mm)[mode]
+    most = float(np.abs(change).max())
+    edges = (modes.x_mm[0], modes.x_mm[-1], modes.y_mm[0], modes.y_mm[-1])
+    image = plot.imshow(
+        change, origin="lower", extent=edges, cmap=plotting.stepped("RdBu_r", 15), vmin=-most, vmax=most
+    )
+    figure.colorbar(image, ax=plot, shrink=0.7)

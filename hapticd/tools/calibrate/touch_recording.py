@@ -1,0 +1,211 @@
+"""A recording as the self-calibration reads it: control ticks that the board reported, and the fingers' tracks."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...board_values import BoardHello, BoardState, BoardStatus, TelemetrySample
+from ...design.touch.observations import ComplexArray, FloatArray, Ticks, Track
+from ...errors import CalibrationError
+from ...files.recording.header import Header
+from ...files.recording.kinds import Record
+from ...files.recording.mcap_reader import open_recording
+from ...wire import protocol
+from ...wire.board_messages import Decoder
+from ...wire.framing import FrameSplitter
+
+AFTER_START_S = 0.002  # a frame's start is a step that the control law follows within some ticks
+BEFORE_NEXT_S = 0.001
+_OUTPUT_DELAY_S = 50e-6  # from a tick to its voltage on the plate
+_WRAP_US = 1 << 32
+_FRAME_BYTES = 2048
+_PAUSE_S = 0.05  # between two reports of one touch
+_FEWEST_REPORTS = 10
+_FEWEST_TICKS = 500  # of a second and a half: fewer decide nothing
+
+
+class Frame(NamedTuple):
+    """A reference that was sent: its start on the board's wrapped clock, knots (K,) after it, amplitudes (K, M)."""
+
+    t_apply_us: int
+    offset_s: FloatArray
+    modal_um: ComplexArray
+
+
+class Touched(NamedTuple):
+    """What a recording shows: its header, the board's hello, ticks, and the fingers' tracks."""
+
+    header: Header
+    drive_hz: float
+    ticks: Ticks
+    tracks: tuple[Track, ...]
+
+
+@dataclass(slots=True)
+class _Collected:
+    control_hz: float = 0.0
+    drive_hz: float = 0.0
+    samples: list[TelemetrySample] = field(default_factory=list)
+    drives: list[tuple[int, float]] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    starts: list[tuple[int, int]] = field(default_factory=list)  # of frames, on the board's clock and the host's
+    fingers: dict[int, list[tuple[int, float, float]]] = field(default_factory=dict)
+    _decoder: Decoder = field(default_factory=Decoder)
+    _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(_FRAME_BYTES))
+    _t_pending_us: int | None = None
+
+    def take(self, record: Record) -> None:
+        """Take one record, in their order."""
+        if record.kind == "board_bytes":
+            self._take_board(record.fields["data"])
+        elif record.kind == "written":
+            for message in self._splitter.feed(record.fields["line"]):
+                self._take_written(message)
+        elif record.kind == "pass":
+            self._take_pass(record)
+
+    def _take_board(self, data: bytes) -> None:
+        for message in self._decoder.feed(data):
+            match message:
+                case TelemetrySample():
+                    self.samples.append(message)
+                case BoardStatus():
+                    self.drives.append((message.t_board_us, message.drive_hz))
+                case BoardHello():
+                    if self.control_hz and message.control_hz != self.control_hz:
+                        raise CalibrationError("--recording: two boards took part: record one.")
+                    self.control_hz, self.drive_hz = message.control_hz, message.drive_hz
+
+    def _take_written(self, message: bytes) -> None:
+        if message[0] != protocol.MSG_REFERENCE:
+            return
+        _, t_apply_us, knots, modes = protocol.REFERENCE.unpack_from(message, 1)
+        knot = struct.Struct(f"<H{2 * modes}f")
+        rows = [knot.unpack_from(message, 1 + protocol.REFERENCE.size + index * knot.size) for index in range(knots)]
+        values = np.array(rows)
+        modal_um = values[:, 1::2] + 1j * values[:, 2::2]
+        self.frames.append(Frame(t_apply_us, values[:, 0] * protocol.KNOT_UNIT_NS * 1e-9, modal_um))
+        self._t_pending_us = t_apply_us
+
+    def _take_pass(self, record: Record) -> None:
+        fields = record.fields
+        if self._t_pending_us is not None and "t_apply_ns" in fields:
+            self.starts.append((self._t_pending_us, fields["t_apply_ns"]))
+        self._t_pending_us = None
+        t_sample_ns = record.t_ns - fields["age_ns"]
+        for finger in fields["fingers"]:
+            samples = self.fingers.setdefault(finger["finger_id"], [])
+            if not samples or t_sample_ns > samples[-1][0]:
+                samples.append((t_sample_ns, finger["x_mm"], finger["y_mm"]))
+
+
+def read(path: Path) -> Touched:
+    """Read a recording. Raises HapticdError for one that cannot be calibrated by."""
+    recording = open_recording(path)
+    collected = _Collected()
+    for record in recording.records():
+        collected.take(record)
+    if len(collected.samples) < _FEWEST_TICKS or not collected.control_hz:
+        raise CalibrationError(
+            f"{path}: holds {len(collected.samples)} control ticks of the board, {_FEWEST_TICKS} are needed: set "
+            "record.telemetry_hz = 500, and record from the daemon's start on."
+        )
+    if len(collected.starts) < 2:
+        raise CalibrationError(f"{path}: no reference was sent: touch the plate while a finger has a target.")
+    t_start_ns = recording.header.t_start_ns
+    tracks = tuple(_tracks(collected.fingers.values(), t_start_ns))
+    return Touched(recording.header, collected.drive_hz, _ticks(collected, t_start_ns), tracks)
+
+
+def _tracks(fingers: Iterable[list[tuple[int, float, float]]], t_start_ns: int) -> Iterable[Track]:
+    """Smooth the samples of each touch, in pieces without a pause."""
+    for samples in fingers:
+        t_s = np.array([1e-9 * (t_ns - t_start_ns) for t_ns, _, _ in samples])
+        xy_mm = np.array([place for _, *place in samples])
+        for part in np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(t_s) > _PAUSE_S) + 1):
+            if len(part) >= _FEWEST_REPORTS:
+                yield Track.of(t_s[part], xy_mm[part])
+
+
+def _ticks(collected: _Collected, t_start_ns: int) -> Ticks:
+    """Return the ticks at which the plate follows a reference smoothly."""
+    samples = [one for one in collected.samples if one.state is BoardState.LIVE and not (one.saturated or one.limited)]
+    if not samples:
+        raise CalibrationError("--recording: the plate was never driven within its limits: touch it with targets set.")
+    origin_us = collected.starts[0][0]
+    t_board_s = _unwrapped_s([one.t_board_us for one in samples], origin_us)
+    start_s = _unwrapped_s([frame.t_apply_us for frame in collected.frames], origin_us)
+    frame = np.searchsorted(start_s, t_board_s, side="right") - 1
+    since_s = t_board_s - start_s[np.maximum(frame, 0)]
+    until_s = np.append(start_s, np.inf)[frame + 1] - t_board_s
+    is_smooth = (frame >= 0) & (since_s >= AFTER_START_S) & (until_s >= BEFORE_NEXT_S)
+    chosen = np.flatnonzero(is_smooth)
+    period_s = 1.0 / collected.control_hz
+    middle_s = _OUTPUT_DELAY_S + period_s / 2.0  # of the hold that a tick's voltage begins
+    slope = _slopes(collected.frames, frame[chosen], since_s[chosen], period_s)
+    phasors = _phasors([samples[index] for index in chosen])
+    measured_um, voltage_v, reference_um = phasors
+    return Ticks(
+        t_s=_host_s(collected, t_board_s[chosen], origin_us, t_start_ns) + middle_s,
+        measured_um=measured_um + slope * (middle_s + period_s / 2.0),  # it is the mean over the tick before
+        voltage_v=voltage_v,
+        slope_um_s=slope,
+        behind_um_s=_without((measured_um - reference_um) / period_s, slope),
+        turning_rad_s=2.0 * np.pi * _drive_hz(collected, t_board_s[chosen], origin_us),
+    )
+
+
+def _unwrapped_s(t_us: Iterable[int], origin_us: int) -> FloatArray:
+    """Return seconds since `origin_us` of a wrapped clock that goes on steadily."""
+    delta = (np.array(list(t_us), np.int64) - origin_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2
+    steps = (np.diff(delta) + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2
+    return np.asarray(1e-6 * (delta[0] + np.concatenate(((0,), np.cumsum(steps)))), np.float64)
+
+
+def _slopes(frames: list[Frame], frame: Any, since_s: FloatArray, period_s: float) -> ComplexArray:
+    """Return by how much each tick's reference rises in the next, in um/s."""
+    slope = np.zeros((len(frame), frames[0].modal_um.shape[1]), np.complex128)
+    for index in np.unique(frame):
+        rows = np.flatnonzero(frame == index)
+        for mode in range(slope.shape[1]):
+            values = frames[index].modal_um[:, mode]
+            now, then = (np.interp(since_s[rows] + ahead, frames[index].offset_s, values) for ahead in (0.0, period_s))
+            slope[rows, mode] = (then - now) / period_s
+    return slope
+
+
+def _without(values: ComplexArray, slope: ComplexArray) -> ComplexArray:
+    """Return what is left of each column (T, M) without its share of the slope: a law's lag, which corrects nothing."""
+    share = (slope.conj() * values).sum(axis=0) / np.maximum((np.abs(slope) ** 2).sum(axis=0), 1e-12)
+    return np.asarray(values - share * slope, np.complex128)
+
+
+def _host_s(collected: _Collected, t_board_s: FloatArray, origin_us: int, t_start_ns: int) -> FloatArray:
+    """Return the host's time of instants on the board's clock, as the daemon knew it."""
+    board_s = _unwrapped_s([t_us for t_us, _ in collected.starts], origin_us)
+    host_s = 1e-9 * np.array([t_ns - t_start_ns for _, t_ns in collected.starts])
+    return np.asarray(t_board_s + np.interp(t_board_s, board_s, host_s - board_s), np.float64)
+
+
+def _drive_hz(collected: _Collected, t_board_s: FloatArray, origin_us: int) -> FloatArray:
+    """Return by how much the drive was above that of the hello."""
+    known = [(t_us, drive_hz) for t_us, drive_hz in collected.drives if drive_hz > 0.0]
+    if not known:
+        return np.zeros(len(t_board_s))
+    at_s = _unwrapped_s([t_us for t_us, _ in known], origin_us)
+    return np.interp(t_board_s, at_s, [drive_hz - collected.drive_hz for _, drive_hz in known])
+
+
+def _phasors(samples: list[TelemetrySample]) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return measured amplitudes, voltages and references (T, M)."""
+    values = np.array(
+        [[(mode.measured_um, mode.voltage_v, mode.reference_um) for mode in sample.modes] for sample in samples],
+        np.complex128,
+    )
+    return values[..., 0], values[..., 1], values[..., 2]

@@ -1,0 +1,116 @@
+"""The fit of pad and sensors to touches: what it finds, and that its derivatives are those of its residual."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapticd.design.touch.fit import Free, fit
+from hapticd.design.touch.model import LATENCY, Calibration, Model, State, stepped
+from hapticd.design.touch.observations import ComplexArray, FloatArray, Track
+from hapticd.design.touch.waves import Waves
+
+from .synthetic import WAVE_RAD_MM, Touching, mode_map
+
+NOMINAL = Calibration.nominal(2)
+WRONG = Calibration(
+    pad=np.array((0.4, -0.3, 0.006, 0.002, -0.002, 0.003, 0.0)),
+    sense=np.array(((1.0, 0.03), (-0.02, 0.97 + 0.02j))),
+    waves=np.zeros((2, 0)),
+)
+
+
+def test_pad_latency_and_sensors_are_found_together() -> None:
+    found = fit(Touching(WRONG).windows(), mode_map(), Free(pad=True, sense=True), NOMINAL).calibration
+    away = np.abs(found.pad - WRONG.pad)
+    assert away[:2].max() < 0.02  # mm
+    assert away[2] < np.radians(0.03)
+    assert away[3:5].max() < 1e-3
+    assert away[LATENCY] < 1.0e-3  # the centroid's shift has the rest
+    assert np.abs(found.sense - WRONG.sense).max() < 0.02
+
+
+@pytest.mark.long
+def test_errors_are_within_the_stated_sigma() -> None:
+    ratios = []
+    for seed in range(1, 5):
+        found = fit(Touching(WRONG, seed=seed, seconds=6.0).windows(), mode_map(), Free(pad=True, sense=True), NOMINAL)
+        ratios.append(((found.calibration.pad - WRONG.pad) / found.sigma.pad)[:5])
+    assert 0.3 < float(np.sqrt(np.mean(np.square(ratios)))) < 2.5
+
+
+def test_the_rates_of_the_plate_come_out_of_the_fit() -> None:
+    found = fit(Touching(NOMINAL, seconds=6.0).windows(), mode_map(), Free(), NOMINAL)
+    assert found.rates[0, 0] == pytest.approx(180.0 + 60.0j, rel=0.08)
+    assert found.rates[1, 3] == pytest.approx(7.5j, rel=0.08)
+
+
+def test_loads_that_change_with_the_force_are_followed() -> None:
+    windows = Touching(NOMINAL, seconds=6.0, fingers=1, noise_um_s=0.3, noise_mm=0.005).windows()
+    found = fit(windows, mode_map(), Free(), NOMINAL)
+    expected = 100.0 * (1.0 + 0.3 * np.sin(2.0 * np.pi * 0.8 * (windows.start_s + 0.01)))
+    assert np.median(np.abs(found.loads[:, 0] - expected)) < 6.0
+
+
+@pytest.fixture(scope="module")
+def linearised() -> tuple[Model, State]:
+    modes = mode_map()
+    windows = Touching(WRONG, seconds=1.0).windows()
+    waves = Waves(modes, WAVE_RAD_MM)
+    model = Model(windows, modes, WRONG, waves)
+    rng = np.random.default_rng(5)
+    lacking = 0.01 * rng.standard_normal((2, len(waves)))
+    loads = 100.0 + 10.0 * rng.standard_normal(windows.track.shape) + 5j
+    rates = np.zeros((2, model.terms.shape[-1]), np.complex128)
+    return model, State(replace(WRONG, waves=lacking), rates, loads)
+
+
+def slope_along(model: Model, state: State, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> ComplexArray:
+    """The residual's slope along a step, by central differences."""
+    ends = []
+    for sign in (1.0, -1.0):
+        found = stepped(state.calibration, sign * pad, sign * sense, sign * waves)
+        ends.append(model.residual(replace(state, calibration=found)))
+    return np.asarray((ends[0] - ends[1]) / 2.0, np.complex128)
+
+
+@pytest.mark.parametrize("place", range(7))
+def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Model, State], place: int) -> None:
+    model, state = linearised
+    found = replace(state.calibration, waves=np.zeros_like(state.calibration.waves))  # their slope is left out
+    state = replace(state, calibration=found)
+    step = np.zeros(7)
+    step[place] = 1e-5
+    point = model.at(state, slice(None), has_waves=True)
+    numeric = slope_along(model, state, step, np.zeros(0, np.complex128), np.zeros(0)) / 1e-5
+    scale = np.abs(numeric).max()
+    # The latency's is by the smoothed velocity, which is not quite the slope of the interpolated positions.
+    assert np.abs(numeric - point.by_pad[..., place]).max() < (0.02 if place == LATENCY else 1e-4) * scale
+
+
+def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tuple[Model, State]) -> None:
+    model, state = linearised
+    point = model.at(state, slice(None), has_waves=True)
+    rng = np.random.default_rng(6)
+    sense = 1e-5 * (rng.standard_normal(3) + 1j * rng.standard_normal(3))
+    waves = 1e-5 * rng.standard_normal(state.calibration.waves.shape)
+    numeric = slope_along(model, state, np.zeros(7), sense, waves)
+    analytic = point.by_sense @ sense + point.by_waves @ waves.ravel()
+    assert np.abs(numeric - analytic).max() < 1e-4 * np.abs(numeric).max()
+
+
+def test_a_track_is_smoothed_without_a_lag() -> None:
+    t_s = np.arange(0.0, 2.0, 0.011)
+    truth_mm = np.stack((40.0 * np.sin(3.0 * t_s), 30.0 * np.cos(4.0 * t_s)), axis=-1)
+    noisy_mm = truth_mm + 0.05 * np.random.default_rng(1).standard_normal(truth_mm.shape)
+    track = Track.of(t_s, noisy_mm)
+    between_s = t_s[5:-6] + 0.004
+    position, velocity = track.at(between_s)
+    expected = np.stack((40.0 * np.sin(3.0 * between_s), 30.0 * np.cos(4.0 * between_s)), axis=-1)
+    slope = np.stack((120.0 * np.cos(3.0 * between_s), -120.0 * np.sin(4.0 * between_s)), axis=-1)
+    assert np.sqrt(np.mean((position - expected) ** 2)) < 0.04
+    assert np.abs(np.mean((position - expected) * slope) / np.mean(slope**2)) < 2e-4  # s
+    assert np.sqrt(np.mean((velocity - slope) ** 2)) < 4.0
+    assert np.isnan(track.at(np.array((-0.1, 2.1)))[0]).all()

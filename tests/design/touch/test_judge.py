@@ -1,0 +1,84 @@
+"""The verdict of a self-calibration: what it adopts, and when it must say that it does not know."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from hapticd.design.touch.judge import calibrate
+from hapticd.design.touch.model import Calibration
+from hapticd.design.touch.observations import Ticks, Windows, in_windows
+
+from .synthetic import Touching, mode_map
+from .test_fit import NOMINAL, WRONG
+
+
+def is_nominal(found: Calibration) -> bool:
+    return not found.pad.any() and np.array_equal(found.sense, np.eye(2)) and not found.waves.any()
+
+
+def test_what_held_out_touches_confirm_is_adopted() -> None:
+    judged = calibrate(Touching(WRONG, seconds=8.0).windows(), mode_map())
+    assert judged.refusal == ""
+    assert np.abs(judged.calibration.pad - WRONG.pad)[:2].max() < 0.02
+    assert judged.latency_s == pytest.approx(3e-3, abs=0.3e-3)
+    assert judged.gain_frac > 0.1
+    assert "map needs" in judged.map_refusal
+
+
+def test_a_plate_that_is_as_calibrated_stays_as_it_is() -> None:
+    judged = calibrate(Touching(NOMINAL, seconds=8.0).windows(), mode_map())
+    assert "confirm no change" in judged.refusal
+    assert is_nominal(judged.calibration)
+
+
+def test_a_finger_at_rest_tells_nothing() -> None:
+    judged = calibrate(Touching(WRONG, seconds=6.0, at_rest=True, fingers=1).windows(), mode_map())
+    assert "node lines" in judged.refusal
+    assert is_nominal(judged.calibration)
+
+
+def test_a_short_touch_tells_nothing() -> None:
+    judged = calibrate(Touching(WRONG, seconds=3.0).windows(), mode_map())
+    assert judged.refusal.startswith("Only 3")
+    assert is_nominal(judged.calibration)
+
+
+def test_no_touch_at_all_is_refused() -> None:
+    windows = Touching(WRONG, seconds=3.0).windows()
+    assert "Only 0.0 s" in calibrate(windows.part(np.zeros(len(windows), bool)), mode_map()).refusal
+
+
+@pytest.mark.long
+def test_loads_that_no_position_explains_are_not_adopted() -> None:
+    windows = Touching(WRONG, seconds=8.0).windows()
+    rng = np.random.default_rng(3)
+    judged = calibrate(shuffled(windows, rng.permutation(len(windows))), mode_map())
+    assert judged.refusal
+    assert is_nominal(judged.calibration)
+
+
+def shuffled(windows: Windows, order: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Windows:
+    """The same windows with the instants, and so the positions, of others."""
+    return replace(windows, t_s=windows.t_s[order])
+
+
+def test_windows_hold_the_same_fingers_throughout() -> None:
+    windows = Touching(WRONG, seconds=3.0).windows()
+    cut = with_a_late_finger(windows)
+    assert {tuple(row) for row in cut.track.tolist()} == {(0, -1), (0, 1)}
+    position, _ = cut.fingers_mm()
+    down = np.isfinite(position[..., 0]).all(axis=1)
+    assert np.array_equal(down, cut.track >= 0)
+
+
+def with_a_late_finger(windows: Windows) -> Windows:
+    """The windows of the same ticks while the second finger is down from the middle on."""
+    first, second = windows.tracks
+    late = second.t_s > 1.5
+    part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
+    used = windows.is_used
+    ticks = Ticks(**{one.name: getattr(windows, one.name)[used] for one in fields(Ticks)})
+    return in_windows(ticks, [first, part], 0.01)

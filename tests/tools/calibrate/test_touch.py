@@ -1,0 +1,152 @@
+"""`hapticd calibrate touch`: from a recording to a verdict, a picture, and settings that mend what was wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.board_values import ModeCalibration
+from hapticd.config import loader as config_loader
+from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon.settings import plate_from_pad
+from hapticd.design.touch.judge import Judged
+from hapticd.design.touch.model import Calibration
+from hapticd.design.touch.waves import Waves
+from hapticd.files import calibration as calibration_file
+from hapticd.sim import lockstep
+from hapticd.sim.lockstep import Settings
+from hapticd.tools.calibrate import folder, touch
+from hapticd.tools.calibrate.touch_recording import read
+from hapticd.tools.record import simulated
+
+MISPLACED = TrackpadConfig(offset_mm=(0.4, -0.3), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms
+
+
+def played(pad: TrackpadConfig, telemetry_hz: int = 500) -> Settings:
+    return Settings(config=Config(trackpad=pad, record=RecordConfig(telemetry_hz=telemetry_hz)))
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[TrackpadConfig, int, float], Path]:
+    """Return a recording of strokes, without the ground truth."""
+
+    @cache
+    def make(pad: TrackpadConfig, telemetry_hz: int, seconds: float) -> Path:
+        path = tmp_path_factory.mktemp("touch") / "session.mcap"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(simulated, "_put_truth", lambda *_: None)
+            simulated.run("strokes", path, settings=played(pad, telemetry_hz), seed=1, seconds=seconds)
+        return path
+
+    return make
+
+
+def test_a_recording_has_ticks_and_fingers_on_one_clock(
+    recorded: Callable[[TrackpadConfig, int, float], Path],
+) -> None:
+    touched = read(recorded(TrackpadConfig(), 500, 2.5))
+    assert 500 < len(touched.ticks.t_s) < 1250
+    assert len(touched.tracks) == 2
+    assert 0.0 < touched.ticks.t_s[0] < touched.ticks.t_s[-1] < 2.5
+    assert np.all(np.diff(touched.ticks.t_s) > 0.0)
+    # These ticks are away from the steps between references, so the plate is where they are.
+    assert np.median(np.abs(touched.ticks.behind_um_s)) * 5e-4 < 0.01  # um
+
+
+def test_a_recording_without_control_ticks_is_refused(
+    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recorded(TrackpadConfig(), 0, 1.0)
+    assert main(["calibrate", "touch", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "set record.telemetry_hz = 500" in capsys.readouterr().err
+
+
+def test_a_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "touch", str(tmp_path / "none.mcap"), "--out", str(tmp_path / "out")]) == 2
+    assert "there is no file" in capsys.readouterr().err
+
+
+def test_a_short_recording_is_refused_and_changes_no_setting(
+    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["calibrate", "touch", str(recorded(MISPLACED, 500, 2.5)), "--out", str(out)]) == 1
+    assert "Nothing is adopted. Only" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {"hapticd.toml", "touch.json", "touch.png"}
+    assert folder.merged(folder.load(out).values()) == {}
+
+
+def judged(found: Calibration, waves: Waves | None = None) -> Judged:
+    """A calibration that is adopted."""
+    nothing = Calibration.nominal(2)
+    return Judged(found, found, nothing, 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
+
+
+def test_what_is_adopted_is_written_as_the_service_loads_it(
+    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
+) -> None:
+    turned = TrackpadConfig(offset_mm=(2.0, -1.0), rotation_deg=90.0, scale=(1.01, 0.99), latency_ms=12.0)
+    touched = read(recorded(turned, 500, 2.5))
+    before = [ModeCalibration(mode, 29195.0 + 20.0 * mode, 500.0, 7.5, 0.1) for mode in range(2)]
+    before[1] = replace(before[1], sense=(0.01 + 0.0j, 1.02 + 0.0j))
+    touched = touched._replace(header=replace(touched.header, calibration=tuple(before)))
+    waves = Waves(touched.header.modes, 0.23)
+    pad = np.array((0.3, -0.2, 0.004, 0.002, -0.001, 0.0015, 0.0))
+    sense = np.array(((1.0, 0.02j), (-0.01, 0.97)))
+    lacking = np.zeros((2, len(waves)))
+    lacking[1, 3] = 0.02
+    found = judged(Calibration(pad, sense, lacking), waves)
+
+    settings = touch.saved(touched, found, tmp_path)
+
+    (tmp_path / "hapticd.toml").write_text(folder.as_toml(settings))
+    config = config_loader.load(tmp_path / "hapticd.toml")
+    matrix, offset_mm = found.calibration.affine
+    moved_mm = matrix @ plate_from_pad(Config(trackpad=turned)).apply(30.0, -20.0) + offset_mm
+    assert plate_from_pad(config).apply(30.0, -20.0) == pytest.approx(moved_mm, abs=1e-3)
+    assert config.trackpad.latency_ms == pytest.approx(13.5)
+    loaded = calibration_file.load(tmp_path / "touch-calibration.toml", 2)
+    weights = np.array([one.sense for one in loaded])
+    assert np.allclose(weights, sense @ ((1.0, 0.0), (0.01, 1.02)), atol=1e-5)
+    assert [one.gain_um_per_v_s for one in loaded] == [7.5, 7.5]
+    change = ModeShapes.load(tmp_path / "touch-modes.npz").shapes - touched.header.modes.shapes
+    assert not change[0].any()
+    assert np.sqrt(np.mean(change[1] ** 2)) == pytest.approx(0.02, rel=0.2)
+
+
+def test_without_a_calibration_of_the_modes_no_board_gets_one(
+    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
+) -> None:
+    touched = read(recorded(TrackpadConfig(), 500, 2.5))
+    settings = touch.saved(touched, judged(Calibration.nominal(2)), tmp_path)
+    assert set(settings) == {"trackpad"}
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.long
+def test_a_misplaced_pad_is_mended_by_ten_seconds_of_strokes(
+    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = recorded(MISPLACED, 500, 12.0), tmp_path / "out"
+    before = path.read_bytes()
+    assert main(["calibrate", "touch", str(path), "--out", str(out)]) == 0
+    assert "touch: PASS: Adopted: pad." in capsys.readouterr().out
+    assert path.read_bytes() == before
+    found = config_loader.load(out / "hapticd.toml").trackpad
+    assert np.allclose(found.offset_mm, 0.0, atol=0.05)
+    assert found.latency_ms == pytest.approx(10.0, abs=1.0)
+    assert np.allclose(found.matrix, (1.0, 0.0, 0.0, 1.0), atol=2e-3)
+    mended = replace(found, source="sim")
+    leaks = [
+        lockstep.run("strokes", settings=played(pad, 0), seed=11, seconds=4.0).score.leak_um
+        for pad in (TrackpadConfig(), MISPLACED, mended)
+    ]
+    assert leaks[1] > 2.0 * leaks[0]
+    assert leaks[2] < 1.1 * leaks[0]
