@@ -81,7 +81,12 @@ class TrackpadConfig:
         high=2,
     )
     latency_ms: float = key(10.0, "delay from the finger's position to its report", low=0, high=50)
-    silence_ms: float = key(40.0, "fingers count as lifted after this time without a report", low=15, high=1000)
+    silence_ms: float = key(
+        40.0,
+        "fingers count as lifted after this time without a report, of a slow pad after 3.5 periods",
+        low=15,
+        high=1000,
+    )
 
 
 # Lag of the plate behind moving references under each law, measured: `hapticd bench firmware`, table tracking.
