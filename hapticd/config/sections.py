@@ -117,7 +117,9 @@ class LimitsConfig:
     """Amplitude limits of the amplifiers, applied here and again by the firmware."""
 
     w_limit_um: tuple[float, ...] = key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
-    headroom_frac: float = key(0.02, "share of each limit kept free for overshoot", low=0, high=0.5)
+    headroom_frac: float = key(
+        0.05, "share of each limit kept free for overshoot and for errors of the sensors' gains", low=0, high=0.5
+    )
 
     @property
     def reference_limit_um(self) -> tuple[float, ...]:

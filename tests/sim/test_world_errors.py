@@ -208,3 +208,10 @@ def test_perfect_knowledge_and_the_paper_play_in_the_same_world() -> None:
     played = lockstep.run("strokes", settings=replace(settings), seconds=0.8)
     assert lockstep.paper(played.settings).plate.world == settings.plate.world
     assert lockstep.perfect(played).score.leak_um < 0.1 * played.score.leak_um
+
+
+def test_the_plate_keeps_to_its_limit_in_truth_where_sensors_show_three_percent_too_little() -> None:
+    settings = lockstep.in_world(Settings(), WorldErrors(sensors=SensorErrors((-0.03, -0.03))))
+    played = lockstep.run("both-slip", settings=settings, seconds=0.7)
+    assert played.score.largest_reference_um == pytest.approx(settings.config.limits.reference_limit_um[0], rel=1e-3)
+    assert np.abs(played.modal_um).max() < settings.plate.w_limit_um
