@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 
 from hapticd.bench import worlds
 from hapticd.bench.tables import Table
+from hapticd.config.sections import Config, PredictionConfig
+from hapticd.sim import lockstep
 from hapticd.sim.lockstep import Settings
 from hapticd.sim.world_errors import CAUSES
 
@@ -50,3 +55,16 @@ def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, 
 def test_processes_give_what_one_process_gives() -> None:
     jobs = {("mild", seed): (Settings(), "mild", seed, SECONDS, False) for seed in (1, 2)}
     assert worlds.played(jobs, workers=2) == worlds.played(jobs, workers=1)
+
+
+def strokes_leak_um(**errors: Any) -> float:
+    return lockstep.run("strokes", settings=Settings(**errors), seconds=6.0).score.leak_um
+
+
+def test_stamps_that_jitter_by_3_ms_cost_a_tenth_at_most() -> None:
+    assert strokes_leak_um(stamp_jitter_ms=3.0) < 1.1 * strokes_leak_um()
+
+
+def test_noise_four_times_the_expected_costs_a_fifth_more_than_if_it_were_configured() -> None:
+    known = replace(Config(), prediction=PredictionConfig(noise_mm=0.2))
+    assert strokes_leak_um(noise_mm=0.2) < 1.2 * strokes_leak_um(noise_mm=0.2, config=known)
