@@ -114,7 +114,7 @@ def fit_scan(
 ) -> CartographyFit:
     """Fit `readings` (N, M), real or complex, at `points_mm` (N, 2) anywhere on the plate, in any order.
 
-    Needs at least 64 points, about four to a wavelength in either direction; the rest as in `fit_cartography`.
+    Needs at least 64 points, three to a wavelength in either direction; the rest as in `fit_cartography`.
     """
     points, data = np.asarray(points_mm, np.float64), numbers(readings)
     if points.ndim != 2 or points.shape[1] != 2 or data.ndim != 2 or len(points) != len(data):
