@@ -168,6 +168,21 @@ def test_a_played_scenario_gives_figures_and_arrays(tmp_path: Path, capsys: pyte
         assert arrays["truth_um"].shape == (1600, 2)
 
 
+def test_a_world_is_drawn_or_comes_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    world, arguments = tmp_path / "world.json", ("simulate", "rest", "--seconds", "0.1", "--alone", "--json", "-")
+    _, drawn, _ = outcome(capsys, *arguments, "--world", "mild", "--seed", "3")
+    world.write_text(json.dumps(json.loads(drawn)["world"]))
+    _, read, _ = outcome(capsys, *arguments, "--world", str(world), "--seed", "3")
+    assert json.loads(read) == json.loads(drawn)
+    code, _, complaint = outcome(capsys, *arguments, "--world", "moon")
+    assert code == 2
+    assert "mild, laboratory, worst, or a JSON file" in complaint
+    world.write_text("{")
+    code, _, complaint = outcome(capsys, *arguments, "--world", str(world))
+    assert code == 2
+    assert complaint.count("\n") == 1
+
+
 def test_an_unknown_scenario_names_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "simulate", "dance")
     assert code == 2

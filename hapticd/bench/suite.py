@@ -33,6 +33,7 @@ from . import (
     stability,
     tick,
     traces,
+    worlds,
 )
 from .tables import Table, plain, render
 
@@ -41,13 +42,14 @@ __all__ = ["PARTS", "run"]
 
 class Extent(NamedTuple):
     """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours or real
-    seconds of the soak; and the recorded touches for predictions."""
+    seconds of the soak; the recorded touches for predictions; and the laboratories of each kind."""
 
     seconds: float
     steps: int
     hours: float = 1.0
     real_time_s: float | None = None
     touches: list[Trace] | None = None
+    worlds: int = worlds.WORLDS
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
@@ -67,6 +69,7 @@ PARTS: dict[str, Part] = {
         leak.contact_conditions(),
         leak_budget.run(),
     ),
+    "worlds": lambda extent: worlds.run(worlds=extent.worlds),
     "firmware": lambda _: firmware.run(),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
@@ -85,6 +88,7 @@ def run(
     real_time_s: float | None = None,
     traces_file: Path | None = None,
     recording: Path | None = None,
+    worlds_count: int = worlds.WORLDS,
 ) -> None:
     """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON and the
     picture if requested.
@@ -96,7 +100,7 @@ def run(
     found: list[Table] = []
     touches = traces.load(traces_file) if traces_file is not None else None
     touches = recorded(recording) if recording is not None else touches
-    for name, tables in _results(minutes, Extent(seconds, steps, hours, real_time_s, touches)):
+    for name, tables in _results(minutes, Extent(seconds, steps, hours, real_time_s, touches, worlds_count)):
         figures[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)

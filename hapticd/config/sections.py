@@ -81,7 +81,12 @@ class TrackpadConfig:
         high=2,
     )
     latency_ms: float = key(10.0, "delay from the finger's position to its report", low=0, high=50)
-    silence_ms: float = key(40.0, "fingers count as lifted after this time without a report", low=15, high=1000)
+    silence_ms: float = key(
+        40.0,
+        "fingers count as lifted after this time without a report, of a slow pad after 3.5 periods",
+        low=15,
+        high=1000,
+    )
 
 
 # Lag of the plate behind moving references under each law, measured: `hapticd bench firmware`, table tracking.
@@ -112,7 +117,9 @@ class LimitsConfig:
     """Amplitude limits of the amplifiers, applied here and again by the firmware."""
 
     w_limit_um: tuple[float, ...] = key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
-    headroom_frac: float = key(0.02, "share of each limit kept free for overshoot", low=0, high=0.5)
+    headroom_frac: float = key(
+        0.05, "share of each limit kept free for overshoot and for errors of the sensors' gains", low=0, high=0.5
+    )
 
     @property
     def reference_limit_um(self) -> tuple[float, ...]:

@@ -34,18 +34,16 @@ from .free_fit import FreeFit, FreePlateModes
 from .legendre import FloatArray
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
-from .smoothing import PlateBasis, ScatteredData, Smoothed, plate_equation, third_derivatives
+from .smoothing import PlateBasis, Smoothed
+from .wave_number import Start, plate_wave, scattered, wave_number
+from .wave_number import start as _start
 
 REFERENCE_SIZE_MM = (137.5, 137.5)
 FITS = ("best", "plate_equation", "free_plate")
 
-_MAX_DEGREE = 40  # per axis: 861 products, a second of work; enough for seven wavelengths across the plate
-_SMOOTHING = 1e-3  # share of the third derivatives; from 1e-4 to 1e-2 the map's error changes by a sixth
-_START_WAVE_RAD_MM = 0.1  # only sets the scale of the weights in the first fit
 _MOST_THEORY_RAD = (
     66.0  # k times the longer edge, twice the reference plate's: theory's run time grows as its 6th power
 )
-_WAVES_FROM = 0.8  # central share of the plate over which the wave number is estimated: clear of the edges
 _FINER = 4  # the peak is searched in steps this much smaller than the map's: 0.1 % at worst
 _MOST_ROUNDS = 5  # of outlier removal; two usually suffice
 
@@ -116,7 +114,7 @@ def fit_scan(
 ) -> CartographyFit:
     """Fit `readings` (N, M), real or complex, at `points_mm` (N, 2) anywhere on the plate, in any order.
 
-    Needs at least 64 points, about four to a wavelength in either direction; the rest as in `fit_cartography`.
+    Needs at least 64 points, three to a wavelength in either direction; the rest as in `fit_cartography`.
     """
     points, data = np.asarray(points_mm, np.float64), numbers(readings)
     if points.ndim != 2 or points.shape[1] != 2 or data.ndim != 2 or len(points) != len(data):
@@ -141,11 +139,9 @@ def _fitted(
         raise ValueError(f"there is no fit by {by!r}; give one of {', '.join(FITS)}.")
     require_scan(points_mm, readings, lines, size_mm)
     require_step(step_mm)
-    basis = PlateBasis(
-        (min(lines[0] - 1, _MAX_DEGREE), min(lines[1] - 1, _MAX_DEGREE)), (size_mm[0] / 2.0, size_mm[1] / 2.0)
-    )
     whole = np.isfinite(readings).all(axis=1)
-    kept, best = _without_outliers(basis, points_mm[whole], readings[whole], by)
+    start = _start(points_mm[whole], readings[whole], lines, size_mm)
+    kept, best = _without_outliers(start, points_mm[whole], readings[whole], by)
     fit = best.fit
 
     map_x_mm, map_y_mm = _map_axis(size_mm[0], step_mm), _map_axis(size_mm[1], step_mm)
@@ -181,11 +177,11 @@ class _Best(NamedTuple):
     pose: Pose
 
 
-def _without_outliers(basis: PlateBasis, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
+def _without_outliers(start: Start, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
     """Return the readings without outliers, and their fit."""
     for _ in range(_MOST_ROUNDS):
         aligned = in_phase(readings)
-        best = _fit(basis, points_mm, aligned.values, by)
+        best = _fit(start, points_mm, aligned.values, by)
         lost = outliers(aligned.values, best.fit.residual)
         if not lost.any():
             break
@@ -195,14 +191,14 @@ def _without_outliers(basis: PlateBasis, points_mm: FloatArray, readings: Readin
     return aligned, best
 
 
-def _fit(basis: PlateBasis, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
+def _fit(start: Start, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
     """Return the fit named `by`; "best" is the one with the smaller prediction error."""
-    on_plate = np.clip(points_mm, -np.array(basis.half_mm), basis.half_mm)
-    scan = ScatteredData(basis, on_plate[:, 0], on_plate[:, 1], values)
-    wave_rad_mm = _wave_number(basis, scan)
+    basis = start.basis
+    scan = scattered(basis, points_mm, values)
+    wave_rad_mm = wave_number(basis, scan) if start.wave_rad_mm is None else start.wave_rad_mm
     found = []
     if by != "free_plate":
-        smooth = scan.smooth(plate_equation(basis, wave_rad_mm) + _SMOOTHING * third_derivatives(basis, wave_rad_mm))
+        smooth = scan.smooth(plate_wave(basis, wave_rad_mm))
         found.append(_Best(basis, smooth, wave_rad_mm, NOMINAL))
     if by != "plate_equation" and (free := _free_plate_fit(basis, wave_rad_mm, points_mm, values)) is not None:
         modes, (fit, pose) = free
@@ -226,18 +222,6 @@ def _free_plate_fit(
     if not 0 < len(modes) < len(values) // 4:
         return None
     return modes, modes.fit(points_mm, values)
-
-
-def _wave_number(basis: PlateBasis, scan: ScatteredData) -> float:
-    """Return k in rad/mm with lap w = -k^2 w, by regression over a smoothed fit of all modes."""
-    surfaces = scan.smooth(third_derivatives(basis, _START_WAVE_RAD_MM)).coefficients
-    x_mm, y_mm = (half_mm * np.linspace(-_WAVES_FROM, _WAVES_FROM, 41) for half_mm in basis.half_mm)
-    shape = basis.on_grid(surfaces, x_mm, y_mm)
-    laplacian = basis.on_grid(surfaces, x_mm, y_mm, (2, 0)) + basis.on_grid(surfaces, x_mm, y_mm, (0, 2))
-    square = -float(np.vdot(shape, laplacian)) / float(np.vdot(shape, shape))
-    if not 0.0 < square < math.inf:
-        raise ModesError("the scan shows no plate wave; check its units, or measure the modes again.")
-    return math.sqrt(square)
 
 
 def _map_axis(edge_mm: float, step_mm: float) -> FloatArray:

@@ -20,7 +20,7 @@ def sample_cartography(
     modes: Sequence[ModeShape],
     step_mm: float = 4.5,
     noise_frac: float = 0.02,
-    seed: int = 1,
+    seed: int | tuple[int, ...] = 1,
     missing_frac: float = 0.0,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a scan on a grid: `x_mm` (nx,), `y_mm` (ny,), shapes (M, ny, nx) with noise and NaN.

@@ -3,8 +3,8 @@
 Events (a report arrives, bytes reach the board or the host, a timer is due) are in one queue; between them the board's
 firmware and the plate run tick by tick. The daemon's part is `machine.Machine`, as in the service.
 
-Idealised: the daemon's run time is constant, clocks do not drift, and the link loses nothing and has the same delay in
-both directions (half of any difference would shift the board's clock undetected).
+Idealised: the daemon's run time is constant, clocks do not drift, and the link loses nothing and has the same mean
+delay in both directions (half of any difference would shift the board's clock undetected).
 """
 
 from __future__ import annotations
@@ -31,11 +31,13 @@ from ..values import RawReport
 from .active_reference import Passes
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
-from .fingers.sensor import SensorModel, SensorSettings
+from .fingers.sensor import SensorModel
 from .plate.glasses import GLASSES
 from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score, with_contacts
 from .world import World
+from .world_causes import JitteryLink, played_actors, sensed_paths, sensor_settings
+from .world_errors import WorldErrors
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
@@ -48,7 +50,7 @@ _NOT_NEGATIVE = ("noise_mm", "stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of a simulated run; those of the daemon are in `config`."""
+    """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`."""
 
     scheme: str = "hapticd"
     speed_mm_s: float = SPEED_MM_S
@@ -191,7 +193,7 @@ class Simulation:
     def __init__(self, actors: tuple[Actor, ...], settings: Settings, seed: int) -> None:
         self.settings = settings
         self.seed = seed
-        self.actors = actors
+        self.actors = actors = played_actors(actors, settings.plate.world)
         self._config = scheme_config(settings)
         plate = GroundTruth(settings.plate)
         self.world = World(
@@ -206,7 +208,8 @@ class Simulation:
         self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(
-            SensorSettings(
+            sensor_settings(
+                settings.plate.world,
                 model=self.machine.trackpad.model,
                 period_s=settings.report_period_ms * 1e-3,
                 latency_s=settings.sensor_latency_ms * 1e-3,
@@ -215,6 +218,7 @@ class Simulation:
             ),
             seed,
         )
+        self._link = JitteryLink(settings.link_ms, settings.plate.world.link_jitter_ms, seed)
         self._events: list[tuple[int, int, str, bytes]] = []
         self._pushed = 0
         self._t_ns = T_START_NS
@@ -225,7 +229,7 @@ class Simulation:
     def run(self, seconds: float, progress: Callable[[float], None] = lambda _: None) -> None:
         """Run from the start for `seconds`."""
         t_end_ns = T_START_NS + round(seconds * 1e9)
-        paths = [actor.path for actor in self.actors if actor.path is not None]
+        paths = sensed_paths(paths_of(self.actors), self.settings.plate.world)
         for report in self._sensor.reports(paths, seconds):
             self._push(T_START_NS + round(report.t_arrive_s * 1e9), "report", report.data)
         for t_ns in range(T_START_NS, t_end_ns, TIMER_NS):
@@ -235,9 +239,7 @@ class Simulation:
         while self._events and self._events[0][0] <= t_end_ns:
             output = self.world.advance((self._events[0][0] - T_START_NS) * 1e-9)
             if output:
-                self._push(
-                    T_START_NS + round(self.world.t_s * 1e9) + round(self.settings.link_ms * 1e6), "host", output
-                )
+                self._push(self._link.to_host_ns(T_START_NS + round(self.world.t_s * 1e9)), "host", output)
                 continue
             t_ns, _, kind, data = heapq.heappop(self._events)
             self._t_ns = t_ns
@@ -283,7 +285,7 @@ class Simulation:
         return Machine(self._config, self.modes, write_board=self._to_board, parasitic_modes=self.parasitic_modes)
 
     def _to_board(self, data: bytes) -> int:
-        self._push(self._t_ns + round(self.settings.link_ms * 1e6), "board", data)
+        self._push(self._link.to_board_ns(self._t_ns), "board", data)
         return self._t_ns
 
     def _push(self, t_ns: int, kind: str, data: bytes) -> None:
@@ -369,6 +371,11 @@ def scheme_config(settings: Settings) -> Config:
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))
+
+
+def in_world(settings: Settings, world: WorldErrors) -> Settings:
+    """Return the same settings in another world."""
+    return replace(settings, plate=replace(settings.plate, world=world))
 
 
 def paper(played: Settings) -> Settings:

@@ -116,7 +116,11 @@ class World:
                 self._previous = self._state_at(self._done - 1)
                 self._start_chunk()
             ticks = min(due - self.ticks, self._chunk_ticks - self._done)
-            ran = self.board.run(ticks, self._phi, self._decay_1_s, self._trace, self._done, stop_on_transmit=True)
+            ran = self.board.run(
+                *(ticks, self._phi, self._decay_1_s, self._trace, self._done),
+                contact_detuning_rad_s=self._detuning_rad_s,
+                stop_on_transmit=True,
+            )
             self._done += ran
             self.ticks += ran
             output = self.board.transmit()
@@ -151,17 +155,28 @@ class World:
         fingers_mm, trace = self._kept[-1]
         return fingers_mm[tick], trace.plate_um[tick]
 
+    def _finger_loads(
+        self, t_s: npt.NDArray[np.float64], fingers: npt.NDArray[np.intp], touching: npt.NDArray[np.bool_]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]:
+        """Return decay rate and detuning (T, F) that these fingers add; no array if none detunes."""
+        loads = np.zeros((2, len(t_s), len(fingers)))
+        for column, finger in enumerate(fingers.tolist()):
+            loads[:, :, column] = self.plate.finger_load(t_s, finger)
+        decay_1_s, detuning_rad_s = np.where(touching[:, fingers], loads, 0.0)
+        return decay_1_s, detuning_rad_s if self.plate.finger_detuning_rad_s else None
+
     def _start_chunk(self) -> None:
         ticks = self._chunk_ticks
         t_s = (self.ticks + np.arange(ticks) + 1) / CONTROL_HZ
         fingers_mm = np.full((ticks, len(self._paths), 2), np.nan)
         for index, path in enumerate(self._paths):
             fingers_mm[:, index] = path.position_mm(t_s)
-        near = np.ascontiguousarray(
-            fingers_mm[:, np.isfinite(fingers_mm[..., 0]).any(axis=0)]
-        )  # lifted fingers have no effect
-        self._phi = np.ascontiguousarray(self.plate.shapes(near))
-        self._decay_1_s = np.where(np.isfinite(near[..., 0]), self.plate.finger_decay_1_s, 0.0)
+        touching = np.isfinite(fingers_mm[..., 0])
+        kept = np.flatnonzero(touching.any(axis=0))  # lifted fingers have no effect
+        self._phi = np.ascontiguousarray(self.plate.shapes(fingers_mm[:, kept]))
+        self._decay_1_s, self._detuning_rad_s = self._finger_loads(t_s, kept, touching)
+        if any(self.plate.settings.world.drift_hz):
+            self.board.detune(self.plate.drifted_rad_s(self.t_s))
         self._trace = BoardTrace(ticks, len(self.plate.sensor), len(self.plate.decay_1_s))
         self._done = 0
         if not self._keep:

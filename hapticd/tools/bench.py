@@ -29,12 +29,14 @@ PARTS = {
     "recording": Part("what a recording costs the service", 0.5, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
+    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "soak": Part("an hour of virtual time with 2000 faults", 7.0, has_picture=False),
 }
-APART = ("soak",)  # not part of `all`: it compares nothing
+APART = ("soak", "worlds")  # not part of `all`: the one compares nothing, the other takes longer than all
 ALL = "all"
 RUNS = 3  # of the soak in real time
+WORLDS = 50  # as bench.worlds, which takes a second to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--steps", type=whole(0, MOST_STEPS), default=10_000_000, help="stability: of the walk (default 10000000)"
     )
     parser.add_argument("--hours", type=number(0.0, is_above=True), default=1.0, help="soak: virtual time (default 1)")
+    parser.add_argument(
+        "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"
+    )
     parser.add_argument(
         "--real-time",
         type=number(0.0, is_above=True),
@@ -95,12 +100,15 @@ def _bench(options: argparse.Namespace) -> None:
         real_time_s=options.real_time,
         traces_file=options.traces,
         recording=options.recording,
+        worlds_count=options.worlds,
         json_file=options.json,
         plot=options.plot,
     )
 
 
 def _minutes(name: str, options: argparse.Namespace) -> float:
+    if name == "worlds":
+        return float(PARTS[name].minutes * options.worlds / WORLDS)
     if name != "soak":
         return PARTS[name].minutes
     return float(PARTS[name].minutes * options.hours if options.real_time is None else RUNS * options.real_time / 60.0)

@@ -7,16 +7,23 @@ import contextlib
 import json
 import sys
 import time
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..errors import UsageError
+from ..errors import UsageError, reason
 from ..files import outputs
+from ..regular_file import read_bounded
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import GLASSES
 from . import glass
 from .arguments import number, whole
 from .progress import Progress
 
+if TYPE_CHECKING:
+    from ..sim.world_errors import WorldErrors
+
+WORLD_BYTES = 1 << 20
 LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 
 
@@ -40,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--noise", type=number(0.0), default=0.05, metavar="MM", help="of the sensor (default 0.05)")
     glass.add_arguments(parser)
     parser.add_argument(
+        "--world",
+        metavar="WORLD",
+        help="what is wrong: one of mild, laboratory and worst, drawn by --seed, or a JSON file of your own "
+        "(hapticd/sim/README.md; default: nothing)",
+    )
+    parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )
     outputs.add_json(parser)
@@ -56,7 +69,7 @@ def _simulate(options: argparse.Namespace) -> None:
     from ..sim.plate.ground_truth import PlateSettings
 
     sim = glass.chosen(options)
-    plate = PlateSettings.of(sim.plate, sim.modes or None, sim.wiring)
+    plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise_mm=options.noise, plate=plate)
@@ -76,7 +89,7 @@ def _simulate(options: argparse.Namespace) -> None:
     took_s = time.perf_counter() - t_start_s
     with contextlib.ExitStack() as shown:
         compared = None if options.alone else report.compare(result, lambda part: shown.enter_context(Progress(part)))
-    figures = report.figures(result, compared)
+    figures = report.figures(result, compared) | {"world": asdict(plate.world)}
     print(report.table(figures), file=sys.stderr)
     print(f"{result.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
     if options.json is not None:
@@ -87,6 +100,24 @@ def _simulate(options: argparse.Namespace) -> None:
         from ..sim import picture
 
         picture.draw_run(result, options.plot)
+
+
+def _world(options: argparse.Namespace) -> WorldErrors:
+    """Return the world of --world. Raises UsageError."""
+    from ..sim import world_tolerances
+    from ..sim.world_errors import NEUTRAL, WorldErrors
+
+    if options.world is None:
+        return NEUTRAL
+    if options.world in world_tolerances.LEVELS:
+        return world_tolerances.draw(options.world, options.seed)
+    levels = ", ".join(world_tolerances.LEVELS)
+    try:
+        return WorldErrors.parsed(read_bounded(Path(options.world), WORLD_BYTES).decode())
+    except OSError as error:
+        raise UsageError(f"--world {options.world}: {reason(error)}: give one of {levels}, or a JSON file.") from None
+    except ValueError as error:
+        raise UsageError(f"--world {options.world}: {error}") from None
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import firmware, solver, suite
+from hapticd.bench import firmware, solver, suite, worlds
 from hapticd.errors import HapticdError
 from hapticd.tools import bench
 
@@ -29,6 +29,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_command_knows_every_part() -> None:
     assert [*suite.PARTS] == [*bench.PARTS]
+    assert worlds.WORLDS == bench.WORLDS
 
 
 def test_without_a_part_the_parts_are_listed_with_the_time_they_take_and_nothing_runs(
@@ -39,8 +40,8 @@ def test_without_a_part_the_parts_are_listed_with_the_time_they_take_and_nothing
     lines = capsys.readouterr().out.splitlines()
     for name in (*bench.PARTS, "all"):
         assert [line for line in lines if re.match(rf"  {name} +[\d.]+ min  \w", line)]
-    total = sum(part.minutes for name, part in bench.PARTS.items() if name != "soak")
-    assert any(f"{total:g} min  all of these but soak" in line for line in lines)
+    total = sum(part.minutes for name, part in bench.PARTS.items() if name not in bench.APART)
+    assert any(f"{total:g} min  all of these but soak and worlds" in line for line in lines)
 
 
 @pytest.mark.usefixtures("quick")

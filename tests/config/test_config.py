@@ -47,7 +47,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
     assert load(config.render(changed), tmp_path) == changed
     assert load("[solver]\nphase_rotation = false", tmp_path).solver.phase_rotation is False
     assert changed.limits.w_limit_um == (3.5, 2.0)
-    assert changed.limits.reference_limit_um == (3.5 * 0.98, 2.0 * 0.98)
+    assert changed.limits.reference_limit_um == pytest.approx((3.5 * 0.95, 2.0 * 0.95))
 
 
 @pytest.mark.parametrize(

@@ -181,3 +181,22 @@ def test_invalid_grids_are_refused_in_a_sentence(
     with pytest.raises(ModesError, match=what) as refusal:
         fit_cartography(x_mm, y_mm, shapes)
     assert str(refusal.value).endswith(".")
+
+
+def coarse(step_mm: float, noise_frac: float) -> CartographyFit:
+    return fit_cartography(
+        *sample_cartography(driven_modes(), step_mm=step_mm, noise_frac=noise_frac, seed=1), normalise=False
+    )
+
+
+@pytest.mark.parametrize(("step_mm", "noise_frac"), [(9.0, 0.02), (9.0, 0.0), (8.0, 0.0), (6.0, 0.02)])
+def test_a_coarse_grid_that_samples_the_wave_is_taken(step_mm: float, noise_frac: float) -> None:
+    fit = coarse(step_mm, noise_frac)
+    assert fit.wavelength_mm == pytest.approx(26.2, abs=0.3)
+    assert rms(on_fine_grid(fit) - truth()) < 0.03 * rms(truth())
+
+
+@pytest.mark.parametrize("step_mm", [10.0, 10.5, 12.0])
+def test_a_grid_too_coarse_for_the_wave_is_refused_with_the_spacing_that_would_do(step_mm: float) -> None:
+    with pytest.raises(ModesError, match=r"too far for a wave of 2\d mm; measure at most 8\.\d mm apart\.$"):
+        coarse(step_mm, 0.02)

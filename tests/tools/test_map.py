@@ -22,7 +22,7 @@ PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 def test_the_table_has_both_maps_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "--finger", "-30,20", "--cells", "21"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 3.92, 3.92 um"
+    assert lines[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 3.8, 3.8 um"
     assert lines[1] == "(1) the other finger still, while one at -30, 20 mm slips by 1 um"
     assert lines[2] == "(2) the other finger slips by 1 um, while one at -30, 20 mm is still"
     shares = np.array([line.split()[-6:-4] for line in lines[5:8]], float)

@@ -162,7 +162,7 @@ static void the_loop_closes_over_real_samples(double amplifier_lag_us)
     for (uint16_t frame = 0; frame < FRAMES + 2; frame++) {
         send_reference(board, frame, 2.0f); /* the third of a stream is trusted */
         if (frame >= 2) {
-            hd_board_run(board, TICKS, 1, phi, contact_1_s, &trace, 0, 0);
+            hd_board_run(board, TICKS, 1, phi, contact_1_s, NULL, &trace, 0, 0);
         }
     }
     for (int k = 0; k < HD_MODES; k++) {

@@ -71,7 +71,9 @@ static void set_up_plate(hd_plate_t *plate, const hd_board_setup_t *setup)
         plate->detuning_rad_s[p] = setup->detuning_rad_s[p];
         for (int k = 0; k < HD_MODES; k++) {
             plate->gain_um_per_v_s[p][k] = setup->gain_um_per_v_s[p * HD_MODES + k];
-            plate->sensor[k][p] = setup->sensor[k * plate->modes + p];
+            int at = k * plate->modes + p;
+            plate->sensor[k][p] =
+                CMPLX(setup->sensor[at], setup->sensor_imaginary == NULL ? 0.0 : setup->sensor_imaginary[at]);
         }
     }
 }
@@ -294,13 +296,15 @@ static void record(hd_board_t *board, const hd_board_trace_t *trace, size_t row)
 }
 
 size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const double *phi,
-                    const double *contact_decay_1_s, const hd_board_trace_t *trace, size_t offset,
-                    int32_t stop_on_transmit)
+                    const double *contact_decay_1_s, const double *contact_detuning_rad_s,
+                    const hd_board_trace_t *trace, size_t offset, int32_t stop_on_transmit)
 {
     size_t shapes = (size_t)fingers * (size_t)board->plate.modes;
     for (size_t i = 0; i < ticks; i++) {
-        hd_contact_t contact = hd_plate_contact(&board->plate, fingers, phi + i * shapes,
-                                                contact_decay_1_s + i * (size_t)fingers);
+        size_t row = i * (size_t)fingers;
+        const double *detuning = contact_detuning_rad_s == NULL ? NULL : contact_detuning_rad_s + row;
+        hd_contact_t contact =
+            hd_plate_contact(&board->plate, fingers, phi + i * shapes, contact_decay_1_s + row, detuning);
         plate_tick(board, &contact);
         control_tick(board);
         record(board, trace, offset + i);

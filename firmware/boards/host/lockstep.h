@@ -30,7 +30,8 @@ typedef struct {
     const double *decay_1_s;       /* (P,) */
     const double *detuning_rad_s;  /* (P,) */
     const double *gain_um_per_v_s; /* (P, HD_MODES) */
-    const double *sensor;          /* (HD_MODES, P) */
+    const double *sensor;          /* (HD_MODES, P) real part */
+    const double *sensor_imaginary; /* (HD_MODES, P), only of envelopes; or NULL: 0 */
     const double *loop_phase_rad;  /* (HD_MODES,) what amplifier, electrodes and sensor add to each loop */
     const double *through_um_per_v; /* (HD_MODES sensors, HD_MODES amplifiers) complex: what a voltage adds; or NULL */
     double noise_um;
@@ -82,12 +83,12 @@ uint64_t hd_board_t_us(const hd_board_t *board); /* not wrapped */
 void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us);
 size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint64_t at_us);
 
-/* Performs up to `ticks` ticks; row i of phi (ticks, fingers, P) and contact_decay_1_s (ticks, fingers) holds for the
- * time that leads to tick i. Writes trace rows from `offset` on. With `stop_on_transmit`, ends after the tick that has
+/* Performs up to `ticks` ticks; row i of phi (ticks, fingers, P), contact_decay_1_s (ticks, fingers) and, unless it is
+ * NULL, contact_detuning_rad_s (ticks, fingers; only of envelopes) holds for the time that leads to tick i. Writes trace rows from `offset` on. With `stop_on_transmit`, ends after the tick that has
  * something to send. Returns the ticks performed. */
 size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const double *phi,
-                    const double *contact_decay_1_s, const hd_board_trace_t *trace, size_t offset,
-                    int32_t stop_on_transmit);
+                    const double *contact_decay_1_s, const double *contact_detuning_rad_s,
+                    const hd_board_trace_t *trace, size_t offset, int32_t stop_on_transmit);
 
 /* What the observer has learned of each mode: (HD_MODES, 2), decay in 1/s and detuning in rad/s. */
 void hd_board_estimate(const hd_board_t *board, double *estimate);

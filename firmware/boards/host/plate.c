@@ -2,11 +2,13 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <stddef.h>
 
 /* Largest rate times step: the local error of order 4 is then below 1e-7 of the amplitude, far under the noise. */
 #define STEP_RATE 0.1
 
-hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double *phi, const double *decay_1_s)
+hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double *phi, const double *decay_1_s,
+                              const double *detuning_rad_s)
 {
     hd_contact_t contact = {.stiffest_1_s = 0.0};
     for (int p = 0; p < plate->modes; p++) {
@@ -16,8 +18,12 @@ hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double
                 const double *shape = phi + f * plate->modes;
                 bool touches = decay_1_s[f] != 0.0; /* the shapes of an absent finger may be NaN */
                 contact.rate_1_s[p][q] += touches ? decay_1_s[f] * shape[p] * shape[q] : 0.0;
+                if (touches && detuning_rad_s != NULL) {
+                    contact.detuning_rad_s[p][q] += detuning_rad_s[f] * shape[p] * shape[q];
+                    contact.detunes += fabs(detuning_rad_s[f]);
+                }
             }
-            row += fabs(contact.rate_1_s[p][q]);
+            row += fabs(contact.rate_1_s[p][q]) + fabs(contact.detuning_rad_s[p][q]);
         }
         contact.stiffest_1_s = fmax(contact.stiffest_1_s, row);
     }
@@ -38,6 +44,9 @@ static void slope(const motion_t *motion, const double complex *w_um, double com
         double complex rate = motion->drive_um_s[p] + motion->own_rate_1_s[p] * w_um[p];
         for (int q = 0; q < motion->plate->modes; q++) {
             rate -= motion->contact->rate_1_s[p][q] * w_um[q];
+        }
+        for (int q = 0; motion->contact->detunes != 0.0 && q < motion->plate->modes; q++) {
+            rate += I * motion->contact->detuning_rad_s[p][q] * w_um[q];
         }
         rate_um_s[p] = rate;
     }

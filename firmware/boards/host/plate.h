@@ -2,11 +2,11 @@
  *
  *   dW_p/dt = (-sigma_p + j delta_p) W_p - sum_q C_pq W_q - j sum_k g_pk e^(j theta_k) V_k,    C = sum_f c_f phi_f phi_f^T
  *
- * for P plate modes, K amplifiers and F touching fingers with modal shapes phi_f and contact decay rates c_f; sensors
- * give S W. theta_k is all the constant phase of loop k, put where the drive acts. Double precision, Runge-Kutta of
+ * for P plate modes, K amplifiers and F touching fingers with modal shapes phi_f and contact loads c_f: the real part a
+ * decay rate, the negative imaginary part a detuning. Sensors give S W, S complex. theta_k is all the constant phase of loop k, put where the drive acts. Double precision, Runge-Kutta of
  * order 4.
  *
- * Left out: the carrier itself (DAC and ADC quantisation, demodulation ripple), mass and stiffness of the fingers, any
+ * Left out: the carrier itself (DAC and ADC quantisation, demodulation ripple), any
  * non-linearity of glass, glue and piezo, drift with temperature, and modes further from the drive than an envelope can
  * follow.
  */
@@ -30,7 +30,7 @@ typedef struct {
     double detuning_rad_s[HD_PLATE_MODES_MAX];
     double gain_um_per_v_s[HD_PLATE_MODES_MAX][HD_MODES];
     double complex loop[HD_MODES]; /* e^(j theta) */
-    double sensor[HD_MODES][HD_PLATE_MODES_MAX];
+    double complex sensor[HD_MODES][HD_PLATE_MODES_MAX];
     double complex through_um_per_v[HD_MODES][HD_MODES]; /* from amplifier to sensor, without the plate */
     double noise_um; /* standard deviation of each measured component, per tick */
     double amplifier_limit_v;
@@ -40,12 +40,15 @@ typedef struct {
 } hd_plate_t;
 
 typedef struct {
-    double rate_1_s[HD_PLATE_MODES_MAX][HD_PLATE_MODES_MAX]; /* C */
-    double stiffest_1_s;                                     /* largest row sum of |C| */
+    double rate_1_s[HD_PLATE_MODES_MAX][HD_PLATE_MODES_MAX];     /* real part of C */
+    double detuning_rad_s[HD_PLATE_MODES_MAX][HD_PLATE_MODES_MAX]; /* negative imaginary part of C */
+    double stiffest_1_s;                                         /* largest row sum of both parts' magnitudes */
+    double detunes;                                              /* 0.0: no finger detunes */
 } hd_contact_t;
 
-/* Fingers as rows of phi (fingers, modes). */
-hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double *phi, const double *decay_1_s);
+/* Fingers as rows of phi (fingers, modes); a finger of decay 0 does not touch. `detuning_rad_s` may be NULL: none. */
+hd_contact_t hd_plate_contact(const hd_plate_t *plate, int fingers, const double *phi, const double *decay_1_s,
+                              const double *detuning_rad_s);
 
 /* Moves the plate on by `span_s` under constant voltages; adds the integral of W over that time to `integral_um_s`. The
  * frame turns `frame_rad_s` faster than the one that the detunings are given for. */

@@ -69,7 +69,7 @@ static void run_touched(bench_t *bench, size_t ticks, size_t row, const double p
         (double *)bench->reference_um, (double *)bench->measured_um, (double *)bench->plate_um,
         (double *)bench->voltage_v, bench->flags,
     };
-    hd_board_run(bench->board, ticks, 1, shapes, decays_1_s, &trace, row, 0);
+    hd_board_run(bench->board, ticks, 1, shapes, decays_1_s, NULL, &trace, row, 0);
 }
 
 static void run(bench_t *bench, size_t ticks, size_t row)

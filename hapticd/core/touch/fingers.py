@@ -16,6 +16,8 @@ from .sensor_clock import SensorClock
 from .tracking import Tracker
 
 OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was reset
+SILENT_PERIODS: Final = 3.5  # of a slow pad, which may lose two reports in a row: 40 ms at 11.25 ms
+LONGEST_SILENCE_NS: Final = 80_000_000  # whatever period was measured
 MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot beyond would be a guess
 
 
@@ -40,13 +42,15 @@ class Fingers:
     """Tracked fingers with their predictors, from the trackpad's frames."""
 
     def __init__(self, make_predictor: Callable[[], Predictor], *, sensor_latency_ns: int, silence_ns: int) -> None:
-        """`sensor_latency_ns`: the pad's own; `silence_ns`: without a report for so long the pad counts as silent."""
+        """`sensor_latency_ns`: the pad's own; `silence_ns`: without a report for so long the pad counts as silent, and
+        a slow one after SILENT_PERIODS.
+        """
         self.down: tuple[Finger, ...] = ()
         self.predictors: dict[int, Predictor] = {}  # of those that are down, by finger id
         self.released: set[int] = set()  # of those: held still unless they have a target
         self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
         self.make_predictor = make_predictor
-        self._silence_ns = silence_ns
+        self._least_silence_ns = self._silence_ns = silence_ns
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(sensor_latency_ns)
         self._t_stamp_ns: int | None = None
@@ -77,6 +81,8 @@ class Fingers:
         self._t_frame_ns = frame.t_ns
         self.t_sample_ns = t_sample_ns
         t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
+        slow_ns = min(round(SILENT_PERIODS * period_s * 1e9), LONGEST_SILENCE_NS)
+        self._silence_ns = max(self._least_silence_ns, slow_ns)
         for finger_id, _, x_mm, y_mm, is_new in tracked.fingers:
             if is_new:
                 self.predictors[finger_id] = self.make_predictor()

@@ -52,15 +52,15 @@ class PlateModel:
     """Parameters of the true plate: P plate modes, M amplifiers and M sensors.
 
     `decay_1_s` (P,), `detuning_rad_s` (P,) of each mode from the drive, `gain_um_per_v_s` (P, M) of each amplifier
-    on each mode, `sensor` (M, P) real, `noise_um` the standard deviation of each measured component per tick,
-    `loop_phase_rad` (M,) the constant phase of each loop, 0 by default, `through_um_per_v` (M, M) what a volt of each
-    amplifier adds to each sensor without moving the plate, complex, none by default.
+    on each mode, `sensor` (M, P) real or, without a carrier, complex, `noise_um` the standard deviation of each
+    measured component per tick, `loop_phase_rad` (M,) the constant phase of each loop, 0 by default, `through_um_per_v`
+    (M, M) what a volt of each amplifier adds to each sensor without moving the plate, complex, none by default.
     """
 
     decay_1_s: npt.NDArray[np.float64]
     detuning_rad_s: npt.NDArray[np.float64]
     gain_um_per_v_s: npt.NDArray[np.float64]
-    sensor: npt.NDArray[np.float64]
+    sensor: npt.NDArray[np.float64] | npt.NDArray[np.complex128]
     noise_um: float
     amplifier_limit_v: float
     loop_phase_rad: tuple[float, ...] = ()
@@ -227,19 +227,25 @@ class Board:
         out: BoardTrace,
         offset: int = 0,
         *,
+        contact_detuning_rad_s: npt.NDArray[np.float64] | None = None,
         stop_on_transmit: bool = False,
     ) -> int:
         """Run up to `ticks` ticks and write their rows from `offset` on; returns the number of ticks run.
 
         Row i of `phi` (T, F, P) and `contact_decay_1_s` (T, F) applies to the tick that ends with row i of `out`; a
-        lifted finger has decay 0. With `stop_on_transmit` the run ends after the first tick with output.
+        lifted finger has decay 0. `contact_detuning_rad_s` (T, F) is what a finger adds to a mode's detuning per square
+        of its shape; None, and with a carrier: nothing. With `stop_on_transmit` the run ends after the first tick with
+        output.
         """
         buffers = self._buffers
         if buffers is None or not (
-            buffers.phi is phi and buffers.contact_decay_1_s is contact_decay_1_s and buffers.out is out
+            buffers.phi is phi
+            and buffers.contact_decay_1_s is contact_decay_1_s
+            and buffers.contact_detuning_rad_s is contact_detuning_rad_s
+            and buffers.out is out
         ):
             buffers = self._buffers = TickBuffers.of(
-                phi, contact_decay_1_s, out, self.model.modes, self.model.plate_modes
+                phi, contact_decay_1_s, contact_detuning_rad_s, out, self.model.modes, self.model.plate_modes
             )
         if not 0 <= offset <= offset + ticks <= buffers.length:
             raise ValueError(f"Rows {offset} to {offset + ticks} do not fit arrays of {buffers.length} rows.")
@@ -250,6 +256,9 @@ class Board:
                 buffers.fingers,
                 buffers.phi_at + offset * phi.strides[0],
                 buffers.contact_decay_at + offset * contact_decay_1_s.strides[0],
+                None
+                if contact_detuning_rad_s is None
+                else buffers.contact_detuning_at + offset * contact_detuning_rad_s.strides[0],
                 buffers.trace,
                 offset,
                 stop_on_transmit,
@@ -293,7 +302,8 @@ def _setup(
         decay_1_s=doubles(model.decay_1_s),
         detuning_rad_s=doubles(model.detuning_rad_s),
         gain_um_per_v_s=doubles(model.gain_um_per_v_s),
-        sensor=doubles(model.sensor),
+        sensor=doubles(np.real(model.sensor)),
+        sensor_imaginary=doubles(np.imag(model.sensor)) if np.iscomplexobj(model.sensor) else None,
         loop_phase_rad=doubles(model.loop_phase_rad or (0.0,) * model.modes),
         through_um_per_v=_pairs(model.through_um_per_v),
         noise_um=model.noise_um,

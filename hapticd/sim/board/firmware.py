@@ -36,6 +36,7 @@ class Setup(ctypes.Structure):
         ("detuning_rad_s", _DOUBLES),
         ("gain_um_per_v_s", _DOUBLES),
         ("sensor", _DOUBLES),
+        ("sensor_imaginary", _DOUBLES),
         ("loop_phase_rad", _DOUBLES),
         ("through_um_per_v", _DOUBLES),
         ("noise_um", ctypes.c_double),
@@ -98,7 +99,7 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_transmit": (size, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
         "hd_board_run": (
             size,
-            [board, size, ctypes.c_int32, board, board, ctypes.POINTER(Trace), size, ctypes.c_int32],
+            [board, size, ctypes.c_int32, board, board, board, ctypes.POINTER(Trace), size, ctypes.c_int32],
         ),
         "hd_board_estimate": (None, [board, ctypes.c_void_p]),
         "hd_board_detune": (None, [board, ctypes.c_void_p]),

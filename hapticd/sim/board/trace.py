@@ -44,11 +44,13 @@ class TickBuffers(NamedTuple):
 
     phi: npt.NDArray[np.float64]
     contact_decay_1_s: npt.NDArray[np.float64]
+    contact_detuning_rad_s: npt.NDArray[np.float64] | None
     out: BoardTrace
     length: int
     fingers: int
     phi_at: int
     contact_decay_at: int
+    contact_detuning_at: int
     trace: Any
 
     @classmethod
@@ -56,6 +58,7 @@ class TickBuffers(NamedTuple):
         cls,
         phi: npt.NDArray[np.float64],
         contact_decay_1_s: npt.NDArray[np.float64],
+        contact_detuning_rad_s: npt.NDArray[np.float64] | None,
         out: BoardTrace,
         modes: int,
         plate_modes: int,
@@ -67,7 +70,12 @@ class TickBuffers(NamedTuple):
                 f"{plate_modes}."
             )
         fingers = int(phi.shape[1]) if phi.ndim == 3 else 0
-        shapes = ("phi", phi, (fingers, plate_modes)), ("contact_decay_1_s", contact_decay_1_s, (fingers,))
+        detuning = contact_decay_1_s if contact_detuning_rad_s is None else contact_detuning_rad_s
+        shapes = (
+            ("phi", phi, (fingers, plate_modes)),
+            ("contact_decay_1_s", contact_decay_1_s, (fingers,)),
+            ("contact_detuning_rad_s", detuning, (fingers,)),
+        )
         for name, rows, row in shapes:
             if rows.shape[1:] != row or rows.dtype != np.float64 or not rows.flags.c_contiguous:
                 raise ValueError(
@@ -76,6 +84,6 @@ class TickBuffers(NamedTuple):
                 )
         columns = (out.reference_um, out.measured_um, out.plate_um, out.voltage_v, out.flags)
         trace = ctypes.pointer(Trace(*(column.ctypes.data for column in columns)))
-        length = min(len(phi), len(contact_decay_1_s), len(out))
-        at = phi.ctypes.data, contact_decay_1_s.ctypes.data
-        return cls(phi, contact_decay_1_s, out, length, fingers, *at, trace)
+        length = min(len(phi), len(contact_decay_1_s), len(detuning), len(out))
+        at = phi.ctypes.data, contact_decay_1_s.ctypes.data, detuning.ctypes.data
+        return cls(phi, contact_decay_1_s, contact_detuning_rad_s, out, length, fingers, *at, trace)

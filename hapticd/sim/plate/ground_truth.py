@@ -10,7 +10,8 @@ modes with the usual fit, and the sensor signals, which differ from W by crossta
 
 Not modelled: all other modes (the reference plate's nearest is 154 Hz above: 11 x 1 lines) and their share in the
 measurement of the driven ones, the influence of glued actuators and supports on the shapes, hysteresis and heating of
-the actuators, inertia and stiffness of fingers (they damp and couple modes but do not detune them).
+the actuators. Fingers damp and couple modes; they detune them, as sensors and shapes have errors, in a world
+(`sim.world_errors`) that has such.
 
 Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.free_plate` for the shapes.
 """
@@ -19,17 +20,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
+from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
-from hapticd.design import fit_cartography, sample_cartography
 
+from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
 from . import shapes as plate_shapes
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE
+from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
 from .wirings import SEPARATE, wiring
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,7 +43,7 @@ _LEAST_MODES = 4  # of all
 FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
 _MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
-_TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
+DRIFT_S = 40.0  # period of a drift: it reaches its size after 10 s
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
 _POSITIVE |= {"map_step_mm", "sized_for_damping"}
 _NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "map_noise_frac"}
@@ -60,6 +61,7 @@ class PlateSettings:
     sizes them for the bare plate.
     `parasitic_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
     `shapes` is one of `plate_shapes.KINDS`: shape and normalisation of the modes.
+    `world` is what is wrong: causes of the plate apply here, those of pad, link and fingers in `sim.lockstep`.
     `wiring` is one of `wirings.WIRINGS`; its amplifiers hold all driven modes at `w_limit_um` together.
     `driven_modes` have an amplifier and a sensor; up to three of the reference plate have amplifiers that reach
     `w_limit_um` each, all others share the size of the first, so that a mode reaches less the farther it is from the
@@ -76,6 +78,7 @@ class PlateSettings:
     shapes: str = plate_shapes.FREE_PLATE
     driven_modes: int = 2
     wiring: str = SEPARATE
+    world: WorldErrors = NEUTRAL
 
     w_limit_um: float = 4.0
     v_limit_v: float = 150.0
@@ -121,7 +124,7 @@ class PlateSettings:
         wiring(self.wiring, self.driven_modes)
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, str) or (value is None and field.name == "parasitic_offset_hz"):
+            if isinstance(value, (str, WorldErrors)) or (value is None and field.name == "parasitic_offset_hz"):
                 continue
             if not math.isfinite(value):
                 raise ValueError(f"PlateSettings.{field.name} is {value}; give a finite number.")
@@ -134,20 +137,23 @@ class PlateSettings:
 class GroundTruth:
     """True parameters of the plate for the board model: read-only arrays for P modes, M actuators and sensors.
 
-    `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive).
+    `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive), at the
+    start; `drifted_rad_s` gives later detunings.
     `gain_um_per_v_s` (P, M): at the design damping and without drift, `v_limit_v` just holds `w_limit_um` (M,).
     `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): result of a sweep of
     the bare plate's driven modes, set in the board's firmware, as are `drive` and `sense` (M, M): amplifiers by modes
     and modes by sensors.
-    `sensor` (M, P): gain of each mode in each sensor. `loop_phase_rad` (M,): the constant phase of each loop.
-    `finger_decay_1_s`: decay rate added by a finger, per square of the shape under it.
+    `sensor` (M, P): gain of each mode in each sensor, complex where the world's sensors have errors.
+    `loop_phase_rad` (M,): the constant phase of each loop.
+    `finger_decay_1_s`, `finger_detuning_rad_s`: what a finger adds, per square of the shape under it.
     """
 
     def __init__(self, settings: PlateSettings | None = None) -> None:
         self.settings = settings = PlateSettings() if settings is None else settings
         built_hz = _built_hz(settings)
         driven_hz = built_hz[: settings.driven_modes]
-        self.frequency_hz = _read_only(built_hz + settings.detune_hz)
+        world = settings.world
+        self.frequency_hz = _read_only(built_hz + settings.detune_hz + world.mistuning_hz)
         self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
         own, self.w_limit_um = _amplifiers(settings, driven_hz)
@@ -155,25 +161,45 @@ class GroundTruth:
         wires = wiring(settings.wiring, len(own))
         driven = np.diag(own) @ wires.drives
         self.gain_um_per_v_s = _read_only(np.vstack((driven, *[settings.parasitic_coupling * own] * parasitic)))
-        self.sensor = _read_only(wires.senses @ _sensor(settings, len(built_hz)))
+        self.sensor = _true_sensor(wires.senses @ _sensor(settings, len(built_hz)), world.sensors)
         self.drive, self.sense = _read_only(wires.drive), _read_only(wires.sense)
         self.loop_phase_rad = (settings.loop_phase_rad,) * settings.driven_modes
         self.nominal_decay_1_s = _read_only(math.pi * driven_hz / settings.q_factor)
         self.nominal_detuning_rad_s = _read_only(2.0 * math.pi * (driven_hz - settings.drive_hz))
         self.nominal_gain_um_per_v_s = _read_only(wires.gain * own)
         peak = 1.0 if settings.shapes == plate_shapes.FREE_PLATE else plate_shapes.peak_at_fingers()
-        self.finger_decay_1_s = peak**2 * settings.finger_decay_1_s
+        self._usual_finger_decay_1_s = peak**2 * settings.finger_decay_1_s
+        self.finger_decay_1_s = world.finger_load.damping_factor * self._usual_finger_decay_1_s
+        mass_ratio = settings.finger_decay_1_s / FINGER_DECAY_1_S  # a finger changes a heavier plate less
+        self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * peak**2 * mass_ratio
         self._names = GLASSES[settings.plate].modes[: len(built_hz)]
-        self._surfaces = _true_surfaces(settings.shapes, settings.plate, self._names)
+        disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
+        self._grid = true_grid(settings.shapes, settings.plate, self._names, disturbed)
+        self._surfaces = true_surfaces(settings.shapes, settings.plate, self._names, disturbed)
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return all modes (..., P) at points (..., 2); clamped to the plate's edge, zero where a coordinate is NaN."""
         points = np.asarray(points_mm, np.float64)
         return self._surfaces.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], len(self.decay_1_s))
 
+    def drifted_rad_s(self, t_s: float) -> FloatArray:
+        """Return the detunings (P,) at an instant."""
+        drift_hz = np.zeros(len(self.detuning_rad_s))
+        given_hz = self.settings.world.drift_hz[: len(drift_hz)]
+        drift_hz[: len(given_hz)] = given_hz
+        drifted: FloatArray = self.detuning_rad_s + 2.0 * math.pi * drift_hz * math.sin(2.0 * math.pi * t_s / DRIFT_S)
+        return drifted
+
+    def finger_load(self, t_s: FloatArray, finger: int) -> tuple[FloatArray, FloatArray]:
+        """Return decay rate and detuning (T,) that a finger adds, per square of the shape under it."""
+        world = self.settings.world
+        rate_hz, phase_rad = np.random.default_rng([world.seed, finger]).uniform((0.7, 0.0), (1.5, 2.0 * math.pi))
+        share = 1.0 + world.finger_load.force_frac * np.sin(2.0 * math.pi * rate_hz * t_s + phase_rad)
+        return self.finger_decay_1_s * share, self.finger_detuning_rad_s * share
+
     def true_mode_map(self) -> ModeShapes:
         """Return the true shapes of the driven modes, as perfect knowledge has them."""
-        x_mm, y_mm, shapes = _true_grid(self.settings.shapes, self.settings.plate, self._names)
+        x_mm, y_mm, shapes = self._grid
         return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes])
 
     def parasitic_modes(self, seed: int) -> ParasiticModes:
@@ -184,10 +210,10 @@ class GroundTruth:
         settings = self.settings
         parasitic = slice(settings.driven_modes, None)
         return ParasiticModes(
-            self._measured(self._names[parasitic], _PARASITIC_NOISE * settings.map_noise_frac, seed),
+            self._measured(parasitic, _PARASITIC_NOISE, seed),
             self.decay_1_s[parasitic].tolist(),
             self.detuning_rad_s[parasitic].tolist(),
-            _MEASURED_FINGER_DECAY * self.finger_decay_1_s,
+            _MEASURED_FINGER_DECAY * self._usual_finger_decay_1_s,
         )
 
     def measured_mode_map(self, seed: int) -> ModeShapes:
@@ -195,11 +221,14 @@ class GroundTruth:
 
         Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape.
         """
-        return self._measured(self._names[: self.settings.driven_modes], self.settings.map_noise_frac, seed)
+        return self._measured(slice(0, self.settings.driven_modes), 1.0, seed)
 
-    def _measured(self, names: tuple[str, ...], noise_frac: float, seed: int) -> ModeShapes:
-        settings = self.settings
-        return _mode_map(settings.shapes, settings.plate, names, settings.map_step_mm, noise_frac, seed)
+    def _measured(self, chosen: slice, noise: float, seed: int) -> ModeShapes:
+        settings, world = self.settings, self.settings.world
+        noise_frac = noise * (settings.map_noise_frac + world.map_noise_frac)
+        glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed)
+        scan = Scan(settings.map_step_mm, noise_frac, seed, first=chosen.start)
+        return mode_map(settings.shapes, settings.plate, self._names[chosen], scan, glued)
 
 
 def _built_hz(settings: PlateSettings) -> FloatArray:
@@ -240,26 +269,11 @@ def _sensor(settings: PlateSettings, modes: int) -> FloatArray:
     return sensor
 
 
-@lru_cache(maxsize=len(plate_shapes.KINDS))
-def _true_grid(kind: str, glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tabulate the shapes: summing their Legendre series at every point takes several times as long."""
-    shapes = plate_shapes.shapes(kind, names, glass)
-    x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
-    return x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])
-
-
-@lru_cache(maxsize=len(plate_shapes.KINDS))
-def _true_surfaces(kind: str, glass: str, names: tuple[str, ...]) -> BicubicSurfaces:
-    return BicubicSurfaces(*_true_grid(kind, glass, names))
-
-
-@lru_cache(maxsize=16)
-def _mode_map(
-    kind: str, glass: str, names: tuple[str, ...], step_mm: float, noise_frac: float, seed: int
-) -> ModeShapes:
-    true_shapes = plate_shapes.shapes(kind, names, glass)
-    x_mm, y_mm, shapes = sample_cartography(true_shapes, step_mm=step_mm, noise_frac=noise_frac, seed=seed)
-    return fit_cartography(x_mm, y_mm, shapes, size_mm=true_shapes[0].size_mm, normalise=False).modes
+def _true_sensor(exact: FloatArray, errors: SensorErrors) -> FloatArray | npt.NDArray[np.complex128]:
+    if errors == NEUTRAL.sensors:
+        return _read_only(exact)
+    wrong: npt.NDArray[np.complex128] = errors.matrix(len(exact)) @ exact
+    return wrong
 
 
 def _read_only(array: FloatArray) -> FloatArray:

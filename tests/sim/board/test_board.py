@@ -19,6 +19,9 @@ TICK_S = 0.0005
 LOOP_PHASE_RAD = (0.4, -0.7)
 
 
+DETUNING_RAD_S = 2 * np.pi * 70.0  # of a finger
+
+
 def plate(noise_um: float = 0.0, amplifier_limit_v: float = 150.0) -> PlateModel:
     """Four modes, the outer two 80 Hz away; every amplifier drives and every sensor sees all of them."""
     return PlateModel(
@@ -36,7 +39,9 @@ def reference(seq: int, *w_um: complex) -> bytes:
     return device.encode_reference(seq, SafeDrive(0, (Knot(0, w_um),), LimitReason.NONE), 0)
 
 
-def touched_run(board: Board, ticks: int = 80) -> tuple[BoardTrace, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def touched_run(
+    board: Board, ticks: int = 80, detuning_rad_s: float = 0.0
+) -> tuple[BoardTrace, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Three references at once, then two fingers on the move, the second lifting halfway."""
     rng = np.random.default_rng(5)
     phi = rng.uniform(-1, 1, (ticks, 2, 4))
@@ -45,7 +50,8 @@ def touched_run(board: Board, ticks: int = 80) -> tuple[BoardTrace, npt.NDArray[
     for seq in range(3):
         board.receive(reference(seq, 2 + 1j, -1 + 0.5j))
     trace = BoardTrace(ticks, 2, 4)
-    board.run(ticks, phi, decay_1_s, trace)
+    detuning = np.full((ticks, 2), detuning_rad_s)
+    board.run(ticks, phi, decay_1_s, trace, contact_detuning_rad_s=detuning if detuning_rad_s else None)
     return trace, phi, decay_1_s
 
 
@@ -55,6 +61,7 @@ def exact(
     phi: npt.NDArray[np.float64],
     decay_1_s: npt.NDArray[np.float64],
     tick_s: float = TICK_S,
+    detuning_rad_s: float = 0.0,
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """Plate and measurement at each tick for the recorded voltages, by matrix exponentials: dW/dt = A W - j g V."""
     w_um = np.zeros(4, dtype=np.complex128)
@@ -62,7 +69,8 @@ def exact(
     voltage_v[2:] = trace.voltage_v
     plate_um, measured_um = [], []
     for i in range(len(trace)):
-        contact = np.einsum("f,fp,fq->pq", decay_1_s[i], phi[i], phi[i])
+        load_1_s = decay_1_s[i] - 1j * detuning_rad_s * (decay_1_s[i] > 0)
+        contact = np.einsum("f,fp,fq->pq", load_1_s, phi[i], phi[i])
         a = np.diag(-model.decay_1_s + 1j * model.detuning_rad_s) - contact
         integral = np.zeros(4, dtype=np.complex128)
         for voltage, span_s in ((voltage_v[i], CHUNK_S), (voltage_v[i + 1], tick_s - CHUNK_S)):
@@ -84,6 +92,15 @@ def test_the_plate_moves_as_the_exact_solution_does(control_hz: float) -> None:
     trace, phi, decay_1_s = touched_run(Board(model, config=config))
     plate_um, measured_um = exact(model, trace, phi, decay_1_s, 1 / control_hz)
     assert np.abs(trace.plate_um).max() > 1
+    np.testing.assert_allclose(trace.plate_um, plate_um, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(trace.measured_um, measured_um, rtol=0, atol=1e-6)
+
+
+def test_fingers_that_detune_and_sensors_with_a_phase_give_the_exact_solution() -> None:
+    turned = np.exp(1j * np.radians([[5.0], [-3.0]])) * plate().sensor
+    model, config = replace(plate(), sensor=turned), BoardConfig(loop_phase_rad=LOOP_PHASE_RAD)
+    trace, phi, decay_1_s = touched_run(Board(model, config=config), detuning_rad_s=DETUNING_RAD_S)
+    plate_um, measured_um = exact(model, trace, phi, decay_1_s, detuning_rad_s=DETUNING_RAD_S)
     np.testing.assert_allclose(trace.plate_um, plate_um, rtol=0, atol=1e-6)
     np.testing.assert_allclose(trace.measured_um, measured_um, rtol=0, atol=1e-6)
 

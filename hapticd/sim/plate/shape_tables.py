@@ -1,0 +1,90 @@
+"""Tables of the true mode shapes, with what disturbs them, and the mode map that a scan of them gives."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
+from hapticd.design import ModeShape, fit_cartography, sample_cartography
+
+from . import disturbances
+from . import shapes as plate_shapes
+
+FloatArray = npt.NDArray[np.float64]
+
+_TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
+_RMS_POINTS = 101
+
+
+class Disturbed(NamedTuple):
+    """How the shapes differ from theory: the shares of `WorldErrors`, and its seed."""
+
+    glue_frac: float = 0.0
+    waves_frac: float = 0.0
+    local_frac: float = 0.0
+    seed: int = 0
+
+
+class Scan(NamedTuple):
+    """A scan of some modes: its grid, noise and seed. `first` mode: each map has noise of its own."""
+
+    step_mm: float
+    noise_frac: float
+    seed: int
+    first: int
+
+
+def _added(
+    axes_mm: tuple[FloatArray, FloatArray], bare: tuple[ModeShape, ...], first: int, how: Disturbed
+) -> FloatArray:
+    """Return what is added to the bare shapes, the first of which is mode `first`, on a grid: (modes, ny, nx)."""
+    added = np.zeros((len(bare), len(axes_mm[1]), len(axes_mm[0])))
+    for index, shape in enumerate(bare):
+        rms = _rms(shape)
+        for purpose, frac in ((disturbances.GLUE, how.glue_frac), (disturbances.CHANGE, how.waves_frac)):
+            if frac:
+                stream = how.seed, purpose, first + index
+                added[index] += frac * rms * disturbances.waves(*axes_mm, shape.size_mm, stream)
+        if how.local_frac:
+            stream = how.seed, disturbances.CHANGE, first + index
+            added[index] += how.local_frac * disturbances.cusps(*axes_mm, shape.size_mm, stream)
+    return added
+
+
+def _rms(shape: ModeShape) -> float:
+    axes_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _RMS_POINTS) for edge_mm in shape.size_mm)
+    return float(np.sqrt(np.mean(shape.on_grid(*axes_mm) ** 2)))
+
+
+@lru_cache(maxsize=2 * len(plate_shapes.KINDS))
+def _bare_grid(kind: str, glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Tabulate the shapes: summing their Legendre series at every point takes several times as long."""
+    shapes = plate_shapes.shapes(kind, names, glass)
+    x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
+    return x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])
+
+
+@lru_cache(maxsize=2 * len(plate_shapes.KINDS))
+def true_grid(
+    kind: str, glass: str, names: tuple[str, ...], disturbed: Disturbed
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x_mm, y_mm, shapes = _bare_grid(kind, glass, names)
+    return x_mm, y_mm, shapes + _added((x_mm, y_mm), plate_shapes.shapes(kind, names, glass), 0, disturbed)
+
+
+@lru_cache(maxsize=2 * len(plate_shapes.KINDS))
+def true_surfaces(kind: str, glass: str, names: tuple[str, ...], disturbed: Disturbed) -> BicubicSurfaces:
+    return BicubicSurfaces(*true_grid(kind, glass, names, disturbed))
+
+
+@lru_cache(maxsize=16)
+def mode_map(kind: str, glass: str, names: tuple[str, ...], scan: Scan, glued: Disturbed) -> ModeShapes:
+    bare = plate_shapes.shapes(kind, names, glass)
+    seed = scan.seed if scan.first == 0 else (scan.seed, scan.first)
+    x_mm, y_mm, shapes = sample_cartography(bare, step_mm=scan.step_mm, noise_frac=scan.noise_frac, seed=seed)
+    shapes += _added((x_mm, y_mm), bare, scan.first, glued)
+    return fit_cartography(x_mm, y_mm, shapes, size_mm=bare[0].size_mm, normalise=False).modes

@@ -1,0 +1,200 @@
+"""What is wrong in a laboratory: one field per cause.
+
+The daemon's configuration describes a world without these errors; the simulation plays one with them. So perfect
+knowledge of a cause is its field at the neutral value: `without`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import SimulationError
+
+
+@dataclass(frozen=True, slots=True)
+class PadPose:
+    """Where the pad lies, relative to a centred one: shift, anticlockwise rotation, scale minus 1."""
+
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    angle_deg: float = 0.0
+    scale_frac: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PadNoise:
+    """Noise of the pad, as in `fingers.sensor.SensorSettings`."""
+
+    noise_mm: float
+    noise_correlation: float = 0.0
+    time_error_ms: float = 0.0
+    hold_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """Errors of the plate's sensors: gain minus 1 and phase of each, and the share of each other sensor's mode.
+
+    `crosstalk_frac` holds the rows of a matrix of sensors by modes, whose diagonal does not count. Sensors beyond the
+    given ones have no error.
+    """
+
+    gain_frac: tuple[float, ...] = ()
+    phase_deg: tuple[float, ...] = ()
+    crosstalk_frac: tuple[tuple[float, ...], ...] = ()
+
+    def matrix(self, sensors: int) -> np.ndarray[Any, np.dtype[np.complex128]]:
+        """Return what multiplies the exact readings, (sensors, sensors)."""
+        gain, phase_deg = np.ones(sensors), np.zeros(sensors)
+        gain[: len(self.gain_frac)] += self.gain_frac[:sensors]
+        phase_deg[: len(self.phase_deg)] = self.phase_deg[:sensors]
+        mixed = np.zeros((sensors, sensors), dtype=np.complex128)
+        for sensor, row in enumerate(self.crosstalk_frac[:sensors]):
+            mixed[sensor, : len(row)] = row[:sensors]
+        np.fill_diagonal(mixed, 1.0)
+        return (gain * np.exp(1j * np.radians(phase_deg)))[:, None] * mixed
+
+
+@dataclass(frozen=True, slots=True)
+class FingerLoad:
+    """What fingers do to the plate, beside their usual damping.
+
+    `damping_factor` multiplies that; `detuning_hz` is added to a mode's frequency per square of its shape under a
+    finger; both rise and fall by `force_frac` with the finger's force, at about 1 Hz.
+    """
+
+    damping_factor: float = 1.0
+    detuning_hz: float = 0.0
+    force_frac: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MapChange:
+    """Change of the mode shapes since their scan, different for each mode.
+
+    `waves_frac`: RMS of other waves, as a share of the shape's RMS; `local_frac`: height of some cusps, as a share of
+    the shape's peak.
+    """
+
+    waves_frac: float = 0.0
+    local_frac: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WorldErrors:
+    """Everything that a laboratory may have wrong. The default is a world without errors.
+
+    `centroid_shift_mm`: how far the reported centroid lies ahead of the contact's centre while the finger moves.
+    `latency_ms`: true latency of the pad less the configured one. `noise`: None takes the settings' own.
+    `stamp_jitter_ms` (half width), `map_noise_frac`: in addition to the settings' own. `link_jitter_ms`: additional
+    delay of a message, uniform from 0 to this. `glue_frac`: share of other waves in the shapes, as in `MapChange`, but
+    present when they are scanned. `drift_hz` (P,): each mode's drift, a sine of this size and a period of 40 s.
+    `mistuning_hz`: of all modes since the board's calibration. `stop_ramp_s`: in which strokes begin and end; None
+    takes the scenario's. `seed` is that of the random functions that the sizes above belong to; no cause.
+    """
+
+    pad_pose: PadPose = field(default_factory=PadPose)
+    centroid_shift_mm: float = 0.0
+    latency_ms: float = 0.0
+    noise: PadNoise | None = None
+    stamp_jitter_ms: float = 0.0
+    link_jitter_ms: float = 0.0
+    map_change: MapChange = field(default_factory=MapChange)
+    map_noise_frac: float = 0.0
+    glue_frac: float = 0.0
+    sensors: SensorErrors = field(default_factory=SensorErrors)
+    finger_load: FingerLoad = field(default_factory=FingerLoad)
+    drift_hz: tuple[float, ...] = ()
+    mistuning_hz: float = 0.0
+    stop_ramp_s: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise SimulationError, a ValueError, for values out of bounds."""
+        for name, value in _numbers(asdict(self)):
+            if not math.isfinite(value):
+                raise SimulationError(f"the world's {name} is {value}: give a finite number.")
+            leaf = name.rpartition(".")[2]
+            if leaf in _NOT_NEGATIVE and value < 0.0:
+                raise SimulationError(f"the world's {name} is {value}: give 0 or more.")
+            if leaf in _POSITIVE and value <= 0.0:
+                raise SimulationError(f"the world's {name} is {value}: give a number above 0.")
+        if self.finger_load.force_frac >= 1.0:
+            raise SimulationError(f"the world's force_frac is {self.finger_load.force_frac}: give less than 1.")
+        if self.pad_pose.scale_frac <= -1.0:
+            raise SimulationError(f"the world's pad_pose.scale_frac is {self.pad_pose.scale_frac}: give more than -1.")
+
+    def without(self, cause: str) -> WorldErrors:
+        """Return this world with perfect knowledge of one of `CAUSES`."""
+        return replace(self, **{cause: getattr(NEUTRAL, cause)})
+
+    @classmethod
+    def parsed(cls, text: str) -> WorldErrors:
+        """Return the world of a JSON object with some of the fields, as `asdict` nests them. Raises SimulationError."""
+        try:
+            given = json.loads(text)
+        except ValueError as error:
+            raise SimulationError(f"a world is a JSON object, and this is none: {error}.") from None
+        made: WorldErrors = _made(cls, given, "world")
+        return made
+
+
+_NOT_NEGATIVE: Final = {
+    *("noise_mm", "time_error_ms", "hold_mm", "stamp_jitter_ms", "link_jitter_ms", "waves_frac", "local_frac"),
+    *("map_noise_frac", "glue_frac", "force_frac", "seed"),
+}
+_POSITIVE: Final = {"damping_factor", "stop_ramp_s"}
+
+
+def _numbers(nested: object, name: str = "") -> list[tuple[str, float]]:
+    """Return all numbers of nested mappings and sequences with their dotted names."""
+    if nested is None:
+        return []
+    if isinstance(nested, dict):
+        return [one for key, value in nested.items() for one in _numbers(value, f"{name}.{key}" if name else key)]
+    if isinstance(nested, (tuple, list)):
+        return [one for value in nested for one in _numbers(value, name)]
+    if isinstance(nested, bool) or not isinstance(nested, (int, float)):
+        raise SimulationError(f"the world's {name} is {nested!r}: give a number.")
+    return [(name, float(nested))]
+
+
+_NESTED: Final = {
+    "pad_pose": PadPose,
+    "noise": PadNoise,
+    "map_change": MapChange,
+    "sensors": SensorErrors,
+    "finger_load": FingerLoad,
+}
+
+
+def _made(kind: Any, given: object, name: str) -> Any:
+    """Return a value of `kind` from a JSON object. Raises SimulationError for unknown names and missing values."""
+    if not isinstance(given, dict):
+        raise SimulationError(f"{name} is {given!r}: give an object with some of its fields.")
+    valid = [entry.name for entry in fields(kind)]
+    for key in given:
+        if key not in valid:
+            raise SimulationError(f"{name} has no {key!r}: choose from {', '.join(valid)}.")
+    values = {
+        key: _made(_NESTED[key], value, key) if key in _NESTED and value is not None else _frozen(value)
+        for key, value in given.items()
+    }
+    try:
+        return kind(**values)
+    except TypeError:
+        raise SimulationError(f"{name}: give noise_mm too.") from None
+
+
+def _frozen(value: object) -> object:
+    """Return lists as tuples."""
+    return tuple(_frozen(one) for one in value) if isinstance(value, list) else value
+
+
+NEUTRAL: Final = WorldErrors()
+CAUSES: Final = tuple(entry.name for entry in fields(WorldErrors) if entry.name != "seed")

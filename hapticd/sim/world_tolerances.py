@@ -1,0 +1,127 @@
+"""Laboratories at random: the tolerance of each error, and worlds drawn within them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ..errors import SimulationError
+from .world_errors import FingerLoad, MapChange, PadNoise, PadPose, SensorErrors, WorldErrors
+
+MODES_MOST: Final = 8  # of a plate: errors are drawn for all, whatever plate is played
+SENSORS_MOST: Final = 6
+
+
+class Tolerance(NamedTuple):
+    """Bound of one error in each kind of world, its unit, and where the figure comes from."""
+
+    mild: float
+    laboratory: float
+    worst: float
+    unit: str
+    source: str
+
+
+# Errors are uniform within these bounds, of either sign where that has a meaning.
+TOLERANCES: Final[dict[str, Tolerance]] = {
+    "pad_shift": Tolerance(0.2, 0.5, 1.0, "mm", "a pad laid by hand to marks; by eye, 1 mm"),
+    "pad_angle": Tolerance(0.1, 0.3, 0.6, "deg", "0.5 mm over the pad's 110 mm is 0.26 degrees"),
+    "pad_scale": Tolerance(0.001, 0.003, 0.005, "", "electrode pitch and the driver's counts per mm"),
+    "centroid_shift": Tolerance(0.2, 0.5, 1.0, "mm", "skin shears by 0.5 to 2 mm before a finger slides"),
+    "latency": Tolerance(1.0, 3.0, 5.0, "ms", "a quarter of a report's period; half of one"),
+    "noise": Tolerance(0.02, 0.05, 0.1, "mm", "measured on 72 devices: 0.02 .. 0.03 typical, 0.1 the worst"),
+    "time_error": Tolerance(0.3, 0.8, 1.5, "ms", "the same: 0.1 .. 0.25 good, 0.8 Apple's, 1.5 .. 2.5 the worst"),
+    "stamp_jitter": Tolerance(0.5, 2.0, 3.0, "ms", "USB stamps 0.3 .. 0.7 RMS; polled scanners slip by 2.7"),
+    "link_jitter": Tolerance(1.0, 5.0, 10.0, "ms", "latency timers of USB serial adapters: 1, and 16 by default"),
+    "map_waves": Tolerance(0.02, 0.05, 0.1, "", "glue that ages, a support that moves; repeated scans differ by 2 %"),
+    "map_local": Tolerance(0.02, 0.05, 0.1, "", "a wire, or an actuator's edge that comes loose"),
+    "map_noise": Tolerance(0.01, 0.03, 0.08, "", "a vibrometer on bare glass: 2 to 10 % of the peak"),
+    "glue": Tolerance(0.03, 0.05, 0.1, "", "glued actuators and supports against a free plate's theory"),
+    "sensor_gain": Tolerance(0.01, 0.03, 0.05, "", "a calibration with a 3 % vibrometer; piezo sensors age"),
+    "sensor_phase": Tolerance(1.0, 3.0, 6.0, "deg", "charge amplifier and filter tolerances at 29 kHz"),
+    "sensor_crosstalk": Tolerance(0.01, 0.03, 0.05, "", "patches lie off the nodes of other modes by 1 mm"),
+    "finger_damping": Tolerance(1.25, 2.0, 5.0, "times", "dry to moist fingers; a factor of 10 was never measured"),
+    "finger_detuning": Tolerance(10.0, 50.0, 150.0, "Hz", "mass and stiffness of a fingertip, about half its damping"),
+    "finger_force": Tolerance(0.2, 0.4, 0.6, "", "force varies by half during exploration"),
+    "drift": Tolerance(5.0, 30.0, 80.0, "Hz", "0.01 % per kelvin of 29 kHz, heated by actuators and hands"),
+    "mistuning": Tolerance(3.0, 20.0, 60.0, "Hz", "a room 1, 7 or 20 kelvin from that of the calibration"),
+    "stop_ramp": Tolerance(0.2, 0.15, 0.1, "s", "a shortest ramp; the simulated strokes have 0.3"),
+}
+LEVELS: Final = ("mild", "laboratory", "worst")
+
+_CORRELATION: Final = 0.65  # of real pads that filter
+_USUAL_RAMP_S: Final = 0.3
+
+
+def draw(level: str, seed: int) -> WorldErrors:
+    """Draw one of the laboratories of a level: the same for the same seed, each cause from a stream of its own.
+
+    Raises SimulationError for an unknown level.
+    """
+    if level not in LEVELS:
+        raise SimulationError(f"there is no world {level!r}: choose one of {', '.join(LEVELS)}.")
+    bounds = {name: getattr(tolerance, level) for name, tolerance in TOLERANCES.items()}
+    drawn = _Draws(bounds, seed)
+    shift_mm, towards_rad = drawn.size("pad_shift"), drawn.within(math.pi, "pad_shift", 1)
+    return WorldErrors(
+        pad_pose=PadPose(
+            shift_mm * math.cos(towards_rad),
+            shift_mm * math.sin(towards_rad),
+            drawn.signed("pad_angle"),
+            drawn.signed("pad_scale"),
+        ),
+        centroid_shift_mm=drawn.signed("centroid_shift"),
+        latency_ms=drawn.signed("latency"),
+        noise=PadNoise(drawn.size("noise"), _CORRELATION, drawn.size("time_error"), hold_mm=0.02),
+        stamp_jitter_ms=drawn.size("stamp_jitter"),
+        link_jitter_ms=drawn.size("link_jitter"),
+        map_change=MapChange(drawn.size("map_waves"), drawn.size("map_local")),
+        map_noise_frac=drawn.size("map_noise"),
+        glue_frac=drawn.size("glue"),
+        sensors=SensorErrors(
+            tuple(drawn.signed("sensor_gain", sensor) for sensor in range(SENSORS_MOST)),
+            tuple(drawn.signed("sensor_phase", sensor) for sensor in range(SENSORS_MOST)),
+            tuple(
+                tuple(
+                    0.0 if mode == sensor else drawn.signed("sensor_crosstalk", SENSORS_MOST * sensor + mode)
+                    for mode in range(SENSORS_MOST)
+                )
+                for sensor in range(SENSORS_MOST)
+            ),
+        ),
+        finger_load=FingerLoad(
+            bounds["finger_damping"] ** drawn.within(1.0, "finger_damping"),
+            drawn.signed("finger_detuning"),
+            drawn.size("finger_force"),
+        ),
+        drift_hz=tuple(drawn.signed("drift", mode) for mode in range(MODES_MOST)),
+        mistuning_hz=drawn.signed("mistuning"),
+        stop_ramp_s=_USUAL_RAMP_S - (_USUAL_RAMP_S - bounds["stop_ramp"]) * drawn.share("stop_ramp"),
+        seed=seed,
+    )
+
+
+class _Draws:
+    """Uniform numbers, each from the stream of its name."""
+
+    def __init__(self, bounds: Mapping[str, float], seed: int) -> None:
+        self._bounds, self._seed = bounds, seed
+
+    def share(self, name: str, index: int = 0) -> float:
+        """Return a number in [0, 1)."""
+        return float(np.random.default_rng([self._seed, list(self._bounds).index(name), index]).random())
+
+    def within(self, bound: float, name: str, index: int = 0) -> float:
+        """Return a number in [-bound, bound)."""
+        return bound * (2.0 * self.share(name, index) - 1.0)
+
+    def signed(self, name: str, index: int = 0) -> float:
+        """Return an error of either sign."""
+        return self.within(self._bounds[name], name, index)
+
+    def size(self, name: str) -> float:
+        """Return an error from half of its bound on: a quantity that every laboratory has some of."""
+        return self._bounds[name] * (0.5 + 0.5 * self.share(name))

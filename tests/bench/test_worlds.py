@@ -1,0 +1,70 @@
+"""The bench over random laboratories, on small sizes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hapticd.bench import worlds
+from hapticd.bench.tables import Table
+from hapticd.config.sections import Config, PredictionConfig
+from hapticd.sim import lockstep
+from hapticd.sim.lockstep import Settings
+from hapticd.sim.world_errors import CAUSES
+
+pytestmark = pytest.mark.long
+
+
+SECONDS = 1.0
+
+
+@pytest.fixture(scope="module")
+def tables() -> dict[str, Table]:
+    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, workers=1)}
+
+
+def leak_um(table: Table, row: str) -> float:
+    return table.row(row).figures["leak_um"]
+
+
+def test_the_worse_the_world_the_more_leaks_and_less_than_under_the_papers_scheme(tables: dict[str, Table]) -> None:
+    table = tables["worlds"]
+    ours_um = [leak_um(table, f"{level}: {worlds.HAPTICD}") for level in worlds.LEVELS]
+    assert leak_um(table, f"mild: {worlds.IDEAL}") < ours_um[0] < ours_um[1] < ours_um[2]
+    for level, of_level_um in zip(worlds.LEVELS, ours_um, strict=True):
+        assert leak_um(table, f"{level}: {worlds.PERFECT}") < of_level_um < leak_um(table, f"{level}: {worlds.PAPER}")
+
+
+@pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes"])
+def test_every_cause_is_made_perfect_once_the_largest_share_first(name: str, tables: dict[str, Table]) -> None:
+    ours, *rest = tables[name].rows
+    assert ours.name == worlds.HAPTICD
+    assert {row.name for row in rest} == {f"{cause} perfect" for cause in CAUSES}
+    shares = [row.figures["share_frac"] for row in rest]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[0] > 0.0
+
+
+def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, Table]) -> None:
+    contrast = {row.name: row.figures["contrast"] for row in tables["worlds_contact"].rows}
+    assert contrast[worlds.PAPER] < contrast[worlds.HAPTICD] < contrast[worlds.PERFECT]
+
+
+def test_processes_give_what_one_process_gives() -> None:
+    jobs = {("mild", seed): (Settings(), "mild", seed, SECONDS, False) for seed in (1, 2)}
+    assert worlds.played(jobs, workers=2) == worlds.played(jobs, workers=1)
+
+
+def strokes_leak_um(**errors: Any) -> float:
+    return lockstep.run("strokes", settings=Settings(**errors), seconds=6.0).score.leak_um
+
+
+def test_stamps_that_jitter_by_3_ms_cost_a_tenth_at_most() -> None:
+    assert strokes_leak_um(stamp_jitter_ms=3.0) < 1.1 * strokes_leak_um()
+
+
+def test_noise_four_times_the_expected_costs_a_fifth_more_than_if_it_were_configured() -> None:
+    known = replace(Config(), prediction=PredictionConfig(noise_mm=0.2))
+    assert strokes_leak_um(noise_mm=0.2) < 1.2 * strokes_leak_um(noise_mm=0.2, config=known)

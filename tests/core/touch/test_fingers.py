@@ -1,0 +1,56 @@
+"""When the fingers of a pad count as lifted because it is silent."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hapticd.core.prediction.predictor import DEFAULT
+from hapticd.core.touch.fingers import LONGEST_SILENCE_NS, Fingers
+from hapticd.values import Contact, TouchFrame
+
+MS = 1_000_000
+START_NS = 50_000 * MS
+
+
+def fingers() -> Fingers:
+    return Fingers(DEFAULT.for_touch, sensor_latency_ns=10 * MS, silence_ns=40 * MS)
+
+
+def frame(t_ns: int) -> TouchFrame:
+    return TouchFrame(t_ns, (Contact(1, 1e-7 * (t_ns - START_NS), 0.0, 8.0, 7.0, 0.0, 0.5, True, 4, 0, 0),), False)
+
+
+def touched(period_ns: int, reports: int = 60) -> tuple[Fingers, int]:
+    """Return the fingers after some reports, and when the last one was read."""
+    pad = fingers()
+    for report in range(reports):
+        t_ns = START_NS + report * period_ns
+        pad.touch(frame(t_ns), t_ns + 12 * MS)
+    return pad, t_ns + 12 * MS
+
+
+def test_a_pad_of_60_hz_that_loses_a_twentieth_of_its_reports_keeps_its_fingers() -> None:
+    random, pad, lifted = np.random.default_rng(3), fingers(), 0
+    kept_ns = [START_NS + round(k * 1e9 / 60) for k in range(3600) if k < 20 or random.random() > 0.05]
+    assert 49 < max(later - t_ns for t_ns, later in pairwise(kept_ns)) / MS < 51  # two lost in a row
+    for t_ns, later_ns in pairwise(kept_ns):
+        pad.touch(frame(t_ns), t_ns + 12 * MS)
+        lifted += pad.are_silent(later_ns + 12 * MS)
+    assert lifted == 0
+
+
+@pytest.mark.parametrize(("period_ms", "silence_ms"), [(11.25, 40.0), (2.0, 40.0), (1000 / 60, 3.5 * 1000 / 60)])
+def test_a_silent_pad_lifts_its_fingers_after_some_periods_and_not_before_the_configured_time(
+    period_ms: float, silence_ms: float
+) -> None:
+    pad, t_ns = touched(round(period_ms * MS))
+    assert not pad.are_silent(t_ns + round((silence_ms - 0.5) * MS))
+    assert pad.are_silent(t_ns + round((silence_ms + 0.5) * MS))
+
+
+def test_no_period_lets_a_silent_pad_keep_its_fingers_for_longer_than_the_bound() -> None:
+    pad, t_ns = touched(49 * MS)
+    assert pad.are_silent(t_ns + LONGEST_SILENCE_NS + MS)
