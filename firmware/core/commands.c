@@ -23,7 +23,8 @@ void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload)
     hd_wire_set_controller_t wire;
     memcpy(&wire, payload, sizeof wire);
     heard->design = core->control.design;
-    heard->design.gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
+    hd_gains_t gains = {wire.law, wire.bandwidth_1_s, wire.integral_time_s};
+    heard->design.gains = hd_gains_complete(gains, heard->design.plant.tick_s);
     heard->in_range = hd_gains_valid(&heard->design.gains);
     if (heard->in_range) {
         hd_control_design(&heard->design);

@@ -36,7 +36,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
 {
     memset(core, 0, sizeof *core);
     core->config = *config;
-    core->config.gains = hd_gains_complete(config->gains);
+    core->config.gains = hd_gains_complete(config->gains, 1.0f / config->control_hz);
     hd_wiring_complete(&core->config.wiring);
     core->t_status_us = now_us;
     core->state = HD_STATE_FAULT;
