@@ -66,7 +66,7 @@ class Plate:
 
 
 def straight_bound_ms(plate: Plate, amplitude_um: float, steps: int = 1000) -> float:
-    """The same for a way that keeps its phase, on a plate that turns it: d|W|/dt <= sqrt((g V)^2 - (delta W)^2) - decay W.
+    """Shortest settling time (2 %) on a way that keeps its phase: dW/dt <= sqrt((g V)^2 - (detuning W)^2) - decay W.
 
     The amplitude is one that the voltage holds.
     """
@@ -117,7 +117,7 @@ class Law:
         return Board(model, config=config)
 
     def respond(self, plate: Plate, amplitude_um: float) -> Phasors:
-        """W_X (3 phases, each CHUNK_S) from the first tick after the step on: 0 to `amplitude_um`, then fingers land and
+        """W_X (3 phases) each CHUNK_S from the first tick after the step on: 0 to `amplitude_um`, then fingers land and
         raise the decay by half of the bare plate's, then they lift."""
         ticks = self.phase_ticks
         landing_1_s = np.zeros((4 * ticks, 1))

@@ -99,13 +99,12 @@ def _steps(repeats: int, ticks: int) -> Table:
         error="large_ms",
         skipped={} if optional("scipy.linalg") else dict.fromkeys(OUTSIDE, "SciPy is not installed"),
         notes=(
-            "from the instant of asking, 0.5 ms before the board receives the step; 2 kHz unless named",
+            "from the instant of asking, a tick before the board receives the step; 2 kHz unless named",
             "worst: of damping x0.5, x1, x1.5 and 20 Hz either way, where the voltage can hold 2 um",
-            "far: the same to 50 Hz either way; far cross: its largest amplitude on the other axis; its bound is that of a "
-            "straight way in phase",
+            "far: the same to 50 Hz either way, bound: a straight way; far cross: largest share on the other axis",
             "landing: fingers raise the damping by half at 2 um; time until the plate is back within 2 %",
             "node: largest vibration of a still finger while the other's amplitude steps from 0.5 to 3 um",
-            "coupled: largest vibration of the other mode while one goes to 1 um under a finger that couples both by 591 1/s",
+            "coupled: largest vibration of the other mode while one goes to 1 um, a finger coupling both by 591 1/s",
             "host tick: one control tick of firmware and plate model on this machine",
         ),
     )

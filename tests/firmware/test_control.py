@@ -74,7 +74,7 @@ def test_the_default_law_settles_in_every_corner_of_drift_and_damping(law: Law) 
 
 
 def test_at_5_khz_the_default_law_settles_near_the_bound_of_corners_as_far_as_50_hz() -> None:
-    """The voltage lets the worst of them settle in 6.3 ms on a straight way; asking and the tick's delay come on top."""
+    """The voltage lets the worst of them settle in 6.3 ms on a straight way; asking and the tick come on top."""
     worst = worst_response(FAST.respond, 500.0, 2.0, FAST.tick_ms, detunes_hz=FAR_HZ)
     bound_ms = straight_bound_ms(Plate(damping=1.5, detune_hz=50.0), 2.0)
     assert 6.2 < bound_ms < 6.4
