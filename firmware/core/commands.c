@@ -146,6 +146,21 @@ void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     }
 }
 
+void hd_take_set_baud(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)now_us;
+    hd_wire_set_baud_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    if (wire.baud < HD_BAUD_MIN || wire.baud > core->config.baud_max) {
+        answer(core, HD_MSG_SET_BAUD, HD_VERDICT_OUT_OF_RANGE);
+    } else if (!hd_at_rest(core)) {
+        answer(core, HD_MSG_SET_BAUD, HD_VERDICT_NOT_QUIET);
+    } else {
+        core->baud = wire.baud;
+        answer(core, HD_MSG_SET_BAUD, HD_VERDICT_DONE);
+    }
+}
+
 void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     hd_wire_sweep_t sweep;

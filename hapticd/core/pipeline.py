@@ -93,6 +93,7 @@ class Pipeline:
         self._modes = modes
         self._scene = scene
         self._settings = settings
+        self.max_knots = settings.max_knots  # of one frame; a faster line carries more
         self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
@@ -175,7 +176,7 @@ class Pipeline:
 
         limited = first.limited or last.limited
         self.counters.knots += len(knots)
-        self.counters.skipped_knots += self._settings.max_knots - len(knots)
+        self.counters.skipped_knots += self.max_knots - len(knots)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
         self._active, self._active_keys, self._active_places = drive, keys, last.places
@@ -209,7 +210,7 @@ class Pipeline:
         settings = self._settings
         first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
-        if settings.max_knots == 1:
+        if self.max_knots == 1:
             return first, first, [begin]
         span_ns = settings.cover_ns
         last = self._solve_at(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
@@ -225,7 +226,7 @@ class Pipeline:
         for piece in range(1, pieces):
             dt_ns = span_ns * piece // pieces // 1000 * 1000
             knots.insert(piece, Knot(dt_ns, solve(dt_ns, knots[piece - 1])))
-        return first, last, refine(solve, knots, settings.tolerance_um, settings.max_knots, smooth=smooth)
+        return first, last, refine(solve, knots, settings.tolerance_um, self.max_knots, smooth=smooth)
 
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
@@ -254,7 +255,7 @@ class Pipeline:
             if way_mm > pieces * finest_mm:
                 pieces = way_mm / finest_mm
             smooth = smooth and is_smooth
-        return math.ceil(min(pieces, self._settings.max_knots - 1, self._settings.cover_ns / SHORTEST_NS)), smooth
+        return math.ceil(min(pieces, self.max_knots - 1, self._settings.cover_ns / SHORTEST_NS)), smooth
 
     def _bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
         """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""
