@@ -14,6 +14,8 @@ from machine_bench import MS, PLATE
 from hapticd.board_values import BoardState, BoardStatus, Calibration, ModeCalibration
 from hapticd.config import Config
 from hapticd.daemon.machine import Machine
+from hapticd.files.recording import kinds
+from hapticd.files.recording.kinds import record_of
 from hapticd.sim.board.board import FLAG_SYNC, Board, BoardConfig, BoardTrace, PlateModel
 
 FIRST, FAST = 921600, 3_000_000
@@ -183,6 +185,19 @@ def test_a_marker_with_a_pulse_raises_the_sync_output_with_the_next_reference() 
         status.seq for status in rig.statuses if status.pulsed and status.applied
     ]
     assert sum(status.pulsed for status in rig.statuses) == 1
+
+
+def test_the_recorded_status_names_the_frame_with_which_the_output_rose() -> None:
+    rig = Rig().run(400)
+    rig.mark(pulse=True)
+    rig.run(60)
+    rose = next(status for status in rig.statuses if status.pulsed)
+    fields = record_of("status", 1, rig.t_ns, (rose,)).fields
+    assert (fields["is_pulsed"], fields["seq"], fields["t_applied_us"]) == (True, rose.seq, rose.t_applied_us)
+    decoded = kinds.decode("status", kinds.encode("status", fields))
+    assert decoded["is_pulsed"]
+    del fields["is_pulsed"]
+    assert kinds.decode("status", kinds.encode("status", fields)) == fields, "earlier recordings"
 
 
 def test_a_resting_board_is_woken_for_a_pulse() -> None:

@@ -70,11 +70,10 @@ class SerialLink:
         return False
 
     def set_baud(self, baud: int) -> None:
-        """Set the speed until the port is closed, once what was written has left."""
+        """Set the speed until the port is closed. What was written must have been answered: nothing waits here."""
         if self._serial is None:
             return
         try:
-            termios.tcdrain(self._serial.fd)
             self._serial.baudrate = baud
             os.set_blocking(self._serial.fd, False)
         except (OSError, ValueError, termios.error) as error:
