@@ -31,6 +31,9 @@ size_t board_read(uint8_t *bytes, size_t capacity);
 size_t board_write_room(void);
 void board_write(const uint8_t *bytes, size_t n);
 
+/* Gives the line another speed, 0 for the one of the start; false as long as it still sends. */
+bool board_set_baud(uint32_t baud);
+
 /* What a board's log has besides enum hd_event. */
 enum hd_board_event {
     HD_EVENT_IMAGE = 96,           /* the program in the flash is damaged: the board does not drive */
@@ -42,6 +45,9 @@ enum hd_board_event {
 
 /* Enables or disables the amplifiers, at every control tick. */
 void board_enable_amplifiers(bool enable);
+
+/* The sync output, at every control tick. */
+void board_sync(bool high);
 
 /* The event that forbids to drive now, such as an emergency stop; 0 if there is none. */
 uint8_t board_interlock(void);

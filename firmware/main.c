@@ -41,6 +41,16 @@ static void obey_interlock(void)
     }
 }
 
+static void show_sync(void)
+{
+    static bool shown;
+    bool high = (core.tick_flags & HD_TICK_SYNC) != 0;
+    if (high != shown) {
+        shown = high;
+        board_sync(high);
+    }
+}
+
 void hd_on_tick(void)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
@@ -50,6 +60,7 @@ void hd_on_tick(void)
     hd_carrier_tune(&carrier, core.drive_hz);
     hd_carrier_drive(&carrier, voltage_v);
     board_enable_amplifiers(amplifiers_needed());
+    show_sync();
     watch_main_loop();
 }
 
@@ -103,6 +114,19 @@ static void answer_host(void)
     }
 }
 
+/* Once the answer to the host is on the line. */
+static void follow_baud(void)
+{
+    static uint32_t baud;
+    if ((core.baud | baud) == 0) {
+        return; /* as it is with most hosts */
+    }
+    uint32_t asked = hd_line_baud(&core, board_now_us());
+    if (asked != baud && (core.pending & HD_PENDING_VERDICT) == 0 && board_set_baud(asked)) {
+        baud = asked;
+    }
+}
+
 static void keep_log(void)
 {
     static uint32_t kept_check;
@@ -131,6 +155,7 @@ int main(void)
     for (;;) {
         receive_from_host();
         answer_host();
+        follow_baud();
         keep_log();
         came_round = true;
         board_wait();

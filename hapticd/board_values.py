@@ -7,7 +7,7 @@ is encoded or a message decoded.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -43,6 +43,23 @@ class ModeCalibration:
             gain_um_per_v_s=self.gain_um_per_v_s,
             loop=complex(math.cos(self.loop_phase_rad), math.sin(self.loop_phase_rad)),
         )
+
+
+class Calibration(tuple[ModeCalibration, ...]):
+    """The calibrated modes, and the drive to set; None: the board's own."""
+
+    drive_hz: float | None
+
+    def __new__(cls, modes: Iterable[ModeCalibration] = (), drive_hz: float | None = None) -> Calibration:
+        """Take the modes and the drive."""
+        found = super().__new__(cls, tuple(modes))
+        found.drive_hz = drive_hz
+        return found
+
+    @classmethod
+    def of(cls, modes: Iterable[ModeCalibration]) -> Calibration:
+        """Return modes without a drive as a calibration, and a calibration as it is."""
+        return modes if isinstance(modes, cls) else cls(modes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +130,21 @@ class SetTelemetry:
 
 
 @dataclass(frozen=True, slots=True)
+class SetDrive:
+    """Set the drive, and how far it follows the plate to either side. The modes stay at their frequencies."""
+
+    drive_hz: float
+    follow_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetBaud:
+    """Set the line's speed, from the answer on; a board that then receives nothing valid returns to its first one."""
+
+    baud: int
+
+
+@dataclass(frozen=True, slots=True)
 class TimeRequest:
     """Request the board's clock; the answer repeats the stamp."""
 
@@ -120,11 +152,13 @@ class TimeRequest:
 
 
 class ReferenceFrame(NamedTuple):
-    """A numbered drive with its start on the board's wrapped clock."""
+    """A numbered drive with its start on the board's wrapped clock; with a pulse of the sync output when it takes
+    effect."""
 
     seq: int
     t_apply_us: int
     drive: SafeDrive
+    has_pulse: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +179,8 @@ BoardCommand = (
     | SetModel
     | SetWiring
     | SetTelemetry
+    | SetDrive
+    | SetBaud
     | TimeRequest
     | ReferenceFrame
     | KeepAlive
@@ -165,7 +201,11 @@ class BoardState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BoardHello:
-    """The board's identity, rates and limits, sent at the handshake."""
+    """The board's identity, rates and limits, sent at the handshake.
+
+    `drive_hz` is the drive that was set last. `image_crc` is that of the flashed program, `baud_max` the fastest line
+    that the board offers: 0 where there is none.
+    """
 
     protocol_version: int
     protocol_hash: int
@@ -177,6 +217,9 @@ class BoardHello:
     deadman_ms: int
     w_limit_um: tuple[float, ...]
     v_limit_v: float
+    image_crc: int = 0
+    baud_max: int = 0
+    has_sync: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +228,8 @@ class BoardStatus:
 
     Times are wrapped board times. `seq` is the last accepted frame, `t_received_us` its arrival, `t_applied_us` when
     its first knot took effect (0 and `applied` False while it is pending). `measured_um` is per mode, `voltage_v` per
-    amplifier. `drive_hz` follows the plate; 0 of a board that does not say it.
+    amplifier. `drive_hz` follows the plate; 0 of a board that does not say it. `pulsed`: the sync output rose as
+    this frame took effect.
     """
 
     t_board_us: int
@@ -203,6 +247,7 @@ class BoardStatus:
     measured_um: tuple[complex, ...]
     voltage_v: tuple[complex, ...]
     drive_hz: float = 0.0
+    pulsed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,14 +276,6 @@ class SetGains:
 @dataclass(frozen=True, slots=True)
 class ControllerRequest:
     """Request the active law, gains and mode models."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetDrive:
-    """Set the drive, and how far it follows the plate to either side. The modes stay at their frequencies."""
-
-    drive_hz: float
-    follow_hz: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +309,7 @@ class Stop:
     """Stop a sweep or raw voltage."""
 
 
-ToolCommand = SetGains | SetDrive | ControllerRequest | Sweep | RawVoltage | SetTelemetry | LogRequest | Stop
+ToolCommand = SetGains | ControllerRequest | Sweep | RawVoltage | SetTelemetry | LogRequest | Stop
 
 # --- messages to the bench tools --------------------------------------------------------------------------------
 

@@ -23,7 +23,8 @@ void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload)
     hd_wire_set_controller_t wire;
     memcpy(&wire, payload, sizeof wire);
     heard->design = core->control.design;
-    heard->design.gains = hd_gains_complete((hd_gains_t){wire.law, wire.bandwidth_1_s, wire.integral_time_s});
+    hd_gains_t gains = {wire.law, wire.bandwidth_1_s, wire.integral_time_s};
+    heard->design.gains = hd_gains_complete(gains, heard->design.plant.tick_s);
     heard->in_range = hd_gains_valid(&heard->design.gains);
     if (heard->in_range) {
         hd_control_design(&heard->design);
@@ -142,6 +143,21 @@ void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     if (take_plant(core, HD_MSG_SET_DRIVE)) {
         hd_follow_set(&core->follower, wire.drive_hz, wire.follow_hz);
         core->drive_hz = wire.drive_hz;
+    }
+}
+
+void hd_take_set_baud(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+{
+    (void)now_us;
+    hd_wire_set_baud_t wire;
+    memcpy(&wire, payload, sizeof wire);
+    if (wire.baud < HD_BAUD_MIN || wire.baud > core->config.baud_max) {
+        answer(core, HD_MSG_SET_BAUD, HD_VERDICT_OUT_OF_RANGE);
+    } else if (!hd_at_rest(core)) {
+        answer(core, HD_MSG_SET_BAUD, HD_VERDICT_NOT_QUIET);
+    } else {
+        core->baud = wire.baud;
+        answer(core, HD_MSG_SET_BAUD, HD_VERDICT_DONE);
     }
 }
 

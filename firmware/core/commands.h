@@ -15,6 +15,7 @@ void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 void hd_take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_controller_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
+void hd_take_set_baud(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_raw_voltage(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
 void hd_take_set_telemetry(hd_core_t *core, const uint8_t *payload, uint32_t now_us);

@@ -57,8 +57,8 @@ typedef struct {
     hd_loop_t loop[HD_MODES];
 } hd_control_t;
 
-/* Gains of 0 stand for those that this firmware was tested with; everything else is taken as it is. */
-hd_gains_t hd_gains_complete(hd_gains_t gains);
+/* Gains of 0 stand for those that this firmware was tested with at such ticks; everything else is taken as it is. */
+hd_gains_t hd_gains_complete(hd_gains_t gains, float tick_s);
 bool hd_gains_valid(const hd_gains_t *gains);
 
 /* Completes a design whose plant and gains are given. It takes as long as two ticks: nothing that runs should wait for

@@ -36,7 +36,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
 {
     memset(core, 0, sizeof *core);
     core->config = *config;
-    core->config.gains = hd_gains_complete(config->gains);
+    core->config.gains = hd_gains_complete(config->gains, 1.0f / config->control_hz);
     hd_wiring_complete(&core->config.wiring);
     core->t_status_us = now_us;
     core->state = HD_STATE_FAULT;
@@ -45,7 +45,8 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     if (!config_valid(&core->config)) { /* the board still answers: with figures that a host can read, all 0 */
         core->fault = HD_FAULT_CONFIG;
         core->config = (hd_config_t){
-            .boot_id = config->boot_id, .reset_cause = config->reset_cause, .log = core->config.log,
+            .boot_id = config->boot_id, .reset_cause = config->reset_cause, .image_crc = config->image_crc,
+            .log = core->config.log,
         };
         return false;
     }
@@ -210,6 +211,20 @@ static void sense(hd_core_t *core, const hd_phasor_t sensor_um[HD_MODES], uint32
     }
 }
 
+static uint16_t ticks_in(const hd_core_t *core, uint32_t span_us)
+{
+    return (uint16_t)(core->config.control_hz * 1e-6f * (float)span_us);
+}
+
+/* Bounded in rate, so that what follows the output can count on its length and on the gaps. */
+static void pulse(hd_core_t *core)
+{
+    if (core->pulse_ticks == 0 && (core->config.features & HD_FEATURE_SYNC) != 0) {
+        core->pulse_ticks = ticks_in(core, HD_PULSE_EVERY_US);
+        core->status_flags |= HD_STATUS_PULSED;
+    }
+}
+
 /* A reference has taken effect at the first tick that is not before its first knot. */
 static void acknowledge(hd_core_t *core, uint32_t now_us)
 {
@@ -224,6 +239,9 @@ static void acknowledge(hd_core_t *core, uint32_t now_us)
     }
     core->acknowledge = true;
     core->pending |= HD_PENDING_STATUS;
+    if (line->pulse) {
+        pulse(core);
+    }
 }
 
 static void follow_timeline(hd_core_t *core, uint32_t now_us)
@@ -277,13 +295,23 @@ static void use_tool(hd_core_t *core, uint32_t now_us)
     core->pending |= core->tool.count > 0 ? HD_PENDING_SWEEP_POINT : 0;
 }
 
+/* High for the first part of the count. */
+static bool is_pulse(hd_core_t *core)
+{
+    if (core->pulse_ticks == 0) {
+        return false;
+    }
+    return core->pulse_ticks-- > ticks_in(core, HD_PULSE_EVERY_US - HD_PULSE_US);
+}
+
 static void note_flags(hd_core_t *core, bool saturated)
 {
     const hd_polyline_t *line = hd_timeline_running(&core->timeline);
     bool live = core->state == HD_STATE_LIVE;
     bool limited = live && line != NULL && line->limited;
     core->tick_flags = (uint8_t)((saturated ? HD_TICK_SATURATED : 0) | (limited ? HD_TICK_LIMITED : 0)
-                                 | (live ? HD_TICK_LIVE : 0) | (core->tripped ? HD_TICK_DEADMAN : 0));
+                                 | (live ? HD_TICK_LIVE : 0) | (core->tripped ? HD_TICK_DEADMAN : 0)
+                                 | (is_pulse(core) ? HD_TICK_SYNC : 0));
     core->status_flags |= (uint8_t)((saturated ? HD_STATUS_SATURATED : 0) | (limited ? HD_STATUS_LIMITED : 0));
 }
 

@@ -66,6 +66,8 @@ typedef struct {
     float output_delay_frac;   /* of a tick: from hd_tick to the voltage on the plate */
     bool latch_repeated_trips; /* three dead-man trips in ten seconds become a fault */
     uint8_t reset_cause;       /* enum hd_reset_cause */
+    uint8_t features;          /* enum hd_feature */
+    uint32_t image_crc, baud_max; /* as in HELLO */
     hd_log_t log;              /* what survived the reset; recovered by hd_init, and written to from then on */
 } hd_config_t;
 
@@ -82,6 +84,7 @@ enum hd_tick_flag {
     HD_TICK_LIMITED = 0x02,   /* the running reference was above the amplitude limit and scaled */
     HD_TICK_LIVE = 0x04,
     HD_TICK_DEADMAN = 0x08,   /* quiet after a dead-man timeout */
+    HD_TICK_SYNC = 0x10,      /* the sync output is high */
 };
 
 typedef struct {
@@ -117,6 +120,7 @@ typedef struct {
     hd_phasor_t voltage_v[HD_MODES];    /* of the amplifiers */
     uint8_t tick_flags;
     uint8_t status_flags; /* all that happened since the last STATUS */
+    uint16_t pulse_ticks; /* until the sync output may rise again */
 
     bool has_seq;
     hd_receipt_t newest;  /* last accepted reference */
@@ -130,6 +134,8 @@ typedef struct {
     uint32_t t_status_us;
     uint64_t time_request_ns;
     uint32_t t_time_request_us;
+    uint32_t baud;                /* set by the host; 0: the one that the board started with */
+    uint32_t t_heard_us;          /* the last valid frame */
     uint32_t verdicts;            /* commands with a pending verdict, one bit per message type */
     uint8_t verdict[HD_COMMANDS]; /* enum hd_verdict, by message type */
 } hd_core_t;
@@ -160,6 +166,9 @@ size_t hd_message_encode(const hd_message_t *message, uint8_t *out);
 
 /* Zero voltage now; discards references, trajectories and integrals. */
 void hd_silence(hd_core_t *core);
+
+/* The speed that the line should have; 0: the one that the board started with. */
+uint32_t hd_line_baud(hd_core_t *core, uint32_t now_us);
 
 /* Samples were lost, so the plate's state is unknown: zero output now, and drive again only after consecutive fresh
  * references. On a live board this counts as a dead-man trip. */

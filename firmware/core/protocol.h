@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0xd5eb9584u
+#define HD_PROTOCOL_HASH 0x9c1f823eu
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -27,6 +27,13 @@
 #define HD_REARM_FRAMES 3     /* good references in a row before it trusts again */
 #define HD_RAMP_US 10000      /* from full drive to none, and back */
 #define HD_STATUS_US 100000   /* longest time between two STATUS messages */
+#define HD_PULSE_US 5000      /* of the sync output */
+#define HD_PULSE_EVERY_US 20000 /* earlier ones are left out */
+
+#define HD_BAUD_MIN 9600
+#define HD_BAUD_HOLD_US 1200000 /* without a valid frame: back to the speed that the board started with */
+
+#define HD_REFERENCE_PULSE 0x80 /* in `knots`: a pulse when it takes effect */
 
 #define HD_BANDWIDTH_MIN_1_S 10.0f
 #define HD_BANDWIDTH_MAX_1_S 20000.0f
@@ -76,6 +83,7 @@ enum hd_message {
     HD_MSG_STOP = 0x0D,
     HD_MSG_SET_WIRING = 0x0E,
     HD_MSG_SET_DRIVE = 0x0F,
+    HD_MSG_SET_BAUD = 0x10,
     HD_MSG_HELLO = 0x81,
     HD_MSG_STATUS = 0x82,
     HD_MSG_TIME = 0x83,
@@ -141,6 +149,11 @@ enum hd_status_flag {
     HD_STATUS_APPLIED = 0x01,
     HD_STATUS_SATURATED = 0x02,
     HD_STATUS_LIMITED = 0x04,
+    HD_STATUS_PULSED = 0x08, /* the sync output rose with it */
+};
+
+enum hd_feature {
+    HD_FEATURE_SYNC = 0x01, /* a sync output */
 };
 
 #define HD_PACKED __attribute__((packed))
@@ -160,7 +173,7 @@ typedef struct HD_PACKED {
 typedef struct HD_PACKED {
     uint16_t seq;
     uint32_t t_apply_us;
-    uint8_t knots;
+    uint8_t knots; /* and HD_REFERENCE_PULSE */
     uint8_t modes;
 } hd_wire_reference_t;
 
@@ -204,6 +217,11 @@ typedef struct HD_PACKED {
     float follow_hz; /* how far it follows the plate, to either side; 0: not at all */
 } hd_wire_set_drive_t;
 
+/* From when its VERDICT has been sent, and until no valid frame has come for HD_BAUD_HOLD_US. */
+typedef struct HD_PACKED {
+    uint32_t baud;
+} hd_wire_set_baud_t;
+
 typedef struct HD_PACKED {
     uint8_t mode;
     float start_hz;
@@ -237,6 +255,9 @@ typedef struct HD_PACKED {
     uint16_t deadman_ms;
     float v_limit_v;
     float w_limit_um[HD_MODES];
+    uint32_t image_crc; /* of the flashed program, CRC-32; 0 of a board that has none */
+    uint32_t baud_max;  /* for SET_BAUD; 0: it has one speed */
+    uint8_t features;   /* enum hd_feature */
 } hd_wire_hello_t;
 
 typedef struct HD_PACKED {
@@ -330,7 +351,7 @@ typedef struct HD_PACKED {
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "payloads are copied as they lie in memory");
 _Static_assert(sizeof(hd_wire_reference_t) == 8, "a hole in REFERENCE");
 _Static_assert(sizeof(hd_wire_knot_t) == 2 + 8 * HD_MODES, "a hole in a knot");
-_Static_assert(sizeof(hd_wire_hello_t) == 41 + 4 * HD_MODES, "a hole in HELLO");
+_Static_assert(sizeof(hd_wire_hello_t) == 50 + 4 * HD_MODES, "a hole in HELLO");
 _Static_assert(sizeof(hd_wire_status_t) == 32 + 16 * HD_MODES, "a hole in STATUS");
 _Static_assert(sizeof(hd_wire_time_t) == 16, "a hole in TIME");
 _Static_assert(sizeof(hd_wire_set_model_t) == 21, "a hole in SET_MODEL");

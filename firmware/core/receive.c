@@ -41,10 +41,16 @@ static bool knots_valid(const uint8_t *knots, int n)
     return true;
 }
 
+static uint8_t knots_of(const hd_wire_reference_t *head)
+{
+    return head->knots & (uint8_t)~HD_REFERENCE_PULSE;
+}
+
 static bool reference_valid(const hd_wire_reference_t *head, const uint8_t *knots, size_t knots_size)
 {
-    return head->modes == HD_MODES && head->knots >= 1 && head->knots <= HD_KNOTS_MAX
-        && knots_size == head->knots * sizeof(hd_wire_knot_t) && knots_valid(knots, head->knots);
+    uint8_t n = knots_of(head);
+    return head->modes == HD_MODES && n >= 1 && n <= HD_KNOTS_MAX && knots_size == n * sizeof(hd_wire_knot_t)
+        && knots_valid(knots, n);
 }
 
 /* Converts knots for the timeline: in us after the first, and within the limits. */
@@ -52,8 +58,9 @@ static void read_polyline(hd_core_t *core, const hd_wire_reference_t *head, cons
 {
     uint32_t lead_us = (uint32_t)wire_knot(knots, 0).offset * HD_KNOT_UNIT_US;
     hd_polyline_t *line = &core->heard.line;
-    *line = (hd_polyline_t){.t_start_us = head->t_apply_us + lead_us, .seq = head->seq, .n = head->knots};
-    for (int i = 0; i < head->knots; i++) {
+    *line = (hd_polyline_t){.t_start_us = head->t_apply_us + lead_us, .seq = head->seq, .n = knots_of(head),
+                            .pulse = head->knots != knots_of(head)};
+    for (int i = 0; i < line->n; i++) {
         hd_wire_knot_t knot = wire_knot(knots, i);
         line->knot[i].offset_us = (uint32_t)knot.offset * HD_KNOT_UNIT_US - lead_us;
         for (int k = 0; k < HD_MODES; k++) {
@@ -82,8 +89,10 @@ static bool read_reference(hd_core_t *core, const uint8_t *payload, size_t n)
 
 static void store_polyline(hd_core_t *core, uint32_t now_us)
 {
+    hd_polyline_t *slot = hd_timeline_open(&core->timeline, core->heard.line.t_start_us);
     core->heard.line.t_received_us = now_us;
-    *hd_timeline_open(&core->timeline, core->heard.line.t_start_us) = core->heard.line;
+    core->heard.line.pulse = core->heard.line.pulse || slot->pulse; /* a marked one is replaced, its mark is not lost */
+    *slot = core->heard.line;
     if (hd_before(core->heard.line.t_start_us, now_us)) {
         core->late_frames++;
     }
@@ -196,6 +205,7 @@ static const message_t MESSAGES[] = {
     {HD_MSG_STOP, 0, hd_take_stop, NULL},
     {HD_MSG_SET_WIRING, sizeof(hd_wire_set_wiring_t), hd_take_set_wiring, hd_prepare_set_wiring},
     {HD_MSG_SET_DRIVE, sizeof(hd_wire_set_drive_t), hd_take_set_drive, hd_prepare_set_drive},
+    {HD_MSG_SET_BAUD, sizeof(hd_wire_set_baud_t), hd_take_set_baud, NULL},
 };
 
 static const message_t *known(uint8_t type, size_t size)
@@ -235,11 +245,22 @@ void hd_obey(hd_core_t *core, uint32_t now_us)
     const uint8_t *frame = core->receiver.bytes;
     if (!core->heard.valid) {
         refuse(core);
-    } else if (frame[0] == HD_MSG_REFERENCE) {
+        return;
+    }
+    core->t_heard_us = now_us;
+    if (frame[0] == HD_MSG_REFERENCE) {
         take_reference(core, now_us);
     } else {
         known(frame[0], core->heard.frame_n - 1)->take(core, frame + 1, now_us);
     }
+}
+
+uint32_t hd_line_baud(hd_core_t *core, uint32_t now_us)
+{
+    if (core->baud != 0 && now_us - core->t_heard_us > HD_BAUD_HOLD_US) {
+        core->baud = 0; /* the host does not follow, or has left: its next session begins at the speed of the start */
+    }
+    return core->baud;
 }
 
 void hd_receive(hd_core_t *core, const uint8_t *bytes, size_t n, uint32_t now_us)

@@ -16,8 +16,10 @@ static hd_polyline_t *at(hd_timeline_t *timeline, uint8_t position)
 hd_polyline_t *hd_timeline_open(hd_timeline_t *timeline, uint32_t t_start_us)
 {
     uint8_t waiting_from = timeline->running ? 1 : 0;
+    bool pulse = false;
     while (timeline->count > waiting_from && !hd_before(at(timeline, timeline->count - 1)->t_start_us, t_start_us)) {
         timeline->count--;
+        pulse = pulse || at(timeline, timeline->count)->pulse;
     }
     if (timeline->count == HD_POLYLINES) {
         timeline->count--; /* full: the newest wins over the newest before it, so what was planned first still runs */
@@ -25,6 +27,7 @@ hd_polyline_t *hd_timeline_open(hd_timeline_t *timeline, uint32_t t_start_us)
     timeline->count++;
     hd_polyline_t *opened = at(timeline, timeline->count - 1);
     opened->t_start_us = t_start_us;
+    opened->pulse = pulse;
     return opened;
 }
 

@@ -32,6 +32,7 @@ typedef struct {
     uint32_t t_received_us;
     uint16_t seq;
     bool limited;      /* the board had to scale a knot */
+    bool pulse;        /* its start is shown by the sync output */
     bool acknowledged; /* its start has been reported */
     uint8_t n;
     hd_knot_t knot[HD_KNOTS_MAX];
@@ -47,7 +48,7 @@ typedef struct {
 
 void hd_timeline_clear(hd_timeline_t *timeline);
 
-/* The slot for a new polyline: the caller fills all of it. */
+/* The slot for a new polyline: the caller fills all of it. Its `pulse` is set if it replaces one that has it. */
 hd_polyline_t *hd_timeline_open(hd_timeline_t *timeline, uint32_t t_start_us);
 
 /* The modal amplitudes of the reference at t_us, zero before the first polyline. Instants must not decrease. */

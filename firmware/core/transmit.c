@@ -22,9 +22,12 @@ static void fill_hello(hd_core_t *core, hd_wire_hello_t *hello)
         .firmware_version = HD_FIRMWARE_VERSION,
         .boot_id = config->boot_id,
         .control_hz = config->control_hz,
-        .drive_hz = config->drive_hz,
+        .drive_hz = core->follower.base_hz,
         .deadman_ms = HD_DEADMAN_US / 1000,
         .v_limit_v = config->v_limit_v,
+        .image_crc = config->image_crc,
+        .baud_max = config->baud_max,
+        .features = config->features,
     };
     memcpy(hello->w_limit_um, config->w_limit_um, sizeof hello->w_limit_um);
 }

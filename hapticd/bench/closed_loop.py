@@ -6,6 +6,7 @@ and drift; the board is configured with the quality alone.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel, reference_decay_1_s, reference_gain_um_per_v_s
+from ..sim.board.board import (
+    CHUNK_S,
+    Board,
+    BoardConfig,
+    BoardTrace,
+    PlateModel,
+    reference_decay_1_s,
+    reference_gain_um_per_v_s,
+)
 from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 
@@ -56,6 +65,21 @@ class Plate:
         return amplitude_um * demand_1_s <= 0.97 * reference_gain_um_per_v_s(self.quality) * LIMIT_V
 
 
+def straight_bound_ms(plate: Plate, amplitude_um: float, steps: int = 1000) -> float:
+    """Shortest settling time (2 %) on a way that keeps its phase: dW/dt <= sqrt((g V)^2 - (detuning W)^2) - decay W.
+
+    The amplitude is one that the voltage holds.
+    """
+    push_um_s, detuning_rad_s = (
+        reference_gain_um_per_v_s(plate.quality) * LIMIT_V,
+        2.0 * math.pi * (plate.detune_hz - 10),
+    )
+    step_um = (1.0 - SETTLED_FRAC) * amplitude_um / steps
+    w_um = step_um * (np.arange(steps) + 0.5)
+    speed_um_s = np.sqrt(push_um_s**2 - (detuning_rad_s * w_um) ** 2) - plate.decay_1_s * w_um
+    return float(1e3 * np.sum(step_um / speed_um_s))
+
+
 @dataclass(frozen=True, slots=True)
 class Law:
     """A control law at a control rate."""
@@ -93,18 +117,31 @@ class Law:
         return Board(model, config=config)
 
     def respond(self, plate: Plate, amplitude_um: float) -> Phasors:
-        """W_X (3 phases of ticks) from the step on: 0 to `amplitude_um`, then fingers land and raise the decay by half
-        of the bare plate's, then they lift."""
+        """W_X (3 phases) each CHUNK_S from the first tick after the step on: 0 to `amplitude_um`, then fingers land and
+        raise the decay by half of the bare plate's, then they lift."""
         ticks = self.phase_ticks
         landing_1_s = np.zeros((4 * ticks, 1))
-        landing_1_s[2 * ticks : 3 * ticks] = (LANDED_DAMPING - 1.0) * plate.decay_1_s
+        landing_1_s[2 * ticks + 1 : 3 * ticks + 1] = (LANDED_DAMPING - 1.0) * plate.decay_1_s
         on_x = np.tile([1.0, 0.0], (4 * ticks, 1, 1))
 
         def knots(t_s: float) -> list[tuple[float, Phasors]]:
             return [(0.0, np.array([amplitude_um if t_s > PHASE_S - 1e-4 else 0.0, 0.0j]))]
 
         trace = follow(self.board(plate), knots, 4 * ticks, ticks // 10, (on_x, landing_1_s))
-        return trace.plate_um[ticks:, 0]
+        return between_ticks(trace, plate, landing_1_s[:, 0], self.tick_ms)[ticks:].ravel()
+
+
+def between_ticks(trace: BoardTrace, plate: Plate, contact_1_s: Floats, tick_ms: float) -> Phasors:
+    """W_X (ticks, chunks of a tick) from each tick on, exact: a tick's voltage takes over after the first chunk."""
+    decay_1_s, detuning_rad_s = plate.decay_1_s, 2.0 * math.pi * (plate.detune_hz - 10.0)
+    rate_1_s = -(decay_1_s + np.append(contact_1_s[1:], 0.0)) + 1j * detuning_rad_s
+    turn = -1j * cmath.exp(1j * plate.loop_phase_rad) * reference_gain_um_per_v_s(plate.quality)
+    keep = np.exp(rate_1_s * CHUNK_S)
+    new_um = turn * trace.voltage_v[:, 0] * (keep - 1.0) / rate_1_s  # what a chunk of a tick's voltage adds
+    rows = [trace.plate_um[:, 0]]
+    for chunk in range(round(1e-3 * tick_ms / CHUNK_S) - 1):
+        rows.append(keep * rows[-1] + (new_um if chunk else np.append(0.0, new_um[:-1])))
+    return np.stack(rows, axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,28 +155,29 @@ class Response:
     dip_frac: float
 
 
-def measure(w_um: Phasors, amplitude_um: float, tick_ms: float) -> Response:
-    """Measure the result of `Law.respond`."""
+def measure(w_um: Phasors, amplitude_um: float, tick_ms: float, step_ms: float = CHUNK_S * 1e3) -> Response:
+    """Measure the result of `Law.respond`, or of another in rows of `step_ms`."""
     phase = len(w_um) // 3
     stepped, landed = w_um[:phase], w_um[phase : 2 * phase]
     return Response(
-        settling_ms=settling_ms(stepped, amplitude_um, tick_ms),
+        settling_ms=settling_ms(stepped, amplitude_um, tick_ms, step_ms),
         overshoot_frac=float(stepped.real.max()) / amplitude_um - 1.0,
         cross_axis_frac=float(np.abs(stepped.imag).max()) / amplitude_um,
-        recovery_ms=max(settling_ms(landed, amplitude_um, tick_ms) - tick_ms, 0.0),  # the landing is at the tick before
+        recovery_ms=max(settling_ms(landed, amplitude_um, 0.0, step_ms), 0.0),
         dip_frac=1.0 - float(np.abs(landed).min()) / amplitude_um,
     )
 
 
-def settling_ms(w_um: Phasors, target_um: complex, tick_ms: float) -> float:
-    """Time after which the amplitude stays within 2 %; infinite if it does not.
+def settling_ms(w_um: Phasors, target_um: complex, tick_ms: float, step_ms: float | None = None) -> float:
+    """Time after which the amplitude, in rows of `step_ms` or else of ticks, stays within 2 %; infinite if it does not.
 
     Counted from the instant at which the host asks; the board receives the step a tick later.
     """
+    step_ms = tick_ms if step_ms is None else step_ms
     outside = np.flatnonzero(np.abs(w_um - target_um) > SETTLED_FRAC * abs(target_um))
     if len(outside) == 0:
         return 0.0
-    return float(outside[-1] + 2) * tick_ms if outside[-1] + 1 < len(w_um) else math.inf
+    return tick_ms + float(outside[-1] + 1) * step_ms if outside[-1] + 1 < len(w_um) else math.inf
 
 
 def follow(

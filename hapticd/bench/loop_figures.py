@@ -18,6 +18,7 @@ from .closed_loop import Floats, Law, Phasors, Plate, follow, measure, step, ste
 
 LARGE_UM = 2.0
 UNREACHABLE_UM = 3.9
+COUPLING_PHI, COUPLING_1_S = 0.9, 730.0
 
 
 def other_mode_frac(law: Law) -> float:
@@ -40,6 +41,15 @@ def node_leak_um(law: Law) -> float:
     return float(np.abs(w_um @ still).max())
 
 
+def coupling_leak_um(law: Law) -> float:
+    """Largest vibration of the other mode while one goes to 1 um under a finger that couples both by 591 1/s."""
+    ticks = law.phase_ticks
+    phi, decay_1_s = np.full((ticks, 1, 2), COUPLING_PHI), np.full((ticks, 1), COUPLING_1_S)
+    one: Phasors = np.array([1.0, 0.0], dtype=np.complex128)
+    trace = follow(law.board(Plate(), noise_um=0.0), lambda _: [(0.0, one)], ticks, ticks // 10, (phi, decay_1_s))
+    return float(np.abs(trace.plate_um[:, 1]).max())
+
+
 def saturation_figures(law: Law) -> dict[str, float]:
     """A damped plate gets a reference beyond the voltage, then half of it: the phase error in saturation, and the time
     to settle on the half."""
@@ -48,7 +58,7 @@ def saturation_figures(law: Law) -> dict[str, float]:
     trace = step_trace(law.board(plate), asked, 0.5 * asked)
     ticks = law.phase_ticks
     held, left = trace.plate_um[ticks - 20 : ticks, 0], trace.plate_um[ticks:, 0]
-    response = measure(np.concatenate((left, left, left)), UNREACHABLE_UM / 2, law.tick_ms)
+    response = measure(np.concatenate((left, left, left)), UNREACHABLE_UM / 2, law.tick_ms, law.tick_ms)
     return {
         "phase_deg": math.degrees(float(np.abs(np.angle(held)).max())),
         "release_ms": response.settling_ms,

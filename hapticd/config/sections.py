@@ -99,6 +99,7 @@ class DeviceConfig:
 
     port: str = key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
     baud: int = key(921600, "serial speed", low=9600, high=5250000)
+    fast_baud: int = key(3_000_000, "serial speed of a board that offers it; 0: stay at baud", low=0, high=5250000)
     link_ms: float = key(5.0, "initial value of the one-way delay, which is then measured", low=0, high=40)
     loop_delay_ms: float = key(0.0, "additional lag of the plate behind its reference", low=0, high=20)
     controller: str = key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))

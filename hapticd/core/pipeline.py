@@ -98,6 +98,7 @@ class Pipeline:
         self._scene = scene
         self._surfaces = scene.surfaces
         self._settings = settings
+        self.max_knots = settings.max_knots  # of one frame; a faster line carries more
         self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
@@ -183,7 +184,7 @@ class Pipeline:
 
         limited = first.limited or last.limited
         self.counters.knots += len(knots)
-        self.counters.skipped_knots += self._settings.max_knots - len(knots)
+        self.counters.skipped_knots += self.max_knots - len(knots)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
         self._active, self._active_keys, self._active_places = drive, keys, last.places
@@ -217,7 +218,7 @@ class Pipeline:
         settings = self._settings
         first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
-        if settings.max_knots == 1:
+        if self.max_knots == 1:
             return first, first, [begin]
         span_ns = settings.cover_ns
         last = self._solve_at(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
@@ -233,7 +234,7 @@ class Pipeline:
         between_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
         for dt_ns in sorted({*between_ns, *edges_ns}) if edges_ns else between_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
-        return first, last, refine(solve, knots, settings.tolerance_um, settings.max_knots, smooth=smooth)
+        return first, last, refine(solve, knots, settings.tolerance_um, self.max_knots, smooth=smooth)
 
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
@@ -270,7 +271,7 @@ class Pipeline:
         if self._surfaces.layers:
             surface_pieces, are_smooth, edges_ns = self._edges(keys, t_plate_ns)
             pieces, smooth = max(pieces, surface_pieces), smooth and are_smooth
-        room = max(self._settings.max_knots - 1 - len(edges_ns), 1)
+        room = max(self.max_knots - 1 - len(edges_ns), 1)
         return math.ceil(min(pieces, room, self._settings.cover_ns / SHORTEST_NS)), smooth, edges_ns
 
     def _edges(self, keys: Sequence[Key], t_plate_ns: int) -> tuple[float, bool, Sequence[int]]:
@@ -283,7 +284,7 @@ class Pipeline:
                 pieces, smooth = max(pieces, way.pieces), smooth and way.is_smooth
                 found_ns.update(way.edges_ns)
         found_ns.discard(0)
-        return pieces, smooth, sorted(found_ns)[: (settings.max_knots - 2) // 2 * 2]
+        return pieces, smooth, sorted(found_ns)[: (self.max_knots - 2) // 2 * 2]
 
     def _bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
         """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""

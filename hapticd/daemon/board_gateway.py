@@ -17,10 +17,13 @@ from ..board_values import (
     BoardStatus,
     BoardTime,
     BoardVerdict,
+    Calibration,
     ClearFault,
     HelloRequest,
     ModeCalibration,
     SelectController,
+    SetBaud,
+    SetDrive,
     SetModel,
     SetTelemetry,
     SetWiring,
@@ -50,7 +53,10 @@ ANSWERED_AS = {  # by VERDICT
     SetModel: protocol.MSG_SET_MODEL,
     SetWiring: protocol.MSG_SET_WIRING,
     SetTelemetry: protocol.MSG_SET_TELEMETRY,
+    SetDrive: protocol.MSG_SET_DRIVE,
+    SetBaud: protocol.MSG_SET_BAUD,
 }
+PULSE_EVERY_NS = 20_000_000  # the board leaves out earlier ones
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
 CHECK_THE_FIRMWARE = "flash the firmware that came with this hapticd"
@@ -68,24 +74,30 @@ class BoardGateway:
         calibration: Sequence[ModeCalibration],
         *,
         write: Callable[[bytes], int | None],
+        set_baud: Callable[[int], None] | None = None,
         on_unsent: Callable[[], None],
         supervise: Callable[[Event, str, int], None],
     ) -> None:
-        """`write` returns when the port took a line, None where it did not: then `on_unsent` is called. `supervise`
-        receives events, with their reason and instant."""
+        """`write` returns when the port took a line, None where it did not: then `on_unsent` is called. `set_baud` sets
+        the port's speed; without it no other is requested. `supervise` receives events, with their reason and instant.
+        """
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
             telemetry_hz=config.record.telemetry_hz,
+            fast_baud=0 if set_baud is None else config.device.fast_baud,
         )
         self.unsent = 0
         self.refused = ""  # why the present board is not accepted
         self.lacking = ""  # what a handshake lacks that should be complete
         self.write = write
+        self._first_baud = self._baud = config.device.baud
+        self._set_baud = set_baud
+        self._t_pulse_ns = -PULSE_EVERY_NS
         self.observer: Observer | None = None
         self._w_limit_um = config.limits.w_limit_um
-        self._calibration = calibration
+        self._calibration = Calibration.of(calibration)
         self._on_unsent = on_unsent
         self._supervise = supervise
         self._decoder = device_wire.Decoder()
@@ -94,6 +106,11 @@ class BoardGateway:
         self._t_complete_ns: int | None = None  # when the handshake was last complete, or began; None: no port
         self._t_tended_ns = 0
         self._reported = ""  # the message that a logged handshake lacked
+
+    @property
+    def baud(self) -> int:
+        """The line's speed."""
+        return self._baud
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -108,6 +125,7 @@ class BoardGateway:
         self._decoder = device_wire.Decoder()
         self.refused = self.lacking = self._reported = ""
         self._t_complete_ns = t_now_ns if up else None
+        self._baud = self._first_baud  # of a port that was opened again
         if up:
             self._send(self.session.link_up(t_now_ns), t_now_ns)
         else:
@@ -143,7 +161,8 @@ class BoardGateway:
         if is_awaited:
             self._send(self.session.receive_answer(t_now_ns, is_taken=is_taken), t_now_ns)
         what = protocol.COMMANDS.get(answer.request, f"message {answer.request:#04x}")
-        refusal = "" if is_taken else f"The board refuses {what}: {VERDICTS[answer.verdict]}."
+        is_needed = not isinstance(setting, SetBaud)  # without another speed the session goes on
+        refusal = "" if is_taken or not is_needed else f"The board refuses {what}: {VERDICTS[answer.verdict]}."
         if refusal and refusal != self.refused:
             log.error("board refused: %s", refusal)
         if is_awaited:
@@ -152,7 +171,7 @@ class BoardGateway:
     def _check_hello(self, hello: BoardHello, t_now_ns: int) -> None:
         try:
             device_wire.check_hello(hello, modes=len(self._w_limit_um), w_limit_um=self._w_limit_um)
-            device_wire.check_calibration(hello, self._calibration)
+            device_wire.check_calibration(hello, self._calibration, self._calibration.drive_hz or hello.drive_hz)
         except DeviceError as error:
             if str(error) != self.refused:
                 log.error("board refused: %s", error)
@@ -193,8 +212,11 @@ class BoardGateway:
     def tend(self, t_now_ns: int) -> None:
         """Do what is due by time alone: hello and time requests, keep-alives, and detection of a silent board."""
         was_accepted = self.session.hello is not None
+        was_fast = self.session.baud
         commands = self.session.timer(t_now_ns)
-        if was_accepted and self.session.hello is None:
+        if was_fast and not self.session.baud:
+            log.warning("board: %s", self.session.ended)
+        elif was_accepted and self.session.hello is None:
             self.lacking = self.session.ended
             self._reported = "HELLO" if self.session.ended == SILENT else "STATUS"
             log.warning("board: %s", self.session.ended)
@@ -251,17 +273,40 @@ class BoardGateway:
         self._t_clear_until_ns = t_now_ns + CLEAR_WITHIN_NS
         self._send([ClearFault()], t_now_ns)
 
+    def pulse(self, t_now_ns: int) -> None:
+        """Mark the next reference for the sync output, and see that there is one. Raises RequestError."""
+        hello = self.session.hello
+        if hello is None or not self.session.ready:
+            raise RequestError("The board does not answer, so its sync output cannot rise: connect it first.")
+        if not hello.has_sync:
+            raise RequestError("This board has no sync output: leave `pulse` out, or flash a firmware that has one.")
+        if self.session.must_pulse or t_now_ns - self._t_pulse_ns < PULSE_EVERY_NS:
+            raise RequestError("The sync output rises at most every 20 ms: leave as much time between pulses.")
+        self._t_pulse_ns = t_now_ns
+        self.session.must_pulse = True
+        self.wake(t_now_ns)
+
+    def _tune_line(self) -> None:
+        """Give the port the speed that the session has come to."""
+        baud = self.session.baud or self._first_baud
+        if self._set_baud is not None and baud != self._baud:
+            self._baud = baud
+            self._set_baud(baud)
+            log.info("board: the line goes on at %d baud", baud)
+
     def disconnect(self, t_now_ns: int) -> bool:
         """End the session with a quiet board without a dead-man trip: three trips in ten seconds latch, and a
         configuration may be reloaded as often. False where there is no session."""
         if self.session.hello is None:
             return False
-        self._send([HelloRequest()], t_now_ns)
+        slower = [SetBaud(self._first_baud)] if self.session.baud else []  # for the next daemon's hello
+        self._send([HelloRequest(), *slower], t_now_ns)
         return True
 
     def _send(self, commands: Sequence[BoardCommand], t_now_ns: int) -> int | None:
         """Write commands; return when the port took the last one, None where it did not."""
         t_written_ns = None
+        self._tune_line()
         for command in commands:
             line = FRESH_START + encode(command)
             t_written_ns = self.write(line)

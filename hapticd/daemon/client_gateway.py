@@ -31,6 +31,9 @@ class Host(Protocol):
     def wake_if_resting(self, t_now_ns: int) -> None:
         """Arm a resting board: targets are in force."""
 
+    def pulse(self, t_now_ns: int) -> None:
+        """Let the sync output rise with the next reference. Raises RequestError where it cannot."""
+
     def clear_fault(self, t_now_ns: int) -> None:
         """Clear the board's fault. Raises RequestError where the board cannot be asked."""
 
@@ -95,6 +98,8 @@ class ClientGateway:
         match request.body:
             case client_wire.Marker() as marker:
                 self._client_registry.is_newest(marker.client, user, None, 0, t_now_ns)
+                if marker.has_pulse:
+                    self._host.pulse(t_now_ns)
                 return self._mark(replace(marker, t_ns=t_now_ns))
             case ClientTargets() as targets:
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)

@@ -122,6 +122,7 @@ class Daemon:
             self._config,
             self._modes,
             write_board=self._write,
+            set_baud=self._link.set_baud,
             instance=secrets.randbits(31),
             calibration=self._calibration,
             parasitic_modes=self._parasitic_modes,

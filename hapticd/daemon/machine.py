@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from ..board_values import BoardState, ModeCalibration
+from ..board_values import BoardState, Calibration, ModeCalibration
 from ..config.sections import Config
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.pipeline import Pipeline, PipelineSettings
@@ -24,7 +24,7 @@ from ..wire import trackpad as trackpad_wire
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observer
-from .settings import friction_curve, pipeline_settings, plate_from_pad
+from .settings import friction_curve, max_knots, pipeline_settings, plate_from_pad
 from .status import Status
 
 log = logging.getLogger("hapticd")
@@ -46,20 +46,23 @@ class Machine:
         modes: ModeShapes,
         *,
         write_board: Callable[[bytes], int | None],
+        set_baud: Callable[[int], None] | None = None,
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
         calibration: Sequence[ModeCalibration] = (),
         parasitic_modes: ParasiticModes | None = None,
         pipeline: PipelineSettings | None = None,
     ) -> None:
-        """`write_board` returns when the port took a line, None where it did not. `publish` takes telemetry. `instance`
-        distinguishes one start from the next for clients. `calibration` is sent to the board; `parasitic_modes` are
-        driven by fingers alone. `pipeline` replaces the settings that follow from `config`."""
+        """`write_board` returns when the port took a line, None where it did not; `set_baud` sets its speed,
+        which stays as it is without. `publish` takes telemetry. `instance` distinguishes one start from the next for
+        clients. `calibration` is sent to the board; `parasitic_modes` are driven by fingers alone. `pipeline` replaces
+        the settings that follow from `config`.
+        """
         self.config = config
         self.instance = instance
         self.modes = modes
         self.parasitic_modes = parasitic_modes
-        self.calibration = tuple(calibration)
+        self.calibration = Calibration.of(calibration)
         self.supervisor = Supervisor()
         self.scene = Scene(
             w_limit_um=max(config.limits.w_limit_um),
@@ -69,8 +72,14 @@ class Machine:
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
         self._supervise = partial(_supervise, self.supervisor)
+        self._set_baud = set_baud
         self.board = BoardGateway(
-            config, calibration, write=write_board, on_unsent=self.pipeline.resend, supervise=self._supervise
+            config,
+            self.calibration,
+            write=write_board,
+            set_baud=None if set_baud is None else self._change_baud,
+            on_unsent=self.pipeline.resend,
+            supervise=self._supervise,
         )
         self.session = self.board.session
         # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
@@ -137,6 +146,7 @@ class Machine:
         return (
             t_now_ns - self._t_looked_ns < LOOK_EVERY_NS - EARLY_NS
             and not self._is_active()
+            and not self.session.must_pulse
             and (self.session.is_resting or self.session.follows(t_now_ns))
         )
 
@@ -303,6 +313,17 @@ class Machine:
         """Arm a board that rests: targets are in force."""
         if self.session.is_resting:
             self.board.rest_or_wake(self._is_active(), t_now_ns)
+
+    def _change_baud(self, baud: int) -> None:
+        """Set the line's speed, and let frames have as many knots as it then carries."""
+        assert self._set_baud is not None
+        self._set_baud(baud)
+        self.pipeline.max_knots = max_knots(self.config, baud)
+
+    def pulse(self, t_now_ns: int) -> None:
+        """Let the board's sync output rise with the next reference that takes effect. Raises RequestError."""
+        self.board.pulse(t_now_ns)
+        self.pipeline.resend()
 
     def clear_fault(self, t_now_ns: int) -> None:
         """Clear the board's fault, if it has one. Raises RequestError."""

@@ -30,8 +30,8 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     is done, and the point's rule gives the slippery finger five times as much. Their frames have as many knots as the
     link carries in LONGEST_FRAME_S.
     """
-    prediction, solver, modes = config.prediction, config.solver, len(config.limits.w_limit_um)
-    has_contacts = modes >= LEAST_CONTACT_MODES and solver.contact_radius_mm > 0.0
+    prediction, solver = config.prediction, config.solver
+    has_contacts = _has_contacts(config)
     return PipelineSettings(
         w_limit_um=config.limits.reference_limit_um,
         make_predictor=partial(
@@ -44,14 +44,22 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         phase_rotation=solver.phase_rotation,
         contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
         tolerance_um=solver.tolerance_um,
-        max_knots=min(solver.max_knots, knots_in(LONGEST_FRAME_S, config.device.baud, modes))
-        if has_contacts
-        else solver.max_knots,
+        max_knots=max_knots(config, config.device.baud),
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
         loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
         cover_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )
+
+
+def max_knots(config: Config, baud: int) -> int:
+    """Return the most knots of a frame on a link of this speed."""
+    most, modes = config.solver.max_knots, len(config.limits.w_limit_um)
+    return min(most, knots_in(LONGEST_FRAME_S, baud, modes)) if _has_contacts(config) else most
+
+
+def _has_contacts(config: Config) -> bool:
+    return len(config.limits.w_limit_um) >= LEAST_CONTACT_MODES and config.solver.contact_radius_mm > 0.0
 
 
 def knots_in(span_s: float, baud: int, modes: int) -> int:

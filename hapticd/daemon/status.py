@@ -115,7 +115,7 @@ class Status:
             "w_limit_um": list(config.limits.w_limit_um),
             "reference_limit_um": list(config.limits.reference_limit_um),
             "contact_radius_mm": pipeline_settings(config).contact_radius_mm,
-            "drive_hz": None if hello is None else hello.drive_hz,
+            "drive_hz": None if hello is None else self._board.session.drive_hz,
             "x_mm": modes.x_mm[columns].tolist(),
             "y_mm": modes.y_mm[rows].tolist(),
             "modes": modes.M,
@@ -241,7 +241,15 @@ def _board(board: BoardGateway) -> dict[str, object]:
     if board.lacking:
         fields |= {"lacking": board.lacking}
     if hello is not None:
-        fields |= {"firmware": hello.firmware_version, "w_limit_um": list(hello.w_limit_um)}
+        fields |= {
+            "firmware": hello.firmware_version,
+            "image_crc": hello.image_crc,
+            "has_sync": hello.has_sync,
+            "w_limit_um": list(hello.w_limit_um),
+            "baud": board.baud,
+        }
+    if hello is not None and last is not None and last.drive_hz > 0.0:
+        fields |= {"drive_hz": last.drive_hz, "drive_moved_hz": last.drive_hz - session.drive_hz}
     if last is not None:
         fields |= {
             "state": last.state.name,

@@ -1,7 +1,8 @@
-"""Drive frequency for all modes of one oscillator: it minimises the largest voltage for full amplitude.
+"""Drive frequency for all modes of one oscillator: it minimises the amplifiers' largest voltage for full amplitude.
 
-The voltage of one mode, W |sigma - j 2 pi (f_mode - f)| / g, is convex in f, and so is the maximum of several: its
-minimum lies where two of them are equal, or at the resonance of a mode that needs more than the others.
+The voltage of one mode, W |sigma - j 2 pi (f_mode - f)| / g, is convex in f. An amplifier that drives several modes
+needs at most the sum of its shares of them, all at full amplitude and in the worst phases; sums and maxima of convex
+functions are convex, so there is one minimum, between the lowest and the highest resonance.
 """
 
 from __future__ import annotations
@@ -22,8 +23,17 @@ def voltage_v(mode: ModeCalibration, drive_hz: float, amplitude_um: float) -> fl
 
 
 def largest_voltage_v(modes: Sequence[ModeCalibration], drive_hz: float, amplitude_um: Sequence[float]) -> float:
-    """Return the largest `voltage_v` of all modes; `amplitude_um` (M,)."""
-    return max(voltage_v(mode, drive_hz, um) for mode, um in zip(modes, amplitude_um, strict=True))
+    """Return the largest voltage of an amplifier with all modes at `amplitude_um` (M,), in their worst phases.
+
+    A mode without measured wires has an amplifier of its own.
+    """
+    needed_v = [voltage_v(mode, drive_hz, um) for mode, um in zip(modes, amplitude_um, strict=True)]
+    shared_v: dict[int, float] = {}
+    for mode, mode_v in zip(modes, needed_v, strict=True):
+        for amplifier, share in enumerate(mode.drive):
+            shared_v[amplifier] = shared_v.get(amplifier, 0.0) + abs(share) * mode_v
+    alone_v = [mode_v for mode, mode_v in zip(modes, needed_v, strict=True) if not mode.drive]
+    return max([*alone_v, *shared_v.values()])
 
 
 def propose_drive_hz(modes: Sequence[ModeCalibration], amplitude_um: Sequence[float]) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..board_values import ModeCalibration
+from ..board_values import Calibration, ModeCalibration
 from ..errors import ConfigError
 from ..wire import protocol
 from .outputs import write_text
@@ -29,32 +29,47 @@ WIRES = {
     "sense": protocol.SENSE,
     "feedthrough_um_per_v": protocol.FEEDTHROUGH_UM_PER_V,
 }
+DRIVE_KEY = "drive_hz"
 HEADER = """\
 # Modes of the plate, measured by `hapticd firmware sweep`. The plate moves by gain_um_per_v_s for each volt and second;
 # loop_phase_deg is what amplifier, electrodes and sensor add to the loop. The wiring, measured by `hapticd calibrate
-# resonance`: drive is what each amplifier gives per volt of the mode, sense the weight of each sensor in its amplitude,
-# feedthrough_um_per_v what a volt of each amplifier adds to that without moving it; [real, imaginary].
+# resonance`: drive is what each amplifier gives per volt of the mode, sense each sensor's weight in its amplitude,
+# feedthrough_um_per_v what a volt of each amplifier adds to that without moving it; [real, imaginary]. drive_hz, if it
+# is there, is set on the board.
 """
 
 
-def load(path: Path, modes: int) -> tuple[ModeCalibration, ...]:
-    """Read the calibrated modes, at most one for each of `modes`. Raises ConfigError."""
+def load(path: Path, modes: int) -> Calibration:
+    """Read the calibrated modes, at most one for each of `modes`, and the drive. Raises ConfigError."""
     table = read_table(path, "check device.calibration_file")
+    drive_hz = _drive_hz(table.pop(DRIVE_KEY, None), path)
     entries = table.pop("mode", None)
     if table or not isinstance(entries, list):
-        raise ConfigError(f"{path}: must hold [[mode]] tables and nothing else: measure with `hapticd firmware sweep`.")
+        raise ConfigError(
+            f"{path}: must hold [[mode]] tables, drive_hz and nothing else: measure with `hapticd firmware sweep`."
+        )
     found = [_mode(entry, f"{path}: [[mode]] {place}", modes) for place, entry in enumerate(entries, 1)]
     for place, calibration in enumerate(found, 1):
         if not 0 <= calibration.mode < modes:
             raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is not one of the plate's {modes}.")
         if calibration.mode in [earlier.mode for earlier in found[: place - 1]]:
             raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is listed twice: delete one.")
-    return tuple(found)
+    return Calibration(found, drive_hz)
 
 
-def save(path: Path, calibrations: Sequence[ModeCalibration]) -> None:
+def _drive_hz(value: Any, path: Path) -> float | None:
+    low, high = KEYS["frequency_hz"]
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise ConfigError(f"{path}: drive_hz: {shown(value)} is out of bounds: it must be {low:g} .. {high:g}.")
+    return float(value)
+
+
+def save(path: Path, calibrations: Sequence[ModeCalibration], drive_hz: float | None = None) -> None:
     """Overwrite the file, modes in order. Raises HapticdError."""
-    write_text(HEADER + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode)), path)
+    drive = "" if drive_hz is None else f"\n{DRIVE_KEY} = {drive_hz:.3f}\n"
+    write_text(HEADER + drive + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode)), path)
 
 
 def _text(calibration: ModeCalibration) -> str:

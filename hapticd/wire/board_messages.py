@@ -73,8 +73,10 @@ def _read_hello(payload: bytes) -> BoardHello | None:
     version, protocol_hash, modes, name, boot_id, control_hz, drive_hz, deadman_ms, v_limit_v = (
         protocol.HELLO.unpack_from(payload)
     )
-    # HELLO only grows: later versions append after the limits, and their version can still be read and refused.
+    # HELLO only grows: versions append after the limits; what is missing reads as 0, what is unknown is left out.
     w_limit_um = struct.unpack_from(f"<{modes}f", payload, protocol.HELLO.size)
+    more = payload[protocol.HELLO.size + 4 * modes :].ljust(protocol.MORE_HELLO.size, b"\0")
+    image_crc, baud_max, features = protocol.MORE_HELLO.unpack_from(more)
     text = name.rstrip(b"\0").decode("ascii", "replace")
     figures = (control_hz, drive_hz, v_limit_v, *w_limit_um)  # 0: a misconfigured board, which does not drive
     if not (modes >= 1 and text.isprintable() and all(0.0 <= figure < 1e9 for figure in figures)):
@@ -90,6 +92,9 @@ def _read_hello(payload: bytes) -> BoardHello | None:
         deadman_ms=deadman_ms,
         w_limit_um=w_limit_um,
         v_limit_v=v_limit_v,
+        image_crc=image_crc,
+        baud_max=baud_max,
+        has_sync=bool(features & protocol.FEATURE_SYNC),
     )
 
 
@@ -99,7 +104,7 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     )
     has_drive = len(payload) > protocol.STATUS.size + 16 * modes
     values = _floats(payload, protocol.STATUS.size, 4 * modes + has_drive)
-    if not (state in STATES and flags <= 7 and modes >= 1 and all(map(isfinite, values))):
+    if not (state in STATES and flags <= 15 and modes >= 1 and all(map(isfinite, values))):
         return None
     phasors = _phasors(values[: 4 * modes])
     return BoardStatus(
@@ -118,6 +123,7 @@ def _read_status(payload: bytes) -> BoardStatus | None:
         measured_um=tuple(phasors[::2]),
         voltage_v=tuple(phasors[1::2]),
         drive_hz=values[-1] if has_drive else 0.0,
+        pulsed=bool(flags & 8),
     )
 
 

@@ -70,11 +70,15 @@ class Release:
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """A client's label for an instant of its experiment; `t_ns` is its arrival at the daemon, 0 before that."""
+    """A client's label for an instant of its experiment; `t_ns` is its arrival at the daemon, 0 before that.
+
+    `has_pulse`: the board's sync output rises with the next reference that takes effect.
+    """
 
     client: str
     text: str
     t_ns: int = 0
+    has_pulse: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +210,11 @@ def _release(fields: Fields) -> Release:
 
 
 def _marker(fields: Fields) -> Marker:
-    marker = Marker(fields.label("client"), fields.text("text", MAX_MARKER_CHARACTERS))
+    marker = Marker(
+        fields.label("client"),
+        fields.text("text", MAX_MARKER_CHARACTERS),
+        has_pulse=fields.boolean("pulse", default=False),
+    )
     fields.end()
     return marker
 

@@ -12,6 +12,7 @@ from ..board_values import (
     RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetBaud,
     SetDrive,
     SetGains,
     SetModel,
@@ -28,8 +29,8 @@ from . import device
 def encode(command: BoardCommand | ToolCommand) -> bytes:
     """Encode one command as a frame. Raises ValueError for values that no board accepts."""
     match command:
-        case ReferenceFrame(seq, t_apply_us, drive):
-            return device.encode_reference(seq, drive, t_apply_us)
+        case ReferenceFrame(seq, t_apply_us, drive, has_pulse):
+            return device.encode_reference(seq, drive, t_apply_us, has_pulse)
         case KeepAlive(seq):
             return device.encode_keepalive(seq)
         case TimeRequest(t_host_ns):
@@ -40,6 +41,10 @@ def encode(command: BoardCommand | ToolCommand) -> bytes:
             return device.encode_set_model(mode, model)
         case SetWiring():
             return device.encode_set_wiring(command)
+        case SetDrive():
+            return device.encode_set_drive(command)
+        case SetBaud(baud):
+            return device.encode_set_baud(baud)
         case HelloRequest():
             return device.encode_hello_request()
         case ClearFault():
@@ -52,8 +57,6 @@ def _encode_tool(command: ToolCommand) -> bytes:
     match command:
         case SetGains(law, bandwidth_1_s, integral_time_s):
             return device.encode_set_controller(law, bandwidth_1_s=bandwidth_1_s, integral_time_s=integral_time_s)
-        case SetDrive():
-            return device.encode_set_drive(command)
         case ControllerRequest():
             return device.encode_controller_request()
         case Sweep():

@@ -29,6 +29,7 @@ __all__ = [
     "encode_log_request",
     "encode_raw_voltage",
     "encode_reference",
+    "encode_set_baud",
     "encode_set_controller",
     "encode_set_drive",
     "encode_set_model",
@@ -119,6 +120,13 @@ def encode_set_drive(drive: SetDrive) -> bytes:
         _checked("follow_hz", drive.follow_hz, protocol.FOLLOW_HZ),
     )
     return encode_frame(_typed(protocol.MSG_SET_DRIVE) + payload)
+
+
+def encode_set_baud(baud: int) -> bytes:
+    """Set the line's speed, from the board's VERDICT on. Raises ValueError for a speed that no board accepts."""
+    return encode_frame(
+        _typed(protocol.MSG_SET_BAUD) + protocol.SET_BAUD.pack(int(_checked("baud", baud, protocol.BAUD)))
+    )
 
 
 def encode_controller_request() -> bytes:
@@ -218,13 +226,18 @@ def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v
         )
 
 
-def check_calibration(hello: BoardHello, calibration: Sequence[ModeCalibration]) -> None:
-    """Raise DeviceError if a mode was measured too far from the board's drive frequency."""
+def check_calibration(hello: BoardHello, calibration: Sequence[ModeCalibration], drive_hz: float) -> None:
+    """Raise DeviceError if the drive to be set, or a mode, is too far away for the board."""
+    if not protocol.is_within(drive_hz - hello.drive_hz, protocol.DRIVE_MOVE_HZ):
+        raise DeviceError(
+            f"The calibration file sets the drive to {drive_hz:g} Hz but the board's is {hello.drive_hz:g} Hz, and it "
+            f"moves by {protocol.DRIVE_MOVE_HZ[1]:g} Hz at most: set DRIVE_HZ in the firmware, or drive_hz in the file."
+        )
     for measured in calibration:
-        if not protocol.is_within(measured.model(hello.drive_hz).detuning_rad_s, protocol.DETUNING_RAD_S):
+        if not protocol.is_within(measured.model(drive_hz).detuning_rad_s, protocol.DETUNING_RAD_S):
             raise DeviceError(
                 f"Mode {measured.mode} is calibrated at {measured.frequency_hz:g} Hz but the board drives at "
-                f"{hello.drive_hz:g} Hz: measure it again with `hapticd firmware sweep`."
+                f"{drive_hz:g} Hz: measure it again with `hapticd firmware sweep`."
             )
 
 

@@ -11,9 +11,11 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0xD5EB9584
+PROTOCOL_HASH: Final = 0x9C1F823E
 
 KNOTS_MAX: Final = 24
+REFERENCE_PULSE: Final = 0x80  # added to the number of knots: the sync output rises when it takes effect
+FEATURE_SYNC: Final = 0x01
 KNOT_UNIT_NS: Final = 4000
 OFFSET_MAX_NS: Final = 0xFFFF * KNOT_UNIT_NS
 DEADMAN_MS: Final = 50
@@ -33,6 +35,7 @@ MSG_LOG_REQUEST: Final = 0x0C
 MSG_STOP: Final = 0x0D
 MSG_SET_WIRING: Final = 0x0E
 MSG_SET_DRIVE: Final = 0x0F
+MSG_SET_BAUD: Final = 0x10
 MSG_HELLO: Final = 0x81
 MSG_STATUS: Final = 0x82
 MSG_TIME: Final = 0x83
@@ -48,10 +51,12 @@ TIME_REQUEST: Final = struct.Struct("<Q")
 SET_CONTROLLER: Final = struct.Struct("<Bff")
 SET_MODEL: Final = struct.Struct("<Bfffff")
 SET_DRIVE: Final = struct.Struct("<ff")
+SET_BAUD: Final = struct.Struct("<I")
 SWEEP: Final = struct.Struct("<BffHHf")
 RAW_VOLTAGE: Final = struct.Struct("<BffH")
 SET_TELEMETRY: Final = struct.Struct("<H")
-HELLO: Final = struct.Struct("<HIB16sIffHf")  # then the amplitude limit of each mode
+HELLO: Final = struct.Struct("<HIB16sIffHf")  # then the amplitude limit of each mode, then MORE_HELLO
+MORE_HELLO: Final = struct.Struct("<IIB")
 STATUS: Final = struct.Struct("<IBBBBHIIHII")  # then measured d, q and voltage d, q of each mode; the drive
 TIME: Final = struct.Struct("<QII")
 CONTROLLER: Final = struct.Struct("<BffB")  # then decay, detuning, gain and loop d, q of each mode
@@ -76,6 +81,8 @@ DRIVE_SHARE: Final = (-10.0, 10.0)
 SENSE: Final = (0.0, 100.0)  # magnitude
 FEEDTHROUGH_UM_PER_V: Final = (0.0, 1.0)  # magnitude
 FOLLOW_HZ: Final = (0.0, 500.0)
+DRIVE_MOVE_HZ: Final = (-2000.0, 2000.0)  # of SET_DRIVE, from the one that the board started with
+BAUD: Final = (9600, 10_000_000)
 SWEEP_POINTS: Final = (1, 2001)
 SWEEP_DWELL_MS: Final = (1, 1000)
 SWEEP_OFFSET_HZ: Final = (-2000.0, 2000.0)  # from the drive frequency
@@ -92,6 +99,7 @@ COMMANDS: Final = {
     MSG_SET_MODEL: "the calibration of a mode",
     MSG_SET_WIRING: "the calibration of the wiring",
     MSG_SET_DRIVE: "the drive",
+    MSG_SET_BAUD: "the speed of the line",
     MSG_SWEEP: "the sweep",
     MSG_RAW_VOLTAGE: "the raw voltage",
     MSG_SET_TELEMETRY: "the telemetry",

@@ -17,11 +17,12 @@ from .framing import encode_frame
 _FLOAT24_MASK: Final = (1 << 64) - (1 << 29)  # the bits of a double that a float32's significand can hold
 
 
-def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
+def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int, has_pulse: bool = False) -> bytes:
     """Encode a reference polyline that starts at `t_apply_us` on the board's clock (wrapped or not).
 
     Knot times are rounded to 4 us and kept in order; amplitudes are rounded towards zero to float32, so a magnitude
-    never grows. Raises ValueError for no knots or more than 24, or a knot outside 0..262 ms.
+    never grows. With `has_pulse` the sync output rises as it takes effect. Raises ValueError for no knots or more than
+    24, or a knot outside 0..262 ms.
     """
     knots = drive.knots
     if not 1 <= len(knots) <= protocol.KNOTS_MAX:
@@ -41,8 +42,9 @@ def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int) -> bytes:
         values.append(offset)
         values += floats[index * width : index * width + width]
     layout = _reference_layout(len(knots), modes)
+    count = len(knots) | protocol.REFERENCE_PULSE if has_pulse else len(knots)
     return encode_frame(
-        layout.pack(protocol.MSG_REFERENCE, seq & 0xFFFF, t_apply_us & 0xFFFFFFFF, len(knots), modes, *values)
+        layout.pack(protocol.MSG_REFERENCE, seq & 0xFFFF, t_apply_us & 0xFFFFFFFF, count, modes, *values)
     )
 
 

@@ -450,5 +450,8 @@ def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: Fak
         with pytest.raises(RefusedError, match=r"body\.text"):
             client.marker("")
 
-    assert [(one.client, one.text) for one in daemon.markers] == [("study", "trial 7 begins")]
+        client.marker("onset", pulse=True)
+
+    assert [(one.client, one.text) for one in daemon.markers] == [("study", "trial 7 begins"), ("study", "onset")]
+    assert [one.has_pulse for one in daemon.markers] == [False, True]
     assert t_ns > 0

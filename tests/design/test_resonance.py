@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -100,6 +101,27 @@ def test_at_its_resonance_a_mode_needs_what_damping_takes() -> None:
     mode = ModeCalibration(0, 29200.0, 500.0, 7.5, 0.0)
     assert voltage_v(mode, 29200.0, 4.0) == pytest.approx(4.0 * np.pi * 29200.0 / 500.0 / 7.5)
     assert propose_drive_hz([mode], (4.0,)) == 29200.0
+
+
+def test_an_amplifier_that_drives_both_modes_needs_the_sum_of_its_shares() -> None:
+    """The paper's wiring: each amplifier drives sum or difference. A weak mode counts on both amplifiers."""
+    x = ModeCalibration(0, 29195.0, 500.0, 7.5, 0.0, drive=(1.0, 1.0))
+    y = ModeCalibration(1, 29215.0, 500.0, 7.5, 0.0, drive=(1.0, -1.0))
+    each_v = [voltage_v(mode, 29205.0, 4.0) for mode in (x, y)]
+    assert largest_voltage_v([x, y], 29205.0, (4.0, 4.0)) == pytest.approx(sum(each_v))
+    apart = [replace(x, drive=(1.0, 0.0)), replace(y, drive=(0.0, 1.0))]
+    assert largest_voltage_v(apart, 29205.0, (4.0, 4.0)) == pytest.approx(max(each_v))
+
+
+def test_with_shared_amplifiers_the_best_drive_is_that_of_their_sum() -> None:
+    """A dull mode beside a sharp one: the maximum of both would be the same at any drive between, the sum is not."""
+    sharp = ModeCalibration(0, 29195.0, 2000.0, 7.5, 0.0, drive=(1.0, 1.0))
+    dull = ModeCalibration(1, 29215.0, 200.0, 30.0, 0.0, drive=(1.0, -1.0))
+    shared_hz = propose_drive_hz([sharp, dull], (4.0, 4.0))
+    apart_hz = propose_drive_hz([replace(sharp, drive=(1.0, 0.0)), replace(dull, drive=(0.0, 1.0))], (4.0, 4.0))
+    sums_v = [largest_voltage_v([sharp, dull], hz, (4.0, 4.0)) for hz in np.linspace(29195.0, 29215.0, 201)]
+    assert largest_voltage_v([sharp, dull], shared_hz, (4.0, 4.0)) <= min(sums_v) * (1.0 + 1e-6)
+    assert abs(shared_hz - apart_hz) > 1.0
 
 
 @settings(deadline=None, max_examples=60)

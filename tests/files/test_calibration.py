@@ -31,6 +31,24 @@ def test_what_is_saved_is_loaded_again_in_the_order_of_the_modes(tmp_path: Path)
         assert found.loop_phase_rad == pytest.approx(saved.loop_phase_rad, abs=1e-4)
 
 
+def test_a_drive_is_loaded_again_and_may_be_missing(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    calibration.save(path, [X, Y], 29207.25)
+    found = calibration.load(path, 2)
+    assert (len(found), found.drive_hz) == (2, 29207.25)
+    calibration.save(path, [X, Y])
+    assert calibration.load(path, 2).drive_hz is None
+
+
+@pytest.mark.parametrize("value", ["true", "0", "'29205'", "nan"])
+def test_a_senseless_drive_is_refused_in_one_sentence(tmp_path: Path, value: str) -> None:
+    path = tmp_path / "plate.toml"
+    calibration.save(path, [X])
+    path.write_text(f"drive_hz = {value}\n" + path.read_text())
+    with pytest.raises(ConfigError, match=r"drive_hz: .* is out of bounds"):
+        calibration.load(path, 2)
+
+
 def test_the_wiring_is_loaded_again_and_may_be_missing(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
     calibration.save(path, [X, MIXED])
@@ -48,7 +66,7 @@ def test_the_wiring_is_loaded_again_and_may_be_missing(tmp_path: Path) -> None:
     [
         ("mode = [", "is not valid TOML"),
         ("", r"must hold \[\[mode\]\] tables"),
-        ("[device]\nport = 1\n" + SOUND, r"must hold \[\[mode\]\] tables and nothing else"),
+        ("[device]\nport = 1\n" + SOUND, r"must hold \[\[mode\]\] tables, drive_hz and nothing else"),
         ("[mode]\nmode = 0", r"must hold \[\[mode\]\] tables"),
         ("mode = [3]", r"\[\[mode\]\] 1: must be a table"),
         (SOUND + "damping = 1", r"\[\[mode\]\] 1: unknown key damping"),

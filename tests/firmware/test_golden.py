@@ -26,6 +26,7 @@ from hapticd.board_values import (
     RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetBaud,
     SetDrive,
     SetGains,
     SetModel,
@@ -61,6 +62,7 @@ SCRIPT: tuple[Any, ...] = (
     SetWiring(((1.0, 0.0), (0.0, -1.0)), ((1.0, 0.0), (0.0, -1.0)), ((0.0, 0.0), (0.0, 0.0))),
     SetDrive(29206.0, 50.0),
     SetDrive(29205.0, 120.0),
+    SetBaud(3_000_000),
     ControllerRequest(),
     SetTelemetry(1000),
     4,
@@ -68,6 +70,8 @@ SCRIPT: tuple[Any, ...] = (
     ReferenceFrame(7, 1000, DRIVE),
     4,
     KeepAlive(7),
+    ReferenceFrame(8, 1000, DRIVE, has_pulse=True),
+    4,
     Sweep(1, 29200.0, 29210.0, 2, 2, 12.5),
     20,
     KeepAlive(0),
@@ -94,6 +98,8 @@ def new_board() -> Board:
         detuning_rad_s=(-62.75, 62.75),
         gain_um_per_v_s=(5.25, 5.5),
         controller="pi",
+        baud_max=3_000_000,
+        image_crc=0x5EED1234,
     )
     gain = np.diag(config.gain_um_per_v_s)
     model = PlateModel(np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)

@@ -11,8 +11,18 @@ import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
 
-from hapticd.board_values import BoardHello, BoardLog, BoardState, BoardStatus
+from hapticd.board_values import (
+    BoardHello,
+    BoardLog,
+    BoardState,
+    BoardStatus,
+    BoardTime,
+    BoardVerdict,
+    SetBaud,
+    Verdict,
+)
 from hapticd.wire import device, protocol
+from hapticd.wire.commands import encode
 
 from .m4 import image
 from .m4.bench import Bench
@@ -23,7 +33,7 @@ pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, re
 
 IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP = range(96, 101)
 DEADMAN_TRIP, MISSED_CHUNK, SLOW_CLOCK = 64, 66, 67
-ENABLE, FAULT_PIN, STOP_PIN = 1 << 12, 1 << 14, 1 << 15
+SYNC, ENABLE, FAULT_PIN, STOP_PIN = 1 << 10, 1 << 12, 1 << 14, 1 << 15
 SUPPLY_INTERRUPT = 16 + 1
 FLASH = 0x08000000
 every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
@@ -203,3 +213,42 @@ def test_the_boards_events_have_sentences() -> None:
 def test_no_two_registers_of_the_models_share_an_address() -> None:
     for board in BOARDS:
         assert len(board.registers.NAME) == len(board.registers.ADDRESS)
+
+
+@every_board
+def test_the_hello_has_the_checksum_of_the_flashed_image(board: Board) -> None:
+    bench = Bench(board)
+    bench.to_board += device.encode_hello_request()
+    bench.run(5)
+    (hello,) = (message for message in bench.messages if isinstance(message, BoardHello))
+    address, last = board.image().segments[-1]
+    assert hello.image_crc == int.from_bytes(last[board.image().symbols["image_crc"] - address :], "little")
+    assert (hello.baud_max, hello.has_sync) == (3_000_000, True)
+
+
+@every_board
+def test_the_line_takes_another_speed_once_the_answer_is_out(board: Board) -> None:
+    bench = Bench(board)
+    assert bench.wires.baud() == pytest.approx(921600, rel=2e-3)
+    bench.to_board += encode(SetBaud(3_000_000))
+    bench.run(3)
+    assert [message.verdict for message in bench.messages if isinstance(message, BoardVerdict)] == [Verdict.DONE]
+    assert bench.wires.baud() == pytest.approx(3e6, rel=1e-4)
+    bench.to_board += device.encode_time_request(1)
+    bench.run(3)
+    assert isinstance(bench.messages[-1], BoardTime)
+
+
+@every_board
+def test_pb10_is_high_for_5_ms_from_the_tick_of_a_marked_reference_on(board: Board) -> None:
+    bench = Bench(board)
+    bench.arm(*(0.5, 0.0, 0.0)[: board.modes])
+    bench.reference((0.0, (1.0, 0.0, 0.0)[: board.modes]), has_pulse=True)
+    levels = []
+    for _ in range(40):
+        bench.run(0.2)
+        levels.append(bool(bench.registers["GPIOB.ODR"] & SYNC))
+    assert bench.registers.field("GPIOB.MODER", 20, 2) == 1
+    assert levels.count(True) == pytest.approx(25, abs=1)
+    assert not levels[0]
+    assert [a for a, b in pairwise(levels) if b and not a] == [False]

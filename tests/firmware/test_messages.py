@@ -69,6 +69,7 @@ def test_the_hello_tells_versions_limits_and_rates(bench: Any) -> None:
         deadman_ms=50,
         w_limit_um=(4.0, 4.0),
         v_limit_v=150.0,
+        has_sync=True,
     )
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
 

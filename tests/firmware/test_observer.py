@@ -22,7 +22,7 @@ from hapticd.wire.commands import encode
 
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)
-BANDWIDTH_1_S, INTEGRAL_TIME_S, STATE_BANDWIDTHS, MEMORY_S, LEAST_UM = 2400.0, 0.0007, 2.0, 0.02, 0.1
+STATE_BANDWIDTHS, MEMORY_S, LEAST_UM = 2.0, 0.02, 0.1
 
 
 class Phasor(ctypes.Structure):
@@ -80,8 +80,9 @@ class Double:
         self.c = (ahead_s * ahead.mean_keep - back_s * back.mean_keep) / tick_s
         self.new, self.old = ahead_s * ahead.mean_push / tick_s, -back_s * back.mean_push / tick_s
         both = self.new + self.old
-        self.pole = math.exp(-BANDWIDTH_1_S * tick_s)
-        poles = np.array([math.exp(-STATE_BANDWIDTHS * BANDWIDTH_1_S * tick_s), math.exp(-tick_s / INTEGRAL_TIME_S)])
+        bandwidth_1_s, integral_time_s = (3000.0, 0.0005) if tick_s < 0.00025 else (2400.0, 0.0007)
+        self.pole = math.exp(-bandwidth_1_s * tick_s)
+        poles = np.array([math.exp(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), math.exp(-tick_s / integral_time_s)])
         # Pole placement by Ackermann's formula, for the pair that the correction follows.
         f = np.array([[self.a, self.b], [0, 1]])
         h = np.array([self.c, both])

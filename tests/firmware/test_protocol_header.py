@@ -81,6 +81,7 @@ def test_the_hash_sees_a_changed_field_but_not_a_changed_comment() -> None:
         ("hd_wire_set_controller_t", protocol.SET_CONTROLLER),
         ("hd_wire_set_model_t", protocol.SET_MODEL),
         ("hd_wire_set_drive_t", protocol.SET_DRIVE),
+        ("hd_wire_set_baud_t", protocol.SET_BAUD),
         ("hd_wire_sweep_t", protocol.SWEEP),
         ("hd_wire_raw_voltage_t", protocol.RAW_VOLTAGE),
         ("hd_wire_set_telemetry_t", protocol.SET_TELEMETRY),
@@ -95,7 +96,7 @@ def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struc
 
 @pytest.mark.parametrize("modes", [2, 3])
 def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes: int) -> None:
-    assert layout("hd_wire_hello_t", modes) == protocol.HELLO.format[1:] + "f" * modes
+    assert layout("hd_wire_hello_t", modes) == protocol.HELLO.format[1:] + "f" * modes + protocol.MORE_HELLO.format[1:]
     assert layout("hd_wire_status_t", modes) == protocol.STATUS.format[1:] + "ffff" * modes + "f"
     assert layout("hd_wire_controller_t", modes) == protocol.CONTROLLER.format[1:] + "fffff" * modes
     assert layout("hd_wire_sweep_point_t", modes) == protocol.SWEEP_POINT.format[1:] + "ff" * modes
@@ -130,6 +131,7 @@ def test_message_ids_states_laws_and_flags_agree() -> None:
         "HD_STATUS_APPLIED": 1,
         "HD_STATUS_SATURATED": 2,
         "HD_STATUS_LIMITED": 4,
+        "HD_STATUS_PULSED": 8,
     }
 
 

@@ -24,6 +24,19 @@ def test_the_paper_is_compared_with_hapticd_on_both_plates() -> None:
     assert titles(SimConfig(plate="fingertip", modes=4)) == [paper, reference, fingertip]
 
 
+def test_on_the_papers_wires_the_papers_scheme_runs_too_and_every_title_says_so() -> None:
+    sim = SimConfig(wiring="paper")
+    first, second, third = titles(sim)
+    assert first == "the paper's scheme, reference plate, 2 modes, the paper's wires"
+    assert second == "hapticd, reference plate, 2 modes, the paper's wires"
+    assert "wires" not in third
+
+
+def test_wrong_wires_are_the_live_columns_alone() -> None:
+    first, second, _ = titles(SimConfig(wiring="swapped"))
+    assert ("wires" in first, second) == (False, "hapticd, reference plate, 2 modes, swapped wires")
+
+
 def test_the_live_column_has_the_requested_modes_and_takes_the_place_of_its_plate() -> None:
     assert titles(SimConfig(modes=4))[1:] == ["hapticd, reference plate, 4 modes", "hapticd, fingertip plate, 4 modes"]
     assert titles(SimConfig(plate="fingertip", modes=5))[2] == "hapticd, fingertip plate, 5 modes"

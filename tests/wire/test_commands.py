@@ -17,6 +17,7 @@ from hapticd.board_values import (
     RawVoltage,
     ReferenceFrame,
     SelectController,
+    SetBaud,
     SetDrive,
     SetGains,
     SetModel,
@@ -42,10 +43,11 @@ SESSION_COMMANDS: dict[int, BoardCommand] = {
     protocol.MSG_SET_MODEL: SetModel(1, ModeModel(180.0, -60.0, 5.0, 1j)),
     protocol.MSG_SET_TELEMETRY: SetTelemetry(500),
     protocol.MSG_SET_WIRING: SetWiring(((1.0, 1.0), (1.0, -1.0)), ((1j, 0.5), (0.5, 1.0)), ((0.01j, 0.0),) * 2),
+    protocol.MSG_SET_DRIVE: SetDrive(29210.0, 50.0),
+    protocol.MSG_SET_BAUD: SetBaud(3_000_000),
 }
 TOOL_COMMANDS: dict[int, ToolCommand] = {
     protocol.MSG_SET_CONTROLLER: SetGains("pi", 800.0, 0.004),
-    protocol.MSG_SET_DRIVE: SetDrive(29210.0, 50.0),
     protocol.MSG_CONTROLLER_REQUEST: ControllerRequest(),
     protocol.MSG_SWEEP: Sweep(1, 29190.0, 29220.0, 31, 40, 20.0),
     protocol.MSG_RAW_VOLTAGE: RawVoltage(0, 3 - 4j, 100),

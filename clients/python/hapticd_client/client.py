@@ -234,13 +234,18 @@ class Client:
         """Clear a latched fault. Raises RefusedError if its cause persists."""
         self._call("clear_fault")
 
-    def marker(self, text: str) -> int:
+    def marker(self, text: str, *, pulse: bool = False) -> int:
         """Mark an instant of an experiment, such as "trial 7 begins", in the recording and in every client's states.
 
-        1 .. 100 printable characters. Returns the instant: nanoseconds on the daemon's monotonic clock. Raises
-        RefusedError, also from an older daemon without markers.
+        1 .. 100 printable characters. Returns the instant: nanoseconds on the daemon's monotonic clock. With `pulse`
+        the board's sync output, for an EEG amplifier or a camera, rises for 5 ms when the next reference takes effect,
+        at most every 20 ms. Raises RefusedError, also from an older daemon without markers, or for a board without the
+        output.
         """
-        return int(self._call("marker", {"client": self.name, "text": text})["t_ns"])
+        body: dict[str, object] = {"client": self.name, "text": text}
+        if pulse:
+            body["pulse"] = True
+        return int(self._call("marker", body)["t_ns"])
 
     # --- requests ---
 

@@ -89,6 +89,9 @@ static hd_config_t core_config(const hd_board_setup_t *setup)
         .output_delay_frac = (float)(OUTPUT_DELAY_S * setup->control_hz),
         .latch_repeated_trips = setup->latch_repeated_trips != 0,
         .reset_cause = (uint8_t)setup->reset_cause,
+        .features = setup->has_sync != 0 ? HD_FEATURE_SYNC : 0,
+        .baud_max = setup->baud_max,
+        .image_crc = setup->image_crc,
     };
     for (int k = 0; k < HD_MODES; k++) {
         config.w_limit_um[k] = (float)setup->w_limit_um[k];
@@ -175,6 +178,11 @@ void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_
 size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint64_t at_us)
 {
     return hd_transmit(&board->core, (uint32_t)at_us, out, capacity);
+}
+
+uint32_t hd_board_baud(hd_board_t *board)
+{
+    return hd_line_baud(&board->core, (uint32_t)hd_board_t_us(board));
 }
 
 void hd_board_estimate(const hd_board_t *board, double *estimate)

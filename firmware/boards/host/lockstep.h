@@ -57,6 +57,9 @@ typedef struct {
     double integral_time_s;
     int32_t latch_repeated_trips;
     int32_t reset_cause; /* enum hd_reset_cause */
+    int32_t has_sync;
+    uint32_t baud_max;
+    uint32_t image_crc;
 } hd_board_setup_t;
 
 /* One row per tick. */
@@ -89,6 +92,9 @@ size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint6
 size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const double *phi,
                     const double *contact_decay_1_s, const double *contact_detuning_rad_s,
                     const hd_board_trace_t *trace, size_t offset, int32_t stop_on_transmit);
+
+/* The speed that the host has asked for; 0: none, or not any more. */
+uint32_t hd_board_baud(hd_board_t *board);
 
 /* What the observer has learned of each mode: (HD_MODES, 2), decay in 1/s and detuning in rad/s. */
 void hd_board_estimate(const hd_board_t *board, double *estimate);

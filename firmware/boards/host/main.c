@@ -169,6 +169,17 @@ void board_enable_amplifiers(bool enable)
     emulation.amplifiers_on = enable;
 }
 
+void board_sync(bool high)
+{
+    (void)high;
+}
+
+bool board_set_baud(uint32_t baud)
+{
+    (void)baud;
+    return true;
+}
+
 uint8_t board_interlock(void)
 {
     return 0;

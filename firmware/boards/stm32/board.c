@@ -95,6 +95,8 @@ static void describe_board(hd_config_t *config, const hd_converters_t *converter
         .gains = {HD_LAW_DEADBEAT, 0.0f, 0.0f}, /* those that the firmware was tested with */
         .output_delay_frac = (float)HD_CHUNK * (float)CONTROL_HZ / (float)HD_SAMPLE_HZ,
         .latch_repeated_trips = LATCH_REPEATED_TRIPS,
+        .features = HD_FEATURE_SYNC,
+        .baud_max = LINK_BAUD_MAX,
     };
     for (int k = 0; k < HD_MODES; k++) {
         config->w_limit_um[k] = w_limit_um[k];
@@ -115,17 +117,18 @@ static uint32_t reversed(uint32_t word)
     return word;
 }
 
+extern const uint32_t image_begin[], image_crc[];
+
 /* CRC-32, as in ISO 3309, of what was flashed: make appends it to the image. */
-static bool image_intact(void)
+static uint32_t crc_of_image(void)
 {
-    extern const uint32_t image_begin[], image_crc[];
     RCC->AHB1ENR |= AHB1_CRC;
     (void)RCC->AHB1ENR;
     CRC->CR = CRC_RESET;
     for (const uint32_t *word = image_begin; word < image_crc; word++) {
         CRC->DR = reversed(*word); /* the unit takes the highest bit first */
     }
-    return ~reversed(CRC->DR) == *(const volatile uint32_t *)image_crc;
+    return ~reversed(CRC->DR);
 }
 
 /* The core refuses a plate without gain, and reports it to the host; the log has the reason. */
@@ -163,7 +166,8 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
         crash(HD_EVENT_CRASH, 0);
     }
     require(source == CLOCK_CRYSTAL, HD_EVENT_SLOW_CLOCK, config);
-    require(image_intact(), HD_EVENT_IMAGE, config);
+    config->image_crc = crc_of_image();
+    require(config->image_crc == *(const volatile uint32_t *)image_crc, HD_EVENT_IMAGE, config);
     require(chip_guards_brown_out(), HD_EVENT_BROWN_OUT_OFF, config);
     require(watch_supply(), HD_EVENT_SUPPLY, config);
     config->log = kept.log;
@@ -186,41 +190,6 @@ void board_run(void)
 uint32_t board_now_us(void)
 {
     return TIM5->CNT;
-}
-
-size_t board_read(uint8_t *bytes, size_t capacity)
-{
-    return link_read(bytes, capacity);
-}
-
-size_t board_write_room(void)
-{
-    return link_write_room();
-}
-
-void board_write(const uint8_t *bytes, size_t n)
-{
-    link_write(bytes, n);
-}
-
-void board_enable_amplifiers(bool enable)
-{
-    sampling_enable_amplifiers(enable);
-}
-
-uint8_t board_interlock(void)
-{
-    return sampling_interlock();
-}
-
-void board_lock(void)
-{
-    sampling_lock();
-}
-
-void board_unlock(void)
-{
-    sampling_unlock();
 }
 
 void board_wait(void)

@@ -17,18 +17,24 @@
 #define SETTLE_TURNS 200 /* of at least 4 cycles: 4 us, where the ADCs need 3 */
 #define PERIOD (TIMER_HZ / HD_SAMPLE_HZ)
 
+#define SYNC 10       /* PB10, the sync output */
 #define AMPLIFIERS 12 /* PB12, high to enable, or changing with every tick */
 #define BUSY 13       /* PB13, high while the interrupt works: its duty cycle is the load */
 #define AMPLIFIER_FAULT 14 /* PB14, low: an amplifier reports a fault; open: none */
 #define EMERGENCY_STOP 15  /* PB15, low through a closed contact to ground; open: stop */
 
-void sampling_enable_amplifiers(bool enable)
+void board_enable_amplifiers(bool enable)
 {
     bool high = enable && !(ENABLE_BY_PULSES && (GPIOB->ODR & 1u << AMPLIFIERS) != 0);
     GPIOB->BSRR = high ? 1u << AMPLIFIERS : 1u << (AMPLIFIERS + 16);
 }
 
-uint8_t sampling_interlock(void)
+void board_sync(bool high)
+{
+    GPIOB->BSRR = high ? 1u << SYNC : 1u << (SYNC + 16);
+}
+
+uint8_t board_interlock(void)
 {
     uint32_t pins = GPIOB->IDR;
     if (HAS_EMERGENCY_STOP && (pins & 1u << EMERGENCY_STOP) != 0) {
@@ -42,10 +48,10 @@ void sampling_silence(void)
     GPIO_ENR |= GPIO_A | GPIO_B;
     RCC->APB1ENR |= APB1_TIM2 | APB1_DAC;
     (void)RCC->APB1ENR; /* the clocks need two cycles to arrive */
-    sampling_enable_amplifiers(false);
+    board_enable_amplifiers(false);
     GPIOB->PUPDR |= PULL_UP(AMPLIFIER_FAULT) | PULL_UP(EMERGENCY_STOP);
     uint32_t pins = ANALOGUE(AMPLIFIERS) | ANALOGUE(BUSY) | ANALOGUE(AMPLIFIER_FAULT) | ANALOGUE(EMERGENCY_STOP);
-    GPIOB->MODER = (GPIOB->MODER & ~pins) | OUTPUT(AMPLIFIERS) | OUTPUT(BUSY);
+    GPIOB->MODER = (GPIOB->MODER & ~(pins | ANALOGUE(SYNC))) | OUTPUT(AMPLIFIERS) | OUTPUT(BUSY) | OUTPUT(SYNC);
     TIM2->CR1 = 0;
     converters_silence();
 }
@@ -115,12 +121,12 @@ void sampling_on_transfer_error(void)
     restart();
 }
 
-void sampling_lock(void)
+void board_lock(void)
 {
     __asm volatile("msr basepri, %0\n\tisb" : : "r"(CHUNK_PRIORITY) : "memory");
 }
 
-void sampling_unlock(void)
+void board_unlock(void)
 {
     __asm volatile("msr basepri, %0" : : "r"(0) : "memory");
 }

@@ -13,7 +13,8 @@
 #define PER_MODE(x, y, z) {x, y}
 #endif
 
-#define LINK_BAUD 921600
+#define LINK_BAUD 921600       /* at the start */
+#define LINK_BAUD_MAX 3000000  /* that a host may ask for */
 #define DRIVE_HZ 29205.0f
 
 #ifndef CONTROL_HZ

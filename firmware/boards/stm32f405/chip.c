@@ -7,8 +7,9 @@
 
 _Static_assert(HD_MODES == 2, "the STM32F405 has two DACs; three modes need the STM32G474");
 _Static_assert(CRYSTAL_HZ % 1000000 == 0 && CRYSTAL_HZ >= 4000000 && CRYSTAL_HZ <= 26000000, "the PLL needs 1 MHz");
-_Static_assert(LINK_BAUD >= 9600 && LINK_BAUD <= 5250000, "USART1 at 84 MHz, 16 samples a bit");
+_Static_assert(LINK_BAUD >= HD_BAUD_MIN && LINK_BAUD_MAX <= 5250000, "USART1 at 84 MHz, 16 samples a bit");
 
+#define BAUD_DIVIDER(baud) ((APB2_HZ + (baud) / 2) / (baud)) /* 16 samples a bit: in 1/16 of APB2_HZ / 16 */
 #define WORDS (2 * HD_CHUNK)
 #define ADC1_PIN 1 /* PA1, ADC1_IN1 */
 #define ADC2_PIN 2 /* PA2, ADC2_IN2 */
@@ -121,7 +122,18 @@ void serial_start(void)
     GPIOA->PUPDR |= PULL_UP(10); /* an open input is a line at rest, not noise */
     GPIOA->AFR[1] |= FUNCTION(9, 7) | FUNCTION(10, 7);
     GPIOA->MODER |= ALTERNATE(9) | ALTERNATE(10);
-    USART1->BRR = (APB2_HZ + LINK_BAUD / 2) / LINK_BAUD; /* 16 samples a bit: in 1/16 of APB2_HZ / 16 */
+    USART1->BRR = BAUD_DIVIDER(LINK_BAUD);
     USART1->CR3 = USART_DMAR | USART_DMAT;
     USART1->CR1 = USART_UE | USART_RE | USART_TE;
+}
+
+bool serial_set_baud(uint32_t baud)
+{
+    bool idle = (USART1->SR & USART_TC) != 0;
+    if (idle) {
+        USART1->CR1 = 0;
+        USART1->BRR = BAUD_DIVIDER(baud);
+        USART1->CR1 = USART_UE | USART_RE | USART_TE;
+    }
+    return idle;
 }

@@ -134,6 +134,7 @@ typedef struct {
 #define LINK_TX_FLAGS (DMA_ALL << 22)
 #define LINK_TX_DONE false /* the stream disables itself */
 
+#define USART_TC (1u << 6)
 #define USART_UE (1u << 13)
 
 #endif

@@ -7,8 +7,9 @@
 
 _Static_assert(HD_MODES == 2 || HD_MODES == 3, "three DACs of the STM32G474 have pins");
 _Static_assert(CRYSTAL_HZ % 4000000 == 0 && CRYSTAL_HZ <= 48000000, "the PLL needs 4 MHz");
-_Static_assert(LINK_BAUD >= 9600 && LINK_BAUD <= CORE_HZ / 3, "LPUART1 wants 3 to 4096 cycles a bit");
+_Static_assert(LINK_BAUD >= 41504 && LINK_BAUD_MAX <= CORE_HZ / 3, "LPUART1 wants 3 to 4096 cycles a bit");
 
+#define BAUD_DIVIDER(baud) ((uint32_t)(256.0f * (float)CORE_HZ / (float)(baud) + 0.5f)) /* in 1/256 of a cycle */
 #define WORDS (2 * HD_CHUNK)
 #define REGULATOR_TURNS 1000 /* of at least 4 cycles: 23 us, where the ADCs' regulators need 20 */
 #define CALIBRATED_TURNS 20  /* 4 cycles of the ADC's clock, from the end of its calibration */
@@ -188,9 +189,20 @@ void serial_start(void)
     GPIOA->PUPDR |= PULL_UP(3); /* an open input is a line at rest, not noise */
     GPIOA->AFR[0] |= FUNCTION(2, SERIAL_FUNCTION) | FUNCTION(3, SERIAL_FUNCTION);
     GPIOA->MODER = (GPIOA->MODER & ~(ANALOGUE(2) | ANALOGUE(3))) | ALTERNATE(2) | ALTERNATE(3);
-    LPUART1->BRR = (uint32_t)((256ull * CORE_HZ + LINK_BAUD / 2) / LINK_BAUD);
+    LPUART1->BRR = BAUD_DIVIDER(LINK_BAUD);
     LPUART1->CR3 = USART_DMAR | USART_DMAT;
     LPUART1->CR1 = USART_UE | USART_RE | USART_TE;
     DMAMUX[4] = REQUEST_LPUART1_RX;
     DMAMUX[5] = REQUEST_LPUART1_TX;
+}
+
+bool serial_set_baud(uint32_t baud)
+{
+    bool idle = (LPUART1->ISR & USART_TC) != 0;
+    if (idle) {
+        LPUART1->CR1 = 0; /* its divider is locked while it is enabled */
+        LPUART1->BRR = BAUD_DIVIDER(baud);
+        LPUART1->CR1 = USART_UE | USART_RE | USART_TE;
+    }
+    return idle;
 }

@@ -144,6 +144,7 @@ typedef struct {
 #define LINK_TX_FLAGS (DMA_ALL << 20)
 #define LINK_TX_DONE (LINK_TX->NDTR == 0)
 
+#define USART_TC (1u << 6)
 #define USART_UE (1u << 0)
 
 enum { REQUEST_ADC1 = 5, REQUEST_DAC1_1, REQUEST_DAC1_2, REQUEST_LPUART1_RX = 34, REQUEST_LPUART1_TX, REQUEST_ADC2,

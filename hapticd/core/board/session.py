@@ -23,11 +23,14 @@ from ...board_values import (
     BoardState,
     BoardStatus,
     BoardTime,
+    Calibration,
     HelloRequest,
     KeepAlive,
     ModeCalibration,
     ReferenceFrame,
     SelectController,
+    SetBaud,
+    SetDrive,
     SetModel,
     SetTelemetry,
     SetWiring,
@@ -59,9 +62,15 @@ REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
 SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
 
+FAST_WITHIN_NS: Final = 600_000_000  # the hello at the fast speed; the board returns to its first one after 1.2 s
+NOISY_FRAMES: Final = 20  # damaged in one session: the line is too fast
+SAME_DRIVE_HZ: Final = 0.01  # float32 resolves 0.002 Hz there
+FOLLOW_HZ: Final = 120.0  # how far the drive follows the plate: the board's own reach
+
 # Why a session ended, for the log.
 DISCONTINUITY: Final = "Clock discontinuity (board reset?): reconnecting"
 SILENT: Final = "silent; requesting its hello until it answers"
+SLOW: Final = "the fast line fails: it goes on at the speed of device.baud (check the cable, or lower device.fast_baud)"
 NO_STATUS: Final = "sends no status, only other messages; requesting its hello until it does"
 
 
@@ -81,7 +90,9 @@ class BoardSession:
         controller: str,
         calibration: Sequence[ModeCalibration] = (),
         telemetry_hz: int = 0,
+        fast_baud: int = 0,
     ) -> None:
+        """`fast_baud` is requested of a board that offers it; 0: the line keeps the speed that it was opened with."""
         self.hello: BoardHello | None = None
         self.status: BoardStatus | None = None
         self.clock = BoardClock()
@@ -94,7 +105,13 @@ class BoardSession:
         self._is_leaving = False
         self._is_reporting = False  # a status has arrived since the handshake
         self._controller = controller
-        self._calibration = tuple(calibration)
+        self.baud = 0  # that the line should have; 0: the one that it was opened with
+        self.must_pulse = False  # with the next reference
+        self._fast_baud = fast_baud
+        self._is_slow = False  # the fast line has failed since it was opened
+        self._t_fast_ns = 0  # of the first hello request at the fast speed
+        self._bad_frames = 0  # of the board, as the session began
+        self._calibration = Calibration.of(calibration)
         self._telemetry = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
         self._settings_left: deque[BoardCommand] = deque()
         self._linked = False
@@ -135,6 +152,12 @@ class BoardSession:
         """The setting that the board has not taken yet."""
         return self._settings_left[0] if self._settings_left else None
 
+    @property
+    def drive_hz(self) -> float:
+        """The drive that the board was set to, from which it follows the plate; 0 before its hello."""
+        own_hz = 0.0 if self.hello is None else self.hello.drive_hz
+        return own_hz if self.hello is None or self._calibration.drive_hz is None else self._calibration.drive_hz
+
     def follows(self, t_now_ns: int) -> bool:
         """Whether the board follows references and has the last one, or may still acknowledge it."""
         if self.status is None or self.status.state is not BoardState.LIVE or self._held is not None:
@@ -158,6 +181,7 @@ class BoardSession:
         """The port is gone: drop all state of the board."""
         self._linked = self.is_resting = self._is_leaving = self._is_reporting = False
         self.hello = self.status = self._boot_id = None
+        self.baud, self._is_slow, self.must_pulse = 0, False, False
         self.clock.reset()
         self.latency.reset()
         self._forget_sent()
@@ -177,20 +201,44 @@ class BoardSession:
         if self.is_resting:
             return []
         self._asking_time.restart(t_now_ns)
-        models = [SetModel(measured.mode, measured.model(hello.drive_hz)) for measured in self._calibration]
-        wiring = SetWiring.of(self._calibration, hello.modes)
-        wires = [] if wiring is None else [wiring]
-        self._settings_left = deque([SelectController(self._controller), *models, *wires, *self._telemetry])
+        self._settings_left = self._settings_for(hello)
+        if isinstance(self._settings_left[0], SetBaud):
+            return self._instruction(t_now_ns)
         return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
 
+    def _settings_for(self, hello: BoardHello) -> deque[BoardCommand]:
+        """A faster line first, after which everything begins again; the drive before the models in its frame."""
+        fast_baud = min(self._fast_baud, hello.baud_max)
+        if fast_baud > 0 and not self.baud and not self._is_slow:
+            return deque([SetBaud(fast_baud)])
+        moves = abs(self.drive_hz - hello.drive_hz) > SAME_DRIVE_HZ
+        drive = [SetDrive(self.drive_hz, FOLLOW_HZ)] if moves else []
+        models = [SetModel(measured.mode, measured.model(self.drive_hz)) for measured in self._calibration]
+        wiring = SetWiring.of(self._calibration, hello.modes)
+        wires = [] if wiring is None else [wiring]
+        return deque([SelectController(self._controller), *drive, *models, *wires, *self._telemetry])
+
     def receive_answer(self, t_now_ns: int, *, is_taken: bool = True) -> list[BoardCommand]:
-        """The board answered the last setting: send the next one. One that it refused is repeated by the timer."""
+        """The board answered the last setting: send the next one. One that it refused is repeated by the timer, but for
+        the line's speed, which then stays."""
         self._t_received_ns = t_now_ns
+        if isinstance(self.setting, SetBaud):
+            return self._change_baud(self.setting.baud if is_taken else 0, t_now_ns)
         if not is_taken:
             return []
         if self._settings_left:
             self._settings_left.popleft()
         return self._instruction(t_now_ns)
+
+    def _change_baud(self, baud: int, t_now_ns: int) -> list[BoardCommand]:
+        """Begin the session again on a line of another speed; 0: of the first one, from now on."""
+        self.baud, self._is_slow = baud, baud == 0
+        self._t_fast_ns = t_now_ns
+        self.hello = self.status = None
+        self._is_reporting = False
+        self._settings_left.clear()
+        self._greeting.restart(t_now_ns)
+        return [HelloRequest()]
 
     def receive_time(self, reply: BoardTime, t_now_ns: int) -> None:
         """Take a time reply; a stray one is ignored. A discontinuity means a reset behind an open port."""
@@ -215,8 +263,12 @@ class BoardSession:
         if self.status is not None and not was_stopped and _leapt(self.status.t_board_us, status.t_board_us):
             self._start_over(DISCONTINUITY)
             return
+        if self.status is None:
+            self._bad_frames = status.bad_frames
         self.status = status
         self._is_reporting = True
+        if self.baud and status.bad_frames - self._bad_frames > NOISY_FRAMES:
+            self._is_slow = True  # at the next timer
         self._window.named(status.seq)
         self._window.answered()
         if self.clock.ready:  # a board that sends also reads: frames missing from the acknowledgement were lost
@@ -269,6 +321,9 @@ class BoardSession:
         if self.hello is not None and t_now_ns - t_last_ns > SILENT_AFTER_NS:
             is_answering = t_now_ns - self._t_received_ns <= MUTE_AFTER_NS + self._patience_ns
             self._start_over(NO_STATUS if is_answering else SILENT)  # it hung or was replaced
+        if self.baud and (self._is_slow or (self.hello is None and t_now_ns - self._t_fast_ns > FAST_WITHIN_NS)):
+            self.ended = SLOW
+            return self._change_baud(0, t_now_ns)
         if self.hello is None:
             return [HelloRequest()] if self._greeting.due(t_now_ns) else []
         commands: list[BoardCommand] = []
@@ -345,6 +400,7 @@ class BoardSession:
     def _start_over(self, reason: str) -> None:
         """Restart the handshake with the next timer: a board that was reset has lost controller and models."""
         self.ended = reason
+        self._t_fast_ns = self._t_timer_ns
         self.hello = self.status = None
         self.is_resting = self._is_leaving = self._is_reporting = False
 
@@ -360,7 +416,8 @@ class BoardSession:
         self._arming.restart(t_now_ns)
         self._window.wrote(self._seq, t_now_ns)
         self._held = None
-        return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive)]
+        has_pulse, self.must_pulse = self.must_pulse, False
+        return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive, has_pulse)]
 
     def _drop_unanswered(self, t_now_ns: int) -> None:
         while self._in_flight:

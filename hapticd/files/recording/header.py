@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...board_values import ModeCalibration
+from ...board_values import Calibration, ModeCalibration
 from ...config import loader as config
 from ...config.sections import Config
 from ...core.plate.mode_shapes import ModeShapes
@@ -51,7 +51,7 @@ class Header:
     trackpad_model: str
     config: Config
     modes: ModeShapes
-    calibration: tuple[ModeCalibration, ...]
+    calibration: Calibration
     parasitic_modes: ParasiticModes | None = None
 
 
@@ -76,6 +76,7 @@ def header_fields(header: Header) -> Fields:
         "config_toml": config.render(header.config),
         "modes_float64_le": _packed_modes(header.modes),
         "calibration": [_calibration_fields(measured) for measured in header.calibration],
+        "calibrated_drive_hz": header.calibration.drive_hz,
         "parasitic_modes": None if modes is None else _packed_parasitic_modes(modes),
     }
 
@@ -98,7 +99,10 @@ def header_from(fields: Fields) -> Header:
             **{name: _typed(fields, name, kind) for name, kind in _SCALARS.items()},
             config=settings,
             modes=modes,
-            calibration=tuple(_calibration(entry, modes.M) for entry in fields["calibration"]),
+            calibration=Calibration(
+                [_calibration(entry, modes.M) for entry in fields["calibration"]],
+                _calibrated_drive_hz(fields.get("calibrated_drive_hz")),
+            ),
             parasitic_modes=_parasitic_modes(fields["parasitic_modes"]),
         )
     except RecordingError:
@@ -147,6 +151,13 @@ def _parasitic_modes(table: Any) -> ParasiticModes | None:
     return ParasiticModes(
         _modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s, float(_typed(table, "finger_decay_1_s", float))
     )
+
+
+def _calibrated_drive_hz(value: Any) -> float | None:
+    """None in recordings of a calibration without one, and in earlier ones."""
+    if not (value is None or (type(value) is float and math.isfinite(value))):
+        raise ValueError("calibrated_drive_hz")
+    return value
 
 
 def _calibration(entry: Any, modes: int) -> ModeCalibration:

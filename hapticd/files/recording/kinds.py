@@ -157,7 +157,7 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger]) -> Fields:
 def _status(status: BoardStatus) -> Fields:
     return {
         **{name: getattr(status, name) for name in _COUNTERS},
-        **{f"is_{name}": getattr(status, name) for name in _FLAGS},
+        **{f"is_{name}": getattr(status, name) for name in (*_FLAGS, "pulsed")},
         "state": status.state.name,
         "measured_um": amplitudes(status.measured_um),
         "voltage_v": amplitudes(status.voltage_v),
@@ -247,6 +247,7 @@ KINDS: dict[str, Kind] = {
         {
             **dict.fromkeys(_COUNTERS, WHOLE),
             **{f"is_{name}": BOOL for name in _FLAGS},
+            "is_pulsed": Maybe(BOOL),  # missing in earlier recordings
             "state": TEXT,
             "measured_um": AMPLITUDES,
             "voltage_v": AMPLITUDES,

@@ -69,6 +69,16 @@ class SerialLink:
             termios.tcflush(self._serial.fd, termios.TCOFLUSH)
         return False
 
+    def set_baud(self, baud: int) -> None:
+        """Set the speed until the port is closed. What was written must have been answered: nothing waits here."""
+        if self._serial is None:
+            return
+        try:
+            self._serial.baudrate = baud
+            os.set_blocking(self._serial.fd, False)
+        except (OSError, ValueError, termios.error) as error:
+            self._lost(f"it cannot be set to {baud} baud: {_cause(error)}")
+
     def rest(self, is_resting: bool) -> None:
         """Set whether received bytes may wait for the next `read`."""
         self._is_resting = is_resting

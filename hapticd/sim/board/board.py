@@ -23,6 +23,7 @@ __all__ = [
     "FLAG_LIMITED",
     "FLAG_LIVE",
     "FLAG_SATURATED",
+    "FLAG_SYNC",
     "PLATE_MODES_MAX",
     "RESET_POWER",
     "RESET_WATCHDOG",
@@ -36,6 +37,7 @@ FLAG_SATURATED: Final = 0x01
 FLAG_LIMITED: Final = 0x02
 FLAG_LIVE: Final = 0x04
 FLAG_DEADMAN: Final = 0x08
+FLAG_SYNC: Final = 0x10  # the sync output is high
 
 PLATE_MODES_MAX: Final = 8
 
@@ -128,6 +130,9 @@ class BoardConfig:
     integral_time_s: float | None = None
     latch_repeated_trips: bool = False
     reset_cause: int = RESET_POWER
+    has_sync: bool = True
+    baud_max: int = 0
+    image_crc: int = 0
 
     def __post_init__(self) -> None:
         m = len(self.w_limit_um)
@@ -204,6 +209,11 @@ class Board:
     @property
     def t_ns(self) -> int:
         return self.unwrapped_us * 1000
+
+    @property
+    def baud(self) -> int:
+        """The line's speed that the host has set; 0 for the one that the board started with."""
+        return int(self._library.hd_board_baud(self._board))
 
     def reset(self, boot_id: int, cause: int = RESET_WATCHDOG) -> None:
         """Reset the processor: a new boot id, a clock from 0, no voltage. The plate rings down freely."""
@@ -328,4 +338,7 @@ def _setup(
         integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,
         latch_repeated_trips=config.latch_repeated_trips,
         reset_cause=config.reset_cause,
+        has_sync=config.has_sync,
+        baud_max=config.baud_max,
+        image_crc=config.image_crc,
     )

@@ -61,6 +61,9 @@ class Setup(ctypes.Structure):
         ("integral_time_s", ctypes.c_double),
         ("latch_repeated_trips", ctypes.c_int32),
         ("reset_cause", ctypes.c_int32),
+        ("has_sync", ctypes.c_int32),
+        ("baud_max", ctypes.c_uint32),
+        ("image_crc", ctypes.c_uint32),
     ]
 
 
@@ -94,6 +97,7 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_new": (board, [ctypes.POINTER(Setup)]),
         "hd_board_free": (None, [board]),
         "hd_board_reset": (None, [board, ctypes.c_uint32, ctypes.c_int32]),
+        "hd_board_baud": (ctypes.c_uint32, [board]),
         "hd_board_t_us": (ctypes.c_uint64, [board]),
         "hd_board_receive": (None, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
         "hd_board_transmit": (size, [board, ctypes.c_char_p, size, ctypes.c_uint64]),

@@ -1,7 +1,7 @@
 """Step 1: sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
 
 A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.drive` defines
-the criterion for the drive, which is a constant of the firmware: it is proposed here, not set.
+the criterion for the drive. One that is worth moving is written to the calibration file, by which the daemon sets it.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> Verdict:
         port, baud = named_port(options, stack)
         hello, measured = asyncio.run(_sweep_on(port, baud, options))
     sweep.draw(measured.sweeps, options.out / PICTURE_FILE, **PICTURE)
-    calibration.save(options.out / CALIBRATION_FILE, measured.modes)
+    calibration.save(options.out / CALIBRATION_FILE, measured.modes, better_drive_hz(hello, measured.modes))
     device = {} if options.sim else {"port": port, "baud": baud}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
     settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}, **simulated}
@@ -193,6 +193,14 @@ def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
     return replace(plan, start_hz=start_hz, stop_hz=stop_hz, dwell_ms=max(plan.dwell_ms, dwell_ms))
 
 
+def better_drive_hz(hello: BoardHello, modes: Sequence[ModeCalibration]) -> float | None:
+    """Return the best drive if it is worth moving there, and the board can; else None."""
+    best_hz = propose_drive_hz(modes, hello.w_limit_um)
+    now_v, best_v = (largest_voltage_v(modes, drive_hz, hello.w_limit_um) for drive_hz in (hello.drive_hz, best_hz))
+    is_near = protocol.is_within(best_hz - hello.drive_hz, protocol.DRIVE_MOVE_HZ)
+    return best_hz if is_near and now_v > WORTH_MOVING * best_v else None
+
+
 def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_simulated: bool) -> Verdict:
     """Judge the sweeps, the wires, and the board's drive and amplifiers."""
     sweeps, modes = measured.sweeps, measured.modes
@@ -209,14 +217,17 @@ def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_sim
     findings += [(Outcome.WARN, sentence) for sentence in measured.wrong_wires]
     if best_v > ENOUGH * hello.v_limit_v:
         findings.append(
-            (Outcome.WARN, f"Full amplitude takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.")
+            (
+                Outcome.WARN,
+                f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.",
+            )
         )
     if now_v > WORTH_MOVING * best_v:
+        remedy = "the calibration file sets it" if better_drive_hz(hello, modes) else "set DRIVE_HZ in the firmware"
         findings.append(
             (
                 Outcome.WARN,
-                f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: "
-                "set DRIVE_HZ in the firmware.",
+                f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: {remedy}.",
             )
         )
     outcome, sentence = judge(

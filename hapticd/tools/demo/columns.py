@@ -18,6 +18,7 @@ from ...sim import lockstep
 from ...sim.picture import Film
 from ...sim.plate.glasses import FINGERTIP, REFERENCE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+from ...sim.plate.wirings import PAPER as SHARED
 from ...sim.plate.wirings import SEPARATE
 from ..progress import Progress
 
@@ -34,9 +35,15 @@ class Column:
 
     @property
     def title(self) -> str:
-        """Name of the scheme, the plate and its number of modes."""
+        """Name of the scheme, the plate, its number of modes, and its wiring where that is shared or wrong."""
         scheme = "the paper's scheme" if self.scheme == PAPER else self.scheme
-        return f"{scheme}, {self.plate.plate} plate, {self.plate.driven_modes} modes"
+        wires = "" if self.wires == SEPARATE else f", {self.wires} wires"
+        return f"{scheme}, {self.plate.plate} plate, {self.plate.driven_modes} modes{wires}"
+
+    @property
+    def wires(self) -> str:
+        """How amplifiers and sensors belong to the modes."""
+        return "the paper's" if self.plate.wiring == SHARED else self.plate.wiring
 
 
 def live_column(sim: SimConfig, *, is_bare: bool) -> Column:
@@ -45,12 +52,16 @@ def live_column(sim: SimConfig, *, is_bare: bool) -> Column:
 
 
 def columns(live: Column, *, is_bare: bool) -> list[Column]:
-    """Return the paper's scheme on the reference plate and hapticd on both, where `live` takes its plate's place."""
+    """Return the paper's scheme on the reference plate and hapticd on both, where `live` takes its plate's place.
+
+    On the paper's wires the paper's scheme runs too; wrong ones are the live column's alone.
+    """
+    wires = live.plate.wiring if live.plate.wiring == SHARED else SEPARATE
     fixed = [(PAPER, REFERENCE), (HAPTICD, REFERENCE), (HAPTICD, FINGERTIP)]
     return [
         live
         if (scheme, name) == (HAPTICD, live.plate.plate)
-        else Column(scheme, _plate(name, 0, SEPARATE, is_bare=is_bare))
+        else Column(scheme, _plate(name, 0, wires if name == live.plate.plate else SEPARATE, is_bare=is_bare))
         for scheme, name in fixed
     ]
 

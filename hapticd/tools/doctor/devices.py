@@ -24,6 +24,7 @@ from .service import refreshed
 
 LISTEN_S = 2.0
 LOOK_EVERY_S = 0.25
+FAR_HZ = 50.0  # of the drive: a warm plate goes by less
 SLOW_FRAC = 0.9  # of the rate that the configuration expects
 TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports only while touched"
 FASTER = "use a cable instead of Bluetooth; else set prediction.period_ms"
@@ -124,6 +125,18 @@ def frame_rate_hz(reports: Sequence[RawReport], model: str) -> float | None:
     return 1e9 / median(gaps_ns) if gaps_ns else None
 
 
+def drive(system: System) -> Finding:
+    """Check how far the drive has gone after the plate."""
+    drive_hz, moved_hz = system.reported("board", "drive_hz"), system.reported("board", "drive_moved_hz")
+    if not (isinstance(drive_hz, float) and isinstance(moved_hz, float)):
+        return Finding(PASS, "drive", "unknown: no daemon has a status of the board")
+    text = f"{drive_hz:.1f} Hz, {moved_hz:+.1f} Hz from where it was set"
+    if abs(moved_hz) < FAR_HZ:
+        return Finding(PASS, "drive", text)
+    port = system.config.device.port
+    return Finding(WARN, "drive", text, f"measure the plate again: hapticd calibrate resonance --port {port} --out DIR")
+
+
 def board(system: System) -> Finding:
     """Check the serial port."""
     port = system.config.device.port
@@ -155,7 +168,10 @@ def firmware(system: System) -> Finding:
         if version is None or not system.reported("board", "ready"):
             lacking = system.reported("board", "lacking") or "the board does not answer the daemon"
             return Finding(WARN, "firmware", str(lacking), "journalctl -u hapticd -n 20")
-        return Finding(PASS, "firmware", f"version {version}, reported to the daemon")
+        crc, baud = system.reported("board", "image_crc"), system.reported("board", "baud")
+        image = f", image {crc:08x}" if isinstance(crc, int) and crc else ""
+        line = f", at {baud} baud" if isinstance(baud, int) else ""
+        return Finding(PASS, "firmware", f"version {version}{image}{line}, reported to the daemon")
     port = system.config.device.port
     if not system.has_board:
         return Finding(PASS, "firmware", "that of the simulated board, from this package")

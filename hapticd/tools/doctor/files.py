@@ -58,7 +58,8 @@ def calibrated(system: System) -> Finding:
         text = f"{path} has {len(found)} of {len(config.limits.w_limit_um)} modes"
         return Finding(WARN, "calibration", text, f"hapticd firmware sweep --mode N --save {path}")
     hz = ", ".join(f"{one.frequency_hz:.1f}" for one in found)
-    return Finding(PASS, "calibration", f"{path}: modes at {hz} Hz")
+    drive = "" if found.drive_hz is None else f", a drive of {found.drive_hz:.1f} Hz"
+    return Finding(PASS, "calibration", f"{path}: modes at {hz} Hz{drive}")
 
 
 def key_ring(system: System) -> Finding:

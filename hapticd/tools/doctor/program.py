@@ -32,6 +32,7 @@ CHECKS: tuple[Callable[[System], Finding], ...] = (
     devices.rate,
     devices.board,
     devices.firmware,
+    devices.drive,
     host.real_time,
     host.clock,
     host.governor,

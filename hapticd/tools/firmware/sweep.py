@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus, ModeCalibration, Sweep, SweepPoint
+from ...board_values import BoardHello, BoardState, BoardStatus, Calibration, Sweep, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
 from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
 from ...files import calibration, outputs, plotting
@@ -55,7 +55,7 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         draw([swept], options.plot)
     if options.save is not None:
         others = [one for one in saved if one.mode != sweep.mode]
-        calibration.save(options.save, [*others, swept.fit.calibration(sweep.mode)])
+        calibration.save(options.save, [*others, swept.fit.calibration(sweep.mode)], saved.drive_hz)
 
 
 def planned(hello: BoardHello, options: argparse.Namespace) -> Sweep:
@@ -138,9 +138,9 @@ def draw(sweeps: Sequence[ModeSweep], path: Path, **style: int) -> None:
     plotting.save(figure, path, **style)
 
 
-def _saved(path: Path | None, modes: int) -> tuple[ModeCalibration, ...]:
+def _saved(path: Path | None, modes: int) -> Calibration:
     if path is None or not path.exists():
-        return ()
+        return Calibration()
     if not path.is_file():
         raise UsageError(f"{path}: is not a file: name one for --save.")
     try:

@@ -59,11 +59,16 @@ def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
     if status.state is BoardState.FAULT:
         state += f": {protocol.FAULTS.get(status.fault_code, f'code {status.fault_code}')}"
     rows = (
-        ("firmware", f"{hello.firmware_version}, protocol {hello.protocol_version} ({hello.protocol_hash:08x})"),
+        (
+            "firmware",
+            f"{hello.firmware_version}, protocol {hello.protocol_version} ({hello.protocol_hash:08x}){_image(hello)}",
+        ),
         ("boot", f"{hello.boot_id:08x}, {status.t_board_us / 1e6:.1f} s on its clock of 71.6 minutes"),
         ("state", state),
         ("modes", f"{hello.modes}, limits {limits} um and {hello.v_limit_v:g} V"),
-        ("rates", f"control {hello.control_hz:g} Hz, drive {hello.drive_hz:g} Hz, dead-man {hello.deadman_ms} ms"),
+        ("rates", f"control {hello.control_hz:g} Hz, dead-man {hello.deadman_ms} ms"),
+        ("drive", drive(status.drive_hz, status.drive_hz - hello.drive_hz)),
+        ("sync", "a pin rises with marked references" if hello.has_sync else "no output"),
         (
             "link",
             f"{round_trip_ms:.1f} ms round trip, {status.bad_frames} bad and {status.late_frames} late frames",
@@ -71,6 +76,15 @@ def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
         ("trips", f"{status.deadman_trips} of the dead-man"),
     )
     return "\n".join(f"{name:<9} {text}" for name, text in rows)
+
+
+def _image(hello: BoardHello) -> str:
+    return f", image {hello.image_crc:08x}" if hello.image_crc else ""
+
+
+def drive(drive_hz: float, moved_hz: float) -> str:
+    """Return the drive, and how far it went after the plate."""
+    return f"{drive_hz:.2f} Hz" + (f", {moved_hz:+.2f} Hz after the plate" if abs(moved_hz) >= 0.005 else "")
 
 
 def controller(found: BoardController) -> str:

@@ -82,11 +82,11 @@ class Bench:
         assert self.registers.t_fed_us is not None
         return self.registers.now_us - self.registers.t_fed_us
 
-    def reference(self, *knots: tuple[float, Sequence[complex]]) -> None:
+    def reference(self, *knots: tuple[float, Sequence[complex]], has_pulse: bool = False) -> None:
         """The host's next frame: knots as (ms after its start, amplitudes), from now on."""
         self.seq += 1
         drive = SafeDrive(0, tuple(Knot(round(ms * 1e6), tuple(w)) for ms, w in knots), LimitReason.NONE)
-        self.to_board += device.encode_reference(self.seq, drive, self.registers.now_us & 0xFFFFFFFF)
+        self.to_board += device.encode_reference(self.seq, drive, self.registers.now_us & 0xFFFFFFFF, has_pulse)
 
     def arm(self, *w_um: complex) -> None:
         """Three references, and the time of the ramp: live at full drive when this returns."""

@@ -129,6 +129,31 @@ async def test_bytes_go_both_ways(bench: Bench) -> None:
     await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
 
 
+def speed(bench: Bench) -> int:
+    assert bench.port.ends is not None
+    found: int = termios.tcgetattr(bench.port.ends[1])[5]
+    return found
+
+
+@played
+async def test_another_speed_lasts_until_the_port_is_opened_again(bench: Bench) -> None:
+    bench.port.plug()
+    bench.start()
+    assert speed(bench) == termios.B921600
+    bench.link.set_baud(3_000_000)
+    assert speed(bench) == termios.B3000000
+    assert bench.link.write(b"still here")
+    assert bench.port.received() == b"still here"
+    os.write(bench.port.master, b"there too")
+    await bench.until(lambda: bench.data == b"there too")
+    bench.port.pull()
+    bench.link.set_baud(921600)
+    await bench.until(lambda: not bench.links[-1][0])
+    bench.port.plug()
+    await bench.until(lambda: bench.links[-1][0])
+    assert speed(bench) == termios.B921600
+
+
 @played
 async def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench: Bench) -> None:
     bench.start()

@@ -212,7 +212,7 @@ def test_a_daemon_that_answers_is_asked_for_its_status(tmp_path: Path, answering
     assert set(answering()) == {"hello", "status"}
     assert service.daemon(found) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
     assert service.health(found).text == "ACTIVE: touched"
-    assert devices.firmware(found).text == "version 9.9, reported to the daemon"
+    assert devices.firmware(found).text == "version 9.9, at 921600 baud, reported to the daemon"
 
 
 def test_a_daemon_in_a_directory_that_others_may_have_made_is_not_asked(

@@ -284,4 +284,4 @@ def test_the_simulated_board_answers_through_its_pseudo_terminal(capsys: pytest.
     from hapticd.__main__ import main
 
     assert main(["firmware", "info", "--sim"]) == 0
-    assert "drive 29205 Hz" in capsys.readouterr().out
+    assert "29205.00 Hz" in capsys.readouterr().out

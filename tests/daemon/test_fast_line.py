@@ -1,0 +1,230 @@
+"""The line's speed, the drive and the sync output, between the daemon's core and the firmware's C in virtual time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import msgpack
+import numpy as np
+import pytest
+from machine_bench import MS, PLATE
+
+from hapticd.board_values import BoardState, BoardStatus, Calibration, ModeCalibration
+from hapticd.config import Config
+from hapticd.daemon.machine import Machine
+from hapticd.files.recording import kinds
+from hapticd.files.recording.kinds import record_of
+from hapticd.sim.board.board import FLAG_SYNC, Board, BoardConfig, BoardTrace, PlateModel
+
+FIRST, FAST = 921600, 3_000_000
+STEP_NS, TIMER_STEPS = 2 * MS, 5
+X, Y = (ModeCalibration(mode, 29195.0 + 20.0 * mode, 500.0, 5.3, 0.0) for mode in (0, 1))
+
+
+class Rig:
+    """A machine and a board on a line that carries nothing but noise while their speeds differ."""
+
+    def __init__(
+        self, *, config: Config | None = None, calibration: Sequence[ModeCalibration] = (), **board: object
+    ) -> None:
+        self.config = BoardConfig(**board)  # type: ignore[arg-type]
+        gain, decay = np.diag(self.config.gain_um_per_v_s), np.array(self.config.decay_1_s)
+        plate = PlateModel(decay, np.array(self.config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
+        self.board = Board(plate, config=self.config, boot_id=7)
+        self.t_ns, self.steps = 1000 * MS, 0
+        self.port_baud = self.board_baud = FIRST
+        self.fails_at = 0  # a speed that the cable does not carry
+        self.flags: list[int] = []
+        self.statuses: list[BoardStatus] = []
+        self.machine = Machine(
+            Config() if config is None else config,
+            PLATE,
+            write_board=self._write,
+            set_baud=self._set_baud,
+            calibration=calibration,
+        )
+        self.machine.board.observer = self._observe
+        self.machine.board_link(True, "open", self.t_ns)
+        self.machine.trackpad_link(True, "open", self.t_ns)
+
+    def _observe(self, kind: str, t_ns: int, *values: object) -> None:
+        del t_ns
+        self.statuses += [value for value in values if kind == "status" and isinstance(value, BoardStatus)]
+
+    def _carries(self, data: bytes) -> bytes:
+        same = self.port_baud == self.board_baud != self.fails_at
+        return data if same else b"\xaa" * len(data) + b"\0"
+
+    def _write(self, line: bytes) -> int:
+        self.board.receive(self._carries(line))
+        self._answer()
+        return self.t_ns
+
+    def _answer(self) -> None:
+        self._said = getattr(self, "_said", b"") + self._carries(self.board.transmit())
+        self.board_baud = self.board.baud or FIRST  # the answer has left at the speed of before
+
+    def _set_baud(self, baud: int) -> None:
+        self.port_baud = baud
+
+    def run(self, ms: float) -> Rig:
+        for _ in range(round(ms * MS / STEP_NS)):
+            trace = BoardTrace(4, 2, 2)
+            self.board.run(4, np.zeros((4, 0, 2)), np.zeros((4, 0)), trace)
+            self.flags += trace.flags.tolist()
+            self.t_ns += STEP_NS
+            self.steps += 1
+            self._answer()
+            said, self._said = self._said, b""
+            if said:
+                self.machine.board_bytes(said, self.t_ns)
+            if self.steps % TIMER_STEPS == 0:
+                self.machine.timer(self.t_ns)
+        return self
+
+    @property
+    def follows(self) -> bool:
+        status = self.machine.session.status
+        return self.machine.session.ready and status is not None and status.state is BoardState.LIVE
+
+    def mark(self, **fields: object) -> dict[str, object]:
+        request = {"v": 1, "id": 1, "op": "marker", "body": {"client": "eeg", "text": "onset", **fields}}
+        answer: dict[str, object] = msgpack.unpackb(self.machine.request(msgpack.packb(request), self.t_ns, "1"))
+        return answer
+
+    def board_report(self) -> dict[str, object]:
+        report = self.machine.report_status(self.t_ns)["board"]
+        assert isinstance(report, dict)
+        return report
+
+
+def test_a_board_that_offers_a_faster_line_is_driven_at_it() -> None:
+    rig = Rig(baud_max=FAST).run(600)
+    assert (rig.port_baud, rig.board_baud) == (FAST, FAST)
+    assert rig.follows
+    assert rig.board_report()["baud"] == FAST
+
+
+def test_a_board_with_one_speed_keeps_it() -> None:
+    rig = Rig().run(300)
+    assert rig.port_baud == FIRST
+    assert rig.follows
+
+
+def test_a_cable_that_does_not_carry_the_fast_line_ends_at_the_first_speed(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    rig = Rig(baud_max=FAST)
+    rig.fails_at = FAST
+    rig.run(3000)
+    assert (rig.port_baud, rig.board_baud) == (FIRST, FIRST)
+    assert rig.follows
+    assert not np.any(np.array(rig.flags[: 2 * 1000]) & FLAG_SYNC)
+    assert "the fast line fails" in caplog.text
+    assert rig.run(5000).port_baud == FIRST, "it is not tried again"
+
+
+def test_a_fast_line_that_breaks_silences_the_plate_and_comes_back_at_the_first_speed() -> None:
+    rig = Rig(baud_max=FAST).run(600)
+    rig.fails_at = FAST
+    rig.run(200)
+    assert rig.board.baud == FAST
+    rig.run(3500)
+    assert (rig.port_baud, rig.board_baud) == (FIRST, FIRST)
+    assert rig.follows
+
+
+def test_a_fast_line_of_0_stays_at_the_first_speed() -> None:
+    config = replace(Config(), device=replace(Config().device, fast_baud=0))
+    assert Rig(config=config, baud_max=FAST).run(300).port_baud == FIRST
+
+
+def test_a_daemon_that_leaves_leaves_the_line_at_the_first_speed() -> None:
+    rig = Rig(baud_max=FAST).run(600)
+    rig.machine.disconnect(rig.t_ns)
+    assert rig.board_baud == FIRST
+
+
+def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
+    rig = Rig(calibration=Calibration([X, Y], 29215.0)).run(400)
+    assert rig.follows
+    report = rig.board_report()
+    assert (report["drive_hz"], report["drive_moved_hz"]) == (pytest.approx(29215.0), pytest.approx(0.0, abs=0.01))
+    assert rig.board.estimate()[:, 1] == pytest.approx(2 * np.pi * np.array([-20.0, 0.0]), abs=0.01)
+    assert rig.machine.describe_plate()["drive_hz"] == 29215.0
+    again = rig.machine.session
+    assert again.hello is not None
+    assert again.hello.drive_hz == pytest.approx(29205.0)
+
+
+def test_a_drive_that_the_board_has_is_not_set_again() -> None:
+    rig = Rig(calibration=Calibration([X, Y], 29205.0)).run(400)
+    assert rig.follows
+    assert rig.machine.session.drive_hz == 29205.0
+
+
+def test_a_drive_out_of_the_boards_reach_is_refused_in_one_sentence() -> None:
+    rig = Rig(calibration=Calibration([X, Y], 32000.0)).run(400)
+    assert "The calibration file sets the drive to 32000 Hz" in str(rig.board_report()["refused"])
+
+
+def test_wires_of_a_calibration_are_taken_and_the_plate_is_driven() -> None:
+    wired = [replace(X, drive=(1.0, 0.0), sense=(1 + 0j, 0j)), replace(Y, drive=(0.0, 1.0), sense=(0j, 1 + 0j))]
+    assert Rig(calibration=Calibration(wired)).run(400).follows
+
+
+def test_a_marker_with_a_pulse_raises_the_sync_output_with_the_next_reference() -> None:
+    rig = Rig().run(400)
+    before = len(rig.flags)
+    assert rig.mark(pulse=True)["ok"]
+    rig.run(60)
+    high = np.array(rig.flags[before:]) & FLAG_SYNC
+    assert np.count_nonzero(high) == 10  # 5 ms
+    assert [status.seq for status in rig.statuses if status.pulsed] == [
+        status.seq for status in rig.statuses if status.pulsed and status.applied
+    ]
+    assert sum(status.pulsed for status in rig.statuses) == 1
+
+
+def test_the_recorded_status_names_the_frame_with_which_the_output_rose() -> None:
+    rig = Rig().run(400)
+    rig.mark(pulse=True)
+    rig.run(60)
+    rose = next(status for status in rig.statuses if status.pulsed)
+    fields = record_of("status", 1, rig.t_ns, (rose,)).fields
+    assert (fields["is_pulsed"], fields["seq"], fields["t_applied_us"]) == (True, rose.seq, rose.t_applied_us)
+    decoded = kinds.decode("status", kinds.encode("status", fields))
+    assert decoded["is_pulsed"]
+    del fields["is_pulsed"]
+    assert kinds.decode("status", kinds.encode("status", fields)) == fields, "earlier recordings"
+
+
+def test_a_resting_board_is_woken_for_a_pulse() -> None:
+    rig = Rig().run(4000)
+    assert rig.machine.session.is_resting
+    before = len(rig.flags)
+    assert rig.mark(pulse=True)["ok"]
+    assert np.any(np.array(rig.run(60).flags[before:]) & FLAG_SYNC)
+
+
+def test_a_marker_without_a_pulse_raises_nothing() -> None:
+    rig = Rig().run(400)
+    assert rig.mark()["ok"]
+    assert not np.any(np.array(rig.run(60).flags) & FLAG_SYNC)
+
+
+@pytest.mark.parametrize(
+    ("has_sync", "runs_ms", "sentence"), [(False, 400, "has no sync output"), (True, 0, "does not answer")]
+)
+def test_a_pulse_that_cannot_be_is_refused(has_sync: bool, runs_ms: float, sentence: str) -> None:
+    answer = Rig(has_sync=has_sync).run(runs_ms).mark(pulse=True)
+    assert not answer["ok"]
+    assert sentence in str(answer)
+
+
+def test_pulses_too_close_together_are_refused() -> None:
+    rig = Rig().run(400)
+    assert rig.mark(pulse=True)["ok"]
+    assert "every 20 ms" in str(rig.mark(pulse=True))
+    assert rig.run(30).mark(pulse=True)["ok"]

@@ -1,0 +1,132 @@
+"""The line's speed and the sync output: set by the host, bounded by the board, undone by silence."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+
+from hapticd.board_values import BoardHello, BoardStatus, BoardVerdict, SetBaud, Verdict
+from hapticd.sim.board.board import FLAG_SYNC, BoardTrace
+from hapticd.values import Knot, LimitReason, SafeDrive
+from hapticd.wire import device, protocol
+from hapticd.wire.commands import encode
+from hapticd.wire.framing import FrameSplitter, encode_frame
+
+FAST_BAUD, TICK_US = 3_000_000, 500
+ONE_UM = SafeDrive(0, (Knot(0, (1 + 0j, 0j)),), LimitReason.NONE)
+
+
+def verdict(bench: Any, baud: int) -> Verdict:
+    (found,) = (m for m in bench.say(encode(SetBaud(baud))) if isinstance(m, BoardVerdict))
+    assert found.request == protocol.MSG_SET_BAUD
+    taken: Verdict = found.verdict
+    return taken
+
+
+def test_a_quiet_board_takes_a_speed_up_to_its_fastest(new_bench: Any) -> None:
+    bench = new_bench(baud_max=FAST_BAUD)
+    (hello,) = bench.say(device.encode_hello_request())
+    assert (hello.baud_max, bench.board.baud) == (FAST_BAUD, 0)
+    assert verdict(bench, FAST_BAUD + 1) is Verdict.OUT_OF_RANGE
+    assert verdict(bench, FAST_BAUD) is Verdict.DONE
+    assert bench.board.baud == FAST_BAUD
+    bench.arm()
+    assert verdict(bench, 921600) is Verdict.NOT_QUIET
+    assert bench.board.baud == FAST_BAUD
+
+
+def test_a_board_with_one_speed_refuses_all(new_bench: Any) -> None:
+    bench = new_bench()
+    assert verdict(bench, 921600) is Verdict.OUT_OF_RANGE
+    assert bench.board.baud == 0
+
+
+def test_without_a_valid_frame_the_board_returns_to_its_first_speed(new_bench: Any) -> None:
+    bench = new_bench(baud_max=FAST_BAUD)
+    verdict(bench, FAST_BAUD)
+    for _ in range(3):  # each in time
+        bench.run(2300)
+        assert bench.board.baud == FAST_BAUD
+        bench.say(device.encode_time_request(1))
+    for _ in range(12):
+        bench.say(b"\x55" * 30 + b"\0")  # what another speed looks like
+        bench.run(201)
+    assert bench.board.baud == 0
+
+
+def pulsed(bench: Any) -> None:
+    bench.seq += 1
+    bench.say(device.encode_reference(bench.seq, ONE_UM, bench.board.t_us, has_pulse=True))
+
+
+def rises(trace: BoardTrace) -> list[int]:
+    high = (trace.flags & FLAG_SYNC) != 0
+    found: list[int] = np.flatnonzero(np.diff(high, prepend=False) & high).tolist()
+    return found
+
+
+def test_the_sync_output_rises_for_5_ms_at_the_tick_at_which_the_reference_takes_effect(bench: Any) -> None:
+    bench.arm()
+    bench.messages.clear()
+    pulsed(bench)
+    trace = bench.run(40)
+    assert rises(trace) == [0]
+    assert np.count_nonzero(trace.flags & FLAG_SYNC) * TICK_US == 5000
+    applied = [m for m in bench.messages if isinstance(m, BoardStatus) and m.applied]
+    assert [m.pulsed for m in applied] == [True]
+    assert applied[0].seq == bench.seq
+
+
+def test_a_marked_reference_that_is_replaced_before_it_takes_effect_leaves_its_mark(bench: Any) -> None:
+    bench.arm()
+    pulsed(bench)
+    bench.say(bench.constant(0.5, 0.0))
+    assert rises(bench.run(40)) == [0]
+
+
+def test_other_references_do_not_pulse(bench: Any) -> None:
+    bench.arm()
+    bench.say(bench.constant(1.0, 0.0))
+    assert rises(bench.run(40)) == []
+    assert not any(m.pulsed for m in bench.messages if isinstance(m, BoardStatus))
+
+
+def test_pulses_come_20_ms_apart_at_least(bench: Any) -> None:
+    bench.arm()
+    flags = []
+    for _ in range(12):  # each 4 ms
+        pulsed(bench)
+        flags.append(bench.run(8).flags)
+    high = (np.concatenate(flags) & FLAG_SYNC) != 0
+    starts = np.flatnonzero(np.diff(high, prepend=False) & high)
+    assert (np.diff(starts) * TICK_US >= 20_000).all()
+    assert len(starts) == 3
+
+
+def test_a_board_without_the_output_says_so_and_follows_the_reference_alone(new_bench: Any) -> None:
+    bench = new_bench(has_sync=False)
+    (hello,) = bench.say(device.encode_hello_request())
+    assert not hello.has_sync
+    bench.arm()
+    pulsed(bench)
+    trace = bench.run(40)
+    assert rises(trace) == []
+    assert trace.reference_um[-1, 0].real > 0.9
+
+
+def hello_of(payload: bytes) -> list[BoardHello]:
+    return [m for m in device.Decoder().feed(encode_frame(payload)) if isinstance(m, BoardHello)]
+
+
+def test_a_hello_may_lack_its_last_fields_and_may_have_more(new_bench: Any) -> None:
+    bench = new_bench(baud_max=FAST_BAUD, image_crc=0x1234ABCD)
+    bench.board.receive(device.encode_hello_request())
+    (payload,) = FrameSplitter(512).feed(bench.board.transmit())
+    (whole,) = hello_of(payload)
+    assert (whole.image_crc, whole.baud_max, whole.has_sync) == (0x1234ABCD, FAST_BAUD, True)
+    assert hello_of(payload + struct.pack("<f", 1.0)) == [whole]
+    (short,) = hello_of(payload[: -protocol.MORE_HELLO.size])
+    assert (short.image_crc, short.baud_max, short.has_sync) == (0, 0, False)
+    assert short.w_limit_um == whole.w_limit_um
