@@ -36,8 +36,10 @@ bool hd_law_deadbeat(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     float fraction = hd_feasible_fraction(&control->design.wires, stay_v, move_v, v_limit_v);
     bool saturated = fraction < 1.0f || holdable < 1.0f;
     for (int k = 0; k < HD_MODES; k++) {
-        hd_phasor_t *x_um = &control->loop[k].x_um[0];
-        *x_um = hd_on_the_way(*x_um, goal_um[k], fraction);
+        hd_phasor_t *x_um = control->loop[k].x_um;
+        x_um[2] = x_um[1];
+        x_um[1] = x_um[0];
+        x_um[0] = hd_on_the_way(x_um[1], goal_um[k], fraction);
         u_v[k] = hd_add(stay_v[k], hd_scale(fraction, move_v[k]));
     }
     return hd_wiring_drive(&control->design.wires, u_v, v_limit_v, voltage_v) || saturated;

@@ -5,6 +5,7 @@
 #include "limiter.h"
 #include "plausibility.h"
 
+#define TURNS 31 /* then one is passed over */
 #define ALL_MODES 255 /* in the log: no single one is concerned */
 
 /* A limit in V or um, or a frequency: its square, and that of a hundredth of it, neither overflow nor underflow. */
@@ -38,7 +39,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->config = *config;
     core->config.gains = hd_gains_complete(config->gains);
     hd_wiring_complete(&core->config.wiring);
-    core->t_status_us = now_us;
+    core->t_status_us = core->t_reached_us = now_us;
     core->state = HD_STATE_FAULT;
     hd_log_recover(&core->config.log);
     hd_deadman_reset(&core->deadman);
@@ -76,6 +77,7 @@ void hd_silence(hd_core_t *core)
     memset(core->reference_um, 0, sizeof core->reference_um);
     memset(core->asked_um, 0, sizeof core->asked_um);
     memset(core->voltage_v, 0, sizeof core->voltage_v);
+    memset(core->previous_v, 0, sizeof core->previous_v);
     hd_plausibility_reset(core);
 }
 
@@ -163,10 +165,9 @@ void hd_begin_tool(hd_core_t *core, uint32_t now_us)
 
 static void watch_plate(hd_core_t *core, uint32_t now_us)
 {
-    int mode;
-    enum hd_fault fault = hd_implausible(core, &mode);
+    enum hd_fault fault = hd_implausible(core);
     if (fault != HD_FAULT_NONE) {
-        fail(core, fault, mode, hd_magnitude(core->measured_um[mode]), now_us);
+        fail(core, fault, core->control.turn, hd_magnitude(core->measured_um[core->control.turn]), now_us);
     }
 }
 
@@ -194,6 +195,7 @@ static void mix(hd_core_t *core, uint32_t now_us)
     for (int k = 0; k < HD_MODES; k++) {
         mean_v[k] = mean_voltage_v(core, k);
     }
+    memcpy(core->previous_v, core->voltage_v, sizeof core->previous_v);
     hd_wiring_sense(&core->control.design.plant.wiring, core->sensor_um, mean_v, core->measured_um);
     for (int k = 0; k < HD_MODES; k++) {
         core->measured_um[k] = believed_um(core, k, core->measured_um[k], now_us);
@@ -323,6 +325,16 @@ static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODE
     memcpy(voltage_v, core->voltage_v, sizeof core->voltage_v);
 }
 
+/* Whose turn it is to be judged; a mode's must not fall on the same ticks of periodic references for ever. */
+static void pass_turn(hd_control_t *control)
+{
+    if (++control->turns < TURNS) {
+        control->turn = (uint8_t)(control->turn + 1 < HD_MODES ? control->turn + 1 : 0);
+    } else {
+        control->turns = 0;
+    }
+}
+
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
 {
     bool saturated = false;
@@ -335,7 +347,13 @@ void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MO
     } else {
         saturated = drive(core, ramp_frac(core));
     }
+    if (!saturated) {
+        core->t_reached_us = now_us;
+    } else if (now_us - core->t_reached_us >= HD_SATURATED_US) {
+        fail(core, HD_FAULT_SATURATED, ALL_MODES, core->config.v_limit_v, now_us);
+    }
     gate(core, now_us, voltage_v);
+    pass_turn(&core->control);
 
     note_flags(core, saturated);
     sample_telemetry(core, now_us);

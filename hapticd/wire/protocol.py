@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0xD5EB9584
+PROTOCOL_HASH: Final = 0xE8A3395C
 
 KNOTS_MAX: Final = 24
 KNOT_UNIT_NS: Final = 4000
@@ -109,6 +109,8 @@ FAULTS: Final = {
     7: "the sensors do not follow the drive: a wrong phase or gain",
     8: "the plate moves against its drive: wires of amplifiers or sensors are swapped or inverted, "
     "and `hapticd calibrate resonance` says which",
+    9: "a sensor's converter is at its rails: its bias is off, or its range too small",
+    10: "the amplifiers were at their limit for 100 s without reaching the reference",
 }
 
 EVENTS: Final = {
