@@ -19,6 +19,7 @@ from ..tools.touches import Trace, recorded
 from . import (
     contacts,
     firmware,
+    firmware_faults,
     leak,
     leak_budget,
     prediction,
@@ -65,7 +66,7 @@ PARTS: dict[str, Part] = {
         leak.contact_conditions(),
         leak_budget.run(),
     ),
-    "firmware": lambda _: firmware.run(),
+    "firmware": lambda _: (*firmware.run(), firmware_faults.run()),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
     ),
