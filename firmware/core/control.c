@@ -136,9 +136,7 @@ void hd_control_reset(hd_control_t *control)
     for (int k = 0; k < HD_MODES; k++) {
         hd_loop_t *loop = &control->loop[k];
         loop->x_um[0] = loop->x_um[1] = loop->x_um[2] = loop->integral_v = zero;
-        loop->bends = 0;
-        loop->bent_um2 = loop->unmoved_um2 = 0.0f;
-        loop->answers_little = loop->answered_little = false;
+        loop->weak_windows = 0;
         hd_observer_rest(&loop->observer);
     }
 }
@@ -169,22 +167,21 @@ static bool decide(hd_control_t *control, const hd_phasor_t reference_um[HD_MODE
  * plate. Steady innovations, as of a ramp on a plate with another damping, are the same a tick earlier. */
 #define LEAST_BEND_UM 0.008f /* what one of them shows is above the noise */
 #define BENDS 16            /* then no plate within its tolerances answers less than 0.7 */
-#define MISSING_FRAC 0.38f
+#define MISSING_FRAC 0.33f
 
 static hd_phasor_t bend_um(const hd_phasor_t x_um[3])
 {
     return hd_sub(hd_sub(x_um[0], x_um[1]), hd_sub(x_um[1], x_um[2]));
 }
 
-static void weigh(hd_loop_t *loop, hd_phasor_t bend, float seen_frac)
+static void weigh(hd_loop_t *loop, hd_phasor_t bend, const hd_observer_design_t *design)
 {
+    float seen_frac = hd_mul(design->mean_of_new_um_per_v, design->push_v_per_um).d; /* of the bend, in its first mean */
     const hd_phasor_t *innovation_um = loop->observer.innovation_um;
     loop->bent_um2 += seen_frac * hd_dot(bend, bend);
     loop->unmoved_um2 += hd_dot(bend, hd_sub(innovation_um[1], innovation_um[0]));
     if (++loop->bends == BENDS) {
-        bool is_little = loop->unmoved_um2 > MISSING_FRAC * loop->bent_um2;
-        loop->answers_little = is_little && loop->answered_little;
-        loop->answered_little = is_little;
+        loop->weak_windows = loop->unmoved_um2 > MISSING_FRAC * loop->bent_um2 ? (uint8_t)(loop->weak_windows + 1) : 0;
         loop->bent_um2 = loop->unmoved_um2 = 0.0f;
         loop->bends = 0;
     }
@@ -200,7 +197,7 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     hd_loop_t *judged = &control->loop[control->turn];
     hd_phasor_t bend = bend_um(judged->x_um);
     if (!hd_within(bend, LEAST_BEND_UM) && control->saturated == 0) {
-        weigh(judged, bend, control->design.observer[control->turn].seen_frac);
+        weigh(judged, bend, &control->design.observer[control->turn]);
     }
     bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     control->saturated = (uint8_t)(control->saturated << 1 | saturated);

@@ -39,11 +39,10 @@ typedef struct {
     hd_phasor_t integral_v;
     hd_observer_t observer; /* watches under every law, so that the estimates do not depend on it */
 
-    uint8_t bends;      /* of x, weighed so far */
-    float bent_um2;     /* sum of their squares: what a plate of the model's gain shows of them */
-    float unmoved_um2;  /* what is missing of it */
-    bool answers_little; /* less than 0.62 of the last bends came back, and of those before: a sensor that lost its gain */
-    bool answered_little;
+    uint8_t bends;        /* of x, in a window of so many */
+    uint8_t weak_windows; /* in a row, of which less than 0.67 came back: a sensor that lost its gain */
+    float bent_um2;       /* sum of their squares: what a plate of the model's gain shows of them */
+    float unmoved_um2;    /* what is missing of it */
 } hd_loop_t;
 
 /* Plant and gains, and all that can be computed from them once and for all. */
@@ -62,7 +61,6 @@ typedef struct {
     hd_design_t design;
     hd_loop_t loop[HD_MODES];
     uint8_t turn;            /* the mode and sensor that this tick judges */
-    uint8_t turns;
     uint8_t saturated;       /* in the last eight ticks, one bit each: the plate, too, then shaped the trajectory */
 } hd_control_t;
 

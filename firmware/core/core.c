@@ -5,7 +5,6 @@
 #include "limiter.h"
 #include "plausibility.h"
 
-#define TURNS 31 /* then one is passed over */
 #define ALL_MODES 255 /* in the log: no single one is concerned */
 
 /* A limit in V or um, or a frequency: its square, and that of a hundredth of it, neither overflow nor underflow. */
@@ -78,7 +77,9 @@ void hd_silence(hd_core_t *core)
     memset(core->asked_um, 0, sizeof core->asked_um);
     memset(core->voltage_v, 0, sizeof core->voltage_v);
     memset(core->previous_v, 0, sizeof core->previous_v);
-    hd_plausibility_reset(core);
+    for (int k = 0; k < HD_MODES; k++) {
+        core->doubts[k] = (hd_doubts_t){0}; /* in place, as a call takes longer */
+    }
 }
 
 static void enter(hd_core_t *core, enum hd_state state)
@@ -212,6 +213,12 @@ static void sense(hd_core_t *core, const hd_phasor_t sensor_um[HD_MODES], uint32
     }
 }
 
+/* Once more at times, or a mode's turn would fall on the same ticks of periodic references for ever. */
+static void pass_turn(hd_control_t *control)
+{
+    control->turn = (uint8_t)(control->turn + 1 < HD_MODES ? control->turn + 1 : 0);
+}
+
 /* A reference has taken effect at the first tick that is not before its first knot. */
 static void acknowledge(hd_core_t *core, uint32_t now_us)
 {
@@ -220,6 +227,7 @@ static void acknowledge(hd_core_t *core, uint32_t now_us)
         return;
     }
     line->acknowledged = true;
+    pass_turn(&core->control);
     core->applied = (hd_receipt_t){line->seq, true, line->t_received_us, now_us};
     if (core->newest.seq == line->seq) {
         core->newest = core->applied;
@@ -249,7 +257,7 @@ static float ramp_frac(hd_core_t *core)
 }
 
 /* The ramp bounds voltage and reference: the output reaches zero in time for any sensor value. */
-static bool drive(hd_core_t *core, float ramp)
+static bool drive(hd_core_t *core, float ramp, uint32_t now_us)
 {
     if (ramp == 0.0f) {
         hd_control_reset(&core->control);
@@ -261,8 +269,13 @@ static bool drive(hd_core_t *core, float ramp)
         core->asked_um[k] = hd_scale(ramp, core->reference_um[k]);
     }
     if (ramp == 1.0f && hd_follow_due(&core->follower)) {
+        if (now_us - core->t_reached_us >= HD_SATURATED_US) {
+            fail(core, HD_FAULT_SATURATED, ALL_MODES, core->config.v_limit_v, now_us);
+            return false;
+        }
         hd_follow_step(&core->follower, &core->control);
         core->drive_hz = core->follower.drive_hz;
+        pass_turn(&core->control);
     }
     float v_limit_v = ramp * core->config.v_limit_v;
     return hd_control_step(&core->control, core->asked_um, core->measured_um, v_limit_v, core->voltage_v);
@@ -325,16 +338,6 @@ static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODE
     memcpy(voltage_v, core->voltage_v, sizeof core->voltage_v);
 }
 
-/* Whose turn it is to be judged; a mode's must not fall on the same ticks of periodic references for ever. */
-static void pass_turn(hd_control_t *control)
-{
-    if (++control->turns < TURNS) {
-        control->turn = (uint8_t)(control->turn + 1 < HD_MODES ? control->turn + 1 : 0);
-    } else {
-        control->turns = 0;
-    }
-}
-
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
 {
     bool saturated = false;
@@ -345,12 +348,10 @@ void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MO
     if (core->state == HD_STATE_TOOL) {
         use_tool(core, now_us);
     } else {
-        saturated = drive(core, ramp_frac(core));
+        saturated = drive(core, ramp_frac(core), now_us);
     }
     if (!saturated) {
         core->t_reached_us = now_us;
-    } else if (now_us - core->t_reached_us >= HD_SATURATED_US) {
-        fail(core, HD_FAULT_SATURATED, ALL_MODES, core->config.v_limit_v, now_us);
     }
     gate(core, now_us, voltage_v);
     pass_turn(&core->control);

@@ -77,6 +77,13 @@ typedef struct {
     uint32_t t_applied_us;
 } hd_receipt_t;
 
+/* Turns for which a mode or its sensor has not been believed, in a row. */
+typedef struct {
+    uint16_t over_amplitude, dead, astray, clipped;
+    uint16_t against; /* driven hard, while the mode as measured gave power back */
+    uint16_t surprises;
+} hd_doubts_t;
+
 enum hd_tick_flag {
     HD_TICK_SATURATED = 0x01, /* the reference needs more voltage than the limit */
     HD_TICK_LIMITED = 0x02,   /* the running reference was above the amplitude limit and scaled */
@@ -103,12 +110,7 @@ typedef struct {
     uint16_t ramp_ticks;
     uint16_t distrust_turns;
     uint16_t against_turns;
-    uint16_t over_amplitude_count[HD_MODES];
-    uint16_t dead_count[HD_MODES];
-    uint16_t astray_count[HD_MODES];
-    uint16_t surprises[HD_MODES];
-    uint16_t clipped_count[HD_MODES];
-    uint16_t against_count[HD_MODES]; /* driven hard, in a row, in which the mode as measured gave power back */
+    hd_doubts_t doubts[HD_MODES];
     hd_phasor_t previous_v[HD_MODES];
 
     hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */

@@ -55,7 +55,6 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
     describe_tick(design, model, tick_s, output_delay_frac);
     design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
     design->reach_um_per_v = model->gain_um_per_v_s * tick_s;
-    design->seen_frac = hd_mul(design->mean_of_new_um_per_v, design->push_v_per_um).d;
     place_poles(design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
     design->memory_frac = hd_decay(-tick_s / MEMORY_S);
     design->change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;
@@ -63,8 +62,7 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
 
 void hd_observer_rest(hd_observer_t *observer)
 {
-    observer->innovation_um[0] = observer->innovation_um[1] = ZERO;
-    observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
+    observer->innovation_um[0] = observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */

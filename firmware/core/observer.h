@@ -22,7 +22,6 @@ typedef struct {
     hd_phasor_t push_um_per_v;        /* b */
     hd_phasor_t push_v_per_um;        /* 1 / b */
     float reach_um_per_v;             /* |b|, nearly */
-    float seen_frac;                  /* of what a change of voltage does in a hold: what the first mean shows */
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */

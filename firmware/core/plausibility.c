@@ -1,7 +1,5 @@
 #include "plausibility.h"
 
-#include <string.h>
-
 #define OVER_AMPLITUDE 1.5f /* of the limit: no controller worth its gains overshoots that far */
 #define OVER_AMPLITUDE_TURNS ((8 + HD_MODES - 1) / HD_MODES)
 
@@ -24,6 +22,8 @@
 #define SURPRISE_UP 3
 #define SURPRISE_DOWN 2
 
+#define WEAK_WINDOWS 2 /* of bends (control.c), in a row */
+
 #define AGAINST_S 0.01f /* longer than it takes to brake any amplitude; a limit cycle changes sides sooner */
 
 void hd_plausibility_init(hd_core_t *core)
@@ -33,20 +33,14 @@ void hd_plausibility_init(hd_core_t *core)
     core->against_turns = (uint16_t)(1.0f + turns_hz * AGAINST_S);
 }
 
-void hd_plausibility_reset(hd_core_t *core)
-{
-    memset(core->over_amplitude_count, 0, sizeof core->over_amplitude_count);
-    memset(core->dead_count, 0, sizeof core->dead_count);
-    memset(core->astray_count, 0, sizeof core->astray_count);
-    memset(core->surprises, 0, sizeof core->surprises);
-    memset(core->clipped_count, 0, sizeof core->clipped_count);
-    memset(core->against_count, 0, sizeof core->against_count);
-}
-
-/* Counts the turns in a row for which a condition holds, up to the limit. */
+/* Counts the turns in a row for which a condition holds. */
 static bool lasts(bool condition, uint16_t *count, uint16_t limit)
 {
-    *count = !condition ? 0 : *count < limit ? (uint16_t)(*count + 1) : limit;
+    if (!condition) {
+        *count = 0;
+        return false;
+    }
+    *count = (uint16_t)(*count + 1);
     return *count >= limit;
 }
 
@@ -55,8 +49,8 @@ static bool surprises(hd_core_t *core, int k)
 {
     float usual_um = SURPRISE * core->config.v_limit_v * core->control.design.observer[k].reach_um_per_v;
     bool surprise = !hd_within(core->control.loop[k].observer.innovation_um[0], usual_um);
-    int count = core->surprises[k] + (surprise ? SURPRISE_UP : -SURPRISE_DOWN);
-    core->surprises[k] = (uint16_t)(count < 0 ? 0 : count);
+    int count = core->doubts[k].surprises + (surprise ? SURPRISE_UP : -SURPRISE_DOWN);
+    core->doubts[k].surprises = (uint16_t)(count < 0 ? 0 : count);
     return count >= SURPRISE_UP * core->distrust_turns;
 }
 
@@ -75,7 +69,7 @@ static bool driven_hard(const hd_core_t *core, int k)
  * far it is from resonance and however damped, is wired as the board believes. */
 static enum hd_fault against(const hd_core_t *core, int k, enum hd_fault fault)
 {
-    return core->against_count[k] >= core->against_turns ? HD_FAULT_WIRING : fault;
+    return core->doubts[k].against >= core->against_turns ? HD_FAULT_WIRING : fault;
 }
 
 /* Judges a mode that is driven hard, and the sensor of its number, by the measurement against the voltage and the reference of the tick before, which
@@ -90,9 +84,9 @@ static enum hd_fault hard_driven_fault(hd_core_t *core, int k)
     bool dead = expected > DEAD_ASKED * limit_um && hd_within(core->sensor_um[k], DEAD_ANSWER * expected + DEAD_NOISE * limit_um);
     bool astray = !hd_within(hd_sub(measured_um, asked_um), ASTRAY_ANSWER * asked + ASTRAY_FLOOR * limit_um);
     float gained_um_v = hd_dot(measured_um, core->control.loop[k].observer.new_v);
-    lasts(gained_um_v < 0.0f, &core->against_count[k], core->against_turns);
-    bool is_dead = lasts(dead, &core->dead_count[k], core->distrust_turns);
-    bool is_astray = lasts(astray, &core->astray_count[k], core->distrust_turns);
+    lasts(gained_um_v < 0.0f, &core->doubts[k].against, core->against_turns);
+    bool is_dead = lasts(dead, &core->doubts[k].dead, core->distrust_turns);
+    bool is_astray = lasts(astray, &core->doubts[k].astray, core->distrust_turns);
     return is_dead ? HD_FAULT_NO_RESPONSE : is_astray ? against(core, k, HD_FAULT_ASTRAY) : HD_FAULT_NONE;
 }
 
@@ -103,14 +97,14 @@ enum hd_fault hd_implausible(hd_core_t *core)
     if (driven_hard(core, k)) {
         fault = hard_driven_fault(core, k);
     } else {
-        core->dead_count[k] = core->astray_count[k] = core->against_count[k] = 0;
+        core->doubts[k].dead = core->doubts[k].astray = core->doubts[k].against = 0;
     }
     bool over = !hd_within(core->measured_um[k], OVER_AMPLITUDE * core->config.w_limit_um[k]);
-    if (lasts(over, &core->over_amplitude_count[k], OVER_AMPLITUDE_TURNS)) {
+    if (lasts(over, &core->doubts[k].over_amplitude, OVER_AMPLITUDE_TURNS)) {
         return against(core, k, HD_FAULT_OVER_AMPLITUDE);
     }
-    if (lasts(core->clips && core->ramp > 0, &core->clipped_count[k], core->distrust_turns)) {
+    if (lasts(core->clips && core->ramp > 0, &core->doubts[k].clipped, core->distrust_turns)) {
         return HD_FAULT_CLIPPED;
     }
-    return surprises(core, k) || core->control.loop[k].answers_little ? HD_FAULT_ASTRAY : fault;
+    return surprises(core, k) || core->control.loop[k].weak_windows >= WEAK_WINDOWS ? HD_FAULT_ASTRAY : fault;
 }

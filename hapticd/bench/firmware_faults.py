@@ -125,7 +125,7 @@ def causes() -> Mapping[str, Callable[[], list[Run]]]:
         "phase 80 degrees, both modes": any_asked(MUCH_UM, phase_deg=80.0),
         "gain x2.5": any_asked(gain=2.5),
         "signal x2.5": any_asked(sensors=2.5 * np.eye(2)),
-        "signal x0.5, strokes": lambda: [stroked(board(sensors=0.5 * np.eye(2)))],
+        "signal x0.5, strokes": lambda: [stroked(board(sensors=0.5 * np.eye(2)), 2 * SECONDS)],
         "ADC clipped, 2 um": any_asked(((2.0, 0.0),), converters=clipped),
         "out of reach, 3.9 um": lambda: [held(board(damping=2.0, control_hz=500.0), (3.9, 0.0), REACH_SECONDS)],
     }

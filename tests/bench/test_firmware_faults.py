@@ -7,7 +7,7 @@ import pytest
 from hapticd.bench import firmware_faults
 from hapticd.wire.protocol import FAULTS
 
-WITHIN_MS = {"signal x0.5, strokes": 490.0, "out of reach, 3.9 um": 101e3}
+WITHIN_MS = {"signal x0.5, strokes": 1000.0, "out of reach, 3.9 um": 101e3}
 CODES = {"dead": {4}, "inverted": {8}, "swapped": {8}, "phase": {7}, "gain": {7}, "ADC": {9}, "out of reach": {10}}
 
 
