@@ -213,12 +213,6 @@ static void sense(hd_core_t *core, const hd_phasor_t sensor_um[HD_MODES], uint32
     }
 }
 
-/* Once more at times, or a mode's turn would fall on the same ticks of periodic references for ever. */
-static void pass_turn(hd_control_t *control)
-{
-    control->turn = (uint8_t)(control->turn + 1 < HD_MODES ? control->turn + 1 : 0);
-}
-
 /* A reference has taken effect at the first tick that is not before its first knot. */
 static void acknowledge(hd_core_t *core, uint32_t now_us)
 {
@@ -227,7 +221,6 @@ static void acknowledge(hd_core_t *core, uint32_t now_us)
         return;
     }
     line->acknowledged = true;
-    pass_turn(&core->control);
     core->applied = (hd_receipt_t){line->seq, true, line->t_received_us, now_us};
     if (core->newest.seq == line->seq) {
         core->newest = core->applied;
@@ -254,6 +247,12 @@ static float ramp_frac(hd_core_t *core)
         core->ramp--;
     }
     return core->ramp == core->ramp_ticks ? 1.0f : (float)core->ramp / (float)core->ramp_ticks;
+}
+
+/* Twice at times, or a mode's turn would fall on the same ticks of periodic references for ever. */
+static void pass_turn(hd_control_t *control)
+{
+    control->turn = (uint8_t)(control->turn + 1 < HD_MODES ? control->turn + 1 : 0);
 }
 
 /* The ramp bounds voltage and reference: the output reaches zero in time for any sensor value. */

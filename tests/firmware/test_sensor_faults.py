@@ -1,6 +1,6 @@
 """Sensors that cannot be believed quieten the plate within 120 ms; a plate that drifts or is touched does not.
 
-Half a sensor's gain looks like a damped plate as long as nothing moves: it shows in the bends of references, in a second.
+Half a sensor's gain looks like a damped plate as long as nothing moves: it shows in bends of references, in a second.
 """
 
 from __future__ import annotations
