@@ -12,6 +12,7 @@
 #define LEAST_UM 0.1f
 
 #define CHANGE_LIMIT_PER_TICK 0.25f
+#define SURPRISE 0.3f
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};
 static const hd_phasor_t ZERO = {0.0f, 0.0f};
@@ -54,7 +55,7 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
     design->v_per_um_s = 1.0f / model->gain_um_per_v_s;
     describe_tick(design, model, tick_s, output_delay_frac);
     design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
-    design->reach_um_per_v = model->gain_um_per_v_s * tick_s;
+    design->surprise_um_per_v = SURPRISE * model->gain_um_per_v_s * tick_s;
     place_poles(design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
     design->memory_frac = hd_decay(-tick_s / MEMORY_S);
     design->change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;

@@ -21,7 +21,7 @@ typedef struct {
     hd_phasor_t keep;                 /* a */
     hd_phasor_t push_um_per_v;        /* b */
     hd_phasor_t push_v_per_um;        /* 1 / b */
-    float reach_um_per_v;             /* |b|, nearly */
+    float surprise_um_per_v;          /* an innovation above this share of |b| is one (plausibility.c) */
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */

@@ -18,7 +18,6 @@
 
 /* A limit cycle, or a plate that is not the model's: the observer is surprised at every tick, and not at one of twenty, as
  * by steps and fingers. The count no longer grows below two of five. */
-#define SURPRISE 0.3f /* of what a tick at the voltage limit moves the mode by */
 #define SURPRISE_UP 3
 #define SURPRISE_DOWN 2
 
@@ -47,7 +46,7 @@ static bool lasts(bool condition, uint16_t *count, uint16_t limit)
 /* Whether the mode is astray from its model on more ticks than references and fingers explain, for as long as `lasts`. */
 static bool surprises(hd_core_t *core, int k)
 {
-    float usual_um = SURPRISE * core->config.v_limit_v * core->control.design.observer[k].reach_um_per_v;
+    float usual_um = core->config.v_limit_v * core->control.design.observer[k].surprise_um_per_v;
     bool surprise = !hd_within(core->control.loop[k].observer.innovation_um[0], usual_um);
     int count = core->doubts[k].surprises + (surprise ? SURPRISE_UP : -SURPRISE_DOWN);
     core->doubts[k].surprises = (uint16_t)(count < 0 ? 0 : count);
