@@ -252,7 +252,7 @@ static float ramp_frac(hd_core_t *core)
 /* Twice at times, or a mode's turn would fall on the same ticks of periodic references for ever. */
 static void pass_turn(hd_control_t *control)
 {
-    control->turn = (uint8_t)(control->turn + 1 < HD_MODES ? control->turn + 1 : 0);
+    control->turn = (uint8_t)((control->turn + 1u) % HD_MODES);
 }
 
 /* The ramp bounds voltage and reference: the output reaches zero in time for any sensor value. */
