@@ -249,12 +249,6 @@ static float ramp_frac(hd_core_t *core)
     return core->ramp == core->ramp_ticks ? 1.0f : (float)core->ramp / (float)core->ramp_ticks;
 }
 
-/* Twice at times, or a mode's turn would fall on the same ticks of periodic references for ever. */
-static void pass_turn(hd_control_t *control)
-{
-    control->turn = (uint8_t)((control->turn + 1u) % HD_MODES);
-}
-
 /* The ramp bounds voltage and reference: the output reaches zero in time for any sensor value. */
 static bool drive(hd_core_t *core, float ramp, uint32_t now_us)
 {
@@ -274,7 +268,6 @@ static bool drive(hd_core_t *core, float ramp, uint32_t now_us)
         }
         hd_follow_step(&core->follower, &core->control);
         core->drive_hz = core->follower.drive_hz;
-        pass_turn(&core->control);
     }
     float v_limit_v = ramp * core->config.v_limit_v;
     return hd_control_step(&core->control, core->asked_um, core->measured_um, v_limit_v, core->voltage_v);
@@ -353,7 +346,7 @@ void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MO
         core->t_reached_us = now_us;
     }
     gate(core, now_us, voltage_v);
-    pass_turn(&core->control);
+    core->control.turn = (uint8_t)((core->control.turn + 1u) % HD_MODES);
 
     note_flags(core, saturated);
     sample_telemetry(core, now_us);
