@@ -56,6 +56,7 @@ void hd_on_tick(void)
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
     obey_interlock();
     hd_carrier_measure(&carrier, measured_um);
+    core.clips = hd_carrier_clips(&carrier, core.control.turn, measured_um[core.control.turn]);
     hd_tick(&core, board_now_us(), measured_um, voltage_v);
     hd_carrier_tune(&carrier, core.drive_hz);
     hd_carrier_drive(&carrier, voltage_v);

@@ -68,6 +68,7 @@ static hd_least_squares_t least_squares(uint16_t chunks, uint32_t step)
     float of_pair = 2.0f * hd_unit_phasor(step / 2u).d; /* cos(x - h) + cos(x + h) = 2 cos(h) cos(x) */
     return (hd_least_squares_t){
         .half_span = (uint32_t)((uint64_t)(2u * n - 1u) * step / 2u),
+        .per_sample = 0.5f / pairs,
         .offset_frac = offset / pairs,
         .per_unit = {1.0f / (of_pair * (0.5f * (pairs + doubled) - offset * offset / pairs)),
                      1.0f / (of_pair * 0.5f * (pairs - doubled))},

@@ -35,6 +35,7 @@
 #define HD_CHUNK 50           /* samples, in pairs; both 2 kHz and 5 kHz ticks are whole numbers of chunks */
 #define HD_TICK_CHUNKS_MAX 40 /* 500 Hz, the slowest control */
 #define HD_MID_RAIL 0x8000u   /* what stands for 0 in the converters */
+#define HD_RAIL_LSB 2047.0f   /* from mid-rail, on its shorter side */
 #define HD_PAIRED_MODES ((HD_MODES + 1) / 2 * 2)
 
 /* A turn within a chunk at least: with fewer, amplitude and offset are indistinguishable. Eight samples to
@@ -66,6 +67,7 @@ typedef struct {
  * is left of the normal equations are these. */
 typedef struct {
     uint32_t half_span; /* phase from the first sample to the middle */
+    float per_sample;     /* one over the samples of a tick */
     float offset_frac;    /* mean of the cosine: what a constant adds to the product, of its plain sum */
     hd_phasor_t per_unit; /* amplitude per unit of the product: of the cosine with the constant removed, of the sine */
 } hd_least_squares_t;
@@ -93,6 +95,14 @@ bool hd_carrier_listen(hd_carrier_t *carrier, const uint16_t in[HD_CHUNK][HD_MOD
 
 /* The mean amplitudes over the tick just completed. */
 void hd_carrier_measure(const hd_carrier_t *carrier, hd_phasor_t measured_um[HD_MODES]);
+
+/* Whether samples of mode k, which measured so much, met a rail of the converter: a wave that was cut there has lost more of
+ * its crests than of its mean and its fundamental, so that the two together still reach beyond the rail. */
+static inline bool hd_carrier_clips(const hd_carrier_t *carrier, int k, hd_phasor_t measured_um)
+{
+    float room_lsb = HD_RAIL_LSB - carrier->least_squares.per_sample * fabsf(carrier->sums[k].plain);
+    return !(room_lsb > 0.0f && hd_within(measured_um, room_lsb * carrier->converters.um_per_lsb[k]));
+}
 
 /* Another frequency from the next chunk on; the phase goes on without a jump. Out of range, the old one stays. The tick
  * in which the change arrives is measured as if it had the new frequency throughout. */

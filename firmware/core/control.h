@@ -55,6 +55,7 @@ typedef struct {
 typedef struct {
     hd_design_t design;
     hd_loop_t loop[HD_MODES];
+    uint8_t turn;            /* the mode and sensor that this tick judges */
 } hd_control_t;
 
 /* Gains of 0 stand for those that this firmware was tested with at such ticks; everything else is taken as it is. */

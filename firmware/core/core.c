@@ -38,7 +38,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->config = *config;
     core->config.gains = hd_gains_complete(config->gains, 1.0f / config->control_hz);
     hd_wiring_complete(&core->config.wiring);
-    core->t_status_us = now_us;
+    core->t_status_us = core->t_reached_us = now_us;
     core->state = HD_STATE_FAULT;
     hd_log_recover(&core->config.log);
     hd_deadman_reset(&core->deadman);
@@ -77,7 +77,10 @@ void hd_silence(hd_core_t *core)
     memset(core->reference_um, 0, sizeof core->reference_um);
     memset(core->asked_um, 0, sizeof core->asked_um);
     memset(core->voltage_v, 0, sizeof core->voltage_v);
-    hd_plausibility_reset(core);
+    memset(core->previous_v, 0, sizeof core->previous_v);
+    for (int k = 0; k < HD_MODES; k++) {
+        core->doubts[k] = (hd_doubts_t){0}; /* in place, as a call takes longer */
+    }
 }
 
 static void enter(hd_core_t *core, enum hd_state state)
@@ -164,10 +167,9 @@ void hd_begin_tool(hd_core_t *core, uint32_t now_us)
 
 static void watch_plate(hd_core_t *core, uint32_t now_us)
 {
-    int mode;
-    enum hd_fault fault = hd_implausible(core, &mode);
+    enum hd_fault fault = hd_implausible(core);
     if (fault != HD_FAULT_NONE) {
-        fail(core, fault, mode, hd_magnitude(core->measured_um[mode]), now_us);
+        fail(core, fault, core->control.turn, hd_magnitude(core->measured_um[core->control.turn]), now_us);
     }
 }
 
@@ -195,6 +197,7 @@ static void mix(hd_core_t *core, uint32_t now_us)
     for (int k = 0; k < HD_MODES; k++) {
         mean_v[k] = mean_voltage_v(core, k);
     }
+    memcpy(core->previous_v, core->voltage_v, sizeof core->previous_v);
     hd_wiring_sense(&core->control.design.plant.wiring, core->sensor_um, mean_v, core->measured_um);
     for (int k = 0; k < HD_MODES; k++) {
         core->measured_um[k] = believed_um(core, k, core->measured_um[k], now_us);
@@ -265,7 +268,7 @@ static float ramp_frac(hd_core_t *core)
 }
 
 /* The ramp bounds voltage and reference: the output reaches zero in time for any sensor value. */
-static bool drive(hd_core_t *core, float ramp)
+static bool drive(hd_core_t *core, float ramp, uint32_t now_us)
 {
     if (ramp == 0.0f) {
         hd_control_reset(&core->control);
@@ -277,6 +280,10 @@ static bool drive(hd_core_t *core, float ramp)
         core->asked_um[k] = hd_scale(ramp, core->reference_um[k]);
     }
     if (ramp == 1.0f && hd_follow_due(&core->follower)) {
+        if (now_us - core->t_reached_us >= HD_SATURATED_US) {
+            fail(core, HD_FAULT_SATURATED, ALL_MODES, core->config.v_limit_v, now_us);
+            return false;
+        }
         hd_follow_step(&core->follower, &core->control);
         core->drive_hz = core->follower.drive_hz;
     }
@@ -361,9 +368,13 @@ void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MO
     if (core->state == HD_STATE_TOOL) {
         use_tool(core, now_us);
     } else {
-        saturated = drive(core, ramp_frac(core));
+        saturated = drive(core, ramp_frac(core), now_us);
+    }
+    if (!saturated) {
+        core->t_reached_us = now_us;
     }
     gate(core, now_us, voltage_v);
+    core->control.turn = (uint8_t)((core->control.turn + 1u) % HD_MODES);
 
     note_flags(core, saturated);
     sample_telemetry(core, now_us);

@@ -79,6 +79,13 @@ typedef struct {
     uint32_t t_applied_us;
 } hd_receipt_t;
 
+/* Turns for which a mode or its sensor has not been believed, in a row. */
+typedef struct {
+    uint16_t over_amplitude, dead, astray, clipped;
+    uint16_t against; /* driven hard, while the mode as measured gave power back */
+    uint16_t surprises;
+} hd_doubts_t;
+
 enum hd_tick_flag {
     HD_TICK_SATURATED = 0x01, /* the reference needs more voltage than the limit */
     HD_TICK_LIMITED = 0x02,   /* the running reference was above the amplitude limit and scaled */
@@ -104,17 +111,15 @@ typedef struct {
     bool tripped;
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     uint16_t ramp_ticks;
-    uint16_t distrust_limit_ticks;
-    uint16_t against_limit_ticks;
-    uint16_t over_amplitude_ticks[HD_MODES];
-    uint16_t dead_ticks[HD_MODES];
-    uint16_t astray_ticks[HD_MODES];
-    uint16_t swings[HD_MODES];
-    uint16_t against_ticks[HD_MODES]; /* driven hard, in a row, in which the mode as measured gave power back */
+    uint16_t distrust_turns;
+    uint16_t against_turns;
+    hd_doubts_t doubts[HD_MODES];
     hd_phasor_t previous_v[HD_MODES];
 
     hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */
     hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: input of the control law */
+    bool clips;                         /* the sensor whose turn it is met a rail of its converter: from the board */
+    uint32_t t_reached_us;              /* last tick at which the voltage sufficed */
     hd_phasor_t sensor_um[HD_MODES];    /* finite */
     hd_phasor_t measured_um[HD_MODES];  /* of the modes */
     hd_phasor_t voltage_v[HD_MODES];    /* of the amplifiers */

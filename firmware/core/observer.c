@@ -12,6 +12,7 @@
 #define LEAST_UM 0.1f
 
 #define CHANGE_LIMIT_PER_TICK 0.25f
+#define SURPRISE 0.3f
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};
 static const hd_phasor_t ZERO = {0.0f, 0.0f};
@@ -54,6 +55,7 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
     design->v_per_um_s = 1.0f / model->gain_um_per_v_s;
     describe_tick(design, model, tick_s, output_delay_frac);
     design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
+    design->surprise_um_per_v = SURPRISE * model->gain_um_per_v_s * tick_s;
     place_poles(design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
     design->memory_frac = hd_decay(-tick_s / MEMORY_S);
     design->change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;
@@ -61,7 +63,7 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
 
 void hd_observer_rest(hd_observer_t *observer)
 {
-    observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
+    observer->innovation_um = observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */
@@ -89,6 +91,7 @@ void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *de
     expected_um = hd_add(expected_um, hd_mul(design->mean_of_new_um_per_v, hd_add(observer->new_v, disturbance_v)));
     expected_um = hd_add(expected_um, hd_mul(design->mean_of_old_um_per_v, hd_add(observer->old_v, disturbance_v)));
     hd_phasor_t innovation_um = hd_sub(measured_um, expected_um);
+    observer->innovation_um = innovation_um;
 
     hd_phasor_t before_um = hd_add(observer->w_um, hd_mul(design->state_gain, innovation_um));
     disturbance_v = hd_add(disturbance_v, hd_mul(design->disturbance_gain_v_per_um, innovation_um));

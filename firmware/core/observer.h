@@ -21,6 +21,7 @@ typedef struct {
     hd_phasor_t keep;                 /* a */
     hd_phasor_t push_um_per_v;        /* b */
     hd_phasor_t push_v_per_um;        /* 1 / b */
+    float surprise_um_per_v;          /* an innovation above this share of |b| is one (plausibility.c) */
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */
@@ -34,6 +35,7 @@ typedef struct {
     hd_phasor_t w_um; /* when the voltage of the coming call takes over */
     hd_phasor_t disturbance_v;
     hd_phasor_t new_v, old_v; /* u of the last call, and of the one before */
+    hd_phasor_t innovation_um; /* of the last tick */
 
     hd_phasor_t moment_um2_1_s; /* sum of g conj(W) d */
     float power_um2;            /* sum of |W|^2; 0 while nothing is known */

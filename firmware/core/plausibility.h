@@ -5,9 +5,8 @@
 #include "core.h"
 
 void hd_plausibility_init(hd_core_t *core);
-void hd_plausibility_reset(hd_core_t *core);
 
-/* The fault of the first mode that has one, and which mode; once per tick, after the measurement. */
-enum hd_fault hd_implausible(hd_core_t *core, int *mode);
+/* The fault of the mode whose turn it is, if it has one; once per tick, after the measurement. */
+enum hd_fault hd_implausible(hd_core_t *core);
 
 #endif

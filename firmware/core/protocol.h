@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0x9c1f823eu
+#define HD_PROTOCOL_HASH 0xc57857c9u
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -24,6 +24,7 @@
 #define HD_STALE_US 50000     /* an earlier t_apply is what a stalled link had buffered */
 #define HD_DEADMAN_US 50000   /* silence after which the board trusts the host no longer */
 #define HD_REFERENCE_AGE_US 10000000 /* after which keep-alives no longer hold a reference that moves the plate */
+#define HD_SATURATED_US 100000000 /* at the voltage limit, without a tick at which it sufficed */
 #define HD_REARM_FRAMES 3     /* good references in a row before it trusts again */
 #define HD_RAMP_US 10000      /* from full drive to none, and back */
 #define HD_STATUS_US 100000   /* longest time between two STATUS messages */
@@ -118,6 +119,8 @@ enum hd_fault {
     HD_FAULT_CONFIG = 6, /* cannot be cleared */
     HD_FAULT_ASTRAY = 7, /* the measurement is not what the drive does */
     HD_FAULT_WIRING = 8, /* the same, and a mode moves against its drive */
+    HD_FAULT_CLIPPED = 9, /* a sensor's converter is at its rails */
+    HD_FAULT_SATURATED = 10, /* the voltage limit keeps the plate from its reference for too long */
 };
 
 /* Log events other than faults. */

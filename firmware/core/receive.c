@@ -116,6 +116,7 @@ static void take_reference(hd_core_t *core, uint32_t now_us)
         core->has_seq = true;
         core->newest = (hd_receipt_t){.seq = seq, .t_received_us = now_us};
         hd_deadman_good_reference(&core->deadman, now_us);
+        core->control.turn = (uint8_t)(seq % HD_MODES); /* or a mode's would fall on the same ticks of all references */
     }
 }
 

@@ -7,7 +7,7 @@
 #define LEAST_PIVOT 0.02f /* of a matrix whose elements are of order 1: below, its inverse asks for absurd voltages */
 #define LEAST_SHARE 0.2f  /* of the mode's strongest amplifier */
 
-typedef float matrix_t[HD_MODES][HD_MODES];
+typedef hd_phasor_t matrix_t[HD_MODES][HD_MODES];
 
 void hd_wiring_complete(hd_wiring_t *wiring)
 {
@@ -19,16 +19,16 @@ void hd_wiring_complete(hd_wiring_t *wiring)
     }
 }
 
-static void subtract_row(float *row, const float *pivot, float factor)
+static void subtract_row(hd_phasor_t *row, const hd_phasor_t *pivot, hd_phasor_t factor)
 {
     for (int n = 0; n < HD_MODES; n++) {
-        row[n] -= factor * pivot[n];
+        row[n] = hd_sub(row[n], hd_mul(factor, pivot[n]));
     }
 }
 
 static void swap_rows(matrix_t of, int i, int j)
 {
-    float row[HD_MODES];
+    hd_phasor_t row[HD_MODES];
     memcpy(row, of[i], sizeof row);
     memcpy(of[i], of[j], sizeof row);
     memcpy(of[j], row, sizeof row);
@@ -38,7 +38,7 @@ static int largest_in_column(const matrix_t of, int column)
 {
     int best = column;
     for (int i = column + 1; i < HD_MODES; i++) {
-        best = fabsf(of[i][column]) > fabsf(of[best][column]) ? i : best;
+        best = hd_dot(of[i][column], of[i][column]) > hd_dot(of[best][column], of[best][column]) ? i : best;
     }
     return best;
 }
@@ -46,29 +46,39 @@ static int largest_in_column(const matrix_t of, int column)
 /* Gauss and Jordan, with the largest pivot of each column; false if one is too small, or not a number. */
 static bool invert(const matrix_t of, matrix_t inverse)
 {
+    const hd_phasor_t one = {1.0f, 0.0f}, zero = {0.0f, 0.0f};
     matrix_t left;
     memcpy(left, of, sizeof left);
     memset(inverse, 0, sizeof left);
     for (int i = 0; i < HD_MODES; i++) {
-        inverse[i][i] = 1.0f;
+        inverse[i][i] = one;
     }
     for (int i = 0; i < HD_MODES; i++) {
         int pivot = largest_in_column(left, i);
         swap_rows(left, i, pivot);
         swap_rows(inverse, i, pivot);
-        if (!(fabsf(left[i][i]) >= LEAST_PIVOT)) {
+        if (!(hd_magnitude(left[i][i]) >= LEAST_PIVOT)) {
             return false;
         }
-        float scale = 1.0f - 1.0f / left[i][i];
+        hd_phasor_t scale = hd_sub(one, hd_div(one, left[i][i]));
         subtract_row(inverse[i], inverse[i], scale);
         subtract_row(left[i], left[i], scale);
         for (int j = 0; j < HD_MODES; j++) {
-            float factor = j == i ? 0.0f : left[j][i];
+            hd_phasor_t factor = j == i ? zero : left[j][i];
             subtract_row(inverse[j], inverse[i], factor);
             subtract_row(left[j], left[i], factor);
         }
     }
     return true;
+}
+
+static bool invert_drive(const hd_wiring_t *wiring, matrix_t inverse)
+{
+    matrix_t drive;
+    for (int i = 0; i < HD_MODES * HD_MODES; i++) {
+        drive[i / HD_MODES][i % HD_MODES] = (hd_phasor_t){wiring->drive[i / HD_MODES][i % HD_MODES], 0.0f};
+    }
+    return invert(drive, inverse);
 }
 
 bool hd_wiring_valid(const hd_wiring_t *wiring)
@@ -82,7 +92,7 @@ bool hd_wiring_valid(const hd_wiring_t *wiring)
         }
     }
     matrix_t inverse;
-    return valid && invert(wiring->drive, inverse);
+    return valid && invert_drive(wiring, inverse);
 }
 
 static float largest_share(const hd_wiring_t *wiring, int p)
@@ -97,7 +107,10 @@ static float largest_share(const hd_wiring_t *wiring, int p)
 void hd_wiring_design(hd_wires_t *wires, const hd_wiring_t *wiring, const hd_phasor_t loop[HD_MODES])
 {
     matrix_t inverse;
-    invert(wiring->drive, inverse);
+    invert_drive(wiring, inverse);
+    if (!invert(wiring->sense, wires->sees)) {
+        memset(wires->sees, 0, sizeof wires->sees);
+    }
     hd_wiring_t own = {0};
     hd_wiring_complete(&own);
     wires->has_own_amplifiers = memcmp(own.drive, wiring->drive, sizeof own.drive) == 0;
@@ -108,7 +121,7 @@ void hd_wiring_design(hd_wires_t *wires, const hd_wiring_t *wiring, const hd_pha
         uint32_t shares = 0;
         for (int k = 0; k < HD_MODES; k++) {
             wires->out[k][p] = hd_scale(wiring->drive[k][p], out);
-            wires->back[p][k] = hd_scale(inverse[p][k], back);
+            wires->back[p][k] = hd_scale(inverse[p][k].d, back);
             shares |= fabsf(wiring->drive[k][p]) >= least ? 1u << k : 0u;
         }
         wires->shares[p] = (uint8_t)shares;

@@ -24,6 +24,7 @@ typedef struct {
 typedef struct {
     hd_phasor_t out[HD_MODES][HD_MODES];  /* V_k of u_p */
     hd_phasor_t back[HD_MODES][HD_MODES]; /* u_p of V_k */
+    hd_phasor_t sees[HD_MODES][HD_MODES]; /* sensor s of W_p; 0 if the sensors cannot tell the modes apart */
     uint8_t shares[HD_MODES];             /* amplifiers with a part worth counting in mode p, one bit each */
     bool has_own_amplifiers;              /* each mode has one that drives no other */
     bool has_own_sensors;                 /* as they are, without feedthrough */

@@ -19,6 +19,7 @@ from ..tools.touches import Trace, recorded
 from . import (
     contacts,
     firmware,
+    firmware_faults,
     landing,
     leak,
     leak_budget,
@@ -70,7 +71,7 @@ PARTS: dict[str, Part] = {
         leak_budget.run(),
     ),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),
-    "firmware": lambda _: firmware.run(),
+    "firmware": lambda _: (*firmware.run(), firmware_faults.run()),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
     ),

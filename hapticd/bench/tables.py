@@ -15,6 +15,7 @@ UNITS = {
     "_um_per_um": "um/um",
     "_um2": "um2",
     "_count": "",
+    "_code": "",
     "_frac": "frac",
     "_deg": "deg",
     "_us": "us",

@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0x9C1F823E
+PROTOCOL_HASH: Final = 0xC57857C9
 
 KNOTS_MAX: Final = 24
 REFERENCE_PULSE: Final = 0x80  # added to the number of knots: the sync output rises when it takes effect
@@ -117,6 +117,8 @@ FAULTS: Final = {
     7: "the sensors do not follow the drive: a wrong phase or gain",
     8: "the plate moves against its drive: wires of amplifiers or sensors are swapped or inverted, "
     "and `hapticd calibrate resonance` says which",
+    9: "a sensor's converter is at its rails: its bias is off, or its range too small",
+    10: "the amplifiers were at their limit for 100 s without reaching the reference",
 }
 
 EVENTS: Final = {

@@ -1,8 +1,12 @@
-"""Sensors that cannot be believed quieten the plate within 120 ms; a plate that drifts or is touched does not."""
+"""Sensors that cannot be believed quieten the plate within 120 ms; a plate that drifts or is touched does not.
+
+Half a sensor's gain looks like a damped plate and is left to the self-test.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +14,9 @@ import numpy.typing as npt
 import pytest
 
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
-from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.carrier import Converters
+from hapticd.sim.plate.wirings import PAPER, wiring
 from hapticd.wire.protocol import FAULTS
 
 QUIET_WITHIN_MS = 120.0
@@ -64,6 +70,67 @@ def test_a_sensor_that_cannot_be_believed_quietens_the_plate(name: str, asked_um
 @pytest.mark.parametrize("name", ["inverted", "swapped"])
 def test_so_it_does_on_a_plate_that_should_rest(name: str) -> None:
     assert held_ms(board(**BROKEN[name]), (0.0, 0.0)) <= QUIET_WITHIN_MS
+
+
+@pytest.mark.parametrize("phase_deg", [80, -80, 60])
+@pytest.mark.parametrize("asked_um", [(2.0, 2.0), (3.0, 3.0), (2.0, -1.5)])
+def test_so_does_a_wrong_phase_while_both_modes_are_asked_for_much(
+    phase_deg: float, asked_um: tuple[float, float]
+) -> None:
+    assert held_ms(board(loop_phase_rad=(math.radians(phase_deg),) * 2), asked_um) <= QUIET_WITHIN_MS
+
+
+def clipped(offset_lsb: float, asked_um: float) -> BoardTrace:
+    converters = Converters(offset_lsb=offset_lsb)
+    config = replace(CONFIG, loop_phase_rad=(converters.loop_phase_rad(CONFIG.drive_hz),) * 2)
+    plate = replace(board().model, noise_um=0.0, loop_phase_rad=())
+    driven = Board(plate, config=config, converters=converters)
+    return follow(driven, lambda _: [(0.0, np.array([asked_um, 0j]))], 300, 100)
+
+
+@pytest.mark.parametrize("offset_lsb", [1700.0, -1700.0])
+def test_a_sensor_whose_converter_clips_quietens_the_plate(offset_lsb: float) -> None:
+    trace = clipped(offset_lsb, 2.0)
+    driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
+    assert (driven[-1] - driven[0] + 1) / 2 <= QUIET_WITHIN_MS
+    assert np.abs(trace.plate_um).max() < 2.5
+    assert "rails" in FAULTS[9]
+
+
+def test_an_offset_that_leaves_room_for_the_amplitude_is_no_fault() -> None:
+    assert clipped(1500.0, 2.0).voltage_v[-1].any()
+
+
+def test_a_reference_out_of_reach_ends_after_a_hundred_seconds(new_bench: Any) -> None:
+    slow = replace(CONFIG, control_hz=500.0)
+    bench = new_bench()
+    bench.board = Board(replace(board().model, decay_1_s=2.0 * np.array(CONFIG.decay_1_s)), config=slow)
+    bench.arm(3.9, 0.0)
+    while bench.messages[-1].fault_code == 0:
+        bench.say(bench.constant(3.9, 0.0))
+        bench.run(20)
+        assert bench.board.t_us < 101e6
+    assert bench.messages[-1].fault_code == 10
+    assert bench.board.t_us > 99e6
+    assert not bench.run(10).voltage_v.any()
+
+
+@pytest.mark.parametrize("asked_um", [(0.02, 0.0), (0.4, 0.1), (1.0, 0.5), (2.0, 2.0)])
+def test_a_dead_sensor_that_sees_both_modes_quietens_the_plate(asked_um: tuple[float, float]) -> None:
+    """But for the one that would see nothing of what is asked: then the plate does what it should."""
+    wires = wiring(PAPER, 2)
+    config = replace(
+        CONFIG,
+        gain_um_per_v_s=tuple(wires.gain * np.array(CONFIG.gain_um_per_v_s)),
+        drive=wires.drive,
+        sense=wires.sense,
+    )
+    gain = np.diag(CONFIG.gain_um_per_v_s) @ wires.drives
+    for dead in (0, 1):
+        alive = np.diag([float(s != dead) for s in range(2)])
+        plate = replace(board().model, gain_um_per_v_s=gain, sensor=alive @ wires.senses)
+        held = held_ms(Board(plate, config=config), asked_um)
+        assert held <= QUIET_WITHIN_MS or abs(wires.senses[dead] @ asked_um) < 0.01
 
 
 @pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 8)])

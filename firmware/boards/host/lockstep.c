@@ -251,6 +251,8 @@ static void carrier_tick(hd_board_t *board, const hd_contact_t *contact)
 {
     hd_phasor_t measured_um[HD_MODES];
     hd_carrier_loop_listen(board->carrier, contact, measured_um);
+    int judged = board->core.control.turn;
+    board->core.clips = hd_carrier_clips(&board->carrier->carrier, judged, measured_um[judged]);
     for (int k = 0; k < HD_MODES; k++) {
         board->measured_um[k] = complex_of(measured_um[k]);
     }

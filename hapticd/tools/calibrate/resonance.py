@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus, ModeCalibration, Sweep, SweepPoint
+from ...board_values import BoardHello, ModeCalibration, Sweep, SweepPoint
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
@@ -45,8 +45,6 @@ DWELL_DECAYS = 12.0  # time constants of the mode; the board discards the first 
 MOST_POINTS = 2001  # the board's limit
 PIECE_POINTS = 7  # of a sweep: lost when the board ends it
 TRIES = 8  # of a piece that the board ends
-STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
-QUIET_WITHIN = 10  # status messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,21 +157,13 @@ def pieces(plan: Sweep) -> list[Sweep]:
 
 async def _measured_piece(board: Conversation, piece: Sweep) -> list[SweepPoint]:
     for tries_left in reversed(range(TRIES)):
-        await _quiet(board)
+        await sweep.quiet(board)
         try:
             return await sweep.measured(board, piece)
         except SweepEndedError:
             if tries_left == 0:
                 raise
     raise AssertionError("the last try returns or raises")
-
-
-async def _quiet(board: Conversation) -> None:
-    """Wait until the previous sweep has ramped down; any other busy state makes the board refuse the next one."""
-    for _ in range(QUIET_WITHIN):
-        status = await board.wait_for(BoardStatus, STATUS_WITHIN_S)
-        if status is None or status.state is not BoardState.TOOL:
-            return
 
 
 def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:

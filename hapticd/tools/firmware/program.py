@@ -34,7 +34,7 @@ from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
 from .. import glass
 from ..arguments import add_command, number, whole
-from . import sweep, telemetry, text
+from . import selftest, sweep, telemetry, text
 from .conversation import Conversation
 
 STATUS_WITHIN_S = 1.0  # the board sends its status ten times a second
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _command(commands, "clear-fault", "clear a latched fault", "--port /dev/ttyACM0")
     _add_gains(commands)
+    _add_selftest(commands)
     _add_sweep(commands)
     _add_raw(commands)
     _add_telemetry(commands)
@@ -78,6 +79,14 @@ def _add_gains(commands: Any) -> None:
     parser.add_argument("--law", help="pi, pi_ff or deadbeat; until the service or a reset sets another")
     parser.add_argument("--bandwidth", type=float, metavar="1_S", help="in 1/s (default: the firmware's own)")
     parser.add_argument("--integral-time", type=float, metavar="S", help="in seconds (default: the firmware's own)")
+
+
+def _add_selftest(commands: Any) -> None:
+    summary = "measure modes and wires in two seconds, and say what has moved"
+    parser = _command(commands, "selftest", summary, "--sim", json=True)
+    parser.add_argument(
+        "--calibration", type=Path, metavar="F.toml", help="what to compare with (default: the board's own models)"
+    )
 
 
 def _add_sweep(commands: Any) -> None:
@@ -221,6 +230,7 @@ SUBCOMMANDS: dict[str, Callable[[Conversation, argparse.Namespace], Awaitable[No
     "log": _log,
     "clear-fault": _clear_fault,
     "gains": _gains,
+    "selftest": selftest.run,
     "sweep": sweep.run,
     "raw": _raw,
     "telemetry": telemetry.run,

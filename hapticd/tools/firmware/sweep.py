@@ -24,6 +24,8 @@ VOLTS_FRAC = 0.1  # of the board's limit
 SPARE_S = 2.0  # allowed beyond the sum of the dwells
 LAST_POINTS_S = 0.5  # for a full ring of points over a line of 9600 baud
 CURVE_POINTS = 400
+STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
+QUIET_WITHIN = 10  # status messages
 TOML = (".toml",)
 
 
@@ -108,6 +110,14 @@ async def measured(board: Conversation, sweep: Sweep, *, show: Callable[[str], N
         lost = sweep.points - len(points)
         raise DeviceError(f"{lost} of the sweep's points never arrived: use a longer --dwell, or a faster --baud.")
     return points
+
+
+async def quiet(board: Conversation) -> None:
+    """Wait until the previous sweep has ramped down; any other busy state makes the board refuse the next one."""
+    for _ in range(QUIET_WITHIN):
+        status = await board.wait_for(BoardStatus, STATUS_WITHIN_S)
+        if status is None or status.state is not BoardState.TOOL:
+            return
 
 
 def fitted(points: Sequence[SweepPoint], mode: int) -> ModeSweep:

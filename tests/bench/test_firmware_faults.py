@@ -1,0 +1,38 @@
+"""What is not as the board believes ends in a fault that fits, in time; the bench says how soon."""
+
+from __future__ import annotations
+
+import pytest
+
+from hapticd.bench import firmware_faults
+from hapticd.wire.protocol import FAULTS
+
+WITHIN_MS = {"out of reach, 3.9 um": 101e3}
+CODES = {"dead": {4}, "inverted": {8}, "swapped": {8}, "phase": {7}, "gain": {7}, "ADC": {9}, "out of reach": {10}}
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, dict[str, float]]:
+    return {row.name: dict(row.figures) for row in firmware_faults.run().rows}
+
+
+def test_every_cause_is_quiet_within_its_time(rows: dict[str, dict[str, float]]) -> None:
+    for name, figures in rows.items():
+        assert figures["quiet_ms"] <= WITHIN_MS.get(name, 120.0), name
+        assert figures["peak_v"] <= 150.0 * (1.0 + 1e-6), name
+        assert int(figures["fault_code"]) in FAULTS.keys() - {0}, name
+
+
+def test_its_fault_says_what_it_is(rows: dict[str, dict[str, float]]) -> None:
+    for word, codes in CODES.items():
+        found = {int(figures["fault_code"]) for name, figures in rows.items() if word in name}
+        assert found == codes, word
+
+
+def test_a_board_that_is_right_has_no_fault() -> None:
+    for run in (
+        firmware_faults.held(firmware_faults.board(), (3.0, 0.5)),
+        firmware_faults.stroked(firmware_faults.board()),
+    ):
+        assert firmware_faults.figures(run)["fault_code"] == 0.0
+        assert run[1].voltage_v[-1].any()

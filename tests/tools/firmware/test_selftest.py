@@ -1,0 +1,81 @@
+"""`hapticd firmware selftest`: what has moved since the calibration, in two seconds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.board_values import ModeCalibration
+from hapticd.errors import DeviceError, UsageError
+from hapticd.sim.board.board import Board, BoardConfig
+from hapticd.tools.firmware import selftest
+
+TypeIn = Callable[..., str]
+OWN = BoardConfig()
+
+
+def moved(new_link: Any, type_in: TypeIn, **changes: Any) -> str:
+    """What is said of a plate that differs so from the board's models."""
+    link = new_link()
+    link.board = Board(replace(link.board.model, **changes), config=OWN, boot_id=7)
+    said = type_in(link, "selftest")
+    assert link.board.t_us < 2_200_000  # with the greeting
+    assert link.peak_v <= 15.0001
+    assert not link.voltage_v.any()
+    return said
+
+
+def test_a_plate_as_calibrated_has_not_moved(new_link: Any, type_in: TypeIn) -> None:
+    assert "Nothing has moved" in moved(new_link, type_in)
+    assert "Nothing has moved" in moved(new_link, type_in, noise_um=0.001)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentences"),
+    [
+        ({"detuning_rad_s": np.array(OWN.detuning_rad_s) + 2 * np.pi * 30}, ["Mode 0 has moved by +30.", "Mode 1 has"]),
+        ({"decay_1_s": np.array(OWN.decay_1_s) * [1.0, 2.0]}, ["Mode 1 has a quality of 250, not 500"]),
+        ({"sensor": np.diag([0.5, 1.0])}, ["Mode 0 has 0.50 times its gain"]),
+        ({"loop_phase_rad": (0.0, 0.5)}, ["Mode 1 has turned its loop phase by +29 degrees"]),
+        ({"through_um_per_v": 0.005 * np.eye(2)}, ["Mode 0: the feedthrough of amplifier 0 is 0.005"]),
+        ({"sensor": np.array([[1.0, 0.3], [0.0, 1.0]])}, ["the weight of sensor"]),
+        ({"sensor": np.array([[0.0, 1.0], [1.0, 0.0]])}, ["are swapped"]),
+        ({"sensor": np.diag([-1.0, 1.0])}, ["Amplifier 0 or sensor 0 is inverted"]),
+    ],
+    ids=["frequency", "quality", "gain", "phase", "feedthrough", "sense", "swapped", "inverted"],
+)
+def test_it_says_in_words_what_has_moved(
+    changes: dict[str, Any], sentences: list[str], new_link: Any, type_in: TypeIn
+) -> None:
+    said = moved(new_link, type_in, **changes)
+    assert "Nothing" not in said
+    for sentence in sentences:
+        assert sentence in said
+
+
+def test_a_dead_sensor_is_one_sentence(new_link: Any, type_in: TypeIn) -> None:
+    with pytest.raises(DeviceError, match="may be dead"):
+        moved(new_link, type_in, sensor=np.diag([1.0, 0.0]), noise_um=0.0005)
+
+
+def test_it_compares_with_a_calibration_file(link: Any, new_link: Any, type_in: TypeIn, tmp_path: Path) -> None:
+    saved = tmp_path / "plate.toml"
+    for mode in ("0", "1"):
+        with pytest.raises(UsageError, match="lacks a mode" if saved.exists() else "not exist|No such|cannot"):
+            type_in(new_link(), "selftest", "--calibration", str(saved))
+        type_in(link, "sweep", "--points", "9", "--mode", mode, "--save", str(saved))
+    found = json.loads(type_in(link, "selftest", "--calibration", str(saved), "--json"))
+    assert found["moved"] == []
+    assert [mode["q_factor"] for mode in found["modes"]] == pytest.approx([500.0, 500.0], rel=0.02)
+
+
+def test_what_lies_within_the_tolerances_has_not_moved() -> None:
+    known = ModeCalibration(0, 29195.0, 500.0, 5.0, 0.0)
+    near = replace(known, frequency_hz=29199.0, q_factor=560.0, gain_um_per_v_s=5.6, loop_phase_rad=0.08)
+    assert list(selftest.changes(near, known)) == []
