@@ -56,10 +56,12 @@ def test_its_configuration_is_accepted(tmp_path: Path) -> None:
         config.from_table(tomllib.loads(block), where="README.md", folder=tmp_path)
 
 
-def test_its_first_client_is_ten_lines_of_python_that_compile() -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    assert len(block.strip().splitlines()) <= 10
-    compile(block, "README.md", "exec")
+def test_its_first_clients_are_ten_lines_of_python_that_compile() -> None:
+    blocks = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        assert len(block.strip().splitlines()) <= 10
+        compile(block, "README.md", "exec")
 
 
 @pytest.mark.parametrize(
