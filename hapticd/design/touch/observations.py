@@ -70,18 +70,12 @@ class Ticks:
 
 
 @dataclass(frozen=True, slots=True)
-class Windows:
+class Windows(Ticks):
     """B windows of up to S ticks and N fingers: the fields of `Ticks` as (B, S) and (B, S, M).
 
     `is_used` (B, S) masks the padding. `track` (B, N) is the touch of each finger, -1 for none.
     """
 
-    t_s: FloatArray
-    measured_um: ComplexArray
-    voltage_v: ComplexArray
-    slope_um_s: ComplexArray
-    behind_um_s: ComplexArray
-    turning_rad_s: FloatArray
     is_used: npt.NDArray[np.bool_]
     track: npt.NDArray[np.int64]
     tracks: tuple[Track, ...]
