@@ -243,7 +243,7 @@ def _board(board: BoardGateway) -> dict[str, object]:
     if hello is not None:
         fields |= {
             "firmware": hello.firmware_version,
-            "image_crc": hello.image_crc,
+            "image_crc": f"{hello.image_crc:08x}" if hello.image_crc else "",
             "has_sync": hello.has_sync,
             "w_limit_um": list(hello.w_limit_um),
             "baud": board.baud,

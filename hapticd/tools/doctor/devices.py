@@ -169,7 +169,7 @@ def firmware(system: System) -> Finding:
             lacking = system.reported("board", "lacking") or "the board does not answer the daemon"
             return Finding(WARN, "firmware", str(lacking), "journalctl -u hapticd -n 20")
         crc, baud = system.reported("board", "image_crc"), system.reported("board", "baud")
-        image = f", image {crc:08x}" if isinstance(crc, int) and crc else ""
+        image = f", image {crc}" if crc else ""
         line = f", at {baud} baud" if isinstance(baud, int) else ""
         return Finding(PASS, "firmware", f"version {version}{image}{line}, reported to the daemon")
     port = system.config.device.port

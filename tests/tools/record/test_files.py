@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
+from hapticd.board_values import Calibration
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
@@ -60,7 +61,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
     axis_mm = np.linspace(-9.0, 9.0, 4)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 4, 4)))
     path = tmp_path_factory.mktemp("small") / "small.mcap"
-    file = RecordingFile(path, Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, ()))
+    file = RecordingFile(path, Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, Calibration()))
     ends = [path.stat().st_size]
     for seq in range(CHUNKS * IN_EACH):
         file.add(Record("marker", seq, seq, {"client": "test", "text": "x" * seq}))
