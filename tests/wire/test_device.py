@@ -307,3 +307,7 @@ def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:
     device.check_calibration(hello(), [near], 29205.0)
     with pytest.raises(DeviceError, match="Mode 0 is calibrated at 34000 Hz but the board drives at 29205 Hz"):
         device.check_calibration(hello(), [near, far], 29205.0)
+    device.check_calibration(hello(), [], 31205.0)
+    for drive_hz in (31206.0, 27204.0, math.nan):
+        with pytest.raises(DeviceError, match="sets the drive to"):
+            device.check_calibration(hello(), [], drive_hz)
