@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 
 import pytest
+from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
@@ -59,7 +60,19 @@ class Page:
 
     def lay(self, name: str) -> None:
         """Choose a layer; as keys, what was typed within a second would count as one name."""
-        Select(self["layer"]).select_by_visible_text(name)
+        self.choose("layer", name)
+
+    def choose(self, menu: str, text: str) -> None:
+        """Choose from a menu, which the page makes anew for another plate."""
+
+        def is_chosen() -> bool:
+            try:
+                Select(self[menu]).select_by_visible_text(text)
+            except StaleElementReferenceException:
+                return False
+            return True
+
+        self.until(is_chosen)
 
     def fingers(self) -> list[str]:
         """The text of each row."""
@@ -381,10 +394,10 @@ def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> N
             " if (choice.textContent === 'Slippery') choice.click()"
         )
         page.until(lambda: page.fingers() and all(re.search(r"friction [1-9]\d %", row) for row in page.fingers()))
-        Select(page["switch-modes"]).select_by_visible_text("5")
+        page.choose("switch-modes", "5")
         page.until(lambda: page["what"].text == "fingertip plate, 5 modes, whole contacts")
-        Select(page["switch-plate"]).select_by_visible_text("reference")
-        Select(page["switch-modes"]).select_by_visible_text("4")
+        page.choose("switch-plate", "reference")
+        page.choose("switch-modes", "4")
         page.until(lambda: page["what"].text.startswith("reference plate, "))
         page.until(lambda: len(page.fingers()) == 2)
         assert page.complaints() == []
