@@ -17,9 +17,9 @@ demo: $(HAPTICD)
 test: $(TESTS)
 	$(BIN)/python -m pytest -n 2 -m "not long and not alone"
 
-# What `make test` leaves out: new property examples, emulated machines, browsers, mutants, real time with nothing beside it.
+# What `make test` leaves out: new property examples, emulated machines, browsers, mutants, real time alone.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
-# A rig keeps to real time and a busy machine may not: what fails beside other tests runs again alone, and must pass then.
+# A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
 test-all: $(TESTS)
 	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone"
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -rs -m "long and not hypothesis and not alone" \

@@ -62,7 +62,7 @@ class SensorErrors:
 
 @dataclass(frozen=True, slots=True)
 class FingerLoad:
-    """What fingers do to the plate, beside their usual damping.
+    """What fingers do to the plate in addition to their usual damping.
 
     `damping_factor` multiplies that; `detuning_hz` is added to a mode's frequency per square of its shape under a
     finger; both rise and fall by `force_frac` with the finger's force, at about 1 Hz.

@@ -114,7 +114,7 @@ def test_an_amplifier_that_drives_both_modes_needs_the_sum_of_its_shares() -> No
 
 
 def test_with_shared_amplifiers_the_best_drive_is_that_of_their_sum() -> None:
-    """A dull mode beside a sharp one: the maximum of both would be the same at any drive between, the sum is not."""
+    """A dull mode and a sharp one: the maximum of both would be the same at any drive between, the sum is not."""
     sharp = ModeCalibration(0, 29195.0, 2000.0, 7.5, 0.0, drive=(1.0, 1.0))
     dull = ModeCalibration(1, 29215.0, 200.0, 30.0, 0.0, drive=(1.0, -1.0))
     shared_hz = propose_drive_hz([sharp, dull], (4.0, 4.0))

@@ -52,7 +52,7 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A calibration with all that is free beside it: `rates` (M, L) of the regressors, `loads` (B, N)."""
+    """A calibration and all else that is free: `rates` (M, L) of the regressors, `loads` (B, N)."""
 
     calibration: Calibration
     rates: ComplexArray

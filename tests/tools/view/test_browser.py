@@ -63,7 +63,7 @@ class Page:
         self.choose("layer", name)
 
     def choose(self, menu: str, text: str) -> None:
-        """Choose from a menu, which the page makes anew for another plate."""
+        """Choose from a menu, which the page rebuilds for another plate."""
 
         def is_chosen() -> bool:
             try:
