@@ -7,10 +7,9 @@ is encoded or a message decoded.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from .values import SafeDrive
 
@@ -45,21 +44,15 @@ class ModeCalibration:
         )
 
 
-class Calibration(tuple[ModeCalibration, ...]):
+@dataclass(frozen=True, slots=True)
+class Calibration:
     """The calibrated modes, and the drive to set; None: the board's own."""
 
-    drive_hz: float | None
+    modes: tuple[ModeCalibration, ...] = ()
+    drive_hz: float | None = None
 
-    def __new__(cls, modes: Iterable[ModeCalibration] = (), drive_hz: float | None = None) -> Calibration:
-        """Take the modes and the drive."""
-        found = super().__new__(cls, tuple(modes))
-        found.drive_hz = drive_hz
-        return found
 
-    @classmethod
-    def of(cls, modes: Iterable[ModeCalibration]) -> Calibration:
-        """Return modes without a drive as a calibration, and a calibration as it is."""
-        return modes if isinstance(modes, cls) else cls(modes)
+UNCALIBRATED: Final = Calibration()
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +98,11 @@ class SetWiring:
     feedthrough_um_per_v: tuple[tuple[complex, ...], ...]
 
     @classmethod
-    def of(cls, calibration: Sequence[ModeCalibration], modes: int) -> SetWiring | None:
+    def of(cls, calibration: Calibration, modes: int) -> SetWiring | None:
         """Return the measured wires, a mode without any having its own; None if no mode has any."""
-        if not any(measured.drive or measured.sense or measured.feedthrough_um_per_v for measured in calibration):
+        if not any(measured.drive or measured.sense or measured.feedthrough_um_per_v for measured in calibration.modes):
             return None
-        known = {measured.mode: measured for measured in calibration}
+        known = {measured.mode: measured for measured in calibration.modes}
         own = [tuple(float(row == column) for column in range(modes)) for row in range(modes)]
         none = (0.0,) * modes
         columns = [(known[mode].drive if mode in known else ()) or own[mode] for mode in range(modes)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,7 @@ import msgpack
 import numpy as np
 import pytest
 
-from hapticd.board_values import ModeCalibration
+from hapticd.board_values import UNCALIBRATED, Calibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -145,7 +145,7 @@ class Bench:
         self,
         *paths: Path,
         protocol_hash: int = protocol.PROTOCOL_HASH,
-        calibration: Sequence[ModeCalibration] = (),
+        calibration: Calibration = UNCALIBRATED,
         config: Config | None = None,
         observer: Callable[[Machine], Observer] | None = None,
     ) -> None:

@@ -20,7 +20,6 @@ from ..board_values import (
     Calibration,
     ClearFault,
     HelloRequest,
-    ModeCalibration,
     SelectController,
     SetBaud,
     SetDrive,
@@ -71,7 +70,7 @@ class BoardGateway:
     def __init__(
         self,
         config: Config,
-        calibration: Sequence[ModeCalibration],
+        calibration: Calibration,
         *,
         write: Callable[[bytes], int | None],
         set_baud: Callable[[int], None] | None = None,
@@ -97,7 +96,7 @@ class BoardGateway:
         self._t_pulse_ns = -PULSE_EVERY_NS
         self.observer: Observer | None = None
         self._w_limit_um = config.limits.w_limit_um
-        self._calibration = Calibration.of(calibration)
+        self._calibration = calibration
         self._on_unsent = on_unsent
         self._supervise = supervise
         self._decoder = device_wire.Decoder()
@@ -171,7 +170,7 @@ class BoardGateway:
     def _check_hello(self, hello: BoardHello, t_now_ns: int) -> None:
         try:
             device_wire.check_hello(hello, modes=len(self._w_limit_um), w_limit_um=self._w_limit_um)
-            device_wire.check_calibration(hello, self._calibration, self._calibration.drive_hz or hello.drive_hz)
+            device_wire.check_calibration(hello, self._calibration)
         except DeviceError as error:
             if str(error) != self.refused:
                 log.error("board refused: %s", error)

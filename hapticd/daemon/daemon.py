@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..board_values import ModeCalibration
+from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
@@ -61,7 +61,7 @@ class Daemon:
         *,
         board_port: str,
         trackpad: TrackpadSource,
-        calibration: Sequence[ModeCalibration] = (),
+        calibration: Calibration = UNCALIBRATED,
         parasitic_modes: ParasiticModes | None = None,
         notifier: Notifier | None = None,
         remote: Remote | None = None,

@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from ..board_values import BoardState, Calibration, ModeCalibration
+from ..board_values import UNCALIBRATED, BoardState, Calibration
 from ..config.sections import Config
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.pipeline import Pipeline, PipelineSettings
@@ -49,7 +49,7 @@ class Machine:
         set_baud: Callable[[int], None] | None = None,
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
-        calibration: Sequence[ModeCalibration] = (),
+        calibration: Calibration = UNCALIBRATED,
         parasitic_modes: ParasiticModes | None = None,
         pipeline: PipelineSettings | None = None,
     ) -> None:
@@ -62,7 +62,7 @@ class Machine:
         self.instance = instance
         self.modes = modes
         self.parasitic_modes = parasitic_modes
-        self.calibration = Calibration.of(calibration)
+        self.calibration = calibration
         self.supervisor = Supervisor()
         self.scene = Scene(
             w_limit_um=max(config.limits.w_limit_um),

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..board_values import Calibration
+from ..board_values import UNCALIBRATED, Calibration
 from ..config.loader import load, on_plate
 from ..config.sections import SIMULATED, Config, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
@@ -104,7 +104,7 @@ class ConfigLoader:
             config,
             modes,
             load_parasitic_modes(config),
-            calibration.load(Path(measured), modes.M) if measured else Calibration(),
+            calibration.load(Path(measured), modes.M) if measured else UNCALIBRATED,
             _trackpad(config, rig_dir),
             str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
             Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ),

@@ -49,12 +49,12 @@ def load(path: Path, modes: int) -> Calibration:
             f"{path}: must hold [[mode]] tables, drive_hz and nothing else: measure with `hapticd firmware sweep`."
         )
     found = [_mode(entry, f"{path}: [[mode]] {place}", modes) for place, entry in enumerate(entries, 1)]
-    for place, calibration in enumerate(found, 1):
-        if not 0 <= calibration.mode < modes:
-            raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is not one of the plate's {modes}.")
-        if calibration.mode in [earlier.mode for earlier in found[: place - 1]]:
-            raise ConfigError(f"{path}: [[mode]] {place}: mode {calibration.mode} is listed twice: delete one.")
-    return Calibration(found, drive_hz)
+    for place, measured in enumerate(found, 1):
+        if not 0 <= measured.mode < modes:
+            raise ConfigError(f"{path}: [[mode]] {place}: mode {measured.mode} is not one of the plate's {modes}.")
+        if measured.mode in [earlier.mode for earlier in found[: place - 1]]:
+            raise ConfigError(f"{path}: [[mode]] {place}: mode {measured.mode} is listed twice: delete one.")
+    return Calibration(tuple(found), drive_hz)
 
 
 def _drive_hz(value: Any, path: Path) -> float | None:
@@ -66,18 +66,19 @@ def _drive_hz(value: Any, path: Path) -> float | None:
     return float(value)
 
 
-def save(path: Path, calibrations: Sequence[ModeCalibration], drive_hz: float | None = None) -> None:
+def save(path: Path, calibration: Calibration) -> None:
     """Overwrite the file, modes in order. Raises HapticdError."""
-    drive = "" if drive_hz is None else f"\n{DRIVE_KEY} = {drive_hz:.3f}\n"
-    write_text(HEADER + drive + "".join(_text(one) for one in sorted(calibrations, key=lambda one: one.mode)), path)
+    drive = "" if calibration.drive_hz is None else f"\n{DRIVE_KEY} = {calibration.drive_hz:.3f}\n"
+    modes = sorted(calibration.modes, key=lambda measured: measured.mode)
+    write_text(HEADER + drive + "".join(_text(measured) for measured in modes), path)
 
 
-def _text(calibration: ModeCalibration) -> str:
+def _text(measured: ModeCalibration) -> str:
     return (
-        f"\n[[mode]]\nmode = {calibration.mode}\nfrequency_hz = {calibration.frequency_hz:.3f}\n"
-        f"q_factor = {calibration.q_factor:.2f}\ngain_um_per_v_s = {calibration.gain_um_per_v_s:.5g}\n"
-        f"loop_phase_deg = {math.degrees(calibration.loop_phase_rad):.2f}\n"
-    ) + "".join(f"{key} = [{_listed(getattr(calibration, key))}]\n" for key in WIRES if getattr(calibration, key))
+        f"\n[[mode]]\nmode = {measured.mode}\nfrequency_hz = {measured.frequency_hz:.3f}\n"
+        f"q_factor = {measured.q_factor:.2f}\ngain_um_per_v_s = {measured.gain_um_per_v_s:.5g}\n"
+        f"loop_phase_deg = {math.degrees(measured.loop_phase_rad):.2f}\n"
+    ) + "".join(f"{key} = [{_listed(getattr(measured, key))}]\n" for key in WIRES if getattr(measured, key))
 
 
 def _listed(wires: Sequence[complex]) -> str:

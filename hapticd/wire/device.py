@@ -10,7 +10,7 @@ import struct
 from collections.abc import Sequence
 from functools import cache
 
-from ..board_values import BoardHello, ModeCalibration, ModeModel, RawVoltage, SetDrive, SetWiring, Sweep
+from ..board_values import BoardHello, Calibration, ModeModel, RawVoltage, SetDrive, SetWiring, Sweep
 from ..errors import DeviceError
 from . import protocol
 from .board_messages import Decoder
@@ -226,14 +226,15 @@ def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v
         )
 
 
-def check_calibration(hello: BoardHello, calibration: Sequence[ModeCalibration], drive_hz: float) -> None:
+def check_calibration(hello: BoardHello, calibration: Calibration) -> None:
     """Raise DeviceError if the drive to be set, or a mode, is too far away for the board."""
+    drive_hz = hello.drive_hz if calibration.drive_hz is None else calibration.drive_hz
     if not protocol.is_within(drive_hz - hello.drive_hz, protocol.DRIVE_MOVE_HZ):
         raise DeviceError(
             f"The calibration file sets the drive to {drive_hz:g} Hz but the board's is {hello.drive_hz:g} Hz, and it "
             f"moves by {protocol.DRIVE_MOVE_HZ[1]:g} Hz at most: set DRIVE_HZ in the firmware, or drive_hz in the file."
         )
-    for measured in calibration:
+    for measured in calibration.modes:
         if not protocol.is_within(measured.model(drive_hz).detuning_rad_s, protocol.DETUNING_RAD_S):
             raise DeviceError(
                 f"Mode {measured.mode} is calibrated at {measured.frequency_hz:g} Hz but the board drives at "

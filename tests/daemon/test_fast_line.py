@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import replace
 
 import msgpack
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from machine_bench import MS, PLATE
 
-from hapticd.board_values import BoardState, BoardStatus, Calibration, ModeCalibration
+from hapticd.board_values import UNCALIBRATED, BoardState, BoardStatus, Calibration, ModeCalibration
 from hapticd.config import Config
 from hapticd.daemon.machine import Machine
 from hapticd.files.recording import kinds
@@ -27,7 +26,7 @@ class Rig:
     """A machine and a board on a line that carries nothing but noise while their speeds differ."""
 
     def __init__(
-        self, *, config: Config | None = None, calibration: Sequence[ModeCalibration] = (), **board: object
+        self, *, config: Config | None = None, calibration: Calibration = UNCALIBRATED, **board: object
     ) -> None:
         self.config = BoardConfig(**board)  # type: ignore[arg-type]
         gain, decay = np.diag(self.config.gain_um_per_v_s), np.array(self.config.decay_1_s)
@@ -147,7 +146,7 @@ def test_a_daemon_that_leaves_leaves_the_line_at_the_first_speed() -> None:
 
 
 def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
-    rig = Rig(calibration=Calibration([X, Y], 29215.0)).run(400)
+    rig = Rig(calibration=Calibration((X, Y), 29215.0)).run(400)
     assert rig.follows
     report = rig.board_report()
     assert (report["drive_hz"], report["drive_moved_hz"]) == (pytest.approx(29215.0), pytest.approx(0.0, abs=0.01))
@@ -159,19 +158,19 @@ def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
 
 
 def test_a_drive_that_the_board_has_is_not_set_again() -> None:
-    rig = Rig(calibration=Calibration([X, Y], 29205.0)).run(400)
+    rig = Rig(calibration=Calibration((X, Y), 29205.0)).run(400)
     assert rig.follows
     assert rig.machine.session.drive_hz == 29205.0
 
 
 def test_a_drive_out_of_the_boards_reach_is_refused_in_one_sentence() -> None:
-    rig = Rig(calibration=Calibration([X, Y], 32000.0)).run(400)
+    rig = Rig(calibration=Calibration((X, Y), 32000.0)).run(400)
     assert "The calibration file sets the drive to 32000 Hz" in str(rig.board_report()["refused"])
 
 
 def test_wires_of_a_calibration_are_taken_and_the_plate_is_driven() -> None:
     wired = [replace(X, drive=(1.0, 0.0), sense=(1 + 0j, 0j)), replace(Y, drive=(0.0, 1.0), sense=(0j, 1 + 0j))]
-    assert Rig(calibration=Calibration(wired)).run(400).follows
+    assert Rig(calibration=Calibration(tuple(wired))).run(400).follows
 
 
 def test_a_marker_with_a_pulse_raises_the_sync_output_with_the_next_reference() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzz.target import Cost, Target
-from hapticd.board_values import ModeCalibration
+from hapticd.board_values import Calibration, ModeCalibration
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -99,7 +99,7 @@ def check_calibration(data: bytes) -> None:
 
 
 def read_calibration(path: Path) -> None:
-    found = calibration.load(path, 2)
+    found = calibration.load(path, 2).modes
     assert len({one.mode for one in found}) == len(found) <= 2
     for one in found:
         detuning_rad_s = one.model(29205.0).detuning_rad_s
@@ -109,7 +109,8 @@ def read_calibration(path: Path) -> None:
 
 def calibration_seeds() -> dict[str, bytes]:
     path = FOLDER / "saved.toml"
-    calibration.save(path, [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 5.3, -0.5) for mode in (0, 1)])
+    modes = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 5.3, -0.5) for mode in (0, 1)]
+    calibration.save(path, Calibration(tuple(modes)))
     sound = path.read_bytes()
     one = sound[sound.find(b"[[mode]]") : sound.rfind(b"[[mode]]")]
     return {

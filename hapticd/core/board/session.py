@@ -14,10 +14,10 @@ references held back only the newest is kept, and is sent when the board answers
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from typing import Final
 
 from ...board_values import (
+    UNCALIBRATED,
     BoardCommand,
     BoardHello,
     BoardState,
@@ -26,7 +26,6 @@ from ...board_values import (
     Calibration,
     HelloRequest,
     KeepAlive,
-    ModeCalibration,
     ReferenceFrame,
     SelectController,
     SetBaud,
@@ -88,7 +87,7 @@ class BoardSession:
         *,
         link_start_ns: int,
         controller: str,
-        calibration: Sequence[ModeCalibration] = (),
+        calibration: Calibration = UNCALIBRATED,
         telemetry_hz: int = 0,
         fast_baud: int = 0,
     ) -> None:
@@ -111,7 +110,7 @@ class BoardSession:
         self._is_slow = False  # the fast line has failed since it was opened
         self._t_fast_ns = 0  # of the first hello request at the fast speed
         self._bad_frames = 0  # of the board, as the session began
-        self._calibration = Calibration.of(calibration)
+        self._calibration = calibration
         self._telemetry = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
         self._settings_left: deque[BoardCommand] = deque()
         self._linked = False
@@ -213,7 +212,7 @@ class BoardSession:
             return deque([SetBaud(fast_baud)])
         moves = abs(self.drive_hz - hello.drive_hz) > SAME_DRIVE_HZ
         drive = [SetDrive(self.drive_hz, FOLLOW_HZ)] if moves else []
-        models = [SetModel(measured.mode, measured.model(self.drive_hz)) for measured in self._calibration]
+        models = [SetModel(measured.mode, measured.model(self.drive_hz)) for measured in self._calibration.modes]
         wiring = SetWiring.of(self._calibration, hello.modes)
         wires = [] if wiring is None else [wiring]
         return deque([SelectController(self._controller), *drive, *models, *wires, *self._telemetry])

@@ -75,7 +75,7 @@ def header_fields(header: Header) -> Fields:
         **{name: getattr(header, name) for name in _SCALARS},
         "config_toml": config.render(header.config),
         "modes_float64_le": _packed_modes(header.modes),
-        "calibration": [_calibration_fields(measured) for measured in header.calibration],
+        "calibration": [_calibration_fields(measured) for measured in header.calibration.modes],
         "calibrated_drive_hz": header.calibration.drive_hz,
         "parasitic_modes": None if modes is None else _packed_parasitic_modes(modes),
     }
@@ -100,7 +100,7 @@ def header_from(fields: Fields) -> Header:
             config=settings,
             modes=modes,
             calibration=Calibration(
-                [_calibration(entry, modes.M) for entry in fields["calibration"]],
+                tuple(_calibration(entry, modes.M) for entry in fields["calibration"]),
                 _calibrated_drive_hz(fields.get("calibrated_drive_hz")),
             ),
             parasitic_modes=_parasitic_modes(fields["parasitic_modes"]),

@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...board_values import BoardHello, ModeCalibration, Sweep, SweepPoint
+from ...board_values import BoardHello, Calibration, ModeCalibration, Sweep, SweepPoint
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
@@ -70,7 +70,8 @@ def run(options: argparse.Namespace) -> Verdict:
         port, baud = named_port(options, stack)
         hello, measured = asyncio.run(_sweep_on(port, baud, options))
     sweep.draw(measured.sweeps, options.out / PICTURE_FILE, **PICTURE)
-    calibration.save(options.out / CALIBRATION_FILE, measured.modes, better_drive_hz(hello, measured.modes))
+    found = Calibration(measured.modes, better_drive_hz(hello, measured.modes))
+    calibration.save(options.out / CALIBRATION_FILE, found)
     device = {} if options.sim else {"port": port, "baud": baud}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
     settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}, **simulated}

@@ -67,7 +67,8 @@ def saved(touched: Touched, judged: Judged, directory: Path) -> Settings:
         return {}
     settings: dict[str, dict[str, Any]] = {"trackpad": pad_settings(touched, judged.calibration)}
     if has_sensors(touched):
-        calibration_file.save(directory / CALIBRATION_FILE, modes_of(touched, judged))
+        before = touched.header.calibration
+        calibration_file.save(directory / CALIBRATION_FILE, replace(before, modes=modes_of(touched, judged)))
         settings["device"] = {"calibration_file": CALIBRATION_FILE}
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
@@ -92,7 +93,7 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
 def modes_of(touched: Touched, judged: Judged) -> tuple[ModeCalibration, ...]:
     """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
     modes = touched.header.modes.M
-    known = {one.mode: one for one in touched.header.calibration}
+    known = {one.mode: one for one in touched.header.calibration.modes}
     before = np.array([(known[mode].sense if mode in known else ()) or np.eye(modes)[mode] for mode in range(modes)])
     sense = judged.calibration.sense @ before
     return tuple(
@@ -105,7 +106,7 @@ def has_sensors(touched: Touched) -> bool:
 
     The fit has rates and gains too, but too small ones where fingers move slowly: no board gets models of them.
     """
-    return len(touched.header.calibration) == touched.header.modes.M
+    return len(touched.header.calibration.modes) == touched.header.modes.M
 
 
 def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:

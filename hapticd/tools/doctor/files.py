@@ -53,11 +53,11 @@ def calibrated(system: System) -> Finding:
         found = calibration.load(Path(path), len(config.limits.w_limit_um))
     except HapticdError as error:
         return Finding(FAIL, "calibration", str(error), "measure again: hapticd calibrate resonance --help")
-    missing = len(config.limits.w_limit_um) - len(found)
+    missing = len(config.limits.w_limit_um) - len(found.modes)
     if missing > 0:
-        text = f"{path} has {len(found)} of {len(config.limits.w_limit_um)} modes"
+        text = f"{path} has {len(found.modes)} of {len(config.limits.w_limit_um)} modes"
         return Finding(WARN, "calibration", text, f"hapticd firmware sweep --mode N --save {path}")
-    hz = ", ".join(f"{one.frequency_hz:.1f}" for one in found)
+    hz = ", ".join(f"{one.frequency_hz:.1f}" for one in found.modes)
     drive = "" if found.drive_hz is None else f", a drive of {found.drive_hz:.1f} Hz"
     return Finding(PASS, "calibration", f"{path}: modes at {hz} Hz{drive}")
 

@@ -54,7 +54,7 @@ async def _known(board: Conversation, options: argparse.Namespace) -> Sequence[M
     count = board.hello.modes
     if options.calibration is not None:
         try:
-            modes = sorted(calibration.load(options.calibration, count), key=lambda one: one.mode)
+            modes = sorted(calibration.load(options.calibration, count).modes, key=lambda one: one.mode)
         except ConfigError as error:
             raise UsageError(f"--calibration: {error}") from None
         if len(modes) < count:

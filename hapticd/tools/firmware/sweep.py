@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -56,8 +56,8 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
     if options.plot is not None:
         draw([swept], options.plot)
     if options.save is not None:
-        others = [one for one in saved if one.mode != sweep.mode]
-        calibration.save(options.save, [*others, swept.fit.calibration(sweep.mode)], saved.drive_hz)
+        others = [one for one in saved.modes if one.mode != sweep.mode]
+        calibration.save(options.save, replace(saved, modes=(*others, swept.fit.calibration(sweep.mode))))
 
 
 def planned(hello: BoardHello, options: argparse.Namespace) -> Sweep:

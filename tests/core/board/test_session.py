@@ -14,6 +14,7 @@ from hapticd.board_values import (
     BoardState,
     BoardStatus,
     BoardTime,
+    Calibration,
     HelloRequest,
     KeepAlive,
     ModeCalibration,
@@ -143,8 +144,8 @@ def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_c
 
 
 def calibrated() -> BoardSession:
-    calibration = [ModeCalibration(k, 29195.0 + 20 * k, 500.0, 5.0, math.pi / 2) for k in range(2)]
-    session = BoardSession(link_start_ns=5 * MS, controller="pi", calibration=calibration)
+    modes = tuple(ModeCalibration(k, 29195.0 + 20 * k, 500.0, 5.0, math.pi / 2) for k in range(2))
+    session = BoardSession(link_start_ns=5 * MS, controller="pi", calibration=Calibration(modes))
     session.link_up(START_NS)
     return session
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
+from hapticd.board_values import Calibration as BoardCalibration
 from hapticd.board_values import ModeCalibration
 from hapticd.config import loader as config_loader
 from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
@@ -96,7 +97,7 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(
     touched = read(recorded(turned, 500, 2.5))
     before = [ModeCalibration(mode, 29195.0 + 20.0 * mode, 500.0, 7.5, 0.1) for mode in range(2)]
     before[1] = replace(before[1], sense=(0.01 + 0.0j, 1.02 + 0.0j))
-    touched = touched._replace(header=replace(touched.header, calibration=tuple(before)))
+    touched = touched._replace(header=replace(touched.header, calibration=BoardCalibration(tuple(before), 29211.5)))
     waves = Waves(touched.header.modes, 0.23)
     pad = np.array((0.3, -0.2, 0.004, 0.002, -0.001, 0.0015, 0.0))
     sense = np.array(((1.0, 0.02j), (-0.01, 0.97)))
@@ -113,9 +114,10 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(
     assert plate_from_pad(config).apply(30.0, -20.0) == pytest.approx(moved_mm, abs=1e-3)
     assert config.trackpad.latency_ms == pytest.approx(13.5)
     loaded = calibration_file.load(tmp_path / "touch-calibration.toml", 2)
-    weights = np.array([one.sense for one in loaded])
+    assert loaded.drive_hz == 29211.5
+    weights = np.array([one.sense for one in loaded.modes])
     assert np.allclose(weights, sense @ ((1.0, 0.0), (0.01, 1.02)), atol=1e-5)
-    assert [one.gain_um_per_v_s for one in loaded] == [7.5, 7.5]
+    assert [one.gain_um_per_v_s for one in loaded.modes] == [7.5, 7.5]
     change = ModeShapes.load(tmp_path / "touch-modes.npz").shapes - touched.header.modes.shapes
     assert not change[0].any()
     assert np.sqrt(np.mean(change[1] ** 2)) == pytest.approx(0.02, rel=0.2)

@@ -21,7 +21,7 @@ from virtual_board import BoardLink, VirtualLoop
 
 from hapticd import __version__
 from hapticd.__main__ import main
-from hapticd.board_values import ModeCalibration
+from hapticd.board_values import Calibration, ModeCalibration
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -141,11 +141,11 @@ def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
 def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
     section = {"calibration_file": str(path)}
-    both = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1)]
+    both = tuple(ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1))
     assert files.calibrated(system(tmp_path, device=section)).verdict == FAIL
-    calibration.save(path, both[:1])
+    calibration.save(path, Calibration(both[:1]))
     assert "has 1 of 2 modes" in files.calibrated(system(tmp_path, device=section)).text
-    calibration.save(path, both)
+    calibration.save(path, Calibration(both))
     found = files.calibrated(system(tmp_path, device=section))
     assert (found.verdict, found.text) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
 

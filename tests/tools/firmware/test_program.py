@@ -50,7 +50,7 @@ def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tm
     assert output.count("\n 29") == 9
     type_in(link, *SWEEP, "--mode", "1", "--save", str(saved))
     truth = BoardConfig()
-    measured = calibration.load(saved, 2)
+    measured = calibration.load(saved, 2).modes
     assert [one.mode for one in measured] == [0, 1]
     for k, one in enumerate(measured):
         model = one.model(truth.drive_hz)
@@ -74,7 +74,7 @@ def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_
             type_in(link, *SWEEP)
         assert not link.voltage_v.any()
         type_in(new_link(), *SWEEP, "--save", str(tmp_path / "plate.toml"))
-    assert len(calibration.load(tmp_path / "plate.toml", 2)) == 1
+    assert len(calibration.load(tmp_path / "plate.toml", 2).modes) == 1
 
 
 def test_a_sweep_as_json_holds_points_and_fit(link: Any, type_in: TypeIn) -> None:
