@@ -211,9 +211,9 @@ class BoardGateway:
     def tend(self, t_now_ns: int) -> None:
         """Do what is due by time alone: hello and time requests, keep-alives, and detection of a silent board."""
         was_accepted = self.session.hello is not None
-        was_fast = self.session.baud
+        was_fast = self.session.line.baud
         commands = self.session.timer(t_now_ns)
-        if was_fast and not self.session.baud:
+        if was_fast and not self.session.line.baud:
             log.warning("board: %s", self.session.ended)
         elif was_accepted and self.session.hello is None:
             self.lacking = self.session.ended
@@ -287,7 +287,7 @@ class BoardGateway:
 
     def _tune_line(self) -> None:
         """Give the port the speed that the session has come to."""
-        baud = self.session.baud or self._first_baud
+        baud = self.session.line.baud or self._first_baud
         if self._set_baud is not None and baud != self._baud:
             self._baud = baud
             self._set_baud(baud)
@@ -298,7 +298,7 @@ class BoardGateway:
         configuration may be reloaded as often. False where there is no session."""
         if self.session.hello is None:
             return False
-        slower = [SetBaud(self._first_baud)] if self.session.baud else []  # for the next daemon's hello
+        slower = [SetBaud(self._first_baud)] if self.session.line.baud else []  # for the next daemon's hello
         self._send([HelloRequest(), *slower], t_now_ns)
         return True
 

@@ -13,7 +13,6 @@ references held back only the newest is kept, and is sent when the board answers
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Final
 
 from ...board_values import (
@@ -27,23 +26,19 @@ from ...board_values import (
     HelloRequest,
     KeepAlive,
     ReferenceFrame,
-    SelectController,
     SetBaud,
-    SetDrive,
-    SetModel,
-    SetTelemetry,
-    SetWiring,
     TimeRequest,
 )
 from ...values import SafeDrive, Tick
 from ..trajectory.gate import silence
 from .clock_sync import BoardClock, LinkLatency
 from .ledger import Ledger, LedgerLine
+from .line_speed import FAILED, LineSpeed
 from .periodic_timer import PeriodicTimer
 from .send_window import SendWindow
+from .settings import BoardSettings
 
 GREET_EVERY_NS: Final = 250_000_000
-INSTRUCT_EVERY_NS: Final = 100_000_000
 SETTLE_TIME_EVERY_NS: Final = 20_000_000  # until the clock is known
 TIME_EVERY_NS: Final = 500_000_000
 LEAP_US: Final = 2_000_000  # between two statuses: the board was reset
@@ -61,15 +56,9 @@ REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
 SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
 
-FAST_WITHIN_NS: Final = 600_000_000  # the hello at the fast speed; the board returns to its first one after 1.2 s
-NOISY_FRAMES: Final = 20  # damaged in one session: the line is too fast
-SAME_DRIVE_HZ: Final = 0.01  # float32 resolves 0.002 Hz there
-FOLLOW_HZ: Final = 120.0  # how far the drive follows the plate: the board's own reach
-
 # Why a session ended, for the log.
 DISCONTINUITY: Final = "Clock discontinuity (board reset?): reconnecting"
 SILENT: Final = "silent; requesting its hello until it answers"
-SLOW: Final = "the fast line fails: it goes on at the speed of device.baud (check the cable, or lower device.fast_baud)"
 NO_STATUS: Final = "sends no status, only other messages; requesting its hello until it does"
 
 
@@ -91,7 +80,7 @@ class BoardSession:
         telemetry_hz: int = 0,
         fast_baud: int = 0,
     ) -> None:
-        """`fast_baud` is requested of a board that offers it; 0: the line keeps the speed that it was opened with."""
+        """`fast_baud` as in `LineSpeed`."""
         self.hello: BoardHello | None = None
         self.status: BoardStatus | None = None
         self.clock = BoardClock()
@@ -103,16 +92,9 @@ class BoardSession:
         self.ended = ""  # why the last session ended
         self._is_leaving = False
         self._is_reporting = False  # a status has arrived since the handshake
-        self._controller = controller
-        self.baud = 0  # that the line should have; 0: the one that it was opened with
         self.must_pulse = False  # with the next reference
-        self._fast_baud = fast_baud
-        self._is_slow = False  # the fast line has failed since it was opened
-        self._t_fast_ns = 0  # of the first hello request at the fast speed
-        self._bad_frames = 0  # of the board, as the session began
-        self._calibration = calibration
-        self._telemetry = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
-        self._settings_left: deque[BoardCommand] = deque()
+        self.line = LineSpeed(fast_baud)
+        self._settings = BoardSettings(controller, calibration, telemetry_hz)
         self._linked = False
         self._boot_id: int | None = None
         self._seq = 0
@@ -125,7 +107,6 @@ class BoardSession:
         self._t_timer_ns = 0
         self._t_stopped_ns = -COMPARABLE_AFTER_NS
         self._greeting = PeriodicTimer(GREET_EVERY_NS)
-        self._instructing = PeriodicTimer(INSTRUCT_EVERY_NS)
         self._asking_time = PeriodicTimer(SETTLE_TIME_EVERY_NS)
         self._keeping_alive = PeriodicTimer(KEEP_ALIVE_AFTER_NS)
         self._arming = PeriodicTimer(ARM_EVERY_NS)
@@ -140,7 +121,7 @@ class BoardSession:
         """The message that the handshake lacks, by its name in firmware/PROTOCOL.md; "" if it is complete."""
         if self.hello is None:
             return "HELLO"
-        if self._settings_left:
+        if self.setting is not None:
             return "VERDICT"
         if not self.clock.ready:
             return "TIME"
@@ -149,13 +130,12 @@ class BoardSession:
     @property
     def setting(self) -> BoardCommand | None:
         """The setting that the board has not taken yet."""
-        return self._settings_left[0] if self._settings_left else None
+        return self._settings.next
 
     @property
     def drive_hz(self) -> float:
         """The drive that the board was set to, from which it follows the plate; 0 before its hello."""
-        own_hz = 0.0 if self.hello is None else self.hello.drive_hz
-        return own_hz if self.hello is None or self._calibration.drive_hz is None else self._calibration.drive_hz
+        return 0.0 if self.hello is None else self._settings.drive_hz(self.hello)
 
     def follows(self, t_now_ns: int) -> bool:
         """Whether the board follows references and has the last one, or may still acknowledge it."""
@@ -180,7 +160,8 @@ class BoardSession:
         """The port is gone: drop all state of the board."""
         self._linked = self.is_resting = self._is_leaving = self._is_reporting = False
         self.hello = self.status = self._boot_id = None
-        self.baud, self._is_slow, self.must_pulse = 0, False, False
+        self.line.opened()
+        self.must_pulse = False
         self.clock.reset()
         self.latency.reset()
         self._forget_sent()
@@ -200,22 +181,11 @@ class BoardSession:
         if self.is_resting:
             return []
         self._asking_time.restart(t_now_ns)
-        self._settings_left = self._settings_for(hello)
-        if isinstance(self._settings_left[0], SetBaud):
-            return self._instruction(t_now_ns)
-        return [*self._instruction(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
-
-    def _settings_for(self, hello: BoardHello) -> deque[BoardCommand]:
-        """A faster line first, after which everything begins again; the drive before the models in its frame."""
-        fast_baud = min(self._fast_baud, hello.baud_max)
-        if fast_baud > 0 and not self.baud and not self._is_slow:
-            return deque([SetBaud(fast_baud)])
-        moves = abs(self.drive_hz - hello.drive_hz) > SAME_DRIVE_HZ
-        drive = [SetDrive(self.drive_hz, FOLLOW_HZ)] if moves else []
-        models = [SetModel(measured.mode, measured.model(self.drive_hz)) for measured in self._calibration.modes]
-        wiring = SetWiring.of(self._calibration, hello.modes)
-        wires = [] if wiring is None else [wiring]
-        return deque([SelectController(self._controller), *drive, *models, *wires, *self._telemetry])
+        fast_baud = self.line.offered(hello.baud_max)
+        self._settings.begin(hello, fast_baud)
+        if fast_baud > 0:
+            return self._settings.send(t_now_ns)
+        return [*self._settings.send(t_now_ns), TimeRequest(self.clock.request(t_now_ns))]
 
     def receive_answer(self, t_now_ns: int, *, is_taken: bool = True) -> list[BoardCommand]:
         """The board answered the last setting: send the next one. One that it refused is repeated by the timer, but for
@@ -225,17 +195,15 @@ class BoardSession:
             return self._change_baud(self.setting.baud if is_taken else 0, t_now_ns)
         if not is_taken:
             return []
-        if self._settings_left:
-            self._settings_left.popleft()
-        return self._instruction(t_now_ns)
+        self._settings.taken()
+        return self._settings.send(t_now_ns)
 
     def _change_baud(self, baud: int, t_now_ns: int) -> list[BoardCommand]:
         """Begin the session again on a line of another speed; 0: of the first one, from now on."""
-        self.baud, self._is_slow = baud, baud == 0
-        self._t_fast_ns = t_now_ns
+        self.line.change(baud, t_now_ns)
         self.hello = self.status = None
         self._is_reporting = False
-        self._settings_left.clear()
+        self._settings.clear()
         self._greeting.restart(t_now_ns)
         return [HelloRequest()]
 
@@ -262,12 +230,9 @@ class BoardSession:
         if self.status is not None and not was_stopped and _leapt(self.status.t_board_us, status.t_board_us):
             self._start_over(DISCONTINUITY)
             return
-        if self.status is None:
-            self._bad_frames = status.bad_frames
+        self.line.reported(status.bad_frames, is_first=self.status is None)
         self.status = status
         self._is_reporting = True
-        if self.baud and status.bad_frames - self._bad_frames > NOISY_FRAMES:
-            self._is_slow = True  # at the next timer
         self._window.named(status.seq)
         self._window.answered()
         if self.clock.ready:  # a board that sends also reads: frames missing from the acknowledgement were lost
@@ -320,18 +285,16 @@ class BoardSession:
         if self.hello is not None and t_now_ns - t_last_ns > SILENT_AFTER_NS:
             is_answering = t_now_ns - self._t_received_ns <= MUTE_AFTER_NS + self._patience_ns
             self._start_over(NO_STATUS if is_answering else SILENT)  # it hung or was replaced
-        if self.baud and (self._is_slow or (self.hello is None and t_now_ns - self._t_fast_ns > FAST_WITHIN_NS)):
-            self.ended = SLOW
+        if self.line.fails(t_now_ns, is_greeted=self.hello is not None):
+            self.ended = FAILED
             return self._change_baud(0, t_now_ns)
         if self.hello is None:
             return [HelloRequest()] if self._greeting.due(t_now_ns) else []
-        commands: list[BoardCommand] = []
-        if self._settings_left and self._instructing.due(t_now_ns):
-            commands += self._instruction(t_now_ns)
+        commands = self._settings.repeat(t_now_ns)
         self._asking_time.every_ns = TIME_EVERY_NS if self.clock.ready else SETTLE_TIME_EVERY_NS
         if self._asking_time.due(t_now_ns):
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
-        if self.is_resting or not self.clock.ready or self.status is None or self._settings_left:
+        if self.is_resting or not self.clock.ready or self.status is None or self.setting is not None:
             return commands
         if self.status.state is BoardState.TOOL:
             return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
@@ -371,7 +334,7 @@ class BoardSession:
         self._t_status_ns = t_now_ns  # while the host rests, what the board sends waits in the port
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
         frames = [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
-        return [*frames, *self._telemetry]  # which the hello request has stopped
+        return [*frames, *self._settings.telemetry]  # which the hello request has stopped
 
     @property
     def _patience_ns(self) -> int:
@@ -399,14 +362,9 @@ class BoardSession:
     def _start_over(self, reason: str) -> None:
         """Restart the handshake with the next timer: a board that was reset has lost controller and models."""
         self.ended = reason
-        self._t_fast_ns = self._t_timer_ns
+        self.line.session_began(self._t_timer_ns)
         self.hello = self.status = None
         self.is_resting = self._is_leaving = self._is_reporting = False
-
-    def _instruction(self, t_now_ns: int) -> list[BoardCommand]:
-        """Return the setting to send now: one at a time, because an answer names only the kind of command."""
-        self._instructing.restart(t_now_ns)
-        return [self._settings_left[0]] if self._settings_left else []
 
     def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
         self._seq = (self._seq + 1) & 0xFFFF
