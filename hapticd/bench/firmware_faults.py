@@ -16,7 +16,7 @@ from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from ..sim.board.carrier import Converters
 from ..sim.plate.wirings import PAPER, SEPARATE, wiring
 from ..wire import device, protocol
-from .closed_loop import LIMIT_V, NOISE_UM, Floats, Phasors, follow
+from .closed_loop import LIMIT_V, NOISE_UM, Floats, follow
 from .tables import Table, finite_rows
 
 ASKED_UM = ((0.02, 0.0), (0.4, 0.1), (2.0, 0.0), (3.9, 0.5))
@@ -67,16 +67,6 @@ def held(driven: Board, asked_um: tuple[float, float], seconds: float = SECONDS)
     hz = driven.config.control_hz
     modal_um = np.array(asked_um, complex)
     return driven, follow(driven, lambda _: [(0.0, modal_um)], round(seconds * hz), round(0.02 * hz))
-
-
-def stroked(driven: Board, seconds: float = SECONDS) -> Run:
-    """Ask for amplitudes near 1.5 um that bend every 2.5 ms, as those of fingers on a stroke."""
-    random, modal_um = np.random.default_rng(4), np.array([1.5, -1.0], complex)
-
-    def knots(_: float) -> list[tuple[float, Phasors]]:
-        return [(2.5 * i, modal_um + random.uniform(-0.15, 0.15, 2).astype(complex)) for i in range(4)]
-
-    return driven, follow(driven, knots, round(seconds * 2000), 20)
 
 
 def figures(run: Run) -> dict[str, float]:
