@@ -12,7 +12,8 @@ The still finger gets sum_n phi_n W_n of it, about a quarter turn behind: so the
 change, complex, that brings the whole of what it feels back to zero.
 
 Left out: what the amplifiers put into those modes, which no map here tells, how they damp each other, and the time in
-which they settle.
+which they settle. And contacts (`solver.contacts`): on the simulated plates with four amplifiers nothing of these modes
+at all would raise the contrast by 1 % (fingertip plate) and 0.3 % (reference plate).
 """
 
 from __future__ import annotations
