@@ -100,8 +100,8 @@ def test_what_hapticd_run_prepares_of_it_is_the_measured_map(out: Path) -> None:
     with ConfigLoader() as config_loader:
         prepared = config_loader.prepare(config.load(out / "hapticd.toml"))
         assert prepared.modes.shapes.tobytes() == ModeShapes.load(out / "modes.npz").shapes.tobytes()
-        assert [one.frequency_hz for one in prepared.calibration] == pytest.approx([29195.0, 29215.0], abs=0.5)
-        assert [one.q_factor for one in prepared.calibration] == pytest.approx([500.0, 500.0], rel=0.03)
+        assert [one.frequency_hz for one in prepared.calibration.modes] == pytest.approx([29195.0, 29215.0], abs=0.5)
+        assert [one.q_factor for one in prepared.calibration.modes] == pytest.approx([500.0, 500.0], rel=0.03)
 
 
 def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
