@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import re
 import shutil
 import struct
@@ -61,13 +62,24 @@ def _instructions(path: Path) -> dict[int, Instruction]:
     }
 
 
+def _make(*arguments: str | Path) -> None:
+    subprocess.run(["make", "-s", "-C", FIRMWARE, *arguments], check=True, capture_output=True)
+
+
 @cache
 def build(board: str, modes: int, control_hz: int = 2000, setup: str = "") -> Image:
-    """The image of a board for this number of modes, at this control rate, built afresh in a directory of its own."""
+    """The image of a board for this number of modes, at this control rate, built in a directory of its own.
+
+    The core is that of `make firmware`: no setup changes it, and compiling it takes three quarters of the time.
+    """
     folder = Path(tempfile.mkdtemp(prefix="hapticd-m4-"))
     target = folder / f"{board}.elf"
-    options = [f"BUILD={folder}", f"BOARD_MODES={modes}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}"]
-    subprocess.run(["make", "-s", "-C", FIRMWARE, *options, target], check=True, capture_output=True)
+    core = FIRMWARE / f"build/libhapticd-m4-{modes}modes.a"
+    with (FIRMWARE / "Makefile").open() as makefile:
+        fcntl.flock(makefile, fcntl.LOCK_EX)  # one of all test processes builds it
+        _make(core.relative_to(FIRMWARE))
+    shutil.copy2(core, folder)
+    _make(f"BUILD={folder}", f"BOARD_MODES={modes}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}", target)
     symbols = {name: int(address, 16) for address, name in _SYMBOL.findall(_tool("nm", target))}
     image = Image(target, _segments(target.read_bytes()), symbols, _instructions(target))
     shutil.rmtree(folder)
