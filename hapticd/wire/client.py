@@ -19,6 +19,7 @@ import msgpack
 from ..errors import RequestError
 from ..values import ClientTargets
 from .contents import MAX_MAP_SIDE
+from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS
 from .fields import MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
 from .targets import (
@@ -42,7 +43,11 @@ UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be rea
 CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
-    "optional": ("stamp", "surfaces"),  # fields added within this version: a client sends only those listed here
+    "optional": (
+        "stamp",
+        "surfaces",
+        "effects",
+    ),  # fields added within this version: a client sends only those listed here
     "targets": ("amplitude_um", "friction", "grating", "map"),
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
@@ -50,6 +55,9 @@ CAPABILITIES: Mapping[str, object] = {
     "max_surfaces": MAX_SURFACES,
     "max_polygon_points": MAX_POLYGON_POINTS,
     "max_map_side": MAX_MAP_SIDE,
+    "effects": FORMS,
+    "max_effects": MAX_EFFECTS,
+    "max_envelope_points": MAX_ENVELOPE_POINTS,
     "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,
     "ttl_s": (MIN_TTL_S, MAX_TTL_S),
