@@ -18,7 +18,7 @@ from .effects import (
     Pulse,
 )
 from .errors import DaemonGoneError, HapticdError, RefusedError
-from .messages import FingerState, Marker, PlateState
+from .messages import FingerState, Marker, PlateEvent, PlateState
 from .surface import Circle, Polygon, Rectangle
 from .targets import Grating, Map
 
@@ -41,6 +41,7 @@ __all__ = [
     "OnLeaving",
     "OnLifting",
     "OnPressure",
+    "PlateEvent",
     "PlateState",
     "Polygon",
     "Pulse",

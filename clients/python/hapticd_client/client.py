@@ -8,6 +8,7 @@ import os
 import secrets
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -20,7 +21,8 @@ from .control import Control
 from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
-from .messages import PROTOCOL_VERSION, FingerState, PlateState
+from .events import EventReader
+from .messages import PROTOCOL_VERSION, FingerState, PlateEvent, PlateState
 from .refresher import Refresher
 from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
@@ -67,6 +69,7 @@ class Client:
             raise
         self._stamp = stamp_now if "stamp" in self.hello.get("optional", ()) else no_stamp
         self._telemetry = Telemetry(context, place)
+        self._events = EventReader(context, place)
         self._refresher = Refresher(context, place)
         self._finalizer = weakref.finalize(
             self,
@@ -76,6 +79,7 @@ class Client:
             self._refresher,
             self._control,
             self._telemetry,
+            self._events,
             context,
         )
 
@@ -249,6 +253,18 @@ class Client:
             self._drop_lifted(state)
             yield state
 
+    def events(self, seconds: float = math.inf, timeout_s: float = 2.0) -> Iterator[PlateEvent]:
+        """Yield every event from now on, in order, for `seconds`: fingers that land, lift, enter, leave, cross and
+        press, and effects that begin and end. Raises DaemonGoneError after `timeout_s` without a state."""
+        self._check_open()
+        self._events.connect()
+        return self._read_events(time.monotonic() + seconds, timeout_s)
+
+    def _read_events(self, t_end_s: float, timeout_s: float) -> Iterator[PlateEvent]:
+        while time.monotonic() < t_end_s:
+            self._check_open()
+            yield from self._events.next(timeout_s)
+
     def status(self) -> dict[str, Any]:
         """Return the daemon's health: counters, latencies, the board."""
         return self._call("status")
@@ -353,11 +369,12 @@ def _disconnect(
     refresher: Refresher,
     control: Control,
     telemetry: Telemetry,
+    events: EventReader,
     context: zmq.Context[zmq.Socket[bytes]],
 ) -> None:
     """Release and disconnect. It has no reference to the Client, which no longer exists when it runs."""
     if refresher.is_current_thread:  # called by the garbage collector; that thread cannot join itself
-        threading.Thread(target=_disconnect, args=(name, stamp, refresher, control, telemetry, context)).start()
+        threading.Thread(target=_disconnect, args=(name, stamp, refresher, control, telemetry, events, context)).start()
         return
     last = stamp()
     refresher.send(TargetSet().payload(name, last), math.inf)
@@ -366,4 +383,5 @@ def _disconnect(
         control.request("release", {"client": name, **last}, timeout_s=RELEASE_S)
     control.close()
     telemetry.close()
+    events.close()
     context.term()
