@@ -121,8 +121,8 @@ class PlateState(NamedTuple):
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `state` the
     supervisor's state.
     `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` and `events` came
-    since the previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of Python's
-    collector, above 1 ms) count since the start.
+    since the previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of
+    Python's collector, above 1 ms) count since the start.
     """
 
     instance: int
