@@ -24,7 +24,7 @@ from ..wire import trackpad as trackpad_wire
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observer
-from .settings import friction_curve, max_knots, pipeline_settings, plate_from_pad
+from .settings import effect_knots, friction_curve, max_knots, pipeline_settings, plate_from_pad
 from .status import Status
 
 log = logging.getLogger("hapticd")
@@ -186,9 +186,12 @@ class Machine:
             tick = self.pipeline.rest(t_now_ns, ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
+        events = self.pipeline.events.take()
         if self._observer is not None:
             self._observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers)
-        self.status.report_pass(tick)
+            for event in events:
+                self._observer("event", t_now_ns, event)
+        self.status.report_pass(tick, events)
         return t_written_ns
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:
@@ -318,7 +321,7 @@ class Machine:
         """Set the line's speed, and let frames have as many knots as it then carries."""
         assert self._set_baud is not None
         self._set_baud(baud)
-        self.pipeline.max_knots = max_knots(self.config, baud)
+        self.pipeline.fit(max_knots(self.config, baud), effect_knots(self.config, baud))
 
     def pulse(self, t_now_ns: int) -> None:
         """Let the board's sync output rise with the next reference that takes effect. Raises RequestError."""

@@ -4,22 +4,47 @@ Start with `Client`. Its messages are defined in clients/PROTOCOL.md; it shares 
 """
 
 from .client import Client
+from .effects import (
+    At,
+    Envelope,
+    Modulation,
+    Now,
+    OnCrossing,
+    OnEntering,
+    OnLanding,
+    OnLeaving,
+    OnLifting,
+    OnPressure,
+    Pulse,
+)
 from .errors import DaemonGoneError, HapticdError, RefusedError
-from .messages import FingerState, Marker, PlateState
+from .messages import FingerState, Marker, PlateEvent, PlateState
 from .surface import Circle, Polygon, Rectangle
 from .targets import Grating, Map
 
 __all__ = [
+    "At",
     "Circle",
     "Client",
     "DaemonGoneError",
+    "Envelope",
     "FingerState",
     "Grating",
     "HapticdError",
     "Map",
     "Marker",
+    "Modulation",
+    "Now",
+    "OnCrossing",
+    "OnEntering",
+    "OnLanding",
+    "OnLeaving",
+    "OnLifting",
+    "OnPressure",
+    "PlateEvent",
     "PlateState",
     "Polygon",
+    "Pulse",
     "Rectangle",
     "RefusedError",
 ]

@@ -8,6 +8,7 @@ import os
 import secrets
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -17,9 +18,11 @@ from typing import Any, SupportsIndex
 import zmq
 
 from .control import Control
+from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
-from .messages import PROTOCOL_VERSION, FingerState, PlateState
+from .events import EventReader
+from .messages import PROTOCOL_VERSION, FingerState, PlateEvent, PlateState
 from .refresher import Refresher
 from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
@@ -66,6 +69,7 @@ class Client:
             raise
         self._stamp = stamp_now if "stamp" in self.hello.get("optional", ()) else no_stamp
         self._telemetry = Telemetry(context, place)
+        self._events = EventReader(context, place)
         self._refresher = Refresher(context, place)
         self._finalizer = weakref.finalize(
             self,
@@ -75,6 +79,7 @@ class Client:
             self._refresher,
             self._control,
             self._telemetry,
+            self._events,
             context,
         )
 
@@ -184,12 +189,42 @@ class Client:
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
         self._request(self._targets.with_surface(label("name", name), {**target, **pose}, ttl_s), wait)
 
+    def effect(
+        self,
+        name: str,
+        form: Form,
+        *,
+        on: FingerState | int | str | None = None,
+        start: Start | None = None,
+        loops: bool = False,
+        ttl_s: float = DEFAULT_TTL_S,
+        wait: bool = True,
+    ) -> None:
+        """Play a form in time: a Pulse, an Envelope or a Modulation, once or again and again with `loops`.
+
+        `on` is a finger, the name of one of this client's surfaces, or None for the whole plate; there it is felt by
+        fingers of no other client. `start` is Now() by default, At(t_ns), or a cause that starts it each time it
+        occurs: OnLanding(), OnLifting(), OnEntering(surface), OnLeaving(surface), OnCrossing(surface),
+        OnPressure(threshold). The same name again replaces the effect. Raises RefusedError, also for what a frame
+        cannot carry and from an older daemon without effects.
+        """
+        if "effects" not in self.hello.get("optional", ()):
+            raise RefusedError("effect: this daemon has no effects: update it.")
+        fields = effect_fields(form, on, Now() if start is None else start, loops)
+        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
+        self._request(self._targets.with_effect(label("name", name), fields, ttl_s), wait)
+
+    def stop(self, effect: str) -> None:
+        """End one effect and do not start it again; one that there is not is no error."""
+        self._request(self._targets.without_effect(label("effect", effect)), wait=True)
+
     def remove(self, surface: str) -> None:
-        """Remove one surface; one that there is not is no error."""
+        """Remove one surface and the effects that name it; one that there is not is no error."""
         self._request(self._targets.without_surface(label("surface", surface)), wait=True)
 
     def release(self, finger: FingerState | Key | None = None) -> None:
-        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces."""
+        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
+        effects."""
         stamp = self._stamp()
         body: dict[str, object] = {"client": self.name, **stamp}
         targets = TargetSet()
@@ -217,6 +252,18 @@ class Client:
             state = self._telemetry.next(timeout_s)
             self._drop_lifted(state)
             yield state
+
+    def events(self, seconds: float = math.inf, timeout_s: float = 2.0) -> Iterator[PlateEvent]:
+        """Yield every event from now on, in order, for `seconds`: fingers that land, lift, enter, leave, cross and
+        press, and effects that begin and end. Raises DaemonGoneError after `timeout_s` without a state."""
+        self._check_open()
+        self._events.connect()
+        return self._read_events(time.monotonic() + seconds, timeout_s)
+
+    def _read_events(self, t_end_s: float, timeout_s: float) -> Iterator[PlateEvent]:
+        while time.monotonic() < t_end_s:
+            self._check_open()
+            yield from self._events.next(timeout_s)
 
     def status(self) -> dict[str, Any]:
         """Return the daemon's health: counters, latencies, the board."""
@@ -286,7 +333,7 @@ class Client:
         if state.instance != self._instance:  # a restarted daemon counts its fingers from 1
             self._instance, self._down = state.instance, set()
         down: set[Key] = {finger.id for finger in state.fingers if not finger.virtual}
-        lifted = (self._down - down) & self._targets.targets.keys()
+        lifted = (self._down - down) & self._targets.fingers
         self._down = down
         if lifted:
             self._keep(self._targets.without(*lifted), self._stamp())
@@ -322,11 +369,12 @@ def _disconnect(
     refresher: Refresher,
     control: Control,
     telemetry: Telemetry,
+    events: EventReader,
     context: zmq.Context[zmq.Socket[bytes]],
 ) -> None:
     """Release and disconnect. It has no reference to the Client, which no longer exists when it runs."""
     if refresher.is_current_thread:  # called by the garbage collector; that thread cannot join itself
-        threading.Thread(target=_disconnect, args=(name, stamp, refresher, control, telemetry, context)).start()
+        threading.Thread(target=_disconnect, args=(name, stamp, refresher, control, telemetry, events, context)).start()
         return
     last = stamp()
     refresher.send(TargetSet().payload(name, last), math.inf)
@@ -335,4 +383,5 @@ def _disconnect(
         control.request("release", {"client": name, **last}, timeout_s=RELEASE_S)
     control.close()
     telemetry.close()
+    events.close()
     context.term()

@@ -113,13 +113,13 @@ class Surfaces:
                 continue
             smooth = smooth and layer.is_smooth
             pieces = max(pieces, math.hypot(end_u_mm - u_mm, end_v_mm - v_mm) / layer.finest_mm)
-            crossed += [(*span, index) for span in _spans(shares)]
+            crossed += [(*span, index) for span in spans(shares)]
             if layer.replaces and is_inside and not shares:
                 break  # it hides what is below
         crossed.sort()
         found_ns: list[int] = []
         for _, from_share, to_share, index in crossed[:MAX_EDGES]:
-            before_ns = _crossing_ns(self.layers[index], predicted_mm, t_ns, from_share * span_ns, to_share * span_ns)
+            before_ns = crossing_ns(self.layers[index], predicted_mm, t_ns, from_share * span_ns, to_share * span_ns)
             if before_ns >= 0 and self._steps(predicted_mm, t_ns + before_ns, tolerance_um):
                 found_ns += (before_ns, before_ns + GRAIN_NS)
         return Way(pieces, smooth, found_ns)
@@ -194,13 +194,13 @@ def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[floa
     return 2.0 * half_x_mm, 2.0 * half_y_mm
 
 
-def _spans(shares: list[float]) -> list[tuple[float, float, float]]:
+def spans(shares: list[float]) -> list[tuple[float, float, float]]:
     """Return each crossing with the shares from .. to between which it is the only one."""
     ends = [0.0, *[0.5 * (before + after) for before, after in pairwise(shares)], 1.0]
     return [(share, ends[index], ends[index + 1]) for index, share in enumerate(shares)]
 
 
-def _crossing_ns(layer: Layer, predicted_mm: Predicted, t_ns: int, from_ns: float, to_ns: float) -> int:
+def crossing_ns(layer: Layer, predicted_mm: Predicted, t_ns: int, from_ns: float, to_ns: float) -> int:
     """Return the last grain of time before the finger crosses a layer's edge; -1 if it does not."""
     first, last = int(from_ns) // GRAIN_NS, int(to_ns) // GRAIN_NS
     was_inside = _is_inside(layer, predicted_mm, t_ns + first * GRAIN_NS)

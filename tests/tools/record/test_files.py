@@ -39,14 +39,21 @@ from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.values import (
     AmplitudeTarget,
     Blend,
+    Cause,
     Circle,
     ClientTargets,
+    Effect,
+    Envelope,
     FrictionTarget,
     GratingTarget,
     MapTarget,
+    Modulation,
     Polygon,
+    Pulse,
+    Start,
     Surface,
     VirtualPath,
+    Wave,
 )
 from hapticd.wire.client import decode_targets
 
@@ -448,6 +455,13 @@ def test_values_become_the_message_that_means_the_same() -> None:
                 -1.5,
                 10**15,
             ),
+        },
+        effects={
+            "click": Effect(Pulse(-1.0, 0.01, 0.001), start=Start(start_id=2**63 - 1)),
+            "bump": Effect(Envelope(((0.0, 0.1), (1.0, 2.0)), is_factor=True), "disc", Start(Cause.AT, t_ns=10**15)),
+            "hum": Effect(Modulation(33.3, 0.5, Wave.SQUARE), 3, Start(Cause.LEAVING, surface="bow"), loops=True),
+            "buzz": Effect(Modulation(250.0, 1.0, length_s=1.0), start=Start(Cause.LIFTING)),
+            "button": Effect(Pulse(1.0, 0.01), start=Start(Cause.PRESSURE, threshold_frac=0.5, release_frac=0.3)),
         },
     )
 
