@@ -114,6 +114,8 @@ class FingerFrame(NamedTuple):
 
 # --- what a finger should feel ----------------------------------------------------------------------------------
 
+WEBER_FRAC = 0.11  # least relative change of friction that is felt (Gueorguiev et al., J. R. Soc. Interface 2017)
+
 
 @dataclass(frozen=True, slots=True)
 class AmplitudeTarget:
@@ -293,6 +295,14 @@ class TouchPoint(NamedTuple):
     achieved_um: float
     end_x_mm: float
     end_y_mm: float
+
+
+class Perceived(NamedTuple):
+    """What a person perceives of a finger's target: the contact's friction relative to the target's, minus 1, and the
+    share of time in which that is beyond WEBER_FRAC either way."""
+
+    friction_change: float
+    weber_frac: float
 
 
 class Tick(NamedTuple):

@@ -14,7 +14,7 @@ from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import Scene
-from ..values import Tick, TouchPoint
+from ..values import Perceived, Tick, TouchPoint
 from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
@@ -62,25 +62,28 @@ class Status:
 
     # --- telemetry ---
 
-    def report_pass(self, tick: Tick) -> None:
+    def report_pass(self, tick: Tick, perceived: Mapping[int | str, Perceived]) -> None:
         """Publish one pass, if somebody subscribes: else nothing is built."""
         if self.publish is None:
             self.skipped_no_subscriber += 1
         else:
             self.published += 1
-            self.publish(self._telemetry(tick))
+            self.publish(self._telemetry(tick, perceived))
         self._clients.markers.clear()
 
-    def _telemetry(self, tick: Tick) -> bytes:
+    def _telemetry(self, tick: Tick, perceived: Mapping[int | str, Perceived]) -> bytes:
         """Every finger seen or virtual, with its target and what it gets."""
         points = {point.key: point for point in tick.points}
         owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
         fingers = [
-            _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key))
+            _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key), perceived.get(key))
             for finger in self._pipeline.fingers
             for key in (finger.finger_id,)
         ]
-        fingers += [_finger_state(key, point.x_mm, point.y_mm, point, owner_of(key)) for key, point in points.items()]
+        fingers += [
+            _finger_state(key, point.x_mm, point.y_mm, point, owner_of(key), perceived.get(key))
+            for key, point in points.items()
+        ]
         return encode_state(
             PlateState(
                 instance=self._instance,
@@ -194,7 +197,14 @@ class Status:
         }
 
 
-def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | None, owner: str | None) -> FingerState:
+def _finger_state(
+    key: int | str,
+    x_mm: float,
+    y_mm: float,
+    point: TouchPoint | None,
+    owner: str | None,
+    perceived: Perceived | None,
+) -> FingerState:
     return FingerState(
         id=key,
         x_mm=x_mm,
@@ -205,6 +215,8 @@ def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | 
         achieved_um=None if point is None else point.achieved_um,
         virtual=isinstance(key, str),
         owner=owner,
+        friction_change=None if perceived is None else perceived.friction_change,
+        weber_frac=None if perceived is None else perceived.weber_frac,
     )
 
 

@@ -93,7 +93,7 @@ class Request:
 class FingerState(NamedTuple):
     """One finger in a telemetry message; None where nothing was computed, as for a finger without a target.
 
-    `owner` is the client that owns it.
+    `owner` is the client that owns it; `friction_change` and `weber_frac` are as in `values.Perceived`.
     """
 
     id: int | str
@@ -105,6 +105,8 @@ class FingerState(NamedTuple):
     achieved_um: float | None
     virtual: bool
     owner: str | None = None
+    friction_change: float | None = None
+    weber_frac: float | None = None
 
 
 class PlateState(NamedTuple):
@@ -259,6 +261,8 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
         "achieved_um": _finite(finger.achieved_um),
         "virtual": finger.virtual,
         "owner": finger.owner,
+        "friction_change": _finite(finger.friction_change),
+        "weber_frac": _finite(finger.weber_frac),
     }
 
 

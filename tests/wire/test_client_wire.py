@@ -404,7 +404,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         seq=12,
         t_ns=2**40,
         state="ACTIVE",
-        fingers=(client.FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True),),
+        fingers=(client.FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True, None, -0.25, math.nan),),
         modal_um=(1.0, -4.0 + 0.5j),
         limited=True,
         age_ms=10.5,
@@ -431,6 +431,8 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
                 "achieved_um": None,
                 "virtual": True,
                 "owner": None,
+                "friction_change": -0.25,
+                "weber_frac": None,
             }
         ],
         "modal_um": [1.0, -4.0],

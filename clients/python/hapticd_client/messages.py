@@ -22,7 +22,9 @@ class FingerState:
 
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
     None: not computed, as for a finger without a target. The id of a `virtual` finger is its name. `owner` is the
-    client that owns it, None also from an older daemon.
+    client that owns it. `friction_change` is the friction over the finger's contact relative to what was asked, minus
+    1, and `weber_frac` the share of time in which that was felt, beyond 0.11 either way. An older daemon sends none of
+    the three.
     """
 
     id: int | str
@@ -34,6 +36,8 @@ class FingerState:
     achieved_um: float | None
     virtual: bool
     owner: str | None = None
+    friction_change: float | None = None
+    weber_frac: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +143,8 @@ def _finger_state(finger: dict[str, Any]) -> FingerState:
         achieved_um=finger["achieved_um"],
         virtual=finger["virtual"],
         owner=finger.get("owner"),
+        friction_change=finger.get("friction_change"),
+        weber_frac=finger.get("weber_frac"),
     )
 
 

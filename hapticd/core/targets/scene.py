@@ -56,7 +56,7 @@ class Scene:
         plate_size_mm: tuple[float, float] = (137.5, 137.5),
     ) -> None:
         self._w_limit_um = w_limit_um
-        self._curve = friction_curve
+        self.friction_curve = friction_curve
         self._plate_size_mm = plate_size_mm
         self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm)
         self._held: dict[Key, _Held] = {}
@@ -197,7 +197,7 @@ class Scene:
     def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
         if target is None or isinstance(target, FrictionTarget):
             return None  # a friction asks for as much as the plate can do, not for an amplitude
-        asked_um = highest_um(target, self._curve)
+        asked_um = highest_um(target, self.friction_curve)
         if asked_um <= self._w_limit_um:
             return None
         return f"{_spoken(key)} cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
@@ -220,8 +220,8 @@ class Scene:
         if target is None:
             return None
         if isinstance(target, FrictionTarget):
-            target = AmplitudeTarget(min(highest_um(target, self._curve), self._w_limit_um))
-        return texture(target, self._curve, self._plate_size_mm)
+            target = AmplitudeTarget(min(highest_um(target, self.friction_curve), self._w_limit_um))
+        return texture(target, self.friction_curve, self._plate_size_mm)
 
     def _room_for_virtuals(self, client: str) -> int:
         return MAX_VIRTUALS - sum(held.owner != client for _, held, _ in self._walking())

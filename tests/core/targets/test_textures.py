@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 
 import mpmath
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -204,3 +205,31 @@ def test_a_curve_that_is_not_monotone_from_the_most_to_still_glass_is_refused(
 def test_a_calibration_sweep_that_is_no_curve_is_refused(amplitudes_um: list[float]) -> None:
     with pytest.raises(ValueError, match="friction curve"):
         FrictionCurve.from_amplitudes(amplitudes_um)
+
+
+# --- friction ---------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0, 1), st.floats(0, 500), st.floats(10, 1000))
+@settings(deadline=None, max_examples=100)
+def test_the_friction_of_an_amplitude_is_the_inverse_of_the_amplitude_for_a_friction(
+    friction_frac: float, sliding_mm_s: float, speed_mm_s: float
+) -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2, speed_mm_s=speed_mm_s)
+    amplitude_um = curve.amplitude_um(friction_frac) * (1.0 + sliding_mm_s / speed_mm_s)
+    assert curve.friction(amplitude_um, sliding_mm_s) == pytest.approx(0.2 + 0.8 * friction_frac, abs=1e-9)
+
+
+def test_friction_stays_at_its_floor_and_speed_matters_only_where_it_was_fitted() -> None:
+    assert [CURVE.friction(um) for um in (0.0, 2.0, 5.0)] == pytest.approx(
+        [1.0, math.exp(-2 / 0.7), math.exp(-2 / 0.7)]
+    )
+    assert CURVE.friction(1.0) == pytest.approx(math.exp(-1 / 0.7), rel=0.005)
+    assert CURVE.friction(1.0, 300.0) == CURVE.friction(1.0)
+
+
+def test_the_curve_of_arrays_is_the_curve() -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2, speed_mm_s=100.0)
+    amplitudes_um, sliding_mm_s = np.linspace(0.0, 3.0, 31), np.linspace(0.0, 200.0, 31)
+    exact = [curve.friction(*one) for one in zip(amplitudes_um.tolist(), sliding_mm_s.tolist(), strict=True)]
+    np.testing.assert_allclose(curve.frictions(amplitudes_um, sliding_mm_s), exact, rtol=1e-12)
