@@ -6,12 +6,24 @@ releases the finger. A client that stops sending leaves a still plate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
-from ...values import AmplitudeTarget, ClientTargets, FrictionTarget, Target, VirtualPath
+from ...values import ClientTargets, FrictionTarget, Target, VirtualPath
 from .surfaces import NEVER_NS, Surfaces
-from .textures import DEFAULT_FRICTION_CURVE, NO_DETAIL, Detail, FrictionCurve, Texture, detail, highest_um, texture
+from .textures import (
+    DEFAULT_FRICTION_CURVE,
+    NO_DETAIL,
+    Detail,
+    FrictionCurve,
+    Sliding,
+    Texture,
+    detail,
+    friction_texture,
+    highest_um,
+    texture,
+)
 from .virtual_paths import Walk
 
 __all__ = ["DEFAULT_FRICTION_CURVE", "MAX_CLIENTS", "MAX_VIRTUALS", "FrictionCurve", "Scene", "Virtual"]
@@ -20,6 +32,7 @@ Key = int | str  # a finger's id, or a virtual finger's name
 
 MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
 MAX_VIRTUALS = 16  # each takes part in every solve
+NOISE_MM_S = 5.0  # of a predicted speed at rest, which would keep references from standing
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +71,9 @@ class Scene:
         self._w_limit_um = w_limit_um
         self.friction_curve = friction_curve
         self._plate_size_mm = plate_size_mm
-        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm)
+        self.depends_on_speed = friction_curve.speed_mm_s < math.inf
+        self._sliding = Sliding()
+        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self._sliding)
         self._held: dict[Key, _Held] = {}
         self._released: dict[Key, None] = {}  # in the order in which they were released
 
@@ -125,6 +140,10 @@ class Scene:
         """The client that owns a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.owner
+
+    def slide(self, speed_mm_s: float) -> None:
+        """From now on look up amplitudes for a finger of this speed; that of one that hardly moves is noise."""
+        self._sliding.gain = 1.0 + max(speed_mm_s - NOISE_MM_S, 0.0) / self.friction_curve.speed_mm_s
 
     def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
@@ -220,7 +239,7 @@ class Scene:
         if target is None:
             return None
         if isinstance(target, FrictionTarget):
-            target = AmplitudeTarget(min(highest_um(target, self.friction_curve), self._w_limit_um))
+            return friction_texture(target, self.friction_curve, self._w_limit_um, self._sliding)
         return texture(target, self.friction_curve, self._plate_size_mm)
 
     def _room_for_virtuals(self, client: str) -> int:

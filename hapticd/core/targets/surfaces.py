@@ -11,10 +11,10 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ...values import AmplitudeTarget, Circle, ClientTargets, FrictionTarget, MapTarget, Polygon, Surface, Target
+from ...values import Circle, ClientTargets, FrictionTarget, MapTarget, Polygon, Surface, Target
 from ..trajectory.knots import GRAIN_NS
 from .layer import Layer
-from .textures import FrictionCurve, Texture, detail, highest_um, texture
+from .textures import FrictionCurve, Sliding, Texture, detail, friction_texture, highest_um, texture
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -36,12 +36,15 @@ class Way(NamedTuple):
 class Surfaces:
     """All layers, topmost first. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self, w_limit_um: float, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> None:
+    def __init__(
+        self, w_limit_um: float, curve: FrictionCurve, plate_size_mm: tuple[float, float], sliding: Sliding
+    ) -> None:
         self.layers: list[Layer] = []
         self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
         self._curve: Final = curve
         self._plate_size_mm: Final = plate_size_mm
+        self._sliding: Final = sliding
         self._born = 0
 
     # --- requests of clients ---
@@ -159,7 +162,7 @@ class Surfaces:
 
     def _texture(self, content: Target, size_mm: tuple[float, float]) -> Texture:
         if isinstance(content, FrictionTarget):
-            content = AmplitudeTarget(min(highest_um(content, self._curve), self._w_limit_um))
+            return friction_texture(content, self._curve, self._w_limit_um, self._sliding)
         return texture(content, self._curve, size_mm)
 
     def _stack(self, layers: list[Layer]) -> None:

@@ -108,6 +108,24 @@ class FrictionCurve:
 DEFAULT_FRICTION_CURVE = FrictionCurve.exponential()
 
 
+class Sliding:
+    """Factor by which a friction needs more amplitude at the speed of the finger that is looked up next."""
+
+    __slots__ = ("gain",)
+
+    def __init__(self) -> None:
+        self.gain = 1.0
+
+
+def friction_texture(target: FrictionTarget, curve: FrictionCurve, most_um: float, sliding: Sliding) -> Texture:
+    """The amplitude for a friction, at most `most_um`; where the curve depends on speed, at that of `sliding`."""
+    constant_um = curve.amplitude_um(target.friction_frac)
+    if curve.speed_mm_s == math.inf:
+        constant_um = min(constant_um, most_um)
+        return lambda _x_mm, _y_mm: constant_um
+    return lambda _x_mm, _y_mm: min(constant_um * sliding.gain, most_um)
+
+
 class Detail(NamedTuple):
     """How finely a texture must be sampled along a path: its corners lie at least `finest_mm` apart; a `smooth` one has
     none."""
