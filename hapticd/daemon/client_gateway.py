@@ -16,6 +16,7 @@ from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..values import ClientTargets
 from ..wire import client as client_wire
+from ..wire.assets import AssetPart
 from .observer import Observer
 
 MAX_MARKERS = 64  # in one state; more between two passes are dropped
@@ -101,6 +102,11 @@ class ClientGateway:
                 if marker.has_pulse:
                     self._host.pulse(t_now_ns)
                 return self._mark(replace(marker, t_ns=t_now_ns))
+            case AssetPart() as one:
+                self._client_registry.is_newest(one.client, user, None, 0, t_now_ns)
+                digest, size, offset = one.digest, one.size, one.offset
+                have = self._scene.assets.upload(one.client, digest, size, offset, one.part, t_now_ns)
+                return {"have": have}
             case ClientTargets() as targets:
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)
                 refusals = self._apply(targets, t_now_ns)

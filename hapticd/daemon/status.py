@@ -137,6 +137,7 @@ class Status:
             "fingers": len(self._pipeline.fingers),
             "virtual_fingers": len(self._scene.virtual_names(t_now_ns)),
             "surfaces": self._surfaces(t_now_ns),
+            "assets": self._scene.assets.report(),
             "simulated": self._rig_directory(),
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},

@@ -18,11 +18,12 @@ import msgpack
 
 from ..errors import RequestError
 from ..values import ClientTargets
-from .contents import MAX_MAP_SIDE
-from .fields import MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
+from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
+from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
+from .fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
+from .paths import MAX_PATH_POINTS
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
 from .targets import (
-    MAX_PATH_POINTS,
     MAX_TARGETS,
     MAX_TTL_S,
     MAX_VIRTUALS,
@@ -33,7 +34,7 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker")
+OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker", "asset")
 
 MAX_REQUEST_ID = 2**32 - 1
 MAX_MARKER_CHARACTERS = 100
@@ -42,14 +43,18 @@ UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be rea
 CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
-    "optional": ("stamp", "surfaces"),  # fields added within this version: a client sends only those listed here
-    "targets": ("amplitude_um", "friction", "grating", "map"),
+    # Fields added within this version: a client sends only those listed here.
+    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets"),
+    "targets": CONTENTS,
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
     "max_path_points": MAX_PATH_POINTS,
     "max_surfaces": MAX_SURFACES,
     "max_polygon_points": MAX_POLYGON_POINTS,
     "max_map_side": MAX_MAP_SIDE,
+    "max_asset_side": MAX_ASSET_SIDE,
+    "max_asset_bytes": MAX_ASSET_BYTES,
+    "max_part_bytes": MAX_BINARY_BYTES,
     "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,
     "ttl_s": (MIN_TTL_S, MAX_TTL_S),
@@ -83,11 +88,12 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", else None."""
+    """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", AssetPart for
+    "asset", else None."""
 
     op: str
     id: int
-    body: ClientTargets | Release | Marker | None
+    body: ClientTargets | Release | Marker | AssetPart | None
 
 
 class FingerState(NamedTuple):
@@ -191,13 +197,15 @@ def _request(fields: Fields, request_id: int) -> Request:
     op = fields.label("op")
     if op not in OPS:
         raise RequestError(f"op: {op!r} is not one of {', '.join(OPS)}.")
-    body: ClientTargets | Release | Marker | None = None
+    body: ClientTargets | Release | Marker | AssetPart | None = None
     if op == "set":
         body = read_targets(Fields(fields.take("body"), "body"))
     elif op == "release":
         body = _release(Fields(fields.take("body"), "body"))
     elif op == "marker":
         body = _marker(Fields(fields.take("body"), "body"))
+    elif op == "asset":
+        body = read_asset_part(Fields(fields.take("body"), "body"))
     elif "body" in fields:
         Fields(fields.take("body"), "body").end()
     fields.end()

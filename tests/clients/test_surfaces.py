@@ -68,7 +68,7 @@ def test_surfaces_are_refreshed_without_starting_their_motion_again(daemon: Fake
 def test_an_older_daemon_is_not_sent_a_surface(daemon: FakeDaemon) -> None:
     daemon.optional = ("stamp",)
     with Client(daemon.directory) as client:
-        with pytest.raises(RefusedError, match="this daemon has no surfaces: update it"):
+        with pytest.raises(RefusedError, match="surfaces: this daemon does not have that: update it"):
             client.surface("plate", friction=1.0)
         client.set(1, friction=0.5)  # whose message it understands
     assert daemon.refusals == []
@@ -85,7 +85,10 @@ def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon) ->
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda c: c.surface("a"), "surface: give exactly one of friction, amplitude_um, grating, map."),
+        (
+            lambda c: c.surface("a"),
+            "surface: give exactly one of friction, amplitude_um, grating, map, gradient, noise.",
+        ),
         (lambda c: c.surface(7, friction=1), "name: must have 1 .. 32 printable characters."),
         (
             lambda c: c.surface("a", (1, 2), friction=1),

@@ -10,7 +10,7 @@ from pipeline_bench import FOREVER_NS, PERIOD_NS, Bench
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.textures import FrictionCurve
-from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, Surface, Target, Tick, VirtualPath
+from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, MapTarget, Surface, Target, Tick, VirtualPath
 
 SPEED_MM_S, REST_UM = 100.0, 0.5
 CURVE = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=SPEED_MM_S)
@@ -41,10 +41,11 @@ def test_a_friction_gets_the_amplitude_of_the_finger_s_predicted_speed(speed_mm_
     assert found_um == pytest.approx([REST_UM * (1.0 + (speed_mm_s - noise_mm_s) / SPEED_MM_S)] * 5, rel=0.02)
 
 
-def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s_limit() -> None:
+@pytest.mark.parametrize("content", [FrictionTarget(0.5), MapTarget(1, 1, b"\0", 0.0, 1.0, frictions=(0.5, 0.0))])
+def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s_limit(content: Target) -> None:
     for limit_um, expected_um in ((4.0, REST_UM * 1.95), (0.6, 0.6)):
         one = bench(CURVE, limit_um)
-        surface = {"all": Surface(FrictionTarget(0.5))}
+        surface = {"all": Surface(content)}
         one.scene.apply(ClientTargets("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
         assert targets_um(one, 100.0) == pytest.approx([expected_um] * 5, rel=0.02)
 

@@ -21,9 +21,22 @@ from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .messages import PROTOCOL_VERSION, FingerState, PlateState
 from .refresher import Refresher
+from .surface import Path as SurfacePath
 from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
-from .targets import MAX_TTL_S, MIN_TTL_S, Fields, Grating, Map, label, number, path_fields, target_fields
+from .targets import (
+    MAX_TTL_S,
+    MIN_TTL_S,
+    Fields,
+    Gradient,
+    Grating,
+    Map,
+    Noise,
+    label,
+    number,
+    path_fields,
+    target_fields,
+)
 from .telemetry import Telemetry
 
 RELEASE_S = 0.5  # timeout of the final release
@@ -100,17 +113,22 @@ class Client:
         amplitude_um: float | None = None,
         grating: Grating | None = None,
         map: Map | None = None,  # noqa: A002
+        gradient: Gradient | None = None,
+        noise: Noise | None = None,
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
     ) -> None:
-        """Set the target of a finger: exactly one of friction, amplitude_um, grating, map.
+        """Set the target of a finger: exactly one of friction, amplitude_um, grating, map, gradient, noise.
 
         `finger` is one of `fingers()`, its id, or the name of a virtual finger. `friction` ranges from 0, the most
         slippery that the plate allows, to 1, bare glass; `amplitude_um` is the vibration, peak to peak. `ttl_s` is the
         time for which targets stay active if this program freezes. Raises RefusedError with the daemon's reason, and
         then nothing has changed; with `wait=False` it returns at once and reports local errors only.
         """
-        target = target_fields(friction=friction, amplitude_um=amplitude_um, grating=grating, image=map)
+        target = target_fields(
+            friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, gradient=gradient, noise=noise
+        )
+        self._check_known(target)
         key = _key(finger)
         self._request(self._targets.with_target(key, target, number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)), wait)
 
@@ -146,10 +164,13 @@ class Client:
         amplitude_um: float | None = None,
         grating: Grating | None = None,
         map: Map | None = None,  # noqa: A002
-        position_mm: Sequence[float] = (0.0, 0.0),
+        gradient: Gradient | None = None,
+        noise: Noise | None = None,
+        position_mm: Sequence[float] | None = None,
         angle_rad: float = 0.0,
         scale: float = 1.0,
-        velocity_mm_s: Sequence[float] = (0.0, 0.0),
+        velocity_mm_s: Sequence[float] | None = None,
+        path: SurfacePath | None = None,
         turning_rad_s: float = 0.0,
         t_pose_ns: int | None = None,
         z: int = 0,
@@ -161,21 +182,30 @@ class Client:
 
         `shape` is a Circle, a Rectangle or a Polygon, by default the whole plate; content as in `set`. Both are scaled,
         turned anticlockwise by `angle_rad` and moved to `position_mm`, from where they move on with `velocity_mm_s` and
-        `turning_rad_s`: since `t_pose_ns` on the daemon's monotonic clock, by default since the message arrives. The
-        larger `z` is on top, of equals the one that came last; `blend` is "replace", "add" or "max". The same name
-        again changes the surface. Raises RefusedError, also from an older daemon without surfaces.
+        `turning_rad_s`, or along a Path instead: since `t_pose_ns` on the daemon's monotonic clock, by default since
+        the message arrives. The larger `z` is on top, of equals the one that came last; `blend` is "replace", "add" or
+        "max". The same name again changes the surface. Raises RefusedError, also from an older daemon without surfaces.
         """
-        if "surfaces" not in self.hello.get("optional", ()):
-            raise RefusedError("surface: this daemon has no surfaces: update it.")
+        self._check_optional("surfaces", "surfaces")
+        if path is not None:
+            self._check_optional("surface_path", "moving along a path")
         target = target_fields(
-            friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, where="surface"
+            friction=friction,
+            amplitude_um=amplitude_um,
+            grating=grating,
+            image=map,
+            gradient=gradient,
+            noise=noise,
+            where="surface",
         )
+        self._check_known(target)
         pose = surface_fields(
             shape,
             position_mm=position_mm,
             angle_rad=angle_rad,
             scale=scale,
             velocity_mm_s=velocity_mm_s,
+            path=path,
             turning_rad_s=turning_rad_s,
             t_pose_ns=t_pose_ns,
             z=z,
@@ -266,6 +296,21 @@ class Client:
     def _call(self, op: str, body: dict[str, object] | None = None) -> dict[str, Any]:
         self._check_open()
         return self._control.request(op, body, timeout_s=self._timeout_s)
+
+    def _check_known(self, target: Fields) -> None:
+        """Refuse content that an older daemon does not know."""
+        for kind in ("gradient", "noise"):
+            if kind in target and kind not in self.hello.get("targets", ()):
+                raise RefusedError(f"{kind}: this daemon does not have it: update it.")
+        image = target.get("map")
+        if isinstance(image, dict) and "friction" in image:
+            self._check_optional("friction_map", "maps of frictions")
+        if isinstance(image, dict) and "asset" in image:
+            self._check_optional("assets", "assets")
+
+    def _check_optional(self, name: str, what: str) -> None:
+        if name not in self.hello.get("optional", ()):
+            raise RefusedError(f"{what}: this daemon does not have that: update it.")
 
     def _check_open(self) -> None:
         if not self._finalizer.alive:

@@ -10,7 +10,8 @@ import math
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
-from ...values import ClientTargets, FrictionTarget, Target, VirtualPath
+from ...values import ClientTargets, Target, VirtualPath
+from .assets import Assets
 from .surfaces import NEVER_NS, Surfaces
 from .textures import (
     DEFAULT_FRICTION_CURVE,
@@ -20,8 +21,7 @@ from .textures import (
     Sliding,
     Texture,
     detail,
-    friction_texture,
-    highest_um,
+    refusal,
     texture,
 )
 from .virtual_paths import Walk
@@ -73,7 +73,8 @@ class Scene:
         self._plate_size_mm = plate_size_mm
         self.depends_on_speed = friction_curve.speed_mm_s < math.inf
         self._sliding = Sliding()
-        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self._sliding)
+        self.assets = Assets()
+        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding)
         self._held: dict[Key, _Held] = {}
         self._released: dict[Key, None] = {}  # in the order in which they were released
 
@@ -115,6 +116,8 @@ class Scene:
     def expire(self, t_ns: int) -> tuple[Key, ...]:
         """Release what has expired by `t_ns`. Returns all fingers released since the last call, for any reason."""
         self.surfaces.expire(t_ns)
+        if self.assets.is_due(t_ns):
+            self.assets.look(self._in_force(), t_ns)
         if not self._held and not self._released:
             return ()
         self._drop_expired(t_ns)
@@ -214,12 +217,10 @@ class Scene:
         return all(abs(x_mm) <= 0.5 * width_mm and abs(y_mm) <= 0.5 * depth_mm for x_mm, y_mm in path.points_mm)
 
     def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
-        if target is None or isinstance(target, FrictionTarget):
-            return None  # a friction asks for as much as the plate can do, not for an amplitude
-        asked_um = highest_um(target, self.friction_curve)
-        if asked_um <= self._w_limit_um:
+        if target is None:
             return None
-        return f"{_spoken(key)} cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
+        why = refusal(target, self.friction_curve, self._w_limit_um) or self.assets.refusal(target)
+        return f"{_spoken(key)} {why}" if why else None
 
     def _hold(self, message: ClientTargets, key: Key, t_ns: int) -> _Held:
         """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
@@ -238,9 +239,13 @@ class Scene:
     def _texture(self, target: Target | None) -> Texture | None:
         if target is None:
             return None
-        if isinstance(target, FrictionTarget):
-            return friction_texture(target, self.friction_curve, self._w_limit_um, self._sliding)
-        return texture(target, self.friction_curve, self._plate_size_mm)
+        resolved, curve = self.assets.resolved(target), self.friction_curve
+        return texture(resolved, curve, self._plate_size_mm, self._w_limit_um, self._sliding)
+
+    def _in_force(self) -> list[Target]:
+        """Return all targets and contents in force."""
+        targets = [held.target for held in self._held.values() if held.target is not None]
+        return targets + [layer.surface.content for layer in self.surfaces.layers]
 
     def _room_for_virtuals(self, client: str) -> int:
         return MAX_VIRTUALS - sum(held.owner != client for _, held, _ in self._walking())

@@ -10,20 +10,28 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ...values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
+from ...values import (
+    AmplitudeTarget,
+    FrictionTarget,
+    GradientTarget,
+    GratingTarget,
+    MapTarget,
+    NoiseTarget,
+    Target,
+)
+from .noise import FAR_MM, MOST_RMS, noise
 
 Texture = Callable[[float, float], float]
 Floats = npt.NDArray[np.float64]
 
 FLOOR_FRAC = 0.057  # friction at 2 um of the built-in curve, relative to bare glass
-FAR_MM = 1e6  # no plate is that large: beyond, a grating's phase is rounding noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,15 +125,6 @@ class Sliding:
         self.gain = 1.0
 
 
-def friction_texture(target: FrictionTarget, curve: FrictionCurve, most_um: float, sliding: Sliding) -> Texture:
-    """The amplitude for a friction, at most `most_um`; where the curve depends on speed, at that of `sliding`."""
-    constant_um = curve.amplitude_um(target.friction_frac)
-    if curve.speed_mm_s == math.inf:
-        constant_um = min(constant_um, most_um)
-        return lambda _x_mm, _y_mm: constant_um
-    return lambda _x_mm, _y_mm: min(constant_um * sliding.gain, most_um)
-
-
 class Detail(NamedTuple):
     """How finely a texture must be sampled along a path: its corners lie at least `finest_mm` apart; a `smooth` one has
     none."""
@@ -149,6 +148,10 @@ def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
             return Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
         case MapTarget(width, height):
             return Detail(min(plate_size_mm[0] / max(width - 1, 1), plate_size_mm[1] / max(height - 1, 1)), False)
+        case GradientTarget(length_mm):
+            return Detail(length_mm, False)
+        case NoiseTarget(shortest_mm=shortest_mm):
+            return Detail(shortest_mm / _PIECES_PER_WAVE, True)  # where it is cut it is nearly flat
         case _:
             return NO_DETAIL
 
@@ -160,16 +163,58 @@ def highest_um(target: Target, curve: FrictionCurve) -> float:
             return amplitude_um
         case FrictionTarget(friction_frac):
             return curve.amplitude_um(friction_frac)
+        case MapTarget(frictions=(low, high)):
+            return curve.amplitude_um(min(low, high))
         case GratingTarget() | MapTarget():
             return max(target.low_um, target.high_um)
+        case GradientTarget(from_um=from_um, to_um=to_um):
+            return max(from_um, to_um)
+        case NoiseTarget(mean_um=mean_um, rms_um=rms_um):
+            return mean_um + MOST_RMS * rms_um
 
 
-def texture(target: Target, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> Texture:
-    """The target as amplitude in um over plate position in mm."""
+def refusal(target: Target, curve: FrictionCurve, w_limit_um: float) -> str:
+    """Return why a target asks for too much; empty if it does not. A friction asks for as much as the plate can do."""
+    asked_um = highest_um(target, curve)
+    if asked_um <= w_limit_um or _asks_for_friction(target):
+        return ""
+    return f"cannot have {asked_um:g} um: ask for at most {w_limit_um:g} um."
+
+
+def texture(
+    target: Target,
+    curve: FrictionCurve,
+    plate_size_mm: tuple[float, float],
+    w_limit_um: float = math.inf,
+    sliding: Sliding | None = None,
+) -> Texture:
+    """The target as amplitude in um over plate position in mm; frictions that need more than the limit get that.
+
+    Where the curve depends on speed, frictions get the amplitude for that of `sliding`.
+    """
+    at_rest = _at_rest(target, curve, plate_size_mm, w_limit_um)
+    if sliding is None or curve.speed_mm_s == math.inf or not _asks_for_friction(target):
+        return at_rest
+    return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * sliding.gain, w_limit_um)
+
+
+def _asks_for_friction(target: Target) -> bool:
+    return isinstance(target, FrictionTarget) or (isinstance(target, MapTarget) and target.frictions is not None)
+
+
+def _at_rest(target: Target, curve: FrictionCurve, plate_size_mm: tuple[float, float], w_limit_um: float) -> Texture:
     match target:
         case AmplitudeTarget() | FrictionTarget():
-            constant_um = highest_um(target, curve)
+            constant_um = min(highest_um(target, curve), w_limit_um)
             return lambda _x_mm, _y_mm: constant_um
+        case GradientTarget():
+            return _gradient(target)
+        case NoiseTarget():
+            return noise(target)
+        case MapTarget(frictions=(low, high)):
+            frictions = [low + (high - low) * level / 255.0 for level in range(256)]
+            levels_um = [min(curve.amplitude_um(friction), w_limit_um) for friction in frictions]
+            return _looked_up(_image(replace(target, low_um=0.0, high_um=255.0), plate_size_mm), levels_um)
         case GratingTarget(duty_frac=0.0):
             return _sine_grating(target)
         case GratingTarget():
@@ -204,6 +249,31 @@ def _square_grating(grating: GratingTarget) -> Texture:
         if not -FAR_MM <= along_mm <= FAR_MM:
             return low_um
         return high_um if abs(remainder(along_mm, period_mm)) <= half_crest_mm else low_um
+
+    return amplitude_um
+
+
+def _gradient(gradient: GradientTarget) -> Texture:
+    along_x, along_y = math.cos(gradient.angle_rad), math.sin(gradient.angle_rad)
+    length_mm, from_um, to_um = gradient.length_mm, gradient.from_um, gradient.to_um
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        share = (x_mm * along_x + y_mm * along_y) / length_mm + 0.5
+        if not share > 0.0:  # NaN too
+            return from_um
+        return from_um * (1.0 - share) + to_um * share if share < 1.0 else to_um
+
+    return amplitude_um
+
+
+def _looked_up(level_of: Texture, levels_um: list[float]) -> Texture:
+    """Amplitudes of an image's 256 levels: bilinear in friction, which the curve turned into amplitude."""
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        level = level_of(x_mm, y_mm)
+        below = min(int(level), 254)
+        share = level - below
+        return levels_um[below] * (1.0 - share) + levels_um[below + 1] * share
 
     return amplitude_um
 
