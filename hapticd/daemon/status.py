@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
 from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.targets.scene import Scene
+from ..core.targets.scene import FrictionCurve, Scene
 from ..values import Perceived, Tick, TouchPoint
 from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
@@ -100,6 +101,7 @@ class Status:
                 tick_late_ms=loop.last_late_ns * 1e-6,
                 missed_ticks=loop.missed_ticks,
                 pauses=loop.pauses,
+                surfaces_version=self._scene.surfaces.version,
             )
         )
 
@@ -118,6 +120,7 @@ class Status:
             "w_limit_um": list(config.limits.w_limit_um),
             "reference_limit_um": list(config.limits.reference_limit_um),
             "contact_radius_mm": pipeline_settings(config).contact_radius_mm,
+            **_friction(self._scene.friction_curve),
             "drive_hz": None if hello is None else self._board.session.drive_hz,
             "x_mm": modes.x_mm[columns].tolist(),
             "y_mm": modes.y_mm[rows].tolist(),
@@ -219,6 +222,15 @@ def _finger_state(
         friction_change=None if perceived is None else perceived.friction_change,
         weber_frac=None if perceived is None else perceived.weber_frac,
     )
+
+
+def _friction(curve: FrictionCurve) -> dict[str, object]:
+    """The friction curve as rising amplitudes, each with its friction relative to bare glass."""
+    amplitudes_um = [amplitude_um for _, amplitude_um in reversed(curve.knots)]
+    return {
+        "friction_curve": [[amplitude_um, curve.friction(amplitude_um)] for amplitude_um in amplitudes_um],
+        "friction_speed_mm_s": curve.speed_mm_s if math.isfinite(curve.speed_mm_s) else None,
+    }
 
 
 def _spread(points: int) -> npt.NDArray[np.intp]:

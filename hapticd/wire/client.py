@@ -34,7 +34,7 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker", "asset")
+OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker", "asset", "surfaces")
 
 MAX_REQUEST_ID = 2**32 - 1
 MAX_MARKER_CHARACTERS = 100
@@ -122,7 +122,7 @@ class PlateState(NamedTuple):
     supervisor's state.
     `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` arrived since the
     previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of Python's
-    collector, above 1 ms) count since the start.
+    collector, above 1 ms) count since the start, as `surfaces_version` counts changes of the surfaces in force.
     """
 
     instance: int
@@ -139,6 +139,7 @@ class PlateState(NamedTuple):
     tick_late_ms: float = 0.0
     missed_ticks: int = 0
     pauses: int = 0
+    surfaces_version: int = 0
 
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -252,6 +253,7 @@ def encode_state(state: PlateState) -> bytes:
                 "tick_late_ms": _finite(state.tick_late_ms),
                 "missed_ticks": state.missed_ticks,
                 "pauses": state.pauses,
+                "surfaces_version": state.surfaces_version,
                 **_marker_fields(state.markers),
             }
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
+from hapticd.daemon.layers import described
 from hapticd.errors import RequestError
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
@@ -118,6 +119,9 @@ class FakeDaemon:
                 return wire.CAPABILITIES
             case "status", _:
                 return {"messages": self.messages}
+            case "surfaces", _:
+                surfaces, assets = self.scene.surfaces, self.scene.assets
+                return {"version": surfaces.version, "surfaces": [described(one, assets) for one in surfaces.layers]}
             case "clear_fault", _:
                 self.fault_cleared = True
             case "set", ClientTargets() as targets:

@@ -183,3 +183,12 @@ def test_shapes_have_the_same_bounds_on_both_sides(shape: Shape) -> None:
 def test_poses_have_the_same_bounds_on_both_sides(name: str, value: float, z: int) -> None:
     pose: dict[str, Any] = {"z": z} if name == "z" else {name: value if name in NUMBERS else (value, 0.5)}
     assert (offered(None, pose) is not None) == understood(pose)
+
+
+def test_all_surfaces_on_the_plate_can_be_read_as_they_were_laid(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, name="one") as one, Client(daemon.directory, name="other") as other:
+        one.surface("track", Rectangle(100, 24), amplitude_um=1.5)
+        other.surface("patch", Circle(8.0), friction=0.2, position_mm=(3.0, 4.0), z=2)
+        patch, track = one.surfaces()
+    assert (patch["client"], patch["friction"], patch["circle_mm"], patch["position_mm"]) == ("other", 0.2, 8.0, [3, 4])
+    assert (track["client"], track["amplitude_um"], len(track["polygon_mm"])) == ("one", 1.5, 4)

@@ -443,6 +443,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         tick_late_ms=0.25,
         missed_ticks=3,
         pauses=1,
+        surfaces_version=5,
     )
     assert msgpack.unpackb(client.encode_state(state)) == {
         "v": 1,
@@ -474,6 +475,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         "tick_late_ms": 0.25,
         "missed_ticks": 3,
         "pauses": 1,
+        "surfaces_version": 5,
     }
 
 

@@ -256,6 +256,13 @@ class Client:
         """Return the plate's size, limits, drive and mode shapes (`plate` in clients/PROTOCOL.md)."""
         return self._call("plate")
 
+    def surfaces(self) -> list[dict[str, Any]]:
+        """Return the surfaces of all clients, topmost first (`surfaces` in clients/PROTOCOL.md).
+
+        A state's `surfaces_version` changes with them. Raises RefusedError from an older daemon.
+        """
+        return list(self._call("surfaces")["surfaces"])
+
     def capabilities(self) -> dict[str, Any]:
         """Return the requests and bounds of this daemon."""
         return self._call("capabilities")

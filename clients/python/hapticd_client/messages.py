@@ -58,7 +58,8 @@ class PlateState:
     the age of the newest touch sample,
     `horizon_ms` how far ahead of it the plate was driven. `modal_um` and `modal_q_um` are the real and imaginary parts
     of the modes' phasors, `measured_um` the board's last measurement; an older daemon sends neither of the two.
-    `markers` arrived since the previous message: a reader that skips messages misses them.
+    `markers` arrived since the previous message: a reader that skips messages misses them. `surfaces_version` counts
+    the changes of the surfaces in force (`Client.surfaces`); None from an older daemon.
     """
 
     instance: int
@@ -73,6 +74,7 @@ class PlateState:
     markers: tuple[Marker, ...] = ()
     modal_q_um: tuple[float, ...] = ()
     measured_um: tuple[complex, ...] = ()
+    surfaces_version: int | None = None
 
 
 def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) -> bytes:
@@ -127,6 +129,7 @@ def decode_state(payload: bytes) -> PlateState:
             markers=tuple(Marker(one["t_ns"], one["client"], one["text"]) for one in fields.get("markers", ())),
             modal_q_um=tuple(_number(w_um) for w_um in fields.get("modal_q_um", ())),
             measured_um=tuple(complex(_number(d), _number(q)) for d, q in fields.get("measured_um", ())),
+            surfaces_version=fields.get("surfaces_version"),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise HapticdError(f"The daemon sent an invalid state ({error}).") from None

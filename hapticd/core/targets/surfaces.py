@@ -47,6 +47,7 @@ class Surfaces:
         sliding: Sliding,
     ) -> None:
         self.layers: list[Layer] = []
+        self.version = 0  # counts changes; a refreshed surface is none
         self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
         self._curve: Final = curve
@@ -170,7 +171,9 @@ class Surfaces:
         return texture(self._assets.resolved(content), self._curve, size_mm, self._w_limit_um, self._sliding)
 
     def _stack(self, layers: list[Layer]) -> None:
-        self.layers = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
+        stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
+        self.version += stacked != self.layers
+        self.layers = stacked
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
 
 

@@ -36,7 +36,7 @@ def payload_of(message: ClientTargets) -> bytes:
                 **stamp,
                 "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
                 "virtuals": [_virtual(name, path) for name, path in message.virtuals.items()],
-                "surfaces": [_surface(name, surface) for name, surface in message.surfaces.items()],
+                "surfaces": [surface_fields(name, surface) for name, surface in message.surfaces.items()],
             }
         )
     )
@@ -67,7 +67,8 @@ def _map(image: MapTarget) -> dict[str, Any]:
     return {"width": image.width, "height": image.height, **levels, **scale}
 
 
-def _surface(name: str, surface: Surface) -> dict[str, Any]:
+def surface_fields(name: str, surface: Surface) -> dict[str, Any]:
+    """Return the fields of a surface in a message."""
     fields = {"name": name, **_target(surface.content), "blend": surface.blend.value}
     if surface.shape is not None:
         fields |= _shape(surface.shape)

@@ -3,9 +3,12 @@
 page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all that are held on the simulated pad
                  {"op": "set", "finger": 3, "amplitude_um": 1.0}         set a finger's target
                  {"op": "release", "finger": 3}                          release this page's target
+                 {"op": "draw", "surface": {..}}      lay or move a surface of this viewer, as in a `targets` message
+                 {"op": "erase", "surface": "name"}   remove it
                  {"op": "clear_fault"}
                  {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5}   restart on another plate
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
+                 {"kind": "surfaces", ..}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
                  {"kind": "choices", "plates": {"reference": [2, 3, 4], ..}}   those that a page can switch to
 """
@@ -20,7 +23,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_POSITION_MM, Point
+from ...values import Surface
 from ...wire.fields import Fields, bounded, items, label, whole
+from .surfaces import drawn
 
 if TYPE_CHECKING:
     from hapticd_client import FingerState, PlateState
@@ -52,6 +57,14 @@ class SetTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class DrawSurface:
+    """Lay a surface, or change the one of that name; None removes it."""
+
+    name: str
+    surface: Surface | None
+
+
+@dataclass(frozen=True, slots=True)
 class ClearFault:
     """Clear a latched fault."""
 
@@ -65,20 +78,27 @@ class SwitchPlate:
     contact_radius_mm: float
 
 
-def decode(text: str) -> Hold | SetTarget | ClearFault | SwitchPlate:
+Message = Hold | SetTarget | DrawSurface | ClearFault | SwitchPlate
+
+
+def decode(text: str) -> Message:
     """Decode a page's message. Raises RequestError."""
     try:
         fields = Fields(json.loads(text))
     except (ValueError, RecursionError):
         raise RequestError("The page's message is not JSON.") from None
     op = fields.take("op")
-    message: Hold | SetTarget | ClearFault | SwitchPlate
+    message: Message
     if op == "fingers":
         message = Hold(_points(fields.take("fingers")))
     elif op == "set":
         message = SetTarget(_key(fields.take("finger")), fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
     elif op == "release":
         message = SetTarget(_key(fields.take("finger")), None)
+    elif op == "draw":
+        message = DrawSurface(*drawn(fields.take("surface")))
+    elif op == "erase":
+        message = DrawSurface(label(fields.take("surface"), "surface"), None)
     elif op == "clear_fault":
         message = ClearFault()
     elif op == "switch":
@@ -88,7 +108,7 @@ def decode(text: str) -> Hold | SetTarget | ClearFault | SwitchPlate:
             fields.number("contact_radius_mm", 0.0, MAX_RADIUS_MM),
         )
     else:
-        raise RequestError("op: must be fingers, set, release, clear_fault or switch.")
+        raise RequestError("op: must be fingers, set, release, draw, erase, clear_fault or switch.")
     fields.end()
     return message
 
@@ -169,8 +189,15 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "has_contacts": contact_radius_mm > 0.0,
             "simulated": simulated is not None,
             "name": simulated or "",
+            "friction_curve": body.get("friction_curve"),
+            "friction_speed_mm_s": body.get("friction_speed_mm_s"),
         }
     )
+
+
+def surfaces(layers: Sequence[Mapping[str, object]]) -> str:
+    """Return the surfaces in force, topmost first (`surfaces.SurfacePainter`)."""
+    return _text({"kind": "surfaces", "surfaces": list(layers)})
 
 
 def status(body: Mapping[str, Any]) -> str:

@@ -1,5 +1,8 @@
 // List of fingers: target, achieved amplitude, owner, and the controls of this page.
 
+import { WEBER_FRAC } from "./friction.js";
+
+const isFelt = (friction_change) => Math.abs(friction_change) > WEBER_FRAC;
 const MOST_UM = 2;
 const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
@@ -67,7 +70,7 @@ export class FingerList {
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
     write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
     const contact = finger.felt;
-    const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, friction ${Math.round(100 * contact.friction)} % · ` : "";
+    const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, ${frictionText(finger)} · ` : "";
     write(row.owner, felt + (owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`));
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
@@ -75,6 +78,14 @@ export class FingerList {
     row.slippery.setAttribute("aria-pressed", target_um > 0);
     if (document.activeElement !== row.slider) row.slider.value = target_um ?? 0;
   }
+}
+
+/** The friction of a contact, relative to bare glass, and to what was asked. */
+function frictionText({ felt, friction_change }) {
+  const friction = `friction ${Math.round(100 * felt.friction)} %`;
+  if (friction_change === null) return friction;
+  const percent = Math.round(100 * friction_change);
+  return `${friction} (${percent < 0 ? "−" : "+"}${Math.abs(percent)} % of asked${isFelt(friction_change) ? ", felt" : ""})`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */
