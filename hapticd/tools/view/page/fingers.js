@@ -2,7 +2,6 @@
 
 import { WEBER_FRAC } from "./friction.js";
 
-const isFelt = (friction_change) => Math.abs(friction_change) > WEBER_FRAC;
 const MOST_UM = 2;
 const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
@@ -68,9 +67,10 @@ export class FingerList {
     row.box.classList.toggle("chosen", isChosen);
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
-    write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
+    write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}${changeText(finger)}`);
+    row.amounts.classList.toggle("felt", Math.abs(finger.friction_change) > WEBER_FRAC);
     const contact = finger.felt;
-    const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, ${frictionText(finger)} · ` : "";
+    const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, friction ${Math.round(100 * contact.friction)} % · ` : "";
     write(row.owner, felt + (owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`));
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
@@ -80,12 +80,11 @@ export class FingerList {
   }
 }
 
-/** The friction of a contact, relative to bare glass, and to what was asked. */
-function frictionText({ felt, friction_change }) {
-  const friction = `friction ${Math.round(100 * felt.friction)} %`;
-  if (friction_change === null) return friction;
+/** By how much the contact's friction differs from what was asked. */
+function changeText({ friction_change }) {
+  if (friction_change === null) return "";
   const percent = Math.round(100 * friction_change);
-  return `${friction} (${percent < 0 ? "−" : "+"}${Math.abs(percent)} % of asked${isFelt(friction_change) ? ", felt" : ""})`;
+  return `, friction ${percent < 0 ? "−" : "+"}${Math.abs(percent)} %`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */
