@@ -33,7 +33,7 @@ class FakeDaemon:
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
-        self.optional: tuple[str, ...] = ("stamp", "surfaces")
+        self.optional: tuple[str, ...] = ("stamp", "surfaces", "effects")
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False

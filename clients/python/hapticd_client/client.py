@@ -17,6 +17,7 @@ from typing import Any, SupportsIndex
 import zmq
 
 from .control import Control
+from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .messages import PROTOCOL_VERSION, FingerState, PlateState
@@ -214,12 +215,42 @@ class Client:
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
         self._request(self._targets.with_surface(label("name", name), {**target, **pose}, ttl_s), wait)
 
+    def effect(
+        self,
+        name: str,
+        form: Form,
+        *,
+        on: FingerState | int | str | None = None,
+        start: Start | None = None,
+        loops: bool = False,
+        ttl_s: float = DEFAULT_TTL_S,
+        wait: bool = True,
+    ) -> None:
+        """Play a form in time: a Pulse, an Envelope or a Modulation, once or again and again with `loops`.
+
+        `on` is a finger, the name of one of this client's surfaces, or None for the whole plate; there it is felt by
+        fingers of no other client. `start` is Now() by default, At(t_ns), or a cause that starts it each time it
+        occurs: OnLanding(), OnLifting(), OnEntering(surface), OnLeaving(surface), OnCrossing(surface),
+        OnPressure(threshold). The same name again replaces the effect. Raises RefusedError, also for what a frame
+        cannot carry and from an older daemon without effects.
+        """
+        if "effects" not in self.hello.get("optional", ()):
+            raise RefusedError("effect: this daemon has no effects: update it.")
+        fields = effect_fields(form, on, Now() if start is None else start, loops)
+        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
+        self._request(self._targets.with_effect(label("name", name), fields, ttl_s), wait)
+
+    def stop(self, effect: str) -> None:
+        """End one effect and do not start it again; one that there is not is no error."""
+        self._request(self._targets.without_effect(label("effect", effect)), wait=True)
+
     def remove(self, surface: str) -> None:
-        """Remove one surface; one that there is not is no error."""
+        """Remove one surface and the effects that name it; one that there is not is no error."""
         self._request(self._targets.without_surface(label("surface", surface)), wait=True)
 
     def release(self, finger: FingerState | Key | None = None) -> None:
-        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces."""
+        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
+        effects."""
         stamp = self._stamp()
         body: dict[str, object] = {"client": self.name, **stamp}
         targets = TargetSet()
@@ -331,7 +362,7 @@ class Client:
         if state.instance != self._instance:  # a restarted daemon counts its fingers from 1
             self._instance, self._down = state.instance, set()
         down: set[Key] = {finger.id for finger in state.fingers if not finger.virtual}
-        lifted = (self._down - down) & self._targets.targets.keys()
+        lifted = (self._down - down) & self._targets.fingers
         self._down = down
         if lifted:
             self._keep(self._targets.without(*lifted), self._stamp())
