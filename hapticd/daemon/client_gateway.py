@@ -104,8 +104,7 @@ class ClientGateway:
                 return self._mark(replace(marker, t_ns=t_now_ns))
             case AssetPart() as one:
                 self._client_registry.is_newest(one.client, user, None, 0, t_now_ns)
-                digest, size, offset = one.digest, one.size, one.offset
-                have = self._scene.assets.upload(one.client, digest, size, offset, one.part, t_now_ns)
+                have = self._scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_now_ns)
                 return {"have": have}
             case ClientTargets() as targets:
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)

@@ -86,6 +86,12 @@ class Scene:
             self._released.pop(key, None)
         return (*refusals, *self.surfaces.apply(message, t_ns))
 
+    def upload(self, client: str, digest: bytes, size: int, offset: int, part: bytes, t_ns: int) -> int:
+        """Take a part of an asset, as `Assets.upload`, which makes room for a new one where nothing is used."""
+        if part and offset == 0:
+            self.assets.look(self._in_force(), t_ns)
+        return self.assets.upload(client, digest, size, offset, part, t_ns)
+
     def release(self, client: str, key: Key) -> bool:
         """Release one finger; False if the client does not own it."""
         held = self._held.get(key)
