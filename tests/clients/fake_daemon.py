@@ -121,7 +121,7 @@ class FakeDaemon:
             case "capabilities", _:
                 return wire.CAPABILITIES
             case "status", _:
-                return {"messages": self.messages}
+                return {"messages": self.messages, "t_ns": time.monotonic_ns()}
             case "clear_fault", _:
                 self.fault_cleared = True
             case "set", ClientTargets() as targets:
