@@ -95,13 +95,17 @@ class TouchFrame(NamedTuple):
 
 
 class Finger(NamedTuple):
-    """A tracked finger. `finger_id` counts up from 1 and is never used again, whatever ids the device reuses."""
+    """A tracked finger. `finger_id` counts up from 1 and is never used again, whatever ids the device reuses.
+
+    `pressure_frac` is the device's own measure of how hard it presses.
+    """
 
     finger_id: int
     contact_id: int
     x_mm: float
     y_mm: float
     is_new: bool
+    pressure_frac: float = 0.0
 
 
 class FingerFrame(NamedTuple):
@@ -426,3 +430,39 @@ class Tick(NamedTuple):
     drive: SafeDrive | None
     points: tuple[TouchPoint, ...]
     limited: bool
+
+
+# --- what happened ----------------------------------------------------------------------------------------------
+
+
+class EventKind(Enum):
+    """What happened to a finger or an effect."""
+
+    LANDED = "landed"
+    LIFTED = "lifted"
+    ENTERED = "entered"
+    LEFT = "left"
+    CROSSED = "crossed"
+    PRESSED = "pressed"
+    RELEASED = "released"
+    BEGUN = "begun"
+    ENDED = "ended"
+
+
+class PlateEvent(NamedTuple):
+    """One event; `seq` counts all of a pipeline. `t_ns` is when its cause occurred, `t_device_ns` the same on the
+    trackpad's own clock.
+
+    `client` owns the `surface` (of ENTERED, LEFT and CROSSED) or the `effect` (of PRESSED, RELEASED, BEGUN and ENDED).
+    None and "" where there is none.
+    """
+
+    seq: int
+    kind: EventKind
+    t_ns: int
+    t_device_ns: int | None
+    finger_id: int | None
+    place_mm: tuple[float, float] | None
+    client: str
+    surface: str
+    effect: str

@@ -84,10 +84,12 @@ class ClientGateway:
         Ids count up, so a client could otherwise own each finger before it touches.
         """
         newest = self._host.newest_finger_id
-        unseen = [key for key in message.targets if isinstance(key, int) and key > newest]
+        reached = [*message.targets, *[effect.on for effect in message.effects.values()]]
+        unseen = [key for key in dict.fromkeys(reached) if isinstance(key, int) and key > newest]
         if unseen:
             known = {key: target for key, target in message.targets.items() if key not in unseen}
-            message = replace(message, targets=known)
+            effects = {name: effect for name, effect in message.effects.items() if effect.on not in unseen}
+            message = replace(message, targets=known, effects=effects)
         refusals = (f"finger {key} has not touched the plate: use an id from the newest state." for key in unseen)
         return (*refusals, *self.want(message, t_now_ns))
 
