@@ -95,13 +95,17 @@ class TouchFrame(NamedTuple):
 
 
 class Finger(NamedTuple):
-    """A tracked finger. `finger_id` counts up from 1 and is never used again, whatever ids the device reuses."""
+    """A tracked finger. `finger_id` counts up from 1 and is never used again, whatever ids the device reuses.
+
+    `pressure_frac` is the device's own measure of how hard it presses.
+    """
 
     finger_id: int
     contact_id: int
     x_mm: float
     y_mm: float
     is_new: bool
+    pressure_frac: float = 0.0
 
 
 class FingerFrame(NamedTuple):
@@ -253,6 +257,88 @@ class Surface:
     path: VirtualPath | None = None
 
 
+# --- effects in time --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """`height_um` (also negative) added for `length_s`, with a linear rise and fall of `rise_s` each within it."""
+
+    height_um: float
+    length_s: float
+    rise_s: float = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """Points (t_s, value) from 0 s on, linear in between; two at one instant are a step.
+
+    Values are um that are added, or with `is_factor` factors of what is felt.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    is_factor: bool = False
+
+
+class Wave(Enum):
+    """The wave of a modulation: 1 at its start, mean 0, within -1 .. 1."""
+
+    SINE = "sine"
+    SQUARE = "square"
+
+
+@dataclass(frozen=True, slots=True)
+class Modulation:
+    """What is felt times 1 - depth/2 + depth/2 * wave: from 1 down to 1 - depth. `length_s` None: until it is ended."""
+
+    frequency_hz: float
+    depth_frac: float
+    wave: Wave = Wave.SINE
+    length_s: float | None = None
+
+
+Form = Pulse | Envelope | Modulation
+
+
+class Cause(Enum):
+    """What starts an effect: a message, an instant, or a finger."""
+
+    NOW = "now"
+    AT = "at"
+    LANDING = "landing"
+    LIFTING = "lifting"
+    ENTERING = "entering"
+    LEAVING = "leaving"
+    CROSSING = "crossing"
+    PRESSURE = "pressure"
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """When an effect starts, and what the cause needs: AT `t_ns`; ENTERING, LEAVING and CROSSING the client's
+    `surface`; PRESSURE that reaches `threshold_frac` and has meanwhile been at `release_frac` or less.
+
+    NOW with another `start_id` starts once more.
+    """
+
+    cause: Cause = Cause.NOW
+    start_id: int = 0
+    t_ns: int = 0
+    surface: str = ""
+    threshold_frac: float = 0.0
+    release_frac: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A form in time on a finger (its id), on one of the client's surfaces (its name), or on the whole plate (None)."""
+
+    form: Form
+    on: int | str | None = None
+    start: Start = Start()
+    loops: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class ClientTargets:
     """All present targets of one client; they replace that client's earlier ones.
@@ -267,6 +353,7 @@ class ClientTargets:
     virtuals: dict[str, VirtualPath]
     stamp: int | None = None
     surfaces: dict[str, Surface] = field(default_factory=dict)
+    effects: dict[str, Effect] = field(default_factory=dict)
 
 
 # --- what the plate should do -----------------------------------------------------------------------------------
@@ -353,3 +440,39 @@ class Tick(NamedTuple):
     drive: SafeDrive | None
     points: tuple[TouchPoint, ...]
     limited: bool
+
+
+# --- what happened ----------------------------------------------------------------------------------------------
+
+
+class EventKind(Enum):
+    """What happened to a finger or an effect."""
+
+    LANDED = "landed"
+    LIFTED = "lifted"
+    ENTERED = "entered"
+    LEFT = "left"
+    CROSSED = "crossed"
+    PRESSED = "pressed"
+    RELEASED = "released"
+    BEGUN = "begun"
+    ENDED = "ended"
+
+
+class PlateEvent(NamedTuple):
+    """One event; `seq` counts all of a pipeline. `t_ns` is when its cause occurred, `t_device_ns` the same on the
+    trackpad's own clock.
+
+    `client` owns the `surface` (of ENTERED, LEFT and CROSSED) or the `effect` (of PRESSED, RELEASED, BEGUN and ENDED).
+    None and "" where there is none.
+    """
+
+    seq: int
+    kind: EventKind
+    t_ns: int
+    t_device_ns: int | None
+    finger_id: int | None
+    place_mm: tuple[float, float] | None
+    client: str
+    surface: str
+    effect: str

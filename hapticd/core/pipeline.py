@@ -14,11 +14,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
-from .phasors import Row, magnitude, re_im
+from .phasors import Row
 from .plate.mode_shapes import ModeShapes
 from .plate.parasitic_modes import ParasiticModes
 from .solver.general import solve_fast
@@ -36,9 +35,10 @@ from .solver.instant import (
 from .targets.scene import Scene
 from .touch.fingers import Fingers, Predictor
 from .trajectory.gate import gate, silence
-from .trajectory.knots import SHORTEST_NS, refine
+from .trajectory.knots import refine
+from .triggers import Triggers
+from .ways import Ways, moved_mm
 
-_NO_EDGES: Final[Sequence[int]] = ()
 _STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
 
 
@@ -50,6 +50,7 @@ class PipelineSettings:
     `core.solver.derating`; 0 also removes the bound on the reference's slope). `phase_rotation`: two slipping fingers
     change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes still
     fingers discs. `cover_ns` is how long one frame must last: one and a half report periods, to bridge a lost report.
+    While an effect plays, a frame may have `effect_knots`, and be shorter: 1.1 report periods.
     `loop_delay_ns` is by how much the plate follows its reference late.
     """
 
@@ -60,6 +61,7 @@ class PipelineSettings:
     contact_radius_mm: float = 0.0
     tolerance_um: float = 0.02
     max_knots: int = 16
+    effect_knots: int = 24
     sensor_latency_ns: int = 10_000_000
     loop_delay_ns: int = 0
     cover_ns: int = 17_000_000
@@ -99,7 +101,8 @@ class Pipeline:
         self._scene = scene
         self._surfaces = scene.surfaces
         self._settings = settings
-        self.max_knots = settings.max_knots  # of one frame; a faster line carries more
+        self._effects = scene.effects
+        self.fit(settings.max_knots, settings.effect_knots)
         self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
@@ -112,13 +115,22 @@ class Pipeline:
         self._fingers = Fingers(
             settings.make_predictor, sensor_latency_ns=settings.sensor_latency_ns, silence_ns=settings.silence_ns
         )
+        self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
+        self.events = self._triggers.events
         self._steepness_1_mm = modes.steepest_1_mm()
+        self._ways = Ways(scene, self._fingers, self._steepness_1_mm, settings.tolerance_um)
         self._active = silence(0, modes.M)
         self._active_keys: list[Key] = []
         self._active_places: list[Place] = []
         self._is_sent = True
         self._t_settled_ns = 0
         self._active_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
+
+    def fit(self, max_knots: int, effect_knots: int) -> None:
+        """Set how many knots a frame may have, and while an effect plays: a faster line carries more."""
+        self.max_knots = max_knots
+        self._effect_knots = max(max_knots, effect_knots)
+        self._effects.fit(self._effect_knots, self._settings.cover_ns * 11 // 15)
 
     @property
     def fingers(self) -> tuple[Finger, ...]:
@@ -140,11 +152,14 @@ class Pipeline:
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
-        return self._fingers.touch(frame, t_read_ns)
+        tracked = self._fingers.touch(frame, t_read_ns)
+        self._triggers.take(tracked)
+        return tracked
 
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
         self._fingers.lift_all()
+        self._triggers.lift_all()
 
     def sensor_is_silent(self, t_now_ns: int) -> bool:
         """Whether fingers are down and no report came for too long (then call `sensor_lost`)."""
@@ -167,13 +182,14 @@ class Pipeline:
         if self._surfaces.layers:
             self._surfaces.expire(t_now_ns)
             self._fingers.hold_all()
+        t_apply_ns = t_now_ns + link_ns
+        t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
+        self._triggers.look(t_now_ns, t_plate_ns)
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if is_allowed else []
         if not keys:
             return self.rest(t_now_ns, link_ns)
         if not is_followed:
             self._is_sent = False
-        t_apply_ns = t_now_ns + link_ns
-        t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
             self.counters.skipped_standing += 1
@@ -185,7 +201,7 @@ class Pipeline:
 
         limited = first.limited or last.limited
         self.counters.knots += len(knots)
-        self.counters.skipped_knots += self.max_knots - len(knots)
+        self.counters.skipped_knots += max(self.max_knots - len(knots), 0)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
         self._active, self._active_keys, self._active_places = drive, keys, last.places
@@ -219,23 +235,27 @@ class Pipeline:
         settings = self._settings
         first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
-        if self.max_knots == 1:
+        span_ns, most, corners_ns = settings.cover_ns, self.max_knots, list[int]()
+        if self._effects.playing:
+            most = self._effect_knots
+            span_ns, corners_ns = self._effects.frame(t_plate_ns, span_ns, most)
+        if most == 1:
             return first, first, [begin]
-        span_ns = settings.cover_ns
         last = self._solve_at(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
         knots = [begin, Knot(span_ns, last.modal_um)]
-        moved_mm = _moved_mm(first.places, last.places)
-        pieces, smooth, edges_ns = self._pieces(keys, moved_mm, t_plate_ns)
-        if pieces == 1 and smooth and not edges_ns and self._bend_um(knots, moved_mm) <= settings.tolerance_um:
-            return first, last, knots
+        ways_mm = moved_mm(first.places, last.places)
+        room = most - len(corners_ns)
+        pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, span_ns, room)
+        is_plain = pieces == 1 and smooth and not edges_ns
+        is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= settings.tolerance_um
 
         def solve(dt_ns: int, before: Knot) -> Row:
             return self._solve_at(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
 
         between_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
-        for dt_ns in sorted({*between_ns, *edges_ns}) if edges_ns else between_ns:
+        for dt_ns in sorted({*between_ns, *edges_ns, *corners_ns}) if edges_ns or corners_ns else between_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
-        return first, last, refine(solve, knots, settings.tolerance_um, self.max_knots, smooth=smooth)
+        return first, last, knots if is_plain else refine(solve, knots, settings.tolerance_um, most, smooth=smooth)
 
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
@@ -257,6 +277,8 @@ class Pipeline:
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
+            if self._effects.playing:
+                target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
         return places
 
@@ -270,52 +292,13 @@ class Pipeline:
             was_x_mm, was_y_mm = self._fingers.predicted_mm(key, t_ns - _STEP_NS)
         return math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
 
-    def _pieces(
-        self, keys: Sequence[Key], moved_mm: Sequence[float], t_plate_ns: int
-    ) -> tuple[int, bool, Sequence[int]]:
-        """Return into how many spans the textures divide the fingers' way at first, whether they are smooth, and the
-        instants before and after each edge of a surface."""
-        pieces, smooth, edges_ns = 1.0, True, _NO_EDGES
-        for finger, way_mm in enumerate(moved_mm):
-            finest_mm, is_smooth = self._scene.detail(keys[finger])
-            if way_mm > pieces * finest_mm:
-                pieces = way_mm / finest_mm
-            smooth = smooth and is_smooth
-        if self._surfaces.layers:
-            surface_pieces, are_smooth, edges_ns = self._edges(keys, t_plate_ns)
-            pieces, smooth = max(pieces, surface_pieces), smooth and are_smooth
-        room = max(self.max_knots - 1 - len(edges_ns), 1)
-        return math.ceil(min(pieces, room, self._settings.cover_ns / SHORTEST_NS)), smooth, edges_ns
-
-    def _edges(self, keys: Sequence[Key], t_plate_ns: int) -> tuple[float, bool, Sequence[int]]:
-        """Return what the surfaces add to `_pieces`; where there are too many edges, the earliest."""
-        settings, pieces, smooth, found_ns = self._settings, 1.0, True, set[int]()
-        for key in keys:
-            if isinstance(key, int) and self._scene.target_of(key) is None:
-                predicted_mm = partial(self._fingers.predicted_mm, key)
-                way = self._surfaces.along(predicted_mm, t_plate_ns, settings.cover_ns, settings.tolerance_um)
-                pieces, smooth = max(pieces, way.pieces), smooth and way.is_smooth
-                found_ns.update(way.edges_ns)
-        found_ns.discard(0)
-        return pieces, smooth, sorted(found_ns)[: (self.max_knots - 2) // 2 * 2]
-
-    def _bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
-        """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""
-        largest_um = 0.0
-        for _, modal_um in ends:
-            for w_um in modal_um:
-                w_d_um, w_q_um = re_im(w_um)
-                largest_um = max(largest_um, magnitude(w_d_um, w_q_um))
-        change = self._steepness_1_mm * sum(moved_mm)
-        return largest_um * (change * change) / 8.0
-
     def _still(self, keys: list[Key], t_apply_ns: int, t_plate_ns: int) -> list[Place] | None:
         """Return where the fingers will be when the frame begins, if the last reference still holds; else None.
 
         It holds if it has settled, and from there to the frame's end the fingers stay where it was made for.
         """
         standing = self._active_places
-        if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns:
+        if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.playing:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)
         ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]
@@ -326,7 +309,8 @@ class Pipeline:
                     return None
         if steepness_um_mm > 0.0 and not self._surfaces.layers:
             return ends[0]  # while the plate is silent, fingers may move far: over stripes, to the same target
-        pieces, _, edges_ns = self._pieces(keys, _moved_mm(ends[0], ends[1]), t_plate_ns)
+        ways_mm = moved_mm(ends[0], ends[1])
+        pieces, _, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, self._settings.cover_ns, self.max_knots)
         return ends[0] if pieces == 1 and not edges_ns else None
 
     def _tick(
@@ -334,12 +318,3 @@ class Pipeline:
     ) -> Tick:
         t_sample_ns = self._fingers.t_sample_ns if self._fingers.down else t_now_ns
         return Tick(t_now_ns, t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns, drive, points, limited)
-
-
-def _moved_mm(before: Sequence[Place], after: Sequence[Place]) -> list[float]:
-    """Return how far each finger moves."""
-    moved_mm = []
-    for finger in range(len(before)):
-        (x_mm, y_mm, _), (then_x_mm, then_y_mm, _) = before[finger], after[finger]
-        moved_mm.append(math.hypot(then_x_mm - x_mm, then_y_mm - y_mm))
-    return moved_mm

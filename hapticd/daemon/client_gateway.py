@@ -85,10 +85,12 @@ class ClientGateway:
         Ids count up, so a client could otherwise own each finger before it touches.
         """
         newest = self._host.newest_finger_id
-        unseen = [key for key in message.targets if isinstance(key, int) and key > newest]
+        reached = [*message.targets, *[effect.on for effect in message.effects.values()]]
+        unseen = [key for key in dict.fromkeys(reached) if isinstance(key, int) and key > newest]
         if unseen:
             known = {key: target for key, target in message.targets.items() if key not in unseen}
-            message = replace(message, targets=known)
+            effects = {name: effect for name, effect in message.effects.items() if effect.on not in unseen}
+            message = replace(message, targets=known, effects=effects)
         refusals = (f"finger {key} has not touched the plate: use an id from the newest state." for key in unseen)
         return (*refusals, *self.want(message, t_now_ns))
 
@@ -105,8 +107,7 @@ class ClientGateway:
                 return self._mark(replace(marker, t_ns=t_now_ns))
             case AssetPart() as one:
                 self._client_registry.is_newest(one.client, user, None, 0, t_now_ns)
-                digest, size, offset = one.digest, one.size, one.offset
-                have = self._scene.assets.upload(one.client, digest, size, offset, one.part, t_now_ns)
+                have = self._scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_now_ns)
                 return {"have": have}
             case ClientTargets() as targets:
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)

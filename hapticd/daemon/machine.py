@@ -25,7 +25,7 @@ from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observer
 from .perception import Perception
-from .settings import friction_curve, max_knots, pipeline_settings, plate_from_pad
+from .settings import effect_knots, friction_curve, max_knots, pipeline_settings, plate_from_pad
 from .status import Status
 
 log = logging.getLogger("hapticd")
@@ -323,7 +323,7 @@ class Machine:
         """Set the line's speed, and let frames have as many knots as it then carries."""
         assert self._set_baud is not None
         self._set_baud(baud)
-        self.pipeline.max_knots = max_knots(self.config, baud)
+        self.pipeline.fit(max_knots(self.config, baud), effect_knots(self.config, baud))
 
     def pulse(self, t_now_ns: int) -> None:
         """Let the board's sync output rise with the next reference that takes effect. Raises RequestError."""

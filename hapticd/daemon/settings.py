@@ -12,10 +12,11 @@ from ..core.prediction.pad_memory import PadMemory
 from ..core.prediction.predictor import DEFAULT
 from ..core.targets.scene import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..values import AffineMap
-from ..wire.protocol import REFERENCE
+from ..wire.protocol import KNOTS_MAX, REFERENCE
 
 LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
 LONGEST_FRAME_S = 0.003
+LONGEST_EFFECT_FRAME_S = 0.005  # while an effect plays: 24 knots of two modes at 921600 baud
 BITS_PER_BYTE = 10  # 8N1
 ENVELOPE_BYTES = 7  # of a frame: type, CRC, COBS and its delimiter
 
@@ -47,6 +48,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
         tolerance_um=solver.tolerance_um,
         max_knots=max_knots(config, config.device.baud),
+        effect_knots=effect_knots(config, config.device.baud),
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
         loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
         cover_ns=round(1.5e6 * prediction.period_ms),
@@ -58,6 +60,12 @@ def max_knots(config: Config, baud: int) -> int:
     """Return the most knots of a frame on a link of this speed."""
     most, modes = config.solver.max_knots, len(config.limits.w_limit_um)
     return min(most, knots_in(LONGEST_FRAME_S, baud, modes)) if _has_contacts(config) else most
+
+
+def effect_knots(config: Config, baud: int) -> int:
+    """Return the most knots of a frame while an effect plays, which may need more than places do."""
+    modes = len(config.limits.w_limit_um)
+    return max(max_knots(config, baud), min(KNOTS_MAX, knots_in(LONGEST_EFFECT_FRAME_S, baud, modes)))
 
 
 def _has_contacts(config: Config) -> bool:

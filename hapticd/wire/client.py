@@ -20,6 +20,7 @@ from ..errors import RequestError
 from ..values import ClientTargets
 from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
 from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
+from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS
 from .fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
 from .paths import MAX_PATH_POINTS
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
@@ -44,7 +45,7 @@ CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
     # Fields added within this version: a client sends only those listed here.
-    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets"),
+    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects"),
     "targets": CONTENTS,
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
@@ -55,6 +56,9 @@ CAPABILITIES: Mapping[str, object] = {
     "max_asset_side": MAX_ASSET_SIDE,
     "max_asset_bytes": MAX_ASSET_BYTES,
     "max_part_bytes": MAX_BINARY_BYTES,
+    "effects": FORMS,
+    "max_effects": MAX_EFFECTS,
+    "max_envelope_points": MAX_ENVELOPE_POINTS,
     "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,
     "ttl_s": (MIN_TTL_S, MAX_TTL_S),

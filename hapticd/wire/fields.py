@@ -13,7 +13,7 @@ import msgpack
 from ..errors import RequestError
 
 MAX_PAYLOAD_BYTES = 65536
-MAX_ENTRIES = 64  # of a list or a map: a path's points are the longest list
+MAX_ENTRIES = 256  # of a list or a map: an envelope's points are the longest list
 MAX_TEXT_BYTES = 128  # 32 characters of four bytes
 MAX_BINARY_BYTES = 128 * 128  # an amplitude map
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import msgpack
 
@@ -11,7 +12,7 @@ from fuzz.target import Cost, Target
 from hapticd.core.targets.layer import Layer
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.values import AmplitudeTarget, ClientTargets, Polygon, Surface
+from hapticd.values import AmplitudeTarget, ClientTargets, Effect, Envelope, Modulation, Polygon, Pulse, Surface
 from hapticd.wire.assets import MAX_ASSET_BYTES, AssetPart
 from hapticd.wire.client import (
     MAX_MARKER_CHARACTERS,
@@ -25,6 +26,7 @@ from hapticd.wire.client import (
     decode_targets,
 )
 from hapticd.wire.contents import MAX_AMPLITUDE_UM, MAX_POSITION_MM
+from hapticd.wire.effects import MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_LENGTH_S
 from hapticd.wire.fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES
 from hapticd.wire.paths import MAX_PATH_POINTS
 from hapticd.wire.surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
@@ -63,6 +65,17 @@ BODY: dict[str, object] = {
             "noise": {"shortest_mm": 1, "longest_mm": 9.5, "exponent": 0.5, "mean_um": 1, "rms_um": 0.25, "seed": 7},
         },
         {"name": "photo", "map": {"width": 2, "height": 2, "asset": bytes(32), "friction": [1, 0.5]}},
+    ],
+    "effects": [
+        {"name": "click", "pulse": {"height_um": -1, "length_s": 0.01}, "start": {"cause": "pressure", "threshold": 1}},
+        {"name": "hum", "modulation": {"frequency_hz": 250, "depth": 0.5}, "finger": 3, "start": {"cause": "landing"}},
+        {
+            "name": "wave",
+            "envelope": {"points": [[0, 1], [0.01, 0], [0.01, 2]], "is_factor": True},
+            "surface": "bow",
+            "start": {"cause": "crossing", "surface": "disc"},
+        },
+        {"name": "beep", "pulse": {"height_um": 1, "length_s": 9}, "start": {"cause": "at", "t_ns": 7}, "loops": True},
     ],
 }
 
@@ -104,6 +117,9 @@ def check_targets(wanted: ClientTargets) -> None:
     assert len(wanted.surfaces) <= MAX_SURFACES
     for surface in wanted.surfaces.values():
         check_surface(surface)
+    assert len(wanted.effects) <= MAX_EFFECTS
+    for effect in wanted.effects.values():
+        check_effect(effect, wanted)
     for path in wanted.virtuals.values():
         assert 1 <= len(path.points_mm) <= MAX_PATH_POINTS
         assert all(abs(part) <= MAX_POSITION_MM for point in path.points_mm for part in point)
@@ -119,6 +135,23 @@ def check_surface(surface: Surface) -> None:
     if isinstance(surface.shape, Polygon):
         assert 3 <= len(surface.shape.points_mm) <= MAX_POLYGON_POINTS
         assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.points_mm for part in point)
+
+
+def check_effect(effect: Effect, wanted: ClientTargets) -> None:
+    named = [effect.start.surface, *([effect.on] if isinstance(effect.on, str) else [])]
+    assert all(name in wanted.surfaces for name in named if name)
+    assert 0.0 <= effect.start.release_frac < effect.start.threshold_frac <= 1.0 or not effect.start.threshold_frac
+    match effect.form:
+        case Pulse(height_um, length_s, rise_s):
+            assert abs(height_um) <= MAX_AMPLITUDE_UM
+            assert 0.0 <= 2.0 * rise_s <= length_s <= MAX_LENGTH_S
+        case Envelope(points):
+            assert 2 <= len(points) <= MAX_ENVELOPE_POINTS
+            assert all(before[0] <= after[0] <= MAX_LENGTH_S for before, after in pairwise(points))
+            assert all(abs(value) <= MAX_AMPLITUDE_UM for _, value in points)
+        case Modulation(frequency_hz, depth_frac):
+            assert 1.0 <= frequency_hz <= 300.0
+            assert 0.0 <= depth_frac <= 1.0
 
 
 def layers_of(surface: Surface) -> list[Layer]:
@@ -172,7 +205,12 @@ def extremes() -> dict[str, bytes]:
     star = [[math.cos(2.4 * n), math.sin(2.4 * n)] for n in range(MAX_POLYGON_POINTS)]
     polygons = [{"name": f"{n:032}", "amplitude_um": 1, "polygon_mm": star} for n in range(MAX_SURFACES)]
     endless = {"name": "a", "amplitude_um": 1, "polygon_mm": [[0, 0]] * 10_000}
+    thick = {"points": [[0.01 * n, 1.5] for n in range(MAX_ENVELOPE_POINTS)]}
+    envelopes = [{"name": f"{n:032}", "envelope": thick} for n in range(12)]
+    long = {"name": "a", "envelope": {"points": [[n, 0] for n in range(10_000)]}}
     return {
+        "envelopes": packed({"client": "a", "effects": envelopes}),
+        "an envelope of 10000 points": packed({"client": "a", "effects": [long]}),
         "longest": packed({"client": "a", "virtuals": paths, "targets": targets}),
         "polygons": packed({"client": "a", "surfaces": polygons}),
         "a polygon of 10000 points": packed({"client": "a", "surfaces": [endless]}),

@@ -17,13 +17,20 @@ from hapticd.errors import RequestError
 from hapticd.values import (
     AmplitudeTarget,
     Blend,
+    Cause,
     ClientTargets,
+    Effect,
+    Envelope,
     FrictionTarget,
     GratingTarget,
     MapTarget,
+    Modulation,
     Polygon,
+    Pulse,
+    Start,
     Surface,
     VirtualPath,
+    Wave,
 )
 from hapticd.wire import client, contents, paths, targets
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES, peek_whole
@@ -61,7 +68,27 @@ FULL: dict[str, Any] = {
             "blend": "max",
         },
     ],
+    "effects": [
+        {"name": "click", "pulse": {"height_um": 1, "length_s": 0.01}},
+        {
+            "name": "bump",
+            "envelope": {"points": [[0, 1], [0.5, 2], [0.5, 0]], "is_factor": True},
+            "surface": "patch",
+            "start": {"cause": "pressure", "threshold": 0.5, "release": 0.25},
+        },
+        {
+            "name": "buzz",
+            "modulation": {"frequency_hz": 250, "depth": 0.5, "shape": "square", "length_s": 2},
+            "finger": 4,
+            "start": {"cause": "entering", "surface": "all"},
+            "loops": True,
+        },
+        {"name": "hum", "modulation": {"frequency_hz": 1, "depth": 1}, "start": {"cause": "at", "t_ns": 10**15}},
+    ],
 }
+
+
+CLICK = {"height_um": 1, "length_s": 0.01}
 
 
 def packed(**changes: object) -> bytes:
@@ -73,7 +100,20 @@ def with_target(**target: object) -> bytes:
 
 
 def with_surface(**surface: object) -> bytes:
-    return packed(surfaces=[{"name": "one", **surface}])
+    return packed(surfaces=[{"name": "one", **surface}], effects=[])
+
+
+def with_effect(**effect: object) -> bytes:
+    form = {} if any(name in effect for name in ("pulse", "envelope", "modulation")) else {"pulse": CLICK}
+    return packed(effects=[{"name": "one", **form, **effect}])
+
+
+def with_envelope(*points: object, **fields: object) -> bytes:
+    return with_effect(envelope={"points": points, **fields})
+
+
+def with_modulation(**fields: object) -> bytes:
+    return with_effect(modulation={"frequency_hz": 9, "depth": 1, **fields})
 
 
 def refusal(payload: bytes) -> str:
@@ -114,7 +154,28 @@ def test_a_full_message_is_read_to_the_last_field() -> None:
                 blend=Blend.MAX,
             ),
         },
+        effects={
+            "click": Effect(Pulse(1.0, 0.01, 0.002)),
+            "bump": Effect(
+                Envelope(((0.0, 1.0), (0.5, 2.0), (0.5, 0.0)), is_factor=True),
+                on="patch",
+                start=Start(Cause.PRESSURE, threshold_frac=0.5, release_frac=0.25),
+            ),
+            "buzz": Effect(
+                Modulation(250.0, 0.5, Wave.SQUARE, 2.0), on=4, start=Start(Cause.ENTERING, surface="all"), loops=True
+            ),
+            "hum": Effect(Modulation(1.0, 1.0), start=Start(Cause.AT, t_ns=10**15)),
+        },
     )
+
+
+def test_a_short_pulse_rises_and_falls_all_the_time_and_a_button_has_hysteresis_by_default() -> None:
+    message = client.decode_targets(
+        with_effect(pulse={"height_um": -1, "length_s": 0.001}, start={"cause": "pressure", "threshold": 0.4})
+    )
+    (effect,) = message.effects.values()
+    assert effect.form == Pulse(-1.0, 0.001, 0.0005)
+    assert effect.start == Start(Cause.PRESSURE, threshold_frac=0.4, release_frac=pytest.approx(0.3))
 
 
 def test_a_rectangle_is_centred_on_its_layer() -> None:
@@ -226,7 +287,8 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_target(map={"width": 129, "height": 1, "levels": b"", "high_um": 1}), "width: 129 is out of bounds"),
         (with_target(map={"width": 1, "height": 1, "levels": "x", "high_um": 1}), "levels: must be bytes, not a text."),
         (packed(virtuals=[{"name": "a", "path_mm": []}]), "virtuals[0].path_mm: needs at least one point."),
-        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "exceeds max_array_len"),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "path_mm: has 65 items, at most 64 are allowed."),
+        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 257}]), "exceeds max_array_len"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0]]}]), "virtuals[0].path_mm[0]: a point has two numbers"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 1001]]}]), "virtuals[0].path_mm[0]: 1001 is out of bounds"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "speed_mm_s": 2001}]), "speed_mm_s: 2001 is out of"),
@@ -250,6 +312,59 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_surface(friction=1, velocity_mm_s=[0, 2001]), "surfaces[0].velocity_mm_s: 2001 is out of bounds"),
         (with_surface(friction=1, z=0.5), "surfaces[0].z: must be a whole number, not a number."),
         (with_surface(friction=1, blend="multiply"), "surfaces[0].blend: must be one of replace, add, max."),
+        (packed(effects=[{"name": str(n), "pulse": CLICK} for n in range(17)]), "effects: has 17 items, at most 16"),
+        (packed(effects=[{"name": "a", "pulse": CLICK}] * 2), "effects[1].name: 'a' is listed twice."),
+        (packed(effects=[{"name": "a"}]), "effects[0]: needs exactly one of pulse, envelope, modulation."),
+        (with_effect(pulse=CLICK, modulation={}), "effects[0]: needs exactly one of pulse, envelope, modulation."),
+        (with_effect(pulse=CLICK | {"hue": 1}), "'effects[0].pulse.hue': unknown field"),
+        (with_effect(volume=1), "'effects[0].volume': unknown field"),
+        (with_effect(loops=1), "effects[0].loops: must be true or false"),
+        (with_effect(pulse=CLICK | {"length_s": 0}), "pulse.length_s: 0 is out of bounds, it must be 0.001 .. 60."),
+        (with_effect(pulse=CLICK | {"height_um": math.nan}), "pulse.height_um: nan is out of bounds"),
+        (with_effect(pulse=CLICK | {"rise_s": 0.006}), "pulse.rise_s: 0.006 is out of bounds, it must be 0 .. 0.005."),
+        (with_envelope(), "envelope.points: must begin at 0 s and last 0.001 s or more."),
+        (with_envelope([0, 1], [0, 2]), "envelope.points: must begin at 0 s and last 0.001 s or more."),
+        (with_envelope([0.1, 1], [1, 2]), "envelope.points: must begin at 0 s"),
+        (with_envelope([0, 1], [1, 2], [0.9, 1]), "envelope.points[2]: is earlier than the point before it."),
+        (with_envelope([0, 1], [1, math.inf]), "envelope.points[1]: inf is out of bounds"),
+        (with_envelope([0, 1], [1]), "envelope.points[1]: a point has two numbers"),
+        (
+            with_envelope([0, 1], [1, -1], is_factor=True),
+            "envelope.points[1]: -1 is out of bounds, it must be 0 .. 10.",
+        ),
+        (with_envelope(*[[n, 0] for n in range(257)]), "exceeds max_array_len"),
+        (
+            with_modulation(frequency_hz=0),
+            "frequency_hz: 0 is out of bounds, it must be 1 .. 300",
+        ),
+        (with_modulation(frequency_hz=301), "modulation.frequency_hz: 301 is out of bounds"),
+        (with_modulation(depth=1.1), "modulation.depth: 1.1 is out of bounds"),
+        (
+            with_modulation(shape="saw"),
+            "shape: must be one of sine, square.",
+        ),
+        (with_effect(finger=1, surface="all"), "effects[0]: is on a finger or on a surface, not on both."),
+        (with_effect(finger="ghost"), "effects[0].finger: must be a whole number, not a text."),
+        (with_effect(surface="none"), "effects[0].surface: this message defines no surface 'none'."),
+        (with_effect(start="now"), "effects[0].start: must be a map, not a text."),
+        (with_effect(start={"cause": "sneezing"}), "start.cause: must be one of now, at, landing, lifting, entering, "),
+        (with_effect(start={"cause": "now", "id": -1}), "start.id: -1 is out of bounds"),
+        (with_effect(start={"cause": "at"}), "effects[0].start.t_ns: is missing."),
+        (with_effect(start={"cause": "landing", "t_ns": 1}), "'effects[0].start.t_ns': unknown field"),
+        (with_effect(start={"cause": "leaving", "surface": "none"}), "defines no surface 'none'."),
+        (
+            with_effect(start={"cause": "pressure", "threshold": 0}),
+            "threshold: 0 is out of bounds, it must be 0.01 .. 1.",
+        ),
+        (
+            with_effect(start={"cause": "pressure", "threshold": 0.5, "release": 0.5}),
+            "effects[0].start.release: must be below the threshold.",
+        ),
+        (with_effect(start={"cause": "lifting"}, loops=True), "an effect that starts by lifting needs a length."),
+        (
+            with_effect(modulation={"frequency_hz": 9, "depth": 1}, start={"cause": "crossing", "surface": "all"}),
+            "effects[0]: would never end: an effect that starts by crossing needs a length.",
+        ),
     ],
 )
 def test_a_refusal_names_field_and_defect(payload: bytes, sentence: str) -> None:

@@ -4,6 +4,19 @@ Start with `Client`. Its messages are defined in clients/PROTOCOL.md; it shares 
 """
 
 from .client import Client
+from .effects import (
+    At,
+    Envelope,
+    Modulation,
+    Now,
+    OnCrossing,
+    OnEntering,
+    OnLanding,
+    OnLeaving,
+    OnLifting,
+    OnPressure,
+    Pulse,
+)
 from .errors import DaemonGoneError, HapticdError, RefusedError
 from .messages import FingerState, Marker, PlateState
 from .surface import Circle, Path, Polygon, Rectangle
@@ -11,19 +24,30 @@ from .targets import Asset, Gradient, Grating, Map, Noise
 
 __all__ = [
     "Asset",
+    "At",
     "Circle",
     "Client",
     "DaemonGoneError",
+    "Envelope",
     "FingerState",
     "Gradient",
     "Grating",
     "HapticdError",
     "Map",
     "Marker",
+    "Modulation",
     "Noise",
+    "Now",
+    "OnCrossing",
+    "OnEntering",
+    "OnLanding",
+    "OnLeaving",
+    "OnLifting",
+    "OnPressure",
     "Path",
     "PlateState",
     "Polygon",
+    "Pulse",
     "Rectangle",
     "RefusedError",
 ]

@@ -10,13 +10,16 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, SupportsIndex
 
 import zmq
 
+from .asset import AssetKeeper, asset_of, upload
 from .control import Control
+from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .messages import PROTOCOL_VERSION, FingerState, PlateState
@@ -27,9 +30,11 @@ from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
 from .targets import (
     MAX_TTL_S,
     MIN_TTL_S,
+    Asset,
     Fields,
     Gradient,
     Grating,
+    LevelRows,
     Map,
     Noise,
     label,
@@ -80,12 +85,15 @@ class Client:
         self._stamp = stamp_now if "stamp" in self.hello.get("optional", ()) else no_stamp
         self._telemetry = Telemetry(context, place)
         self._refresher = Refresher(context, place)
+        self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
+        self._keeper = AssetKeeper(context, place, self.name)
         self._finalizer = weakref.finalize(
             self,
             _disconnect,
             self.name,
             self._stamp,
             self._refresher,
+            self._keeper,
             self._control,
             self._telemetry,
             context,
@@ -129,6 +137,7 @@ class Client:
             friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, gradient=gradient, noise=noise
         )
         self._check_known(target)
+        self._use_asset(map, wait)
         key = _key(finger)
         self._request(self._targets.with_target(key, target, number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)), wait)
 
@@ -199,6 +208,7 @@ class Client:
             where="surface",
         )
         self._check_known(target)
+        self._use_asset(map, wait)
         pose = surface_fields(
             shape,
             position_mm=position_mm,
@@ -214,12 +224,53 @@ class Client:
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
         self._request(self._targets.with_surface(label("name", name), {**target, **pose}, ttl_s), wait)
 
+    def asset(self, source: LevelRows | str | os.PathLike[str]) -> Asset:
+        """Upload levels 0 .. 255 of up to 1024 x 1024 pixels, as rows or a picture file, and return a handle for Maps.
+
+        Several maps may share it. While one is in use, it is uploaded again to a daemon that was restarted. Raises
+        RefusedError, also where the daemon has no room and from an older daemon without assets.
+        """
+        self._check_optional("assets", "assets")
+        asset = asset_of(source)
+        upload(partial(self._call, "asset"), self.name, asset)
+        return asset
+
+    def effect(
+        self,
+        name: str,
+        form: Form,
+        *,
+        on: FingerState | int | str | None = None,
+        start: Start | None = None,
+        loops: bool = False,
+        ttl_s: float = DEFAULT_TTL_S,
+        wait: bool = True,
+    ) -> None:
+        """Play a form in time: a Pulse, an Envelope or a Modulation, once or again and again with `loops`.
+
+        `on` is a finger, the name of one of this client's surfaces, or None for the whole plate; there it is felt by
+        fingers of no other client. `start` is Now() by default, At(t_ns), or a cause that starts it each time it
+        occurs: OnLanding(), OnLifting(), OnEntering(surface), OnLeaving(surface), OnCrossing(surface),
+        OnPressure(threshold). The same name again replaces the effect. Raises RefusedError, also for what a frame
+        cannot carry and from an older daemon without effects.
+        """
+        if "effects" not in self.hello.get("optional", ()):
+            raise RefusedError("effect: this daemon has no effects: update it.")
+        fields = effect_fields(form, on, Now() if start is None else start, loops)
+        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
+        self._request(self._targets.with_effect(label("name", name), fields, ttl_s), wait)
+
+    def stop(self, effect: str) -> None:
+        """End one effect and do not start it again; one that there is not is no error."""
+        self._request(self._targets.without_effect(label("effect", effect)), wait=True)
+
     def remove(self, surface: str) -> None:
-        """Remove one surface; one that there is not is no error."""
+        """Remove one surface and the effects that name it; one that there is not is no error."""
         self._request(self._targets.without_surface(label("surface", surface)), wait=True)
 
     def release(self, finger: FingerState | Key | None = None) -> None:
-        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces."""
+        """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
+        effects."""
         stamp = self._stamp()
         body: dict[str, object] = {"client": self.name, **stamp}
         targets = TargetSet()
@@ -304,6 +355,14 @@ class Client:
         self._check_open()
         return self._control.request(op, body, timeout_s=self._timeout_s)
 
+    def _use_asset(self, image: Map | None, wait: bool) -> None:
+        """Keep a map's asset; upload it if the daemon has dropped it, or with `wait` False let the keeper do that."""
+        if image is None or not isinstance(image.rows, Asset):
+            return
+        self._assets[image.rows.digest] = image.rows
+        if wait:
+            upload(partial(self._call, "asset"), self.name, image.rows)
+
     def _check_known(self, target: Fields) -> None:
         """Refuse content that an older daemon does not know."""
         for kind in ("gradient", "noise"):
@@ -328,6 +387,9 @@ class Client:
         payload = targets.payload(self.name, stamp)
         ttl_s = math.inf if targets.is_empty else targets.ttl_s
         self._targets = targets
+        if self._assets:
+            self._assets = {digest: self._assets[digest] for digest in targets.assets}
+            self._keeper.keep(tuple(self._assets.values()))
         if is_sent:
             self._refresher.keep(payload, ttl_s)
         else:
@@ -338,7 +400,7 @@ class Client:
         if state.instance != self._instance:  # a restarted daemon counts its fingers from 1
             self._instance, self._down = state.instance, set()
         down: set[Key] = {finger.id for finger in state.fingers if not finger.virtual}
-        lifted = (self._down - down) & self._targets.targets.keys()
+        lifted = (self._down - down) & self._targets.fingers
         self._down = down
         if lifted:
             self._keep(self._targets.without(*lifted), self._stamp())
@@ -372,17 +434,19 @@ def _disconnect(
     name: str,
     stamp: Callable[[], Fields],
     refresher: Refresher,
+    keeper: AssetKeeper,
     control: Control,
     telemetry: Telemetry,
     context: zmq.Context[zmq.Socket[bytes]],
 ) -> None:
     """Release and disconnect. It has no reference to the Client, which no longer exists when it runs."""
-    if refresher.is_current_thread:  # called by the garbage collector; that thread cannot join itself
-        threading.Thread(target=_disconnect, args=(name, stamp, refresher, control, telemetry, context)).start()
+    if refresher.is_current_thread or keeper.is_current_thread:  # by the garbage collector; it cannot join itself
+        threading.Thread(target=_disconnect, args=(name, stamp, refresher, keeper, control, telemetry, context)).start()
         return
     last = stamp()
     refresher.send(TargetSet().payload(name, last), math.inf)
     refresher.stop()
+    keeper.stop()
     with contextlib.suppress(HapticdError):  # then the time to live expires
         control.request("release", {"client": name, **last}, timeout_s=RELEASE_S)
     control.close()

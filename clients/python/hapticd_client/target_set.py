@@ -32,29 +32,47 @@ def no_stamp() -> Fields:
 MAX_TARGETS = 16
 MAX_VIRTUALS = 16
 MAX_SURFACES = 16
+MAX_EFFECTS = 16
 MAX_MESSAGE_BYTES = 65536
 DEFAULT_TTL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class TargetSet:
-    """Targets by finger, paths and surfaces by name, as message fields, with the time to live of each."""
+    """Targets by finger, paths, surfaces and effects by name, as message fields, with the time to live of each."""
 
     targets: Mapping[Key, Fields] = field(default_factory=dict)
     virtuals: Mapping[str, Fields] = field(default_factory=dict)
     ttls_s: Mapping[Key, float] = field(default_factory=dict)
     surfaces: Mapping[str, Fields] = field(default_factory=dict)
     surface_ttls_s: Mapping[str, float] = field(default_factory=dict)
+    effects: Mapping[str, Fields] = field(default_factory=dict)
+    effect_ttls_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no target, no path and no surface."""
-        return not self.targets and not self.virtuals and not self.surfaces
+        """Whether there is no target, no path, no surface and no effect."""
+        return not self.targets and not self.virtuals and not self.surfaces and not self.effects
+
+    @property
+    def fingers(self) -> set[Key]:
+        """The fingers with a target or an effect."""
+        return {
+            *self.targets,
+            *[key for effect in self.effects.values() if isinstance(key := effect.get("finger"), int)],
+        }
+
+    @property
+    def assets(self) -> set[bytes]:
+        """The hashes of the assets that maps use."""
+        images = [one.get("map") for one in (*self.targets.values(), *self.surfaces.values())]
+        return {image["asset"] for image in images if isinstance(image, dict) and "asset" in image}
 
     @property
     def ttl_s(self) -> float:
         """Time to live of the message: the shortest of all."""
-        return min([*self.ttls_s.values(), *self.surface_ttls_s.values()], default=DEFAULT_TTL_S)
+        ttls_s = [*self.ttls_s.values(), *self.surface_ttls_s.values(), *self.effect_ttls_s.values()]
+        return min(ttls_s, default=DEFAULT_TTL_S)
 
     def with_target(self, key: Key, target: Fields, ttl_s: float) -> TargetSet:
         """Return a copy with a new target for one finger."""
@@ -75,19 +93,37 @@ class TargetSet:
         surfaces, ttls_s = {**self.surfaces, name: surface}, {**self.surface_ttls_s, name: ttl_s}
         return replace(self, surfaces=surfaces, surface_ttls_s=ttls_s)
 
+    def with_effect(self, name: str, effect: Fields, ttl_s: float) -> TargetSet:
+        """Return a copy with a new or changed effect. Raises RefusedError for a surface that there is not."""
+        if name not in self.effects and len(self.effects) >= MAX_EFFECTS:
+            raise RefusedError(f"effect: a client may have {MAX_EFFECTS} effects: stop one first.")
+        for surface in _surfaces_of(effect):
+            if surface not in self.surfaces:
+                raise RefusedError(f"effect: this client has no surface {surface!r}: lay it first.")
+        return replace(self, effects={**self.effects, name: effect}, effect_ttls_s={**self.effect_ttls_s, name: ttl_s})
+
     def without(self, *keys: Key) -> TargetSet:
-        """Return a copy without these fingers."""
+        """Return a copy without these fingers and the effects on them."""
+        ended = [name for name, effect in self.effects.items() if effect.get("finger") in keys]
         return replace(
-            self,
+            self.without_effect(*ended) if ended else self,
             targets={key: target for key, target in self.targets.items() if key not in keys},
             virtuals={name: path for name, path in self.virtuals.items() if name not in keys},
             ttls_s={key: ttl_s for key, ttl_s in self.ttls_s.items() if key not in keys},
         )
 
-    def without_surface(self, name: str) -> TargetSet:
-        """Return a copy without a surface."""
+    def without_effect(self, *names: str) -> TargetSet:
+        """Return a copy without these effects."""
         return replace(
             self,
+            effects={name: effect for name, effect in self.effects.items() if name not in names},
+            effect_ttls_s={name: ttl_s for name, ttl_s in self.effect_ttls_s.items() if name not in names},
+        )
+
+    def without_surface(self, name: str) -> TargetSet:
+        """Return a copy without a surface and the effects that name it."""
+        return replace(
+            self.without_effect(*[one for one, effect in self.effects.items() if name in _surfaces_of(effect)]),
             surfaces={other: surface for other, surface in self.surfaces.items() if other != name},
             surface_ttls_s={other: ttl_s for other, ttl_s in self.surface_ttls_s.items() if other != name},
         )
@@ -100,7 +136,8 @@ class TargetSet:
             "ttl_s": self.ttl_s,
             "targets": [{"finger": key, **target} for key, target in self.targets.items()],
             "virtuals": [{"name": name, **path} for name, path in self.virtuals.items()],
-            **({"surfaces": [{"name": name, **one} for name, one in self.surfaces.items()]} if self.surfaces else {}),
+            **_named("surfaces", self.surfaces),
+            **_named("effects", self.effects),
         }
 
     def payload(self, client: str, stamp: Fields) -> bytes:
@@ -112,3 +149,14 @@ class TargetSet:
                 f"All targets together take {len(payload)} of {MAX_MESSAGE_BYTES} bytes: use smaller maps."
             )
         return payload
+
+
+def _named(field_name: str, ones: Mapping[str, Fields]) -> Fields:
+    """Return an optional field of the message; an older daemon knows it only by name."""
+    return {field_name: [{"name": name, **one} for name, one in ones.items()]} if ones else {}
+
+
+def _surfaces_of(effect: Fields) -> list[object]:
+    start = effect["start"]
+    named = [effect.get("surface"), start.get("surface") if isinstance(start, dict) else None]
+    return [name for name in named if name is not None]

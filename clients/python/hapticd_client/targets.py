@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, SupportsFloat, SupportsIndex
 
 from .errors import RefusedError
@@ -105,6 +105,7 @@ class Asset:
     digest: bytes
     width: int
     height: int
+    levels: bytes = field(repr=False, compare=False)
 
 
 class LevelRow(Protocol):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from ...values import ClientTargets, Target, VirtualPath
 from .assets import Assets
+from .effects import Effects
 from .surfaces import NEVER_NS, Surfaces
 from .textures import (
     DEFAULT_FRICTION_CURVE,
@@ -75,14 +76,14 @@ class Scene:
         self._sliding = Sliding()
         self.assets = Assets()
         self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding)
+        self.effects = Effects(w_limit_um, self.surfaces)
         self._held: dict[Key, _Held] = {}
         self._released: dict[Key, None] = {}  # in the order in which they were released
 
     # --- requests of clients ---
 
     def apply(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
-        """Replace all earlier targets and surfaces of the client. Returns one error message per refused finger and
-        surface."""
+        """Replace all earlier targets, surfaces and effects of the client. Returns one sentence per refused one."""
         self._drop_expired(t_ns)
         wanted: dict[Key, _Held] = {}
         refusals: list[str] = []
@@ -98,7 +99,14 @@ class Scene:
         for key, held in wanted.items():
             self._held[key] = held
             self._released.pop(key, None)
-        return (*refusals, *self.surfaces.apply(message, t_ns))
+        refusals += self.surfaces.apply(message, t_ns)
+        return (*refusals, *self.effects.apply(message, t_ns, self.owner_of))
+
+    def upload(self, client: str, digest: bytes, size: int, offset: int, part: bytes, t_ns: int) -> int:
+        """Take a part of an asset, as `Assets.upload`, which makes room for a new one where nothing is used."""
+        if part and offset == 0:
+            self.assets.look(self._in_force(), t_ns)
+        return self.assets.upload(client, digest, size, offset, part, t_ns)
 
     def release(self, client: str, key: Key) -> bool:
         """Release one finger; False if the client does not own it."""
@@ -109,13 +117,15 @@ class Scene:
         return True
 
     def release_client(self, client: str) -> None:
-        """Release all fingers of a client, and remove its surfaces."""
+        """Release all fingers of a client, and remove its surfaces and effects."""
         self._drop(self._keys_of(client))
         self.surfaces.release_client(client)
+        self.effects.release_client(client)
 
     def expire(self, t_ns: int) -> tuple[Key, ...]:
         """Release what has expired by `t_ns`. Returns all fingers released since the last call, for any reason."""
         self.surfaces.expire(t_ns)
+        self.effects.expire(t_ns)
         if self.assets.is_due(t_ns):
             self.assets.look(self._in_force(), t_ns)
         if not self._held and not self._released:
@@ -129,9 +139,9 @@ class Scene:
 
     @property
     def next_expiry_ns(self) -> int | None:
-        """When the next target or surface expires; None while there is none."""
+        """When the next target, surface or effect expires; None while there is none."""
         next_ns = min((held.t_expires_ns for held in self._held.values()), default=NEVER_NS)
-        next_ns = min(next_ns, self.surfaces.t_expires_ns)
+        next_ns = min(next_ns, self.surfaces.t_expires_ns, self.effects.t_expires_ns)
         return None if next_ns == NEVER_NS else next_ns
 
     def target_of(self, key: Key) -> Target | None:

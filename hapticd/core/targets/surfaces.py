@@ -121,18 +121,18 @@ class Surfaces:
             end_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
             turns_ns = layer.turns_ns(t_ns, span_ns, MAX_EDGES)
             is_inside = layer.holds(u_mm, v_mm)
-            met_mm, spans = _meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
-            if not spans and not is_inside:
+            met_mm, met = _meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
+            if not met and not is_inside:
                 continue
             smooth = smooth and layer.is_smooth and not turns_ns
             pieces = max(pieces, met_mm / layer.finest_mm)
-            crossed += [(*span, index) for span in spans]
-            if layer.replaces and is_inside and not spans:
+            crossed += [(*span, index) for span in met]
+            if layer.replaces and is_inside and not met:
                 break  # it hides what is below
         crossed.sort()
         found_ns: list[int] = []
         for _, from_ns, to_ns, index in crossed[:MAX_EDGES]:
-            before_ns = _crossing_ns(self.layers[index], predicted_mm, t_ns, from_ns, to_ns)
+            before_ns = crossing_ns(self.layers[index], predicted_mm, t_ns, from_ns, to_ns)
             if before_ns >= 0 and self._steps(predicted_mm, t_ns + before_ns, tolerance_um):
                 found_ns += (before_ns, before_ns + GRAIN_NS)
         return Way(pieces, smooth, found_ns)
@@ -216,30 +216,27 @@ def _meeting(
 ) -> tuple[float, list[_Span]]:
     """Return how far a finger goes in a layer's frame, straight from turn to turn of its path, and the crossings."""
     from_ns, (u_mm, v_mm), way_mm = 0, start_mm, 0.0
-    spans: list[_Span] = []
+    met: list[_Span] = []
     for to_ns in (*turns_ns, span_ns):
         to_u_mm, to_v_mm = end_mm
         if to_ns != span_ns:
             x_mm, y_mm = predicted_mm(t_ns + to_ns)
             to_u_mm, to_v_mm = layer.local_mm(x_mm, y_mm, t_ns + to_ns)
-        spans += _spans(layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm), from_ns, to_ns)
+        leg_ns, shares = to_ns - from_ns, layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)
+        for share, from_share, to_share in spans(shares) if shares else ():
+            met.append((from_ns + share * leg_ns, from_ns + from_share * leg_ns, from_ns + to_share * leg_ns))
         way_mm += math.hypot(to_u_mm - u_mm, to_v_mm - v_mm)
         from_ns, u_mm, v_mm = to_ns, to_u_mm, to_v_mm
-    return way_mm, spans
+    return way_mm, met
 
 
-def _spans(shares: list[float], from_ns: int, to_ns: int) -> list[_Span]:
-    """Return the crossings at shares of a straight way."""
-    if not shares:
-        return []
+def spans(shares: list[float]) -> list[tuple[float, float, float]]:
+    """Return each crossing with the shares from .. to between which it is the only one."""
     ends = [0.0, *[0.5 * (before + after) for before, after in pairwise(shares)], 1.0]
-    ends_ns = [from_ns + end * (to_ns - from_ns) for end in ends]
-    return [
-        (from_ns + share * (to_ns - from_ns), ends_ns[index], ends_ns[index + 1]) for index, share in enumerate(shares)
-    ]
+    return [(share, ends[index], ends[index + 1]) for index, share in enumerate(shares)]
 
 
-def _crossing_ns(layer: Layer, predicted_mm: Predicted, t_ns: int, from_ns: float, to_ns: float) -> int:
+def crossing_ns(layer: Layer, predicted_mm: Predicted, t_ns: int, from_ns: float, to_ns: float) -> int:
     """Return the last grain of time before the finger crosses a layer's edge; -1 if it does not."""
     first, last = int(from_ns) // GRAIN_NS, int(to_ns) // GRAIN_NS
     was_inside = _is_inside(layer, predicted_mm, t_ns + first * GRAIN_NS)

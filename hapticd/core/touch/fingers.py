@@ -83,7 +83,7 @@ class Fingers:
         t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
         slow_ns = min(round(SILENT_PERIODS * period_s * 1e9), LONGEST_SILENCE_NS)
         self._silence_ns = max(self._least_silence_ns, slow_ns)
-        for finger_id, _, x_mm, y_mm, is_new in tracked.fingers:
+        for finger_id, _, x_mm, y_mm, is_new, _ in tracked.fingers:
             if is_new:
                 self.predictors[finger_id] = self.make_predictor()
             self.predictors[finger_id].update(t_sample_ns, t_stamp_ns, x_mm, y_mm, period_s)

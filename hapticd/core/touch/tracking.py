@@ -41,19 +41,21 @@ _DEFAULT_SETTINGS = TrackerSettings()
 class _Track:
     """A finger that is down: its ids, last position and velocity (mm, mm/s)."""
 
-    __slots__ = ("contact_id", "finger_id", "vx", "vy", "x", "y")
+    __slots__ = ("contact_id", "finger_id", "pressure_frac", "vx", "vy", "x", "y")
 
     def __init__(self, finger_id: int, contact: Contact) -> None:
         self.finger_id = finger_id
         self.contact_id = contact.contact_id
         self.x, self.y = contact.x_mm, contact.y_mm
         self.vx = self.vy = 0.0
+        self.pressure_frac = contact.pressure_frac
 
     def move(self, contact: Contact, elapsed_s: float) -> None:
         rate = 1.0 / (elapsed_s if elapsed_s > _SHORTEST_S else _SHORTEST_S)
         self.contact_id = contact.contact_id
         self.vx, self.vy = rate * (contact.x_mm - self.x), rate * (contact.y_mm - self.y)
         self.x, self.y = contact.x_mm, contact.y_mm
+        self.pressure_frac = contact.pressure_frac
 
     def distance(self, contact: Contact) -> float:
         """From where it was last seen."""
@@ -196,7 +198,7 @@ class Tracker:
         for track, contact in pairs:
             track.move(contact, elapsed_s)
             self._tracks[contact.contact_id] = track
-            fingers.append(Finger(track.finger_id, contact.contact_id, contact.x_mm, contact.y_mm, False))
+            fingers.append(_finger(track))
         lifted = self._unreported
         if len(pairs) < len(before):
             kept = {track.finger_id for track, _ in pairs}
@@ -210,8 +212,8 @@ class Tracker:
     def _begin(self, contact: Contact) -> Finger:
         track = self._tracks[contact.contact_id] = _Track(self._next_id, contact)
         self._next_id += 1
-        return Finger(track.finger_id, contact.contact_id, contact.x_mm, contact.y_mm, True)
+        return Finger(track.finger_id, contact.contact_id, contact.x_mm, contact.y_mm, True, contact.pressure_frac)
 
 
 def _finger(track: _Track) -> Finger:
-    return Finger(track.finger_id, track.contact_id, track.x, track.y, False)
+    return Finger(track.finger_id, track.contact_id, track.x, track.y, False, track.pressure_frac)

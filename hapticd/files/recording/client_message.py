@@ -9,14 +9,20 @@ import msgpack
 
 from ...values import (
     AmplitudeTarget,
+    Cause,
     Circle,
     ClientTargets,
+    Effect,
+    Envelope,
     FrictionTarget,
     GradientTarget,
     GratingTarget,
     MapTarget,
+    Modulation,
     NoiseTarget,
     Polygon,
+    Pulse,
+    Start,
     Surface,
     Target,
     VirtualPath,
@@ -37,6 +43,7 @@ def payload_of(message: ClientTargets) -> bytes:
                 "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
                 "virtuals": [_virtual(name, path) for name, path in message.virtuals.items()],
                 "surfaces": [surface_fields(name, surface) for name, surface in message.surfaces.items()],
+                "effects": [_effect(name, effect) for name, effect in message.effects.items()],
             }
         )
     )
@@ -92,3 +99,35 @@ def _virtual(name: str, path: VirtualPath) -> dict[str, Any]:
 def _path(path: VirtualPath) -> dict[str, Any]:
     points = [list(point) for point in path.points_mm]
     return {"path_mm": points, "speed_mm_s": path.speed_mm_s, "loop": path.loop}
+
+
+def _effect(name: str, effect: Effect) -> dict[str, Any]:
+    scope = {} if effect.on is None else {"surface" if isinstance(effect.on, str) else "finger": effect.on}
+    return {"name": name, **_form(effect), **scope, "start": _start(effect.start), "loops": effect.loops}
+
+
+def _form(effect: Effect) -> dict[str, Any]:
+    match effect.form:
+        case Pulse(height_um, length_s, rise_s):
+            return {"pulse": {"height_um": height_um, "length_s": length_s, "rise_s": rise_s}}
+        case Envelope(points, is_factor):
+            return {"envelope": {"points": points, "is_factor": is_factor}}
+        case Modulation(frequency_hz, depth_frac, wave, length_s):
+            length = {} if length_s is None else {"length_s": length_s}
+            fields = {"frequency_hz": frequency_hz, "depth": depth_frac, "shape": wave.value, **length}
+            return {"modulation": fields}
+
+
+def _start(start: Start) -> dict[str, Any]:
+    match start.cause:
+        case Cause.NOW:
+            fields: dict[str, Any] = {"id": start.start_id}
+        case Cause.AT:
+            fields = {"t_ns": start.t_ns}
+        case Cause.ENTERING | Cause.LEAVING | Cause.CROSSING:
+            fields = {"surface": start.surface}
+        case Cause.PRESSURE:
+            fields = {"threshold": start.threshold_frac, "release": start.release_frac}
+        case _:
+            fields = {}
+    return {"cause": start.cause.value, **fields}

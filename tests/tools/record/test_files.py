@@ -39,16 +39,23 @@ from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.values import (
     AmplitudeTarget,
     Blend,
+    Cause,
     Circle,
     ClientTargets,
+    Effect,
+    Envelope,
     FrictionTarget,
     GradientTarget,
     GratingTarget,
     MapTarget,
+    Modulation,
     NoiseTarget,
     Polygon,
+    Pulse,
+    Start,
     Surface,
     VirtualPath,
+    Wave,
 )
 from hapticd.wire.client import decode_targets
 
@@ -456,6 +463,13 @@ def test_values_become_the_message_that_means_the_same() -> None:
             "rough": Surface(NoiseTarget(3, 1.0, 8.0, 0.5, 1.0, 0.25)),
             "photo": Surface(MapTarget(1024, 1024, b"", 0.0, 2.0, asset=bytes(range(32)))),
             "felt": Surface(MapTarget(1, 1, b"a", 0.0, 0.0, frictions=(0.75, 0.25))),
+        },
+        effects={
+            "click": Effect(Pulse(-1.0, 0.01, 0.001), start=Start(start_id=2**63 - 1)),
+            "bump": Effect(Envelope(((0.0, 0.1), (1.0, 2.0)), is_factor=True), "disc", Start(Cause.AT, t_ns=10**15)),
+            "hum": Effect(Modulation(33.3, 0.5, Wave.SQUARE), 3, Start(Cause.LEAVING, surface="bow"), loops=True),
+            "buzz": Effect(Modulation(250.0, 1.0, length_s=1.0), start=Start(Cause.LIFTING)),
+            "button": Effect(Pulse(1.0, 0.01), start=Start(Cause.PRESSURE, threshold_frac=0.5, release_frac=0.3)),
         },
     )
 

@@ -1,0 +1,243 @@
+"""The effects in force, and those that play: what they make of a finger's amplitude, and the knots that they need.
+
+Ownership and time to live are those of surfaces. What starts an effect is found in `core.triggers`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from ...values import Cause, ClientTargets, Effect, Envelope, Modulation, Pulse
+from ..trajectory.knots import GRAIN_NS
+from .forms import SINE_CORNERS, Course
+from .layer import Layer
+from .surfaces import NEVER_NS, Surfaces
+
+Key = int | str
+
+MAX_EFFECTS: Final = 64  # of all clients
+MAX_PLAYING: Final = 32  # each is looked at for every finger at every knot
+EVERYONE: Final = 0  # no finger's id: all fingers where the effect is
+OwnerOf = Callable[[Key], str | None]
+
+
+class Held:
+    """One effect with its owner. `layer` is the surface it is on, `trigger` the one that starts it, None without."""
+
+    __slots__ = (
+        *("corners", "course", "effect", "is_due", "is_gone", "layer", "name", "owner"),
+        *("started_ns", "t_expires_ns", "t_from_ns", "trigger"),
+    )
+
+    def __init__(self, name: str, owner: str, effect: Effect, t_ns: int) -> None:
+        self.name: Final = name
+        self.owner: Final = owner
+        self.effect: Final = effect
+        self.course: Final = Course(effect.form, effect.loops)
+        self.t_from_ns: Final = t_ns
+        self.t_expires_ns = t_ns
+        self.corners = 0  # at most in one frame
+        self.is_due = effect.start.cause is Cause.NOW or effect.start.cause is Cause.AT
+        self.is_gone = False
+        self.layer: Layer | None = None
+        self.trigger: Layer | None = None
+        self.started_ns: dict[int, int] = {}  # by finger
+
+    @property
+    def is_wave(self) -> bool:
+        """Whether it needs knots again and again."""
+        return self.effect.loops or isinstance(self.effect.form, Modulation)
+
+
+class Playing:
+    """An effect that plays, for one finger or for EVERYONE where it is; instants are whole grains."""
+
+    __slots__ = ("begin_ns", "end_ns", "finger_id", "held")
+
+    def __init__(self, held: Held, finger_id: int, begin_ns: int) -> None:
+        self.held: Final = held
+        self.finger_id: Final = finger_id
+        self.begin_ns: Final = begin_ns
+        self.end_ns: Final = begin_ns + held.course.length_ns
+
+
+class Effects:
+    """All effects of all clients. Instants are arguments in ns on one monotonic axis."""
+
+    def __init__(self, w_limit_um: float, surfaces: Surfaces) -> None:
+        self.held: list[Held] = []
+        self.playing: list[Playing] = []
+        self.t_expires_ns = NEVER_NS  # the next one does
+        self.begun = 0
+        self.skipped = 0  # starts for which there was no room
+        self._w_limit_um: Final = w_limit_um
+        self._surfaces: Final = surfaces
+        self._layers: list[Layer] = []
+        self._max_knots = 24
+        self._least_span_ns = 12_000_000
+
+    def fit(self, max_knots: int, least_span_ns: int) -> None:
+        """Set what a frame carries: so many knots, over a span that lasts to the next frame at least."""
+        self._max_knots = max_knots
+        self._least_span_ns = least_span_ns
+
+    # --- requests of clients ---
+
+    def apply(self, message: ClientTargets, t_ns: int, owner_of: OwnerOf) -> list[str]:
+        """Replace all earlier effects of the client. Returns one error message per refused effect."""
+        if not message.effects and not self.held:
+            return []
+        self.expire(t_ns)
+        before = {held.name: held for held in self.held if held.owner == message.client}
+        others = [held for held in self.held if held.owner != message.client]
+        mine: list[Held] = []
+        refusals: list[str] = []
+        for name, effect in message.effects.items():
+            held = before.get(name)
+            if held is None or held.effect != effect:
+                held = Held(name, message.client, effect, t_ns)
+                held.corners = held.course.most_corners(self._least_span_ns)
+            refusal = self._refusal(held, owner_of) if len(others) + len(mine) < MAX_EFFECTS else _CROWDED
+            if refusal:
+                refusals.append(f"effect {name!r} {refusal}")
+                continue
+            held.t_expires_ns = t_ns + message.ttl_ns
+            mine.append(held)
+        self._keep(others + mine)
+        return refusals
+
+    def release_client(self, client: str) -> None:
+        """Remove all effects of a client."""
+        if self.held:
+            self._keep([held for held in self.held if held.owner != client])
+
+    def expire(self, t_ns: int) -> None:
+        """Remove what has expired by `t_ns`."""
+        if t_ns >= self.t_expires_ns:
+            self._keep([held for held in self.held if t_ns < held.t_expires_ns])
+
+    def _keep(self, kept: list[Held]) -> None:
+        for held in self.held:
+            held.is_gone = held not in kept
+        self.held = kept
+        self.t_expires_ns = min([held.t_expires_ns for held in kept], default=NEVER_NS)
+        self._layers = []
+
+    def _refusal(self, held: Held, owner_of: OwnerOf) -> str:
+        """Return why an effect is refused; empty if it is not."""
+        effect = held.effect
+        owner = owner_of(effect.on) if isinstance(effect.on, int) else None
+        if owner is not None and owner != held.owner:
+            return f"is on finger {effect.on}, which is held by {owner!r}: wait until that client releases it."
+        asked_um = _largest_um(held)
+        if asked_um > self._w_limit_um:
+            return f"cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
+        room = self._max_knots - 2
+        if held.corners <= room:
+            return ""
+        span_ms = self._least_span_ns * 1e-6
+        hint = f"make it {held.corners - room} corners less dense."
+        if isinstance(effect.form, Modulation):
+            most_hz = room / (SINE_CORNERS * self._least_span_ns * 1e-9)
+            hint = f"a sine has at most {math.floor(most_hz)} Hz."
+        return f"needs {held.corners} knots in {span_ms:.3g} ms, a frame on this link has {max(room, 0)}: {hint}"
+
+    # --- playing ---
+
+    def start(self, held: Held, finger_id: int, begin_ns: int) -> bool:
+        """Begin to play an effect, from its beginning if it plays already; False where there is no room."""
+        playing = [one for one in self.playing if one.held is not held or one.finger_id != finger_id]
+        if len(playing) >= MAX_PLAYING or (held.is_wave and not self._has_room(playing, held)):
+            self.skipped += 1
+            return False
+        playing.append(Playing(held, finger_id, begin_ns))
+        self.playing = playing
+        self.begun += 1
+        return True
+
+    def _has_room(self, playing: list[Playing], held: Held) -> bool:
+        corners = sum([one.held.corners for one in playing if one.held.is_wave])
+        return corners + held.corners <= self._max_knots - 2
+
+    def resolve(self) -> None:
+        """Find the layers that effects name, where the layers have changed."""
+        layers = self._surfaces.layers
+        if self._layers is layers:
+            return
+        self._layers = layers
+        for held in self.held:
+            on = held.effect.on
+            held.layer = self._layer(held.owner, on) if isinstance(on, str) else None
+            held.trigger = self._layer(held.owner, held.effect.start.surface)
+
+    def _layer(self, owner: str, name: str) -> Layer | None:
+        for layer in self._layers:
+            if layer.name == name and layer.owner == owner:
+                return layer
+        return None
+
+    # --- reading, for the touch path ---
+
+    def felt_um(self, key: Key, owner: str | None, place_mm: tuple[float, float], t_ns: int, base_um: float) -> float:
+        """Return what a finger feels at an instant: its amplitude, plus what is added, times the factors."""
+        if isinstance(key, str):
+            return base_um
+        factor = 1.0
+        for one in self.playing:
+            held = one.held
+            if (owner is not None and owner != held.owner) or not _reaches(one, key, place_mm, t_ns):
+                continue
+            value = held.course.value(t_ns - one.begin_ns)
+            if held.course.is_factor:
+                factor *= value
+            else:
+                base_um += value
+        felt_um = base_um * factor
+        if not felt_um > 0.0:
+            return 0.0
+        return felt_um if felt_um < self._w_limit_um else self._w_limit_um
+
+    def frame(self, t_ns: int, cover_ns: int, most: int) -> tuple[int, list[int]]:
+        """Return how long a frame of `most` knots from `t_ns` may be, at most `cover_ns`, and the corners within it,
+        since its beginning. Where they are too many, those of waves come first."""
+        waves, others = set[int](), set[int]()
+        for one in self.playing:
+            after_ns = t_ns - one.begin_ns
+            found_ns = one.held.course.corners_ns(after_ns, after_ns + cover_ns - GRAIN_NS)
+            (waves if one.held.is_wave else others).update([corner_ns - after_ns for corner_ns in found_ns])
+        room = most - 2
+        merged = sorted(waves | others)
+        if len(merged) <= room:
+            return cover_ns, merged
+        if merged[room] >= self._least_span_ns:
+            return merged[room], merged[:room]
+        if len(waves) > room:
+            merged = sorted(waves)
+            return max(merged[room], self._least_span_ns), merged[:room]
+        merged = sorted(waves) + sorted(others - waves)[: room - len(waves)]
+        return self._least_span_ns, sorted([corner for corner in merged if corner < self._least_span_ns])
+
+
+_CROWDED: Final = f"is one too many: the plate has {MAX_EFFECTS} effects at once."
+
+
+def _reaches(one: Playing, finger_id: int, place_mm: tuple[float, float], t_ns: int) -> bool:
+    """Return whether a finger feels what plays."""
+    if one.finger_id != EVERYONE:
+        return one.finger_id == finger_id
+    on = one.held.effect.on
+    if isinstance(on, int):
+        return on == finger_id
+    if on is None:
+        return True
+    layer = one.held.layer
+    return layer is not None and layer.covers(place_mm[0], place_mm[1], t_ns)
+
+
+def _largest_um(held: Held) -> float:
+    """Return the largest amplitude that an effect adds or takes away."""
+    form = held.effect.form
+    is_um = isinstance(form, Pulse) or (isinstance(form, Envelope) and not form.is_factor)
+    return held.course.largest() if is_um else 0.0

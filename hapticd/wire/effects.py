@@ -1,0 +1,144 @@
+"""Decoder of one effect, field by field from a received map. The contract is clients/PROTOCOL.md.
+
+It checks types and bounds; amplitude limits, what a frame can carry and the number of all effects are checked in
+`core.targets`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container
+
+from ..errors import RequestError
+from ..values import Cause, Effect, Envelope, Form, Modulation, Pulse, Start, Wave
+from .contents import MAX_AMPLITUDE_UM
+from .fields import Fields, bounded, items, label, whole
+from .surfaces import MAX_INSTANT_NS
+
+MAX_EFFECTS = 16
+MAX_ENVELOPE_POINTS = 256
+MIN_LENGTH_S, MAX_LENGTH_S = 0.001, 60.0
+DEFAULT_RISE_S = 0.002
+MAX_FACTOR = 10.0
+MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ = 1.0, 300.0
+MIN_PRESSURE_FRAC = 0.01
+RELEASE_SHARE = 0.75  # of the threshold, where a client names no release
+MAX_FINGER_ID = 2**32 - 1
+BY_SURFACE = (Cause.ENTERING, Cause.LEAVING, Cause.CROSSING)
+WITHOUT_END = (Cause.LIFTING, Cause.CROSSING)  # nothing undoes them, so nothing would end what they start
+
+
+def read_effect(fields: Fields, surfaces: Container[str]) -> tuple[str, Effect]:
+    """Read an effect and its name; it may name these surfaces. Raises RequestError."""
+    name = fields.label("name")
+    effect = Effect(
+        form=_form(fields),
+        on=_scope(fields, surfaces),
+        start=_start(fields, surfaces),
+        loops=fields.boolean("loops", default=False),
+    )
+    fields.end()
+    if effect.start.cause in WITHOUT_END and is_endless(effect):
+        raise RequestError(
+            f"{fields.where}: would never end: an effect that starts by {effect.start.cause.value} needs a length."
+        )
+    return name, effect
+
+
+def is_endless(effect: Effect) -> bool:
+    """Return whether an effect plays until something ends it."""
+    return effect.loops or (isinstance(effect.form, Modulation) and effect.form.length_s is None)
+
+
+def _pulse(fields: Fields) -> Pulse:
+    length_s = fields.number("length_s", MIN_LENGTH_S, MAX_LENGTH_S)
+    return Pulse(
+        height_um=fields.number("height_um", -MAX_AMPLITUDE_UM, MAX_AMPLITUDE_UM),
+        length_s=length_s,
+        rise_s=fields.number("rise_s", 0.0, 0.5 * length_s, min(DEFAULT_RISE_S, 0.5 * length_s)),
+    )
+
+
+def _envelope(fields: Fields) -> Envelope:
+    is_factor = fields.boolean("is_factor", default=False)
+    low, high = (0.0, MAX_FACTOR) if is_factor else (-MAX_AMPLITUDE_UM, MAX_AMPLITUDE_UM)
+    where = fields.place("points")
+    points: list[tuple[float, float]] = []
+    for index, item in enumerate(items(fields.take("points"), MAX_ENVELOPE_POINTS, where)):
+        place = f"{where}[{index}]"
+        numbers = items(item, 2, place)
+        if len(numbers) != 2:
+            raise RequestError(f"{place}: a point has two numbers, its time in s and its value.")
+        t_s = bounded(numbers[0], 0.0, MAX_LENGTH_S, place)
+        if t_s < (points[-1][0] if points else 0.0):
+            raise RequestError(f"{place}: is earlier than the point before it.")
+        points.append((t_s, bounded(numbers[1], low, high, place)))
+    if len(points) < 2 or points[0][0] != 0.0 or points[-1][0] < MIN_LENGTH_S:
+        raise RequestError(f"{where}: must begin at 0 s and last {MIN_LENGTH_S:g} s or more.")
+    return Envelope(tuple(points), is_factor)
+
+
+def _modulation(fields: Fields) -> Modulation:
+    return Modulation(
+        frequency_hz=fields.number("frequency_hz", MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ),
+        depth_frac=fields.number("depth", 0.0, 1.0),
+        wave=Wave(_choice(fields, "shape", [wave.value for wave in Wave])) if "shape" in fields else Wave.SINE,
+        length_s=fields.number("length_s", MIN_LENGTH_S, MAX_LENGTH_S) if "length_s" in fields else None,
+    )
+
+
+_FORMS: dict[str, Callable[[Fields], Form]] = {"pulse": _pulse, "envelope": _envelope, "modulation": _modulation}
+FORMS = tuple(_FORMS)
+
+
+def _form(fields: Fields) -> Form:
+    given = [name for name in _FORMS if name in fields]
+    if len(given) != 1:
+        raise RequestError(f"{fields.where}: needs exactly one of {', '.join(_FORMS)}.")
+    inner = Fields(fields.take(given[0]), fields.place(given[0]))
+    form = _FORMS[given[0]](inner)
+    inner.end()
+    return form
+
+
+def _scope(fields: Fields, surfaces: Container[str]) -> int | str | None:
+    if "finger" in fields and "surface" in fields:
+        raise RequestError(f"{fields.where}: is on a finger or on a surface, not on both.")
+    if "finger" in fields:
+        return whole(fields.take("finger"), 1, MAX_FINGER_ID, fields.place("finger"))
+    return _surface(fields, surfaces) if "surface" in fields else None
+
+
+def _surface(fields: Fields, surfaces: Container[str]) -> str:
+    name = label(fields.take("surface"), fields.place("surface"))
+    if name not in surfaces:
+        raise RequestError(f"{fields.place('surface')}: this message defines no surface {name!r}.")
+    return name
+
+
+def _start(fields: Fields, surfaces: Container[str]) -> Start:
+    if "start" not in fields:
+        return Start()
+    inner = Fields(fields.take("start"), fields.place("start"))
+    cause = Cause(_choice(inner, "cause", [cause.value for cause in Cause]))
+    start = Start(cause)
+    if cause is Cause.NOW:
+        start = Start(cause, start_id=inner.whole("id", 0, MAX_INSTANT_NS) if "id" in inner else 0)
+    elif cause is Cause.AT:
+        start = Start(cause, t_ns=inner.whole("t_ns", 0, MAX_INSTANT_NS))
+    elif cause in BY_SURFACE:
+        start = Start(cause, surface=_surface(inner, surfaces))
+    elif cause is Cause.PRESSURE:
+        threshold_frac = inner.number("threshold", MIN_PRESSURE_FRAC, 1.0)
+        release_frac = inner.number("release", 0.0, 1.0, RELEASE_SHARE * threshold_frac)
+        if release_frac >= threshold_frac:
+            raise RequestError(f"{inner.place('release')}: must be below the threshold.")
+        start = Start(cause, threshold_frac=threshold_frac, release_frac=release_frac)
+    inner.end()
+    return start
+
+
+def _choice(fields: Fields, name: str, known: list[str]) -> str:
+    value = fields.label(name)
+    if value not in known:
+        raise RequestError(f"{fields.place(name)}: must be one of {', '.join(known)}.")
+    return value

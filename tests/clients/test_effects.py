@@ -1,0 +1,176 @@
+"""Effects through the library: what it sends is what the daemon understands, and each call is one start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import msgpack
+import pytest
+from fake_daemon import FakeDaemon
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.errors import RequestError
+from hapticd.values import Cause
+from hapticd.wire import client as wire
+from hapticd_client import (
+    At,
+    Circle,
+    Client,
+    Envelope,
+    Modulation,
+    Now,
+    OnCrossing,
+    OnEntering,
+    OnLanding,
+    OnLeaving,
+    OnLifting,
+    OnPressure,
+    Pulse,
+    RefusedError,
+    target_set,
+)
+from hapticd_client.effects import effect_fields
+
+CLICK = Pulse(1.0, 0.01)
+
+
+def decoded(form: Any, on: Any = None, start: Any = None, loops: bool = False) -> Any:
+    """The effect that the daemon reads of what the library sends; None where the library refuses."""
+    try:
+        fields = effect_fields(form, on, Now() if start is None else start, loops)
+    except RefusedError:
+        return None
+    names = [{"name": name, "friction": 1.0} for name in ("disc", "tile")]
+    message = {"v": 1, "client": "c", "surfaces": names, "effects": [{"name": "a", **fields}]}
+    return wire.decode_targets(msgpack.packb(message)).effects["a"]
+
+
+@pytest.mark.parametrize("form", [CLICK, Pulse(-2.0, 0.001), Envelope([(0, 0), (1, 2), (1, 0)]), Modulation(250, 0.5)])
+@pytest.mark.parametrize("on", [None, 3, "disc"])
+def test_every_form_is_understood_everywhere(form: Any, on: Any) -> None:
+    assert decoded(form, on).on == on
+
+
+@pytest.mark.parametrize(
+    ("start", "cause"),
+    [
+        (Now(), Cause.NOW),
+        (At(81), Cause.AT),
+        (OnLanding(), Cause.LANDING),
+        (OnLifting(), Cause.LIFTING),
+        (OnEntering("tile"), Cause.ENTERING),
+        (OnLeaving("tile"), Cause.LEAVING),
+        (OnCrossing("tile"), Cause.CROSSING),
+        (OnPressure(0.4), Cause.PRESSURE),
+    ],
+)
+def test_every_start_is_understood(start: Any, cause: Cause) -> None:
+    read = decoded(CLICK, start=start).start
+    assert read.cause is cause
+    assert (read.t_ns, read.surface) == (getattr(start, "t_ns", 0), getattr(start, "surface", ""))
+    assert read.release_frac == pytest.approx(0.75 * read.threshold_frac)
+
+
+def test_two_calls_are_two_starts() -> None:
+    assert decoded(CLICK).start.start_id != decoded(CLICK).start.start_id
+
+
+def test_an_effect_is_kept_until_it_is_stopped_or_what_it_names_has_gone() -> None:
+    full = target_set.TargetSet().with_surface("tile", {"friction": 0.5}, 0.5)
+    for name, on, start in (("a", "tile", Now()), ("b", None, OnEntering("tile")), ("c", 3, Now()), ("d", None, Now())):
+        full = full.with_effect(name, effect_fields(CLICK, on, start, False), 0.2)
+    assert (full.ttl_s, full.fingers) == (0.2, {3})
+    assert list(wire.decode_targets(full.payload("c", {})).effects) == ["a", "b", "c", "d"]
+    assert list(full.without_surface("tile").effects) == ["c", "d"]
+    assert list(full.without(3).effects) == ["a", "b", "d"]
+    assert list(full.without_effect("d").effects) == ["a", "b", "c"]
+    with pytest.raises(RefusedError, match="this client has no surface 'patch': lay it first"):
+        full.with_effect("e", effect_fields(CLICK, "patch", Now(), False), 0.2)
+
+
+def test_one_effect_more_than_a_client_may_have_is_refused_before_it_is_sent() -> None:
+    full = target_set.TargetSet()
+    for n in range(target_set.MAX_EFFECTS):
+        full = full.with_effect(f"e{n}", effect_fields(CLICK, None, Now(), False), 0.5)
+    assert len(wire.decode_targets(full.payload("c", {})).effects) == 16
+    with pytest.raises(RefusedError, match="stop one first"):
+        full.with_effect("more", effect_fields(CLICK, None, Now(), False), 0.5)
+    assert not full.is_empty
+
+
+def test_an_older_daemon_is_not_sent_an_effect(daemon: FakeDaemon) -> None:
+    daemon.optional = ("stamp", "surfaces")
+    with Client(daemon.directory) as client:
+        with pytest.raises(RefusedError, match="this daemon has no effects: update it"):
+            client.effect("click", CLICK)
+        client.surface("disc", Circle(3.0), friction=0.5)  # whose message it understands
+    assert daemon.refusals == []
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda c: c.effect("", CLICK), "name: must have 1 .. 32 printable characters."),
+        (lambda c: c.effect("a", 7), "form: must be a Pulse, an Envelope or a Modulation, not 7."),
+        (lambda c: c.effect("a", CLICK, start=OnLanding), "start: must be one of Now, At, OnLanding and the other"),
+        (lambda c: c.effect("a", CLICK, on=1.5), "on: must be a finger on the plate, the name of a surface or None"),
+        (lambda c: c.effect("a", CLICK, on="disc"), "effect: this client has no surface 'disc': lay it first."),
+        (lambda c: c.effect("a", CLICK, start=OnEntering(3)), "surface: must have 1 .. 32 printable characters."),
+        (lambda c: c.effect("a", CLICK, start=At(1.5)), "t_ns: must be a whole number"),
+        (lambda c: c.effect("a", CLICK, start=OnPressure(0.5, 0.6)), "release: must be below the threshold."),
+        (lambda c: c.effect("a", CLICK, start=OnLifting(), loops=True), "effect: what starts by lifting or crossing"),
+        (lambda c: c.effect("a", Pulse(1.0, 0.0)), "length_s: 0 is out of bounds"),
+        (lambda c: c.effect("a", Pulse(math.nan, 1.0)), "height_um: nan is out of bounds"),
+        (lambda c: c.effect("a", Envelope(7)), "points: must be a list of points"),
+        (lambda c: c.effect("a", Envelope([(0, 1), (1,)])), "points: a point has two numbers"),
+        (lambda c: c.effect("a", Envelope([(n, 1) for n in range(257)])), "points: "),
+        (lambda c: c.effect("a", Envelope([(0, 1), (1, 0), (0.5, 0)])), "points: a point must not be earlier"),
+        (lambda c: c.effect("a", Modulation(0)), "frequency_hz: 0 is out of bounds, it must be 1 .. 300."),
+        (lambda c: c.effect("a", Modulation(9, shape="saw")), "shape: must be one of sine, square."),
+        (lambda c: c.stop(3), "effect: must have 1 .. 32 printable characters."),
+    ],
+)
+def test_a_wrong_call_is_one_sentence_and_nothing_is_sent(
+    call: Callable[[Any], None], sentence: str, daemon: FakeDaemon
+) -> None:
+    with Client(daemon.directory) as client, pytest.raises(RefusedError) as refused:
+        call(client)
+    assert str(refused.value).startswith(sentence)
+
+
+# --- the library and the daemon agree ---------------------------------------------------------------------------
+
+any_number = st.floats() | st.sampled_from([0.0, 0.00099, 0.001, 0.01, 0.5, 1.0, 1.001, 10.0, 10.1, 60.0, 61.0, 300.5])
+values = st.tuples(any_number, any_number)
+
+
+def understood(**effect: Any) -> bool:
+    try:
+        wire.decode_targets(msgpack.packb({"v": 1, "client": "c", "effects": [{"name": "a", **effect}]}))
+    except RequestError:
+        return False
+    return True
+
+
+@given(any_number, any_number, any_number)
+@settings(deadline=None, max_examples=200)
+def test_pulses_have_the_same_bounds_on_both_sides(height_um: float, length_s: float, rise_s: float) -> None:
+    raw = {"height_um": height_um, "length_s": length_s, "rise_s": rise_s}
+    assert (decoded(Pulse(**raw)) is not None) == understood(pulse=raw)
+
+
+@given(st.lists(values, max_size=4).map(lambda more: [(0.0, 0.5), *more]), st.booleans())
+@settings(deadline=None, max_examples=200)
+def test_envelopes_have_the_same_bounds_on_both_sides(points: list[tuple[float, float]], is_factor: bool) -> None:
+    raw = {"points": points, "is_factor": is_factor}
+    assert (decoded(Envelope(points, is_factor)) is not None) == understood(envelope=raw)
+
+
+@given(any_number, any_number, any_number)
+@settings(deadline=None, max_examples=200)
+def test_modulations_have_the_same_bounds_on_both_sides(frequency_hz: float, depth: float, length_s: float) -> None:
+    raw = {"frequency_hz": frequency_hz, "depth": depth, "length_s": length_s}
+    assert (decoded(Modulation(**raw)) is not None) == understood(modulation=raw)

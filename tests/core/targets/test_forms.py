@@ -1,0 +1,116 @@
+"""Forms as polylines: what they are worth, how far a drawn sine is off, and how many knots they need."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticd.core.targets.forms import ENDLESS_NS, Course
+from hapticd.core.trajectory.knots import GRAIN_NS
+from hapticd.values import Envelope, Form, Modulation, Pulse, Wave
+
+MS = 1_000_000
+
+
+def test_a_pulse_rises_stays_and_falls() -> None:
+    course = Course(Pulse(2.0, 0.01, 0.002), loops=False)
+    assert [course.value(t_ms * MS) for t_ms in (-1, 0, 1, 2, 5, 8, 9, 10, 11)] == [0, 0, 1, 2, 2, 2, 1, 0, 0]
+    assert course.corners_ns(-100 * MS, 100 * MS) == [0, 2 * MS, 8 * MS, 10 * MS]
+    assert course.length_ns == 10 * MS
+
+
+def test_an_envelope_steps_where_two_points_have_one_instant_and_ends_with_a_step() -> None:
+    course = Course(Envelope(((0.0, 1.0), (0.01, 1.0), (0.01, 3.0), (0.02, 3.0))), loops=False)
+    around_ns = (-GRAIN_NS, 0, 10 * MS, 10 * MS + GRAIN_NS, 20 * MS, 20 * MS + GRAIN_NS)
+    assert [course.value(t_ns) for t_ns in around_ns] == [0.0, 1.0, 1.0, 3.0, 3.0, 0.0]
+    assert course.corners_ns(-MS, 30 * MS) == list(around_ns)
+
+
+def test_a_factor_is_one_outside_of_its_time() -> None:
+    course = Course(Envelope(((0.0, 0.5), (0.01, 0.0)), is_factor=True), loops=False)
+    assert [course.value(t_ms * MS) for t_ms in (-1, 0, 5, 11)] == [1.0, 0.5, 0.25, 1.0]
+
+
+def test_a_loop_begins_once_more_at_its_end() -> None:
+    course = Course(Pulse(1.0, 0.01, 0.005), loops=True)
+    assert course.length_ns == ENDLESS_NS
+    assert [course.value(t_ms * MS) for t_ms in (5, 10, 15, 10**6 + 5)] == [1.0, 0.0, 1.0, 1.0]
+    assert course.corners_ns(20 * MS, 30 * MS) == [25 * MS, 25 * MS + GRAIN_NS, 30 * MS]
+
+
+@pytest.mark.parametrize("frequency_hz", [1.0, 40.0, 97.3, 250.0, 300.0])
+@pytest.mark.parametrize("depth_frac", [1.0, 0.3])
+def test_a_drawn_sine_is_within_three_percent_of_its_depth_from_the_cosine(
+    frequency_hz: float, depth_frac: float
+) -> None:
+    course = Course(Modulation(frequency_hz, depth_frac), loops=False)
+    period_ns = round(1e9 / frequency_hz / GRAIN_NS) * GRAIN_NS
+    assert abs(period_ns * frequency_hz * 1e-9 - 1.0) < 1e-3
+    worst = 0.0
+    for step in range(2000):
+        t_ns = 3 * period_ns + period_ns * step // 2000
+        cosine = math.cos(2 * math.pi * t_ns / period_ns)
+        worst = max(worst, abs(course.value(t_ns) - (1.0 - 0.5 * depth_frac + 0.5 * depth_frac * cosine)))
+    assert 0.02 * depth_frac < worst <= 0.03 * depth_frac
+
+
+def test_a_square_begins_high_and_is_low_for_its_second_half() -> None:
+    course = Course(Modulation(100.0, 0.25, Wave.SQUARE, length_s=0.02), loops=False)
+    assert [course.value(t_ms * MS) for t_ms in (0, 2, 5, 6, 9, 10, 14, 16, 20)] == [
+        *(1.0, 1.0, 1.0, 0.75, 0.75, 1.0, 1.0, 0.75, 1.0)
+    ]
+    assert len(course.corners_ns(0, 10 * MS)) == 4
+
+
+def test_a_modulation_is_cut_at_its_length() -> None:
+    course = Course(Modulation(40.0, 1.0, length_s=0.0125), loops=False)
+    end_ns = 12_500_000
+    assert course.value(end_ns - GRAIN_NS) < 0.05
+    assert course.value(end_ns) == 1.0
+    assert course.corners_ns(11 * MS, 20 * MS) == [end_ns - GRAIN_NS, end_ns]
+
+
+@pytest.mark.parametrize(("frequency_hz", "most"), [(250.0, 22), (253.9, 22), (254.1, 23), (40.0, 4)])
+def test_the_knots_that_a_sine_needs_in_one_frame(frequency_hz: float, most: int) -> None:
+    assert Course(Modulation(frequency_hz, 1.0), loops=False).most_corners(12_375_000) == most
+
+
+forms = st.one_of(
+    st.builds(Pulse, st.floats(-4, 4), st.just(0.01), st.floats(0, 0.005)),
+    st.builds(Pulse, st.floats(-4, 4), st.just(0.001), st.floats(0, 0.0005)),
+    st.builds(Modulation, st.floats(1, 300), st.floats(0, 1), st.sampled_from(Wave), st.none() | st.floats(0.001, 0.1)),
+    st.lists(st.tuples(st.floats(0.0, 0.03), st.floats(0.0, 4.0)), min_size=1, max_size=12).map(
+        lambda points: Envelope(((0.0, 1.0), *sorted(points), (0.04, 2.0)))
+    ),
+)
+
+
+@given(forms, st.booleans(), st.integers(-5 * MS, 200 * MS), st.integers(1, 30 * MS))
+@settings(deadline=None, max_examples=100)
+def test_between_two_corners_every_form_is_straight(form: Form, loops: bool, from_ns: int, span_ns: int) -> None:
+    course = Course(form, loops)
+    if isinstance(form, Modulation):
+        from_ns = max(from_ns, 0)  # a sine begins outside of the cosine, without a step
+    corners_ns = course.corners_ns(from_ns, from_ns + span_ns)
+    assert all(before < after for before, after in pairwise(corners_ns))
+    assert all(corner_ns % GRAIN_NS == 0 and from_ns < corner_ns <= from_ns + span_ns for corner_ns in corners_ns)
+    for left_ns, right_ns in pairwise([from_ns, *corners_ns, from_ns + span_ns]):
+        ends = course.value(left_ns), course.value(right_ns)
+        if right_ns - left_ns <= GRAIN_NS:
+            continue  # within a grain a modulation that is cut steps
+        middle_ns = (left_ns + right_ns) // 2
+        share = (middle_ns - left_ns) / (right_ns - left_ns)
+        straight = ends[0] + (ends[1] - ends[0]) * share
+        assert math.isfinite(course.value(middle_ns))
+        assert course.value(middle_ns) == pytest.approx(straight, abs=1e-6)
+
+
+@given(forms, st.booleans(), st.integers(0, 100 * MS))
+@settings(deadline=None, max_examples=80)
+def test_no_span_has_more_corners_than_a_form_says(form: Form, loops: bool, from_ns: int) -> None:
+    course, span_ns = Course(form, loops), 12 * MS
+    assert len(course.corners_ns(from_ns, from_ns + span_ns - 1)) <= course.most_corners(span_ns)

@@ -1,0 +1,485 @@
+"""What a finger gets from effects: their form on the plate, who feels them, from which cause, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from pipeline_bench import FOREVER_NS, LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench
+
+from hapticd.core.targets.effects import MAX_EFFECTS, MAX_PLAYING
+from hapticd.values import (
+    AmplitudeTarget,
+    Cause,
+    Circle,
+    ClientTargets,
+    Contact,
+    Effect,
+    Envelope,
+    EventKind,
+    Form,
+    Modulation,
+    PlateEvent,
+    Polygon,
+    Pulse,
+    Start,
+    Surface,
+    Target,
+    Tick,
+    TouchFrame,
+    Wave,
+)
+
+ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))
+CLICK = Pulse(1.0, 0.02, 0.002)
+
+
+class Player(Bench):
+    """A bench that keeps what was played and what happened."""
+
+    def __init__(self, **settings: object) -> None:
+        super().__init__(**settings)
+        self.drives: list[Tick] = []
+        self.events: list[PlateEvent] = []
+        self.refused: tuple[str, ...] = ()
+
+    def lay(
+        self,
+        effects: dict[str, Effect],
+        surfaces: dict[str, Surface] | None = None,
+        client: str = "test",
+        targets: dict[int | str, Target] | None = None,
+        ttl_ns: int = FOREVER_NS,
+    ) -> None:
+        message = ClientTargets(client, ttl_ns, targets or {}, {}, None, surfaces or {}, effects)
+        self.refused = self.scene.apply(message, self.t_ns)
+
+    def play(self, reports: int, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> None:
+        for _ in range(reports):
+            self.press(*positions_mm, pressure_frac=pressure_frac)
+
+    def press(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
+        contacts = tuple(
+            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, pressure_frac, True, 4, 0, 0)
+            for index, (x_mm, y_mm) in enumerate(positions_mm)
+        )
+        self.t_ns += PERIOD_NS
+        self.pipeline.touch(TouchFrame(self.t_ns - 10 * MS, contacts, False), self.t_ns)
+        tick = self.pipeline.drive(self.t_ns, LINK_NS)
+        if tick.drive is not None:
+            self.drives.append(tick)
+        self.events += self.pipeline.events.take()
+        return tick
+
+    def kinds(self, *kinds: EventKind) -> list[EventKind]:
+        return [event.kind for event in self.events if not kinds or event.kind in kinds]
+
+    def the(self, kind: EventKind) -> PlateEvent:
+        (event,) = [event for event in self.events if event.kind is kind]
+        return event
+
+    def played_um(self, t_ns: int, at_mm: tuple[float, float]) -> float:
+        """The amplitude at a place as the board plays the frames: each from its beginning to the next one's."""
+        drives = [tick.drive for tick in self.drives if tick.drive is not None]
+        drive = [one for one in drives if one.t_apply_ns <= t_ns][-1]
+        since_ns = t_ns - drive.t_apply_ns
+        left = [knot for knot in drive.knots if knot.dt_ns <= since_ns][-1]
+        right = next((knot for knot in drive.knots if knot.dt_ns > since_ns), left)
+        share = (since_ns - left.dt_ns) / max(right.dt_ns - left.dt_ns, 1)
+        shapes = PLATE.at(*at_mm)
+        return abs(
+            sum(
+                phi * (before + (after - before) * share)
+                for phi, before, after in zip(shapes, left.modal_um, right.modal_um, strict=True)
+            )
+        )
+
+
+def course_um(player: Player, from_ns: int, ms: float, at_mm: tuple[float, float] = SLIPPERY) -> list[float]:
+    """The amplitude in tenths of a millisecond."""
+    return [player.played_um(from_ns + n * MS // 10, at_mm) for n in range(int(10 * ms))]
+
+
+def begun_ns(player: Player) -> int:
+    (one,) = player.scene.effects.playing
+    return one.begin_ns
+
+
+# --- the form on the plate --------------------------------------------------------------------------------------
+
+
+def test_a_pulse_is_played_with_knots_at_its_corners_from_the_first_frame_after_its_message() -> None:
+    player = Player()
+    player.play(6, SLIPPERY)
+    player.lay({"click": Effect(Pulse(1.0, 0.03, 0.002))})
+    tick = player.press(SLIPPERY)
+    assert tick.drive is not None
+    begin_ns = begun_ns(player)
+    assert 0 <= begin_ns - tick.drive.t_apply_ns < 4000
+    assert begin_ns + 2 * MS in [tick.drive.t_apply_ns + knot.dt_ns for knot in tick.drive.knots]
+    player.play(4, SLIPPERY)
+    for t_ms, um in ((0, 0.0), (1, 0.5), (2, 1.0), (15, 1.0), (28, 1.0), (29, 0.5), (30, 0.0), (35, 0.0)):
+        assert player.played_um(begin_ns + t_ms * MS, SLIPPERY) == pytest.approx(um, abs=1e-3), t_ms
+    assert player.kinds() == [EventKind.LANDED, EventKind.BEGUN, EventKind.ENDED]
+
+
+@pytest.mark.parametrize("frequency_hz", [30.0, 80.0, 173.0, 250.0])
+@pytest.mark.parametrize("wave", list(Wave))
+def test_a_modulation_is_within_three_percent_of_its_depth_at_every_instant(frequency_hz: float, wave: Wave) -> None:
+    player = Player()
+    player.lay(
+        {"hum": Effect(Modulation(frequency_hz, 0.8, wave), on="plate")}, {"plate": Surface(AmplitudeTarget(1.5))}
+    )
+    player.play(20, SLIPPERY)
+    begin_ns, period_ns = begun_ns(player), round(1e9 / frequency_hz / 4000) * 4000
+    for step in range(4000):
+        t_ns = begin_ns + 60 * MS + step * 20_000
+        phase = (t_ns - begin_ns) % period_ns / period_ns
+        drawn = math.cos(2 * math.pi * phase) if wave is Wave.SINE else 1.0 if phase <= 0.5 else -1.0
+        if wave is Wave.SQUARE and min(abs(phase - 0.5), phase, 1 - phase) * period_ns < 5000:
+            continue  # the step itself takes 4 us
+        expected_um = 1.5 * (0.6 + 0.4 * drawn)
+        assert player.played_um(t_ns, SLIPPERY) == pytest.approx(expected_um, abs=0.03 * 0.8 * 1.5)
+
+
+def test_frames_while_a_modulation_plays_reach_to_the_next_one_and_have_at_most_24_knots() -> None:
+    player = Player()
+    player.lay({"hum": Effect(Modulation(250.0, 1.0))}, targets={}, surfaces={"plate": Surface(ONE)})
+    player.play(20, SLIPPERY)
+    for tick in player.drives:
+        assert tick.drive is not None
+        assert len(tick.drive.knots) <= 24
+        assert tick.drive.knots[-1].dt_ns >= 1.09 * PERIOD_NS
+
+
+def test_a_pulse_on_top_of_a_fast_modulation_is_sampled_by_its_knots() -> None:
+    player = Player()
+    hum = {"hum": Effect(Modulation(250.0, 0.5))}
+    player.lay(hum, {"plate": Surface(ONE)})
+    player.play(8, SLIPPERY)
+    player.lay(hum | {"click": Effect(Pulse(1.0, 0.03, 0.004))}, {"plate": Surface(ONE)})
+    player.play(5, SLIPPERY)
+    begin_ns = next(event.t_ns for event in player.events if event.kind is EventKind.ENDED) - 30 * MS
+    assert max(course_um(player, begin_ns + 5 * MS, 20)) == pytest.approx(2.0, rel=0.03)
+
+
+def test_what_is_added_is_added_before_factors_and_the_result_stays_within_the_plate() -> None:
+    player = Player(max_knots=24)
+    effects = {
+        "up": Effect(Envelope(((0.0, 3.0), (1.0, 3.0))), loops=True),
+        "twice": Effect(Envelope(((0.0, 2.0), (1.0, 2.0)), is_factor=True), loops=True),
+    }
+    player.lay(effects, {"plate": Surface(AmplitudeTarget(0.5))})
+    player.play(8, SLIPPERY)
+    assert player.scene.effects.felt_um(1, None, SLIPPERY, player.t_ns, 0.5) == 4.0
+    assert player.scene.effects.felt_um(1, None, SLIPPERY, player.t_ns, -2.0) == 2.0
+    player.lay({"down": Effect(Envelope(((0.0, -2.0), (1.0, -2.0))), loops=True)}, {"plate": Surface(ONE)})
+    player.play(8, SLIPPERY)
+    assert player.played_um(player.t_ns, SLIPPERY) == pytest.approx(0.0, abs=1e-9)
+
+
+# --- causes -----------------------------------------------------------------------------------------------------
+
+TILE = {"left": Surface(ONE, LEFT_HALF)}
+
+
+def test_a_landing_starts_an_effect_with_the_frame_of_its_first_report() -> None:
+    player = Player()
+    player.lay({"hello": Effect(CLICK, start=Start(Cause.LANDING))})
+    tick = player.press(SLIPPERY)
+    assert tick.drive is not None
+    assert begun_ns(player) - tick.drive.t_apply_ns < 4000
+    begun = player.the(EventKind.BEGUN)
+    assert (begun.t_ns, begun.t_device_ns) == (player.t_ns - 10 * MS, player.t_ns - 10 * MS)
+    assert (begun.client, begun.effect, begun.finger_id, begun.place_mm) == ("test", "hello", 1, SLIPPERY)
+    player.play(8, SLIPPERY, STICKY)
+    assert [event.finger_id for event in player.events if event.kind is EventKind.BEGUN] == [1, 2]
+
+
+def test_a_lifting_is_felt_by_the_others() -> None:
+    player = Player()
+    player.lay({"bye": Effect(Pulse(1.0, 0.2), start=Start(Cause.LIFTING))})
+    player.play(6, SLIPPERY, STICKY)
+    assert player.scene.effects.playing == []
+    player.play(2, SLIPPERY)
+    assert player.played_um(player.t_ns, SLIPPERY) == pytest.approx(1.0, abs=0.01)
+    assert player.kinds() == [EventKind.LANDED] * 2 + [EventKind.LIFTED, EventKind.BEGUN]
+
+
+@pytest.mark.parametrize("speed_mm_s", [60.0, 150.0])
+@pytest.mark.parametrize("cause", [Cause.ENTERING, Cause.LEAVING, Cause.CROSSING])
+def test_an_edge_starts_an_effect_at_the_predicted_instant(cause: Cause, speed_mm_s: float) -> None:
+    player = Player()
+    player.lay({"tick": Effect(CLICK, start=Start(cause, surface="left"))}, TILE)
+    direction = 1.0 if cause is Cause.LEAVING else -1.0
+    for n in range(24):
+        player.press((direction * (speed_mm_s * PERIOD_NS * 1e-9 * (n - 12)), 5.1))
+    begun, crossed = player.the(EventKind.BEGUN), player.the(EventKind.CROSSED)
+    assert begun.t_ns == crossed.t_ns
+    # The finger is where its report says 10 ms before the report is read.
+    true_ns = player.t_ns - 11 * PERIOD_NS - 10 * MS
+    assert abs(begun.t_ns - true_ns) < 3 * MS
+    assert player.kinds(EventKind.ENTERED, EventKind.LEFT)[-1] is (
+        EventKind.LEFT if cause is Cause.LEAVING else EventKind.ENTERED
+    )
+
+
+def test_an_effect_of_an_edge_has_its_knot_at_the_edge_and_within_the_frame_that_predicts_it() -> None:
+    player = Player()
+    player.lay({"tick": Effect(CLICK, start=Start(Cause.CROSSING, surface="left"))}, TILE)
+    for n in range(24):
+        tick = player.press((100.0 * PERIOD_NS * 1e-9 * (n - 12), 5.1))
+        if player.scene.effects.playing:
+            break
+    assert tick.drive is not None
+    instants_ns = [tick.drive.t_apply_ns + knot.dt_ns for knot in tick.drive.knots]
+    begin_ns = begun_ns(player)
+    assert begin_ns in instants_ns
+    assert begin_ns + 2 * MS in instants_ns
+    assert instants_ns[0] <= begin_ns <= instants_ns[0] + PERIOD_NS
+
+
+def test_a_strip_that_is_crossed_within_one_frame_is_entered_and_left() -> None:
+    player = Player()
+    strip = Surface(STILL, Polygon(((-1.0, -90.0), (1.0, -90.0), (1.0, 90.0), (-1.0, 90.0))))
+    player.lay({"detent": Effect(CLICK, start=Start(Cause.ENTERING, surface="strip"))}, {"strip": strip})
+    for n in range(24):
+        player.press((400.0 * PERIOD_NS * 1e-9 * (n - 12), 5.1))
+    assert player.kinds()[1:] == [
+        *(EventKind.CROSSED, EventKind.ENTERED, EventKind.BEGUN, EventKind.CROSSED, EventKind.LEFT, EventKind.ENDED)
+    ]
+
+
+def test_who_lands_on_a_surface_enters_it_and_leaves_it_when_lifting() -> None:
+    player = Player()
+    player.lay({"key": Effect(Pulse(1.0, 0.03), on="left", start=Start(Cause.ENTERING, surface="left"))}, TILE)
+    player.play(6, SLIPPERY)
+    player.play(1)
+    assert player.kinds() == [
+        *(EventKind.LANDED, EventKind.ENTERED, EventKind.BEGUN, EventKind.ENDED, EventKind.LEFT, EventKind.LIFTED)
+    ]
+    assert [event.seq for event in player.events] == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_surface_that_appears_or_moves_under_a_finger_is_entered_without_a_crossing() -> None:
+    player = Player()
+    player.play(6, SLIPPERY)
+    player.lay({}, {"disc": Surface(ONE, Circle(5.0), SLIPPERY)})
+    player.play(3, SLIPPERY)
+    player.lay({}, {"disc": Surface(STILL, Circle(5.0), SLIPPERY)})  # other content: it stays on it
+    player.play(3, SLIPPERY)
+    player.lay({}, {"disc": Surface(STILL, Circle(5.0), STICKY)})
+    player.play(3, SLIPPERY)
+    assert player.kinds() == [EventKind.LANDED, EventKind.ENTERED, EventKind.LEFT]
+
+
+BUTTON = Start(Cause.PRESSURE, threshold_frac=0.5, release_frac=0.3)
+
+
+def test_a_button_clicks_once_per_press_with_hysteresis() -> None:
+    player = Player()
+    player.lay({"click": Effect(CLICK, on="left", start=BUTTON)}, TILE)
+    for pressure_frac in (0.1, 0.4, 0.5, 0.6, 0.4, 0.6, 0.31, 0.3, 0.45, 0.55):
+        player.press(SLIPPERY, STICKY, pressure_frac=pressure_frac)
+    assert [(event.kind, event.finger_id) for event in player.events if event.effect and event.finger_id] == [
+        (EventKind.PRESSED, 1),
+        (EventKind.BEGUN, 1),
+        (EventKind.ENDED, 1),
+        (EventKind.RELEASED, 1),
+        (EventKind.PRESSED, 1),
+        (EventKind.BEGUN, 1),
+    ]
+
+
+def test_a_loop_ends_when_its_cause_is_undone() -> None:
+    for start, undo in (
+        (Start(Cause.LANDING), lambda player: player.play(1, STICKY)),
+        (BUTTON, lambda player: player.play(1, SLIPPERY, pressure_frac=0.1)),
+        (Start(Cause.ENTERING, surface="disc"), lambda player: player.play(4, (-15.0, 5.1), pressure_frac=0.6)),
+    ):
+        player = Player()
+        player.lay({"hum": Effect(Modulation(40.0, 1.0), start=start)}, {"disc": Surface(ONE, Circle(5.0), SLIPPERY)})
+        player.play(1, STICKY)
+        player.play(5, SLIPPERY, pressure_frac=0.6)
+        finger_id = player.scene.effects.playing[-1].finger_id
+        undo(player)
+        assert finger_id not in [one.finger_id for one in player.scene.effects.playing], start
+
+
+def test_an_effect_at_an_instant_begins_there_and_a_late_one_plays_its_rest() -> None:
+    player = Player()
+    player.play(6, SLIPPERY)
+    ahead_ns, late_ns = player.t_ns + 60 * MS, player.t_ns - 100 * MS
+    ramp = Envelope(((0.0, 0.0), (0.2, 2.0)))
+    player.lay(
+        {
+            "soon": Effect(ramp, start=Start(Cause.AT, t_ns=ahead_ns)),
+            "gone": Effect(ramp, start=Start(Cause.AT, t_ns=late_ns - 200 * MS)),
+        }
+    )
+    player.play(9, SLIPPERY)
+    assert player.played_um(ahead_ns - MS, SLIPPERY) == 0.0
+    assert player.played_um(ahead_ns + 30 * MS, SLIPPERY) == pytest.approx(0.3, abs=1e-3)
+    assert player.the(EventKind.BEGUN).t_ns == ahead_ns
+    other = Player()
+    other.play(6, SLIPPERY)
+    other.lay({"late": Effect(ramp, start=Start(Cause.AT, t_ns=late_ns))})
+    other.play(1, SLIPPERY)
+    assert other.played_um(late_ns + 130 * MS, SLIPPERY) == pytest.approx(1.3, abs=0.01)
+
+
+# --- once, again, and at an end ---------------------------------------------------------------------------------
+
+
+def test_a_refreshed_message_does_not_start_an_effect_again_and_another_id_does() -> None:
+    player = Player()
+    for start_id, begun in ((1, 1), (1, 1), (2, 2), (2, 2)):
+        player.lay({"click": Effect(CLICK, start=Start(start_id=start_id))})
+        player.play(5, SLIPPERY)
+        assert player.scene.effects.begun == begun
+
+
+def test_a_stopped_or_expired_effect_ends_with_the_next_frame() -> None:
+    for end in (
+        lambda player: player.lay({}, {"plate": Surface(ONE)}),
+        lambda player: player.scene.release_client("test"),
+        lambda player: setattr(player, "t_ns", player.t_ns + 2_000 * MS),
+    ):
+        player = Player()
+        player.lay({"up": Effect(Pulse(1.0, 30.0))}, {"plate": Surface(ONE)}, ttl_ns=2_000 * MS)
+        player.play(6, SLIPPERY)
+        assert player.played_um(player.t_ns, SLIPPERY) == pytest.approx(2.0, abs=1e-3)
+        end(player)
+        player.play(2, SLIPPERY)
+        assert player.scene.effects.playing == []
+        assert player.played_um(player.t_ns + LINK_NS, SLIPPERY) <= 1.0 + 1e-9
+
+
+def test_an_effect_is_felt_by_its_client_s_and_free_fingers_only() -> None:
+    player = Player()
+    player.play(6, SLIPPERY, STICKY, (0.5, 40.0))
+    player.lay({}, client="other", targets={2: STILL})
+    player.lay({"up": Effect(Pulse(1.0, 1.0)), "mine": Effect(Pulse(1.0, 1.0), on=2)}, targets={1: ONE})
+    assert player.refused == (
+        "effect 'mine' is on finger 2, which is held by 'other': wait until that client releases it.",
+    )
+    tick = player.press(SLIPPERY, STICKY, (0.5, 40.0))
+    player.play(1, SLIPPERY, STICKY, (0.5, 40.0))
+    tick = player.press(SLIPPERY, STICKY, (0.5, 40.0))
+    assert [round(point.target_um, 6) for point in tick.points] == [2.0, 0.0, 1.0]
+
+
+def test_an_effect_on_a_surface_is_felt_on_it_and_one_on_a_finger_by_that_finger() -> None:
+    for on, felt_um in (("left", [1.5, 0.0]), (2, [1.0, 0.5])):
+        player = Player()
+        player.play(3, SLIPPERY, STICKY)
+        player.lay({"up": Effect(Pulse(0.5, 1.0), on=on)}, TILE)
+        player.play(2, SLIPPERY, STICKY)
+        assert [point.target_um for point in player.press(SLIPPERY, STICKY).points] == felt_um
+
+
+# --- what it costs ----------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_computed_while_no_effect_plays_and_a_standing_reference_stands() -> None:
+    plain, armed = Player(), Player()
+    plain.lay({}, TILE)
+    armed.lay({"a": Effect(CLICK, start=Start(Cause.LIFTING)), "b": Effect(CLICK, start=BUTTON)}, TILE)
+    for player in (plain, armed):
+        player.play(20, SLIPPERY)
+    assert plain.drives == armed.drives
+    assert plain.pipeline.counters == armed.pipeline.counters
+    assert plain.pipeline.counters.skipped_standing > 5
+
+
+def test_a_finger_at_rest_gets_frames_while_an_effect_plays_and_none_after() -> None:
+    player = Player()
+    player.lay({}, {"plate": Surface(ONE)})
+    player.play(10, SLIPPERY)
+    before = len(player.drives)
+    player.lay({"click": Effect(Pulse(1.0, 0.05))}, {"plate": Surface(ONE)})
+    player.play(5, SLIPPERY)
+    assert len(player.drives) == before + 5
+    player.play(10, SLIPPERY)
+    assert len(player.drives) <= before + 7
+
+
+@pytest.mark.parametrize(
+    ("form", "sentence"),
+    [
+        (Pulse(9.0, 0.1), "effect 'x' cannot have 9 um: ask for at most 4 um."),
+        (Envelope(((0.0, 0.0), (1.0, -5.0))), "effect 'x' cannot have 5 um: ask for at most 4 um."),
+        (
+            Modulation(290.0, 1.0),
+            "effect 'x' needs 26 knots in 12.5 ms, a frame on this link has 22: a sine has at most 252 Hz.",
+        ),
+        (
+            Envelope(tuple((0.0004 * n, 0.01 * n) for n in range(200))),
+            "effect 'x' needs 33 knots in 12.5 ms, a frame on this link has 22: make it 11 corners less dense.",
+        ),
+    ],
+)
+def test_what_a_frame_or_the_plate_cannot_carry_is_refused_with_the_reason(form: Form, sentence: str) -> None:
+    player = Player()
+    player.lay({"x": Effect(form), "good": Effect(CLICK)})
+    assert player.refused == (sentence,)
+    assert [held.name for held in player.scene.effects.held] == ["good"]
+
+
+def test_a_slow_link_refuses_what_a_fast_one_carries() -> None:
+    player = Player()
+    player.pipeline.fit(max_knots=8, effect_knots=12)
+    player.lay({"x": Effect(Modulation(120.0, 1.0)), "y": Effect(Modulation(100.0, 1.0))})
+    assert player.refused == (
+        "effect 'x' needs 11 knots in 12.5 ms, a frame on this link has 10: a sine has at most 114 Hz.",
+    )
+
+
+def test_two_waves_that_do_not_fit_into_one_frame_do_not_play_at_once() -> None:
+    player = Player()
+    player.lay({name: Effect(Modulation(150.0, 0.5)) for name in ("first", "second")})
+    player.play(3, SLIPPERY)
+    assert [one.held.name for one in player.scene.effects.playing] == ["first"]
+    assert (player.scene.effects.begun, player.scene.effects.skipped) == (1, 1)
+
+
+def test_effects_in_all_and_those_that_play_are_bounded() -> None:
+    player = Player()
+    for n in range(5):
+        player.lay({f"{k}": Effect(CLICK, start=Start(Cause.LANDING)) for k in range(16)}, client=f"c{n}")
+    assert player.refused[0] == f"effect '0' is one too many: the plate has {MAX_EFFECTS} effects at once."
+    assert len(player.scene.effects.held) == MAX_EFFECTS
+    tick = player.press(SLIPPERY, STICKY)
+    assert len(player.scene.effects.playing) == MAX_PLAYING
+    assert tick.drive is not None
+    assert len(tick.drive.knots) <= 24
+
+
+def test_a_finger_that_trembles_on_an_edge_starts_an_effect_at_most_every_10_ms() -> None:
+    player = Player()
+    player.lay({"tick": Effect(CLICK, start=Start(Cause.CROSSING, surface="left"))}, TILE)
+    for n in range(100):
+        player.press((0.3 * (-1) ** n, 5.1))
+    assert player.scene.effects.begun <= 100 * PERIOD_NS // (10 * MS) + 1
+    assert len(player.scene.effects.playing) <= 1
+
+
+def replaced(player: Player, count: int) -> Callable[[], None]:
+    def starts() -> None:
+        for start_id in range(count):
+            player.lay({"click": Effect(CLICK, start=Start(start_id=player.t_ns + start_id))})
+
+    return starts
+
+
+def test_an_effect_that_is_started_a_thousand_times_a_second_begins_once_per_pass() -> None:
+    player = Player()
+    player.play(3, SLIPPERY)
+    before = player.scene.effects.begun
+    for _ in range(10):
+        replaced(player, 12)()
+        player.play(1, SLIPPERY)
+    assert player.scene.effects.begun == before + 10
+    assert len(player.scene.effects.playing) == 1
