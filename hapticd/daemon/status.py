@@ -15,7 +15,7 @@ from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import FrictionCurve, Scene
-from ..values import Perceived, Tick, TouchPoint
+from ..values import Perceived, PlateEvent, Tick, TouchPoint
 from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
@@ -63,16 +63,18 @@ class Status:
 
     # --- telemetry ---
 
-    def report_pass(self, tick: Tick, perceived: Mapping[int | str, Perceived]) -> None:
-        """Publish one pass, if somebody subscribes: else nothing is built."""
+    def report_pass(
+        self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent] = ()
+    ) -> None:
+        """Publish one pass and its events, if somebody subscribes: else nothing is built."""
         if self.publish is None:
             self.skipped_no_subscriber += 1
         else:
             self.published += 1
-            self.publish(self._telemetry(tick, perceived))
+            self.publish(self._telemetry(tick, perceived, events))
         self._clients.markers.clear()
 
-    def _telemetry(self, tick: Tick, perceived: Mapping[int | str, Perceived]) -> bytes:
+    def _telemetry(self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent]) -> bytes:
         """Every finger seen or virtual, with its target and what it gets."""
         points = {point.key: point for point in tick.points}
         owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
@@ -102,6 +104,7 @@ class Status:
                 missed_ticks=loop.missed_ticks,
                 pauses=loop.pauses,
                 surfaces_version=self._scene.surfaces.version,
+                events=tuple(events),
             )
         )
 
@@ -141,6 +144,8 @@ class Status:
             "virtual_fingers": len(self._scene.virtual_names(t_now_ns)),
             "surfaces": self._surfaces(t_now_ns),
             "assets": self._scene.assets.report(),
+            "effects": self._effects(t_now_ns),
+            "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
             "simulated": self._rig_directory(),
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
@@ -169,6 +174,21 @@ class Status:
             for layer in self._scene.surfaces.layers
             if t_now_ns < layer.t_expires_ns
         ]
+
+    def _effects(self, t_now_ns: int) -> dict[str, object]:
+        """All effects in force, how many of them play, and how many starts there were and could not be."""
+        effects = self._scene.effects
+        in_force = [
+            {"client": held.owner, "name": held.name, "cause": held.effect.start.cause.value}
+            for held in effects.held
+            if t_now_ns < held.t_expires_ns
+        ]
+        return {
+            "in_force": in_force,
+            "playing": len(effects.playing),
+            "begun": effects.begun,
+            "skipped": effects.skipped,
+        }
 
     def _rig_directory(self) -> str | None:
         """The directory of the simulated rig, if the trackpad is simulated."""

@@ -55,7 +55,12 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     corners = [[-9, -9], [9, -9], [0, 9]]
     pose = {"position_mm": [-28, 5], "velocity_mm_s": [9, 3], "turning_rad_s": 2.0, "z": 1, "blend": "max"}
     surfaces = [{"name": "all", "friction": 0.2}, {"name": "bit", "grating": grating, "polygon_mm": corners, **pose}]
-    painting = msgpack.packb({"v": 1, "client": "painter", "ttl_s": 0.4, "surfaces": surfaces})
+    effects = [
+        {"name": "click", "pulse": {"height_um": 0.5, "length_s": 0.03}, "start": {"cause": "landing"}},
+        {"name": "hum", "modulation": {"frequency_hz": 250, "depth": 0.5}, "surface": "all"},
+        {"name": "edge", "pulse": {"height_um": 1, "length_s": 0.02}, "start": {"cause": "crossing", "surface": "bit"}},
+    ]
+    painting = msgpack.packb({"v": 1, "client": "painter", "ttl_s": 0.4, "surfaces": surfaces, "effects": effects})
     bench.machine.targets(painting, bench.t_ns, "uid 7")
     for finger, request in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
         targets = [{"finger": finger, **request}, {"finger": "walker", "amplitude_um": 0.5}]
