@@ -10,6 +10,7 @@ import contextlib
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ ANSWER_S = 2.0
 STATE_S = 1.0  # timeout of a silent daemon
 RETRY_S = 0.5
 STATUS_EVERY_S = 1.0
+MAX_EVENTS = 64  # between two frames
 SURFACES_EVERY_S = 0.1  # while they change
 FRAME_EVERY_S = 1 / 62  # slightly above the refresh rate of a screen
 MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client may hold
@@ -118,10 +120,12 @@ class PlateClient:
         t_frame_s = t_status_s = t_surfaces_s = -1.0
         instance: int | None = None
         surfaces: int | None = None
+        events: deque[hapticd_client.PlateEvent] = deque(maxlen=MAX_EVENTS)  # since the last frame
         for state in client.states(timeout_s=STATE_S):
             if self._ending.is_set() or (instance is not None and state.instance != instance):
                 return  # another daemon, perhaps with another plate
             instance = state.instance
+            events.extend(state.events)
             self._execute(client)
             t_now_s = time.monotonic()
             if t_now_s - t_frame_s >= FRAME_EVERY_S:
@@ -132,7 +136,8 @@ class PlateClient:
                     for finger in state.fingers
                     if finger.target_um is not None
                 )
-                self._publish("frame", messages.frame(state, truth), None)
+                self._publish("frame", messages.frame(state, truth, events), None)
+                events.clear()
             if state.surfaces_version != surfaces and t_now_s - t_surfaces_s >= SURFACES_EVERY_S:
                 t_surfaces_s, surfaces = t_now_s, state.surfaces_version
                 self._publish("surfaces", messages.surfaces(plate.painter.painted(client.surfaces())), None)

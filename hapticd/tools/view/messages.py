@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,7 @@ from ...wire.fields import Fields, bounded, items, label, whole
 from .surfaces import drawn
 
 if TYPE_CHECKING:
-    from hapticd_client import FingerState, PlateState
+    from hapticd_client import FingerState, PlateEvent, PlateState
 
     from .rig import Truth
 
@@ -144,8 +144,9 @@ def _point(value: object) -> Point:
 # --- to the page --------------------------------------------------------------------------------------------------
 
 
-def frame(state: PlateState, truth: Truth | None) -> str:
-    """Return one instant of the plate: the daemon's state, and on a simulated plate the ground truth."""
+def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] = ()) -> str:
+    """Return one instant of the plate: the daemon's state, the events since the frame before, and on a simulated plate
+    the ground truth."""
     return _text(
         {
             "kind": "frame",
@@ -156,6 +157,7 @@ def frame(state: PlateState, truth: Truth | None) -> str:
             "modal_um": _pairs(complex(d, q) for d, q in _phasors(state)),
             "measured_um": _pairs(state.measured_um),
             "limited": state.limited,
+            "events": [_event(event) for event in events],
             "age_ms": _finite(state.age_ms),
             "horizon_ms": _finite(state.horizon_ms),
             "truth": None
@@ -215,6 +217,7 @@ def status(body: Mapping[str, Any]) -> str:
             "refused": board.get("refused"),
             "why": body["state_changes"][0]["why"] if body["state_changes"] else "",
             "missed_ticks": timing["missed_ticks"],
+            "effects_playing": body.get("effects", {}).get("playing", 0),
             "late_frames": timing["late_frames"],
             "frames_hz": body["latency_ms"].get("frames_hz"),
         }
@@ -248,6 +251,11 @@ def _finger(finger: FingerState) -> dict[str, object]:
         "virtual": finger.virtual,
         "owner": finger.owner,
     }
+
+
+def _event(event: PlateEvent) -> dict[str, object]:
+    names = ("kind", "finger", "x_mm", "y_mm", "client", "surface", "effect")
+    return {name: getattr(event, name) for name in names}
 
 
 def _phasors(state: PlateState) -> list[tuple[float, float]]:

@@ -13,7 +13,7 @@ from viewprocess import View, first
 
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.daemon_process import DaemonProcess
-from hapticd_client import Circle, Client, Grating
+from hapticd_client import Circle, Client, Grating, Modulation
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 SIZE_MM = 137.5
@@ -102,5 +102,10 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     drag(page, 10)
     page.until(lambda: any(re.search(r", friction \S\d+ %", row) for row in page.fingers()))
     assert "no owner" in page.fingers()[0]  # it feels what lies there
+    finger = next(iter(drawn.client.fingers()))
+    drawn.client.effect("hum", Modulation(20.0), on=finger)
+    page.until(lambda: "hum (study) plays" in page["surfaces"].text)
+    drawn.client.stop("hum")
+    page.until(lambda: "hum" not in page["surfaces"].text)
     ActionChains(page.browser).release().perform()
     assert page.complaints() == []

@@ -48,6 +48,12 @@ export class History {
     return low;
   }
 
+  /** The frames of the last `span_s` before the shown one, and that. */
+  recent(span_s) {
+    const t_s = this.current?.t_s ?? 0;
+    return this.frames.slice(this.index(t_s - span_s)).filter((frame) => frame.t_s <= t_s);
+  }
+
   /** RMS amplitude of the sticky fingers, RMS error of the others, and the share of time in which a finger's friction is
    * beyond the Weber fraction from what was asked, over the window. */
   leak() {

@@ -3,6 +3,7 @@
 import { drawLatency, drawModes, drawScale, drawStrip } from "./charts.js";
 import { theme } from "./colours.js";
 import { Drawing } from "./draw.js";
+import { Effects, ringSpan_s } from "./effects.js";
 import { Field } from "./field.js";
 import { FingerList, write } from "./fingers.js";
 import { FrictionCurve } from "./friction.js";
@@ -37,6 +38,7 @@ const $ = (id) => document.getElementById(id);
 const history = new History();
 const picture = new PlatePicture($("plate"));
 const surfaces = new Surfaces();
+const effects = new Effects();
 let plate = null;
 let curve = null;
 let status = null;
@@ -53,6 +55,7 @@ const link = new Link({
     greeted.clear(); // another daemon counts its fingers from 1
     history.clear();
     surfaces.clear();
+    effects.compare(0);
     curve = new FrictionCurve(message.friction_curve, message.friction_speed_mm_s);
     drawing.size_mm = message.size_mm;
     const shapes = await link.shapes();
@@ -70,11 +73,13 @@ const link = new Link({
   },
   frame: (message) => {
     isLive = true;
+    effects.take(message.events);
     history.add(judge(message, picture.field, curve, plate));
     giveTargets(message);
   },
   status: (message) => {
     status = message;
+    effects.compare(message.effects_playing);
   },
   surfaces: (message) => {
     if (!drawing.dragged) surfaces.take(message.surfaces, plate?.client);
@@ -201,7 +206,7 @@ function draw(t_ms) {
   const frame = history.current;
   const present = history.paused ? {} : { layer: layers.canvas, surfaces };
   const invitation = plate?.simulated && isLive && surfaces.layers.length === 0 ? INVITATION : "";
-  picture.draw(frame, { chosen, isLive, invitation, drawing, ...present });
+  picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s), ...present });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
@@ -237,7 +242,7 @@ function writeTexts(frame) {
   const felt = weber_frac === null ? "" : `friction is not as asked ${Math.round(100 * weber_frac)} % of the time`;
   write($("leak"), [labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by"), felt].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
-  write($("surfaces"), surfaces.texts().join("\n"));
+  write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
   $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
   flags(frame);
