@@ -118,6 +118,8 @@ class FingerFrame(NamedTuple):
 
 # --- what a finger should feel ----------------------------------------------------------------------------------
 
+WEBER_FRAC = 0.11  # least relative change of friction that is felt (Gueorguiev et al., J. R. Soc. Interface 2017)
+
 
 @dataclass(frozen=True, slots=True)
 class AmplitudeTarget:
@@ -151,7 +153,9 @@ class GratingTarget:
 class MapTarget:
     """An image of amplitudes: `levels` holds rows of bytes from the top (+y) down, 0 is `low_um`, 255 `high_um`.
 
-    Pixel centres are spread over the whole plate edge to edge; between them the amplitude is bilinear.
+    Pixel centres are spread over the whole plate edge to edge; between them the amplitude is bilinear. With `asset`,
+    the SHA-256 of an uploaded asset, the levels are that asset's. With `frictions`, those of level 0 and 255, it is an
+    image of frictions, and has no amplitudes.
     """
 
     width: int
@@ -159,16 +163,48 @@ class MapTarget:
     levels: bytes
     low_um: float
     high_um: float
+    asset: bytes = b""
+    frictions: tuple[float, float] | None = None
 
 
-Target = AmplitudeTarget | FrictionTarget | GratingTarget | MapTarget
+@dataclass(frozen=True, slots=True)
+class GradientTarget:
+    """An amplitude that changes linearly along `angle_rad` (anticlockwise from +x), from `from_um` to `to_um` over
+    `length_mm`, with the origin in the middle, and is constant beyond."""
+
+    length_mm: float
+    angle_rad: float
+    from_um: float
+    to_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTarget:
+    """A random texture, the same for the same `seed`: waves of wavelengths `shortest_mm` .. `longest_mm`, equally many
+    in each octave, in all directions.
+
+    A wave's height is proportional to its wavelength to the power `exponent`: 0 gives all octaves the same height, 1
+    a surface that looks alike at each scale. `rms_um` is the deviation from `mean_um`, cut at three times as much, and
+    at 0.
+    """
+
+    seed: int
+    shortest_mm: float
+    longest_mm: float
+    exponent: float
+    mean_um: float
+    rms_um: float
+
+
+Target = AmplitudeTarget | FrictionTarget | GratingTarget | MapTarget | GradientTarget | NoiseTarget
 
 
 @dataclass(frozen=True, slots=True)
 class VirtualPath:
-    """A finger that is not on the plate: a polyline walked at constant speed, back and forth when `loop` is set.
+    """The way of a virtual finger or of a surface: a polyline walked at constant speed, back and forth when `loop` is
+    set.
 
-    One point is a finger that rests.
+    One point is a place of rest.
     """
 
     points_mm: tuple[tuple[float, float], ...]
@@ -204,8 +240,8 @@ class Surface:
     """A layer on the plate: content within a shape, felt by any finger that has no target of its own.
 
     Content and `shape` (None: everywhere) are in the layer's frame, which is scaled, turned anticlockwise and moved to
-    `position_mm` at `t_pose_ns` (None: when it arrives), and moves on from there. Of two layers the one with the
-    larger `z` is on top.
+    `position_mm` at `t_pose_ns` (None: when it arrives), and moves on from there with its velocity, or instead along
+    `path`, from its first point on. Of two layers the one with the larger `z` is on top.
     """
 
     content: Target
@@ -218,6 +254,7 @@ class Surface:
     t_pose_ns: int | None = None
     z: int = 0
     blend: Blend = Blend.REPLACE
+    path: VirtualPath | None = None
 
 
 # --- effects in time --------------------------------------------------------------------------------------------
@@ -380,6 +417,14 @@ class TouchPoint(NamedTuple):
     achieved_um: float
     end_x_mm: float
     end_y_mm: float
+
+
+class Perceived(NamedTuple):
+    """What a person perceives of a finger's target: the contact's friction relative to the target's, minus 1, and the
+    share of time in which that is beyond WEBER_FRAC either way."""
+
+    friction_change: float
+    weber_frac: float
 
 
 class Tick(NamedTuple):

@@ -159,7 +159,7 @@ def test_only_commands_import_the_calibration() -> None:
 
 
 def test_the_client_shares_no_code_with_the_daemon() -> None:
-    files = list(CLIENT.glob("*.py"))
+    files = list(CLIENT.rglob("*.py"))
     assert files
     for path in files:
         tree = ast.parse(path.read_text(encoding="utf-8"))

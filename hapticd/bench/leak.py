@@ -21,6 +21,7 @@ from ..sim.lockstep import Settings, paper, perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, Score, settled
+from ..values import WEBER_FRAC
 from .baselines import PREDICTORS
 from .leak_runs import (
     DEFAULT,
@@ -44,6 +45,11 @@ WRONG_RADII_MM = (4.0, 6.0)
 SIGNS_ALONE = "signs alone"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
+PERCEIVED = ("still_friction_change", "slip_friction_change", "weber_frac")
+PERCEIVED_NOTES = (
+    "friction_change: mean relative change of friction over the contact against the target's, still or slipping",
+    f"weber: share of time in which it is beyond {WEBER_FRAC}, the least change that is felt",
+)
 _DIP_FRAC = 0.5  # of its target: a finger feels less as a catch
 
 
@@ -80,6 +86,7 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
         rows,
         ("time_us", "leak_um", "slip_error_um"),
         "leak: RMS at the finger that should be still; slip: mean share that the other gets of its 1 um",
+        *PERCEIVED_NOTES,
         "time: a pass from report to frame",
     )
 
@@ -117,7 +124,7 @@ def contact_conditions(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS
         "leak_contact_conditions",
         f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate in harder conditions",
         judged,
-        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
+        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED),
     )
 
 
@@ -135,8 +142,8 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         "leak_contact",
         f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
         rows,
-        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
-        "weber: share of time in which a finger's friction is off by more than a tenth",
+        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED),
+        *PERCEIVED_NOTES,
     )
 
 
@@ -178,6 +185,7 @@ def _figures(score: Score) -> Figures:
         "slip_error_um": score.slip_error_um,
         "slip_frac": score.slip_frac,
         "limited_frac": score.limited_frac,
+        **_perceived(score),
     }
 
 
@@ -199,5 +207,9 @@ def _contacts(score: Score) -> Figures:
         "contact_slip_um": score.contact_slip_um,
         "contrast": score.contrast,
         "contrast_median": score.contrast_median,
-        "weber_frac": score.weber_frac,
+        **_perceived(score),
     }
+
+
+def _perceived(score: Score) -> Figures:
+    return {name: getattr(score, name) for name in PERCEIVED}

@@ -54,6 +54,15 @@ class PlateConfig:
         low=0,
         high=100,
     )
+    friction_floor_frac: float = key(
+        0.057, "friction at the end of friction_curve, relative to bare glass", low=0.001, high=0.99
+    )
+    friction_speed_mm_s: float = key(
+        0.0,
+        "sliding speed at which a friction needs twice the amplitude of friction_curve; 0: speed changes nothing",
+        low=0,
+        high=100000,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
 from .phasors import Row
@@ -37,6 +38,8 @@ from .trajectory.gate import gate, silence
 from .trajectory.knots import refine
 from .triggers import Triggers
 from .ways import Ways, moved_mm
+
+_STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,6 +275,8 @@ class Pipeline:
                 x_mm, y_mm = scene.virtual_position_mm(key, t_ns)
             else:
                 x_mm, y_mm = fingers.predicted_mm(key, t_ns)
+            if scene.depends_on_speed:
+                scene.slide(self._speed_mm_s(key, t_ns))
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
@@ -279,6 +284,16 @@ class Pipeline:
                 target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
         return places
+
+    def _speed_mm_s(self, key: Key, t_ns: int) -> float:
+        """Return how fast a finger will move at an instant."""
+        if isinstance(key, str):
+            x_mm, y_mm = self._scene.virtual_position_mm(key, t_ns)
+            was_x_mm, was_y_mm = self._scene.virtual_position_mm(key, t_ns - _STEP_NS)
+        else:
+            x_mm, y_mm = self._fingers.predicted_mm(key, t_ns)
+            was_x_mm, was_y_mm = self._fingers.predicted_mm(key, t_ns - _STEP_NS)
+        return math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
 
     def _still(self, keys: list[Key], t_apply_ns: int, t_plate_ns: int) -> list[Place] | None:
         """Return where the fingers will be when the frame begins, if the last reference still holds; else None.

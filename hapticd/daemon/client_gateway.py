@@ -16,6 +16,8 @@ from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..values import ClientTargets
 from ..wire import client as client_wire
+from ..wire.assets import AssetPart
+from .layers import described
 from .observer import Observer
 
 MAX_MARKERS = 64  # in one state; more between two passes are dropped
@@ -103,6 +105,10 @@ class ClientGateway:
                 if marker.has_pulse:
                     self._host.pulse(t_now_ns)
                 return self._mark(replace(marker, t_ns=t_now_ns))
+            case AssetPart() as one:
+                self._client_registry.is_newest(one.client, user, None, 0, t_now_ns)
+                have = self._scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_now_ns)
+                return {"have": have}
             case ClientTargets() as targets:
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)
                 refusals = self._apply(targets, t_now_ns)
@@ -119,7 +125,14 @@ class ClientGateway:
             return self._host.report_status(t_now_ns)
         if request.op == "plate":
             return self._host.describe_plate()
+        if request.op == "surfaces":
+            return self._describe_surfaces(t_now_ns)
         return {"version": __version__, "instance": self._instance, **client_wire.CAPABILITIES}
+
+    def _describe_surfaces(self, t_now_ns: int) -> dict[str, object]:
+        surfaces, assets = self._scene.surfaces, self._scene.assets
+        surfaces.expire(t_now_ns)
+        return {"version": surfaces.version, "surfaces": [described(layer, assets) for layer in surfaces.layers]}
 
     def _require_newest(self, client: str, user: str, stamp: int | None, ttl_ns: int, t_now_ns: int) -> None:
         if not self._is_newest(client, user, stamp, ttl_ns, t_now_ns):

@@ -24,6 +24,7 @@ from ..wire import trackpad as trackpad_wire
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observer
+from .perception import Perception
 from .settings import effect_knots, friction_curve, max_knots, pipeline_settings, plate_from_pad
 from .status import Status
 
@@ -71,6 +72,8 @@ class Machine:
         )
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
+        curve, radius_mm = self.scene.friction_curve, config.solver.contact_radius_mm
+        self._perception = Perception(modes, curve, radius_mm, settings.cover_ns)
         self._supervise = partial(_supervise, self.supervisor)
         self._set_baud = set_baud
         self.board = BoardGateway(
@@ -187,11 +190,13 @@ class Machine:
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
         events = self.pipeline.events.take()
+        is_watched = self._observer is not None or self.status.publish is not None
+        perceived = self._perception.judge(tick, self.pipeline.modal_um) if is_watched else {}
         if self._observer is not None:
-            self._observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers)
+            self._observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers, perceived)
             for event in events:
                 self._observer("event", t_now_ns, event)
-        self.status.report_pass(tick, events)
+        self.status.report_pass(tick, perceived, events)
         return t_written_ns
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:

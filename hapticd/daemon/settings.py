@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from functools import partial
 
 from ..config.sections import Config
@@ -78,9 +80,11 @@ def knots_in(span_s: float, baud: int, modes: int) -> int:
 
 def friction_curve(config: Config) -> FrictionCurve:
     """Return amplitude against friction: measured, or the built-in curve."""
-    if not config.plate.friction_curve:
-        return DEFAULT_FRICTION_CURVE
-    return FrictionCurve.from_amplitudes(config.plate.friction_curve)
+    plate = config.plate
+    speed_mm_s = plate.friction_speed_mm_s or math.inf
+    if plate.friction_curve:
+        return FrictionCurve.from_amplitudes(plate.friction_curve, plate.friction_floor_frac, speed_mm_s)
+    return replace(DEFAULT_FRICTION_CURVE, speed_mm_s=speed_mm_s)
 
 
 def plate_from_pad(config: Config) -> AffineMap:

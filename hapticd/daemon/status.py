@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -13,8 +14,8 @@ from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
 from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.targets.scene import Scene
-from ..values import PlateEvent, Tick, TouchPoint
+from ..core.targets.scene import FrictionCurve, Scene
+from ..values import Perceived, PlateEvent, Tick, TouchPoint
 from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
@@ -62,25 +63,30 @@ class Status:
 
     # --- telemetry ---
 
-    def report_pass(self, tick: Tick, events: Sequence[PlateEvent] = ()) -> None:
+    def report_pass(
+        self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent] = ()
+    ) -> None:
         """Publish one pass and its events, if somebody subscribes: else nothing is built."""
         if self.publish is None:
             self.skipped_no_subscriber += 1
         else:
             self.published += 1
-            self.publish(self._telemetry(tick, events))
+            self.publish(self._telemetry(tick, perceived, events))
         self._clients.markers.clear()
 
-    def _telemetry(self, tick: Tick, events: Sequence[PlateEvent]) -> bytes:
+    def _telemetry(self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent]) -> bytes:
         """Every finger seen or virtual, with its target and what it gets."""
         points = {point.key: point for point in tick.points}
         owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
         fingers = [
-            _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key))
+            _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key), perceived.get(key))
             for finger in self._pipeline.fingers
             for key in (finger.finger_id,)
         ]
-        fingers += [_finger_state(key, point.x_mm, point.y_mm, point, owner_of(key)) for key, point in points.items()]
+        fingers += [
+            _finger_state(key, point.x_mm, point.y_mm, point, owner_of(key), perceived.get(key))
+            for key, point in points.items()
+        ]
         return encode_state(
             PlateState(
                 instance=self._instance,
@@ -97,6 +103,7 @@ class Status:
                 tick_late_ms=loop.last_late_ns * 1e-6,
                 missed_ticks=loop.missed_ticks,
                 pauses=loop.pauses,
+                surfaces_version=self._scene.surfaces.version,
                 events=tuple(events),
             )
         )
@@ -116,6 +123,7 @@ class Status:
             "w_limit_um": list(config.limits.w_limit_um),
             "reference_limit_um": list(config.limits.reference_limit_um),
             "contact_radius_mm": pipeline_settings(config).contact_radius_mm,
+            **_friction(self._scene.friction_curve),
             "drive_hz": None if hello is None else self._board.session.drive_hz,
             "x_mm": modes.x_mm[columns].tolist(),
             "y_mm": modes.y_mm[rows].tolist(),
@@ -135,6 +143,7 @@ class Status:
             "fingers": len(self._pipeline.fingers),
             "virtual_fingers": len(self._scene.virtual_names(t_now_ns)),
             "surfaces": self._surfaces(t_now_ns),
+            "assets": self._scene.assets.report(),
             "effects": self._effects(t_now_ns),
             "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
             "simulated": self._rig_directory(),
@@ -212,7 +221,14 @@ class Status:
         }
 
 
-def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | None, owner: str | None) -> FingerState:
+def _finger_state(
+    key: int | str,
+    x_mm: float,
+    y_mm: float,
+    point: TouchPoint | None,
+    owner: str | None,
+    perceived: Perceived | None,
+) -> FingerState:
     return FingerState(
         id=key,
         x_mm=x_mm,
@@ -223,7 +239,18 @@ def _finger_state(key: int | str, x_mm: float, y_mm: float, point: TouchPoint | 
         achieved_um=None if point is None else point.achieved_um,
         virtual=isinstance(key, str),
         owner=owner,
+        friction_change=None if perceived is None else perceived.friction_change,
+        weber_frac=None if perceived is None else perceived.weber_frac,
     )
+
+
+def _friction(curve: FrictionCurve) -> dict[str, object]:
+    """The friction curve as rising amplitudes, each with its friction relative to bare glass."""
+    amplitudes_um = [amplitude_um for _, amplitude_um in reversed(curve.knots)]
+    return {
+        "friction_curve": [[amplitude_um, curve.friction(amplitude_um)] for amplitude_um in amplitudes_um],
+        "friction_speed_mm_s": curve.speed_mm_s if math.isfinite(curve.speed_mm_s) else None,
+    }
 
 
 def _spread(points: int) -> npt.NDArray[np.intp]:

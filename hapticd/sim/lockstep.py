@@ -25,7 +25,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.instant import InstantSolver
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
-from ..daemon.settings import pipeline_settings
+from ..daemon.settings import friction_curve, pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
@@ -183,7 +183,8 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
     judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
-    judged = with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1)
+    curve = friction_curve(played.settings.config)
+    judged = with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1, friction=curve.frictions)
     return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)
 
 
@@ -326,6 +327,7 @@ class Simulation:
                 score(t_s, target_um, truth_um, recording.reference_um, limited),
                 *(t_s, true_mm, target_um, recording.plate_um),
                 self.world.plate.shapes,
+                friction=self.machine.scene.friction_curve.frictions,
             ),
             status=self.machine.report_status(self._t_ns),
             is_virtual=tuple(actor.path is None for actor in self.actors),

@@ -37,6 +37,9 @@ _COLUMNS = (
     ("contact leak um", "contact_leak_um", 17),
     ("contact slip um", "contact_slip_um", 17),
     ("contrast", "contrast", 10),
+    ("friction: sticky", "still_friction_change", 18),
+    ("slippery", "slip_friction_change", 10),
+    ("weber", "weber_frac", 7),
     ("limited", "limited_frac", 9),
 )
 SETTLED_FRAC = 0.02  # a step has settled when it stays within 2 % of its size
@@ -130,5 +133,11 @@ def save(played: Run, path: Path, compared: Compared | None = None) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def _plain(scored: Score) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in dataclasses.asdict(scored).items()}
+def _plain(scored: Score) -> dict[str, Any]:
+    figures = dataclasses.asdict(scored)
+    fingers = [_finite(finger) for finger in figures.pop("fingers")]
+    return {**_finite(figures), "fingers": fingers}
+
+
+def _finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}

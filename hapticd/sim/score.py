@@ -6,8 +6,9 @@
 
     contact leak, contact slip   the same fingers' RMS amplitude over the contact, a disc, not at its centre
     contrast                     contact slip / contact leak
-    weber                        share of time in which a finger's friction, the mean over its contact, is off by more
-                                 than the Weber fraction of friction from that of its target
+    friction change              a finger's friction, the mean over its contact, relative to its target's, minus 1: its
+                                 mean over the fingers with target 0 (still), over the others (slip), or of one finger
+    weber                        share of time in which that is beyond the Weber fraction of friction, either way
 
 A finger counts from 0.1 s after it landed or its target changed: the system cannot respond earlier.
 """
@@ -20,11 +21,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..values import WEBER_FRAC
+
 Floats = npt.NDArray[np.float64]
+Friction = Callable[[Floats, Floats], Floats]  # of amplitudes in um, and of sliding speeds in mm/s
 
 SETTLE_S = 0.1
 CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
-WEBER_FRAC = 0.11  # least change of friction that is felt (Gueorguiev et al., J. R. Soc. Interface 2017)
 FRICTION_DECAY_UM = 0.7  # friction of bare glass times exp(-|w| / this), as the daemon's default curve
 _RINGS, _SPOKES = 4, 12  # of a contact's points: exact to rounding for waves of 27 mm on discs of 6 mm
 _EVERY_TICKS = 4  # of the contacts' history
@@ -32,8 +35,17 @@ _AT_ONCE = 4000  # instants evaluated together
 
 
 @dataclass(frozen=True, slots=True)
+class FingerFriction:
+    """What one finger felt while it counted: the mean of its friction change, and its share of time beyond the Weber
+    fraction; NaN if it never counted."""
+
+    friction_change: float
+    weber_frac: float
+
+
+@dataclass(frozen=True, slots=True)
 class Score:
-    """Figures of one run; NaN where no finger contributes."""
+    """Figures of one run; NaN where no finger contributes. `fingers` are in the order of the run's arrays."""
 
     leak_um: float
     slip_error_um: float
@@ -44,7 +56,15 @@ class Score:
     contact_slip_um: float = float("nan")
     contrast: float = float("nan")
     contrast_median: float = float("nan")
+    still_friction_change: float = float("nan")
+    slip_friction_change: float = float("nan")
     weber_frac: float = float("nan")
+    fingers: tuple[FingerFriction, ...] = ()
+
+
+def exponential(w_um: Floats, _sliding_mm_s: Floats) -> Floats:
+    """Friction relative to bare glass that falls exponentially with amplitude, whatever the speed."""
+    return np.exp(-w_um / FRICTION_DECAY_UM)
 
 
 def score(
@@ -77,23 +97,42 @@ def with_contacts(
     shapes: Callable[[Floats], Floats],
     radius_mm: float = CONTACT_RADIUS_MM,
     every: int = _EVERY_TICKS,
+    friction: Friction = exponential,
 ) -> Score:
     """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true."""
     part = slice(None, None, every)
     counts = settled(t_s, target_um)[part]
-    target_um, finger_mm, plate_um = target_um[part], finger_mm[part], plate_um[part]
-    rms_um, friction = felt(finger_mm, plate_um, shapes, radius_mm)
+    t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
+    sliding_mm_s = _speed_mm_s(t_s, finger_mm)
+    rms_um, got = felt(finger_mm, plate_um, shapes, radius_mm, friction, sliding_mm_s)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = _rms(rms_um[still]), _rms(rms_um[slipping])
-    off = np.abs(friction / np.exp(-target_um / FRICTION_DECAY_UM) - 1.0) > WEBER_FRAC
+    change = got / friction(target_um, sliding_mm_s) - 1.0
+    of_all = _friction(change[counts])
     return replace(
         judged,
         contact_leak_um=leak_um,
         contact_slip_um=slip_um,
         contrast=slip_um / leak_um if leak_um > 0.0 else float("nan"),
         contrast_median=_median_contrast(rms_um, still, slipping),
-        weber_frac=float(np.mean(off[counts])) if counts.any() else float("nan"),
+        still_friction_change=_friction(change[still]).friction_change,
+        slip_friction_change=_friction(change[slipping]).friction_change,
+        weber_frac=of_all.weber_frac,
+        fingers=tuple(_friction(change[counts[:, n], n]) for n in range(change.shape[1])),
     )
+
+
+def _friction(change: Floats) -> FingerFriction:
+    if not change.size:
+        return FingerFriction(float("nan"), float("nan"))
+    return FingerFriction(float(np.mean(change)), float(np.mean(np.abs(change) > WEBER_FRAC)))
+
+
+def _speed_mm_s(t_s: Floats, finger_mm: Floats) -> Floats:
+    """Return how fast each finger slides (T,N); NaN while absent."""
+    if len(t_s) < 2:
+        return np.zeros(finger_mm.shape[:2])
+    return np.asarray(np.linalg.norm(np.gradient(finger_mm, t_s, axis=0), axis=2))
 
 
 def felt(
@@ -101,9 +140,13 @@ def felt(
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[Floats], Floats],
     radius_mm: float = CONTACT_RADIUS_MM,
+    friction: Friction = exponential,
+    sliding_mm_s: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent."""
-    rms_um, friction = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
+    rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
+    if sliding_mm_s is None:
+        sliding_mm_s = np.zeros(finger_mm.shape[:2])
     offsets_mm, weights = disc(radius_mm)
     for start in range(0, len(finger_mm), _AT_ONCE):
         when = slice(start, start + _AT_ONCE)
@@ -111,10 +154,10 @@ def felt(
             phi = shapes(finger_mm[when, finger, None] + offsets_mm)
             w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
             rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
-            friction[when, finger] = np.exp(-w_um / FRICTION_DECAY_UM) @ weights
+            got[when, finger] = friction(w_um, sliding_mm_s[when, finger, None]) @ weights
     is_absent = ~np.isfinite(finger_mm).all(axis=2)
-    rms_um[is_absent] = friction[is_absent] = np.nan
-    return rms_um, friction
+    rms_um[is_absent] = got[is_absent] = np.nan
+    return rms_um, got
 
 
 def disc(radius_mm: float) -> tuple[Floats, Floats]:

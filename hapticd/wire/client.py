@@ -18,12 +18,13 @@ import msgpack
 
 from ..errors import RequestError
 from ..values import ClientTargets, PlateEvent
-from .contents import MAX_MAP_SIDE
+from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
+from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
 from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS
-from .fields import MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
+from .fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
+from .paths import MAX_PATH_POINTS
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
 from .targets import (
-    MAX_PATH_POINTS,
     MAX_TARGETS,
     MAX_TTL_S,
     MAX_VIRTUALS,
@@ -34,7 +35,7 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker")
+OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker", "asset", "surfaces")
 
 MAX_REQUEST_ID = 2**32 - 1
 MAX_MARKER_CHARACTERS = 100
@@ -43,18 +44,18 @@ UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be rea
 CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
-    "optional": (
-        "stamp",
-        "surfaces",
-        "effects",
-    ),  # fields added within this version: a client sends only those listed here
-    "targets": ("amplitude_um", "friction", "grating", "map"),
+    # Fields added within this version: a client sends only those listed here.
+    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects"),
+    "targets": CONTENTS,
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
     "max_path_points": MAX_PATH_POINTS,
     "max_surfaces": MAX_SURFACES,
     "max_polygon_points": MAX_POLYGON_POINTS,
     "max_map_side": MAX_MAP_SIDE,
+    "max_asset_side": MAX_ASSET_SIDE,
+    "max_asset_bytes": MAX_ASSET_BYTES,
+    "max_part_bytes": MAX_BINARY_BYTES,
     "effects": FORMS,
     "max_effects": MAX_EFFECTS,
     "max_envelope_points": MAX_ENVELOPE_POINTS,
@@ -91,17 +92,18 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", else None."""
+    """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", AssetPart for
+    "asset", else None."""
 
     op: str
     id: int
-    body: ClientTargets | Release | Marker | None
+    body: ClientTargets | Release | Marker | AssetPart | None
 
 
 class FingerState(NamedTuple):
     """One finger in a telemetry message; None where nothing was computed, as for a finger without a target.
 
-    `owner` is the client that owns it.
+    `owner` is the client that owns it; `friction_change` and `weber_frac` are as in `values.Perceived`.
     """
 
     id: int | str
@@ -113,6 +115,8 @@ class FingerState(NamedTuple):
     achieved_um: float | None
     virtual: bool
     owner: str | None = None
+    friction_change: float | None = None
+    weber_frac: float | None = None
 
 
 class PlateState(NamedTuple):
@@ -122,7 +126,7 @@ class PlateState(NamedTuple):
     supervisor's state.
     `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` and `events` came
     since the previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of
-    Python's collector, above 1 ms) count since the start.
+    Python's collector, above 1 ms) count since the start, as `surfaces_version` does changes of the surfaces in force.
     """
 
     instance: int
@@ -139,6 +143,7 @@ class PlateState(NamedTuple):
     tick_late_ms: float = 0.0
     missed_ticks: int = 0
     pauses: int = 0
+    surfaces_version: int = 0
     events: tuple[PlateEvent, ...] = ()
 
 
@@ -198,13 +203,15 @@ def _request(fields: Fields, request_id: int) -> Request:
     op = fields.label("op")
     if op not in OPS:
         raise RequestError(f"op: {op!r} is not one of {', '.join(OPS)}.")
-    body: ClientTargets | Release | Marker | None = None
+    body: ClientTargets | Release | Marker | AssetPart | None = None
     if op == "set":
         body = read_targets(Fields(fields.take("body"), "body"))
     elif op == "release":
         body = _release(Fields(fields.take("body"), "body"))
     elif op == "marker":
         body = _marker(Fields(fields.take("body"), "body"))
+    elif op == "asset":
+        body = read_asset_part(Fields(fields.take("body"), "body"))
     elif "body" in fields:
         Fields(fields.take("body"), "body").end()
     fields.end()
@@ -251,6 +258,7 @@ def encode_state(state: PlateState) -> bytes:
                 "tick_late_ms": _finite(state.tick_late_ms),
                 "missed_ticks": state.missed_ticks,
                 "pauses": state.pauses,
+                "surfaces_version": state.surfaces_version,
                 **_marker_fields(state.markers),
                 **({"events": [event_fields(event) for event in state.events]} if state.events else {}),
             }
@@ -269,6 +277,8 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
         "achieved_um": _finite(finger.achieved_um),
         "virtual": finger.virtual,
         "owner": finger.owner,
+        "friction_change": _finite(finger.friction_change),
+        "weber_frac": _finite(finger.weber_frac),
     }
 
 

@@ -6,13 +6,25 @@ import math
 from collections.abc import Callable
 
 from ..errors import RequestError
-from ..values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
-from .fields import Fields
+from ..values import (
+    AmplitudeTarget,
+    FrictionTarget,
+    GradientTarget,
+    GratingTarget,
+    MapTarget,
+    NoiseTarget,
+    Target,
+)
+from .assets import DIGEST_BYTES
+from .fields import Fields, bounded, items
 
 MAX_AMPLITUDE_UM = 1000.0
 MIN_PERIOD_MM, MAX_PERIOD_MM = 0.1, 1000.0
 MAX_ANGLE_RAD = 2 * math.pi
 MAX_MAP_SIDE = 128
+MAX_ASSET_SIDE = 1024  # of a map whose levels are an asset
+MAX_SEED = 2**32 - 1
+MAX_EXPONENT = 4.0
 MAX_POSITION_MM = 1000.0
 
 
@@ -39,16 +51,56 @@ def _grating(fields: Fields) -> GratingTarget:
 
 def _map(fields: Fields) -> MapTarget:
     image = Fields(fields.take("map"), fields.place("map"))
-    width = image.whole("width", 1, MAX_MAP_SIDE)
-    height = image.whole("height", 1, MAX_MAP_SIDE)
+    asset = image.binary("asset", DIGEST_BYTES) if "asset" in image else b""
+    longest = MAX_ASSET_SIDE if asset else MAX_MAP_SIDE
+    width = image.whole("width", 1, longest)
+    height = image.whole("height", 1, longest)
+    frictions = _frictions(image) if "friction" in image else None
     target = MapTarget(
         width=width,
         height=height,
-        levels=image.binary("levels", width * height),
-        low_um=image.number("low_um", 0.0, MAX_AMPLITUDE_UM, 0.0),
-        high_um=image.number("high_um", 0.0, MAX_AMPLITUDE_UM),
+        levels=b"" if asset else image.binary("levels", width * height),
+        low_um=0.0 if frictions else image.number("low_um", 0.0, MAX_AMPLITUDE_UM, 0.0),
+        high_um=0.0 if frictions else image.number("high_um", 0.0, MAX_AMPLITUDE_UM),
+        asset=asset,
+        frictions=frictions,
     )
     image.end()
+    return target
+
+
+def _frictions(image: Fields) -> tuple[float, float]:
+    where = image.place("friction")
+    ends = items(image.take("friction"), 2, where)
+    if len(ends) != 2:
+        raise RequestError(f"{where}: has two numbers, the frictions of level 0 and 255.")
+    return bounded(ends[0], 0.0, 1.0, where), bounded(ends[1], 0.0, 1.0, where)
+
+
+def _gradient(fields: Fields) -> GradientTarget:
+    gradient = Fields(fields.take("gradient"), fields.place("gradient"))
+    target = GradientTarget(
+        length_mm=gradient.number("length_mm", MIN_PERIOD_MM, MAX_PERIOD_MM),
+        angle_rad=gradient.number("angle_rad", -MAX_ANGLE_RAD, MAX_ANGLE_RAD, 0.0),
+        from_um=gradient.number("from_um", 0.0, MAX_AMPLITUDE_UM, 0.0),
+        to_um=gradient.number("to_um", 0.0, MAX_AMPLITUDE_UM),
+    )
+    gradient.end()
+    return target
+
+
+def _noise(fields: Fields) -> NoiseTarget:
+    noise = Fields(fields.take("noise"), fields.place("noise"))
+    shortest_mm = noise.number("shortest_mm", MIN_PERIOD_MM, MAX_PERIOD_MM)
+    target = NoiseTarget(
+        seed=noise.whole("seed", 0, MAX_SEED) if "seed" in noise else 0,
+        shortest_mm=shortest_mm,
+        longest_mm=noise.number("longest_mm", shortest_mm, MAX_PERIOD_MM),
+        exponent=noise.number("exponent", 0.0, MAX_EXPONENT, 0.0),
+        mean_um=noise.number("mean_um", 0.0, MAX_AMPLITUDE_UM),
+        rms_um=noise.number("rms_um", 0.0, MAX_AMPLITUDE_UM),
+    )
+    noise.end()
     return target
 
 
@@ -57,7 +109,11 @@ _READERS: dict[str, Callable[[Fields], Target]] = {
     "friction": _friction,
     "grating": _grating,
     "map": _map,
+    "gradient": _gradient,
+    "noise": _noise,
 }
+
+CONTENTS = tuple(_READERS)
 
 
 def read_content(fields: Fields) -> Target:

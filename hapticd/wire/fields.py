@@ -135,11 +135,22 @@ class Fields:
 
     def binary(self, name: str, length: int) -> bytes:
         """Read exactly `length` bytes."""
+        value = self._bytes(name)
+        if len(value) != length:
+            raise RequestError(f"{self.place(name)}: has {len(value)} bytes, it must have {length}.")
+        return value
+
+    def some_binary(self, name: str, longest: int) -> bytes:
+        """Read 1 .. `longest` bytes."""
+        value = self._bytes(name)
+        if not 1 <= len(value) <= longest:
+            raise RequestError(f"{self.place(name)}: has {len(value)} bytes, it must have 1 .. {longest}.")
+        return value
+
+    def _bytes(self, name: str) -> bytes:
         value = self.take(name)
         if not isinstance(value, bytes):
             raise RequestError(f"{self.place(name)}: must be bytes, not {_kind(value)}.")
-        if len(value) != length:
-            raise RequestError(f"{self.place(name)}: has {len(value)} bytes, it must have {length}.")
         return value
 
     def sequence(self, name: str, longest: int) -> Sequence[object]:

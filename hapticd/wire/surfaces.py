@@ -9,25 +9,27 @@ from __future__ import annotations
 import math
 
 from ..errors import RequestError
-from ..values import Blend, Circle, Polygon, Surface
+from ..values import Blend, Circle, Polygon, Surface, VirtualPath
 from .contents import MAX_ANGLE_RAD, MAX_POSITION_MM, read_content
 from .fields import Fields, items, pair
+from .paths import MAX_SPEED_MM_S, read_path
 
 MAX_SURFACES = 16
 MAX_POLYGON_POINTS = 16
 MIN_SIZE_MM = 0.1  # of a radius, and of a rectangle's sides
 MIN_AREA_MM2 = MIN_SIZE_MM**2
 MIN_SCALE, MAX_SCALE = 0.01, 100.0
-MAX_SPEED_MM_S = 2000.0
 MAX_TURNING_RAD_S = 20 * math.pi
 MAX_Z = 1000
 MAX_INSTANT_NS = 2**63 - 1
+STRAIGHT = ("position_mm", "velocity_mm_s")  # fields that a path replaces
 SHAPES = ("circle_mm", "rectangle_mm", "polygon_mm")
 
 
 def read_surface(fields: Fields) -> tuple[str, Surface]:
     """Read a surface and its name. Raises RequestError."""
     name = fields.label("name")
+    path = _path(fields)
     surface = Surface(
         content=read_content(fields),
         shape=_shape(fields),
@@ -39,6 +41,7 @@ def read_surface(fields: Fields) -> tuple[str, Surface]:
         t_pose_ns=fields.whole("t_pose_ns", 0, MAX_INSTANT_NS) if "t_pose_ns" in fields else None,
         z=fields.whole("z", -MAX_Z, MAX_Z) if "z" in fields else 0,
         blend=_blend(fields),
+        path=path,
     )
     fields.end()
     return name, surface
@@ -46,6 +49,15 @@ def read_surface(fields: Fields) -> tuple[str, Surface]:
 
 def _pair(fields: Fields, name: str, most: float) -> tuple[float, float]:
     return pair(fields.take(name), most, fields.place(name)) if name in fields else (0.0, 0.0)
+
+
+def _path(fields: Fields) -> VirtualPath | None:
+    if "path_mm" not in fields:
+        return None
+    for name in STRAIGHT:
+        if name in fields:
+            raise RequestError(f"{fields.place(name)}: a surface with a path_mm has none.")
+    return read_path(fields)
 
 
 def _blend(fields: Fields) -> Blend:

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 from ..errors import RequestError
 from ..values import ClientTargets, Effect, Surface, Target, VirtualPath
-from .contents import MAX_POSITION_MM, read_content
+from .contents import read_content
 from .effects import MAX_EFFECTS, MAX_FINGER_ID, read_effect
-from .fields import Fields, items, label, pair, whole
+from .fields import Fields, label, whole
+from .paths import read_path
 from .surfaces import MAX_SURFACES, read_surface
 
 MAX_TARGETS = 16
 MAX_VIRTUALS = 16
 MIN_TTL_S, DEFAULT_TTL_S, MAX_TTL_S = 0.02, 0.5, 5.0
-MAX_PATH_POINTS = 64
-MAX_SPEED_MM_S, DEFAULT_SPEED_MM_S = 2000.0, 50.0
 MAX_STAMP = 2**63 - 1
 
 
@@ -79,14 +78,6 @@ def read_stamp(fields: Fields) -> int | None:
 
 def _virtual(fields: Fields) -> tuple[str, VirtualPath]:
     name = fields.label("name")
-    where = fields.place("path_mm")
-    points = items(fields.take("path_mm"), MAX_PATH_POINTS, where)
-    if not points:
-        raise RequestError(f"{where}: needs at least one point.")
-    path = VirtualPath(
-        points_mm=tuple(pair(point, MAX_POSITION_MM, f"{where}[{index}]") for index, point in enumerate(points)),
-        speed_mm_s=fields.number("speed_mm_s", 0.0, MAX_SPEED_MM_S, DEFAULT_SPEED_MM_S),
-        loop=fields.boolean("loop", default=True),
-    )
+    path = read_path(fields)
     fields.end()
     return name, path

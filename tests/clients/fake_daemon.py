@@ -10,11 +10,13 @@ from pathlib import Path
 
 from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
+from hapticd.daemon.layers import described
 from hapticd.errors import RequestError
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
 from hapticd.values import ClientTargets, EventKind, PlateEvent
 from hapticd.wire import client as wire
+from hapticd.wire.assets import AssetPart
 
 TICK_S = 0.005
 
@@ -33,7 +35,7 @@ class FakeDaemon:
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
-        self.optional: tuple[str, ...] = ("stamp", "surfaces", "effects")
+        self.optional: tuple[str, ...] = ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects")
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False
@@ -109,6 +111,9 @@ class FakeDaemon:
         if isinstance(request.body, wire.Marker):
             self.markers.append(request.body)
             return {"t_ns": time.monotonic_ns()}
+        if isinstance(request.body, AssetPart):
+            one, t_ns = request.body, time.monotonic_ns()
+            return {"have": self.scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_ns)}
         if request.body is not None and not self._is_newest(request.body, user):
             raise RequestError("A newer message came before.")
         match request.op, request.body:
@@ -118,7 +123,10 @@ class FakeDaemon:
             case "capabilities", _:
                 return wire.CAPABILITIES
             case "status", _:
-                return {"messages": self.messages}
+                return {"messages": self.messages, "t_ns": time.monotonic_ns()}
+            case "surfaces", _:
+                surfaces, assets = self.scene.surfaces, self.scene.assets
+                return {"version": surfaces.version, "surfaces": [described(one, assets) for one in surfaces.layers]}
             case "clear_fault", _:
                 self.fault_cleared = True
             case "set", ClientTargets() as targets:

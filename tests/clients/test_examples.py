@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import math
 import os
 import random
@@ -235,6 +236,103 @@ def test_the_patch_turns_at_its_ends_and_two_fingers_on_it_hold_it(capsys: pytes
     example("moving_patch").serve(plate, 15.0, 20.0, math.inf)
     assert plate.laid == [(-40.0, 20.0), (-20.0, 0.0), (-20.0, 20.0), (40.0, -20.0)]
     assert capsys.readouterr().out.splitlines()[1] == "patch at x = -20 mm: +0 mm/s"
+
+
+class TimedPlate(ScriptedPlate):
+    """States `step_ns` apart, and the newest surface of each name."""
+
+    def __init__(self, *fingers_mm: dict[int, tuple[float, float]], step_ns: int = 100_000_000) -> None:
+        super().__init__(*fingers_mm)
+        self.step_ns = step_ns
+        self.laid: list[tuple[str, dict[str, Any]]] = []
+
+    def states(self) -> Iterator[PlateState]:
+        return (replace(state, t_ns=1 + self.step_ns * state.seq) for state in super().states())
+
+    def surface(self, name: str, _shape: object = None, **fields: Any) -> None:
+        self.laid.append((name, fields))
+
+
+class FirstPlace(random.Random):
+    """Chance that puts everything at the same place."""
+
+    def uniform(self, low: float, high: float) -> float:  # noqa: ARG002
+        return 0.0
+
+
+def test_the_compass_has_a_ring_with_eight_notches_of_which_north_is_wide(
+    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = example("compass")
+    with Client(daemon.directory) as plate:
+        program.lay(plate, 4.0)
+        felt = [
+            daemon.scene.surfaces.amplitude_um(x_mm, y_mm, time.monotonic_ns())
+            for x_mm, y_mm in (
+                (40.0, 0.0),
+                (40.0, 3.0),
+                (3.0, 40.0),
+                (8.0, 40.0),
+                (0.0, 0.0),
+                (28.3, 28.3),
+                (60.0, 0.0),
+            )
+        ]
+    assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0, 0.0]
+    program.serve(ScriptedPlate({1: (40.0, 2.0)}, {1: (40.0, 9.0)}, {1: (1.0, 1.0)}, {1: (-2.0, -40.0)}), math.inf)
+    assert capsys.readouterr().out.splitlines()[1:] == ["finger 1: E", "finger 1: S"]
+
+
+def test_the_maze_s_walls_stick_but_for_their_gaps_and_a_way_through_is_timed(
+    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = example("maze")
+    with Client(daemon.directory) as plate:
+        program.lay(plate, FirstPlace())
+        places_mm = ((0.0, -40.0), (7.0, 20.0), (9.0, 20.0), (-60.0, 0.0), (-60.0, 10.0))
+        felt = [daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm]
+    assert felt == [1.5, 1.5, 0.0, 0.0, 1.5]
+    plate_of_walls = TimedPlate(
+        {1: (0.0, 50.0)}, {1: (0.0, -50.0)}, {1: (0.0, 30.0)}, {1: (0.0, 41.0)}, {1: (0.0, 50.0)}
+    )
+    program.play(plate_of_walls, FirstPlace(), math.inf)
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()[1:]] == ["finger 1"]
+    assert len(plate_of_walls.laid) == 2 * 11
+
+
+def test_a_patch_that_is_held_for_half_a_second_is_caught_and_the_next_is_faster(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    on_it, next_to_it = {1: (3.0, 4.0)}, {1: (20.0, 0.0)}
+    plate = TimedPlate(*[on_it] * 4, next_to_it, *[on_it] * 7)
+    example("catch").play(plate, 25.0, FirstPlace(), math.inf)
+    assert capsys.readouterr().out.splitlines()[1:] == ["1 caught; the next one runs at 30 mm/s"]
+
+
+def test_the_patch_to_catch_runs_from_place_to_place() -> None:
+    plate = TimedPlate(*[{}] * 300)
+    example("catch").play(plate, 25.0, random.Random(1), math.inf)
+    legs = [fields for _, fields in plate.laid]
+    assert len(legs) > 5
+    for before, after in itertools.pairwise(legs):
+        assert math.hypot(*before["velocity_mm_s"]) == pytest.approx(25.0)
+        span_s = (after["t_pose_ns"] - before["t_pose_ns"]) * 1e-9
+        for axis in (0, 1):
+            there_mm = before["position_mm"][axis] + before["velocity_mm_s"][axis] * span_s
+            assert after["position_mm"][axis] == pytest.approx(there_mm)
+            assert abs(there_mm) < 57.0
+
+
+def test_the_record_turns_alone_and_a_finger_drags_it_along() -> None:
+    quarter = {1: (0.0, 30.0)}
+    plate = TimedPlate({}, {}, {1: (30.0, 0.0)}, quarter, quarter, {}, step_ns=250_000_000)
+    example("turntable").serve(plate, Grating(6.0, 1.5), math.inf)
+    free_rad_s = -33.3 * 2 * math.pi / 60
+    turning_rad_s = [fields["turning_rad_s"] for _, fields in plate.laid]
+    assert turning_rad_s == pytest.approx([free_rad_s, free_rad_s, 0.0, 2 * math.pi, 0.0, free_rad_s])
+    angles_rad = [fields["angle_rad"] for _, fields in plate.laid]
+    turned_rad = [math.remainder(after - before, 2 * math.pi) for before, after in itertools.pairwise(angles_rad)]
+    assert turned_rad == pytest.approx([free_rad_s / 4, 0.0, math.pi / 2, 0.0, free_rad_s / 4])
 
 
 def test_the_slider_prints_each_detent_that_a_finger_reaches(capsys: pytest.CaptureFixture[str]) -> None:

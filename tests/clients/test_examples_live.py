@@ -19,15 +19,19 @@ PATIENCE_S = 60.0
 # Expected output of each example for two stroking fingers.
 EXPECTED = {
     "button": r"^A button of 36 mm in the middle of the plate: press it$",
+    "catch": r"^Catch the slippery patch",
+    "compass": r"^Follow the ring: which way is north\?$",
     "detents": r"^finger \d+: detent [0-8]$",
     "find_the_edge": r"^Score: \d+ in 1 s$",
     "grating": r"^finger \d+: stripes every 8 mm, 0 \.\. 1\.5 um$",
+    "maze": r"^Find the gaps of 5 walls",
     "moving_patch": r"^patch at x = -40 mm: \+40 mm/s$",
     "paper_environment": r"^finger \d+ landed at x = [-+][\d.]+ mm: [01] um$",
     "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
     "piano": r"^finger \d+: [A-Gc], [\d.]+ Hz$",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "slider": r"^7 detents on a track of 100 mm",
+    "turntable": r"^fingers on the record: [012]$",
     "virtual_finger": r"^finger \d+: 1 um$",
 }
 

@@ -68,7 +68,7 @@ def test_surfaces_are_refreshed_without_starting_their_motion_again(daemon: Fake
 def test_an_older_daemon_is_not_sent_a_surface(daemon: FakeDaemon) -> None:
     daemon.optional = ("stamp",)
     with Client(daemon.directory) as client:
-        with pytest.raises(RefusedError, match="this daemon has no surfaces: update it"):
+        with pytest.raises(RefusedError, match="surfaces: this daemon does not have that: update it"):
             client.surface("plate", friction=1.0)
         client.set(1, friction=0.5)  # whose message it understands
     assert daemon.refusals == []
@@ -85,7 +85,10 @@ def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon) ->
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda c: c.surface("a"), "surface: give exactly one of friction, amplitude_um, grating, map."),
+        (
+            lambda c: c.surface("a"),
+            "surface: give exactly one of friction, amplitude_um, grating, map, gradient, noise.",
+        ),
         (lambda c: c.surface(7, friction=1), "name: must have 1 .. 32 printable characters."),
         (
             lambda c: c.surface("a", (1, 2), friction=1),
@@ -180,3 +183,12 @@ def test_shapes_have_the_same_bounds_on_both_sides(shape: Shape) -> None:
 def test_poses_have_the_same_bounds_on_both_sides(name: str, value: float, z: int) -> None:
     pose: dict[str, Any] = {"z": z} if name == "z" else {name: value if name in NUMBERS else (value, 0.5)}
     assert (offered(None, pose) is not None) == understood(pose)
+
+
+def test_all_surfaces_on_the_plate_can_be_read_as_they_were_laid(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, name="one") as one, Client(daemon.directory, name="other") as other:
+        one.surface("track", Rectangle(100, 24), amplitude_um=1.5)
+        other.surface("patch", Circle(8.0), friction=0.2, position_mm=(3.0, 4.0), z=2)
+        patch, track = one.surfaces()
+    assert (patch["client"], patch["friction"], patch["circle_mm"], patch["position_mm"]) == ("other", 0.2, 8.0, [3, 4])
+    assert (track["client"], track["amplitude_um"], len(track["polygon_mm"])) == ("one", 1.5, 4)

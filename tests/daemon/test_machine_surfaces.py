@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import msgpack
 import pytest
 from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
@@ -80,3 +82,53 @@ def test_a_finger_on_a_surface_has_no_owner_and_may_be_taken_by_another_client()
     bench.want({1: 0.0})
     bench.run(30)
     assert references(bench.board.heard)[-1].peak_um == 0.0
+
+
+def version(bench: Bench) -> int:
+    """The version of the surfaces in the next state."""
+    sent: list[bytes] = []
+    bench.machine.watch(sent.append, bench.t_ns)
+    bench.run(30)
+    bench.machine.watch(None, bench.t_ns)
+    return int(msgpack.unpackb(sent[-1])["surfaces_version"])
+
+
+def test_a_reader_gets_all_surfaces_as_they_were_laid_with_their_owner_and_the_instant_of_their_pose() -> None:
+    bench = Bench(SLIPPERY)
+    publish(bench, {"name": "plate", "friction": 0.5}, client="other")
+    grating = {"period_mm": 4.0, "high_um": 1.5}
+    moving = {"position_mm": [1.0, 2.0], "velocity_mm_s": [20.0, 0.0], "angle_rad": 0.5, "z": 3, "blend": "add"}
+    publish(bench, {"name": "patch", "grating": grating, "circle_mm": 8.0, **moving})
+    t_laid_ns = bench.t_ns
+    bench.run(100)
+    body = bench.ask("surfaces")["body"]
+    patch, plate = body["surfaces"]
+    assert (patch["client"], patch["name"], patch["t_pose_ns"]) == ("test", "patch", t_laid_ns)
+    assert moving.items() <= patch.items()
+    assert (patch["grating"]["period_mm"], patch["circle_mm"]) == (4.0, 8.0)
+    assert (plate["client"], plate["friction"]) == ("other", 0.5)
+    assert "circle_mm" not in plate
+    assert body["version"] == version(bench)
+
+
+def test_the_version_changes_with_the_surfaces_and_not_with_their_refreshes_or_motions() -> None:
+    bench = Bench(SLIPPERY)
+    tile: dict[str, object] = {"name": "tile", "amplitude_um": 1.0, "velocity_mm_s": [5.0, 0.0]}
+    counts = [version(bench)]
+    for surfaces in ((tile,), (tile,), ({**tile, "amplitude_um": 0.5},), ()):
+        publish(bench, *surfaces, ttl_s=1.0)
+        counts.append(version(bench))
+    publish(bench, tile, ttl_s=0.02)
+    bench.run(100)
+    counts.append(version(bench))
+    assert [after - before for before, after in pairwise(counts)] == [1, 0, 1, 1, 2]
+
+
+def test_a_reader_gets_a_large_map_small() -> None:
+    bench = Bench(SLIPPERY)
+    levels = bytes(column * 2 for _ in range(100) for column in range(128))
+    publish(bench, {"name": "picture", "map": {"width": 128, "height": 100, "levels": levels, "high_um": 1.5}})
+    (picture,) = bench.ask("surfaces")["body"]["surfaces"]
+    image = picture["map"]
+    assert (image["width"], image["height"], len(image["levels"])) == (32, 32, 32 * 32)
+    assert (image["levels"][0], image["levels"][31], image["levels"][-1]) == (0, 254, 254)

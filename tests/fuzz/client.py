@@ -14,6 +14,7 @@ from hapticd.core.targets.layer import Layer
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
 from hapticd.values import AmplitudeTarget, ClientTargets, Effect, Envelope, Modulation, Polygon, Pulse, Surface
+from hapticd.wire.assets import MAX_ASSET_BYTES, AssetPart
 from hapticd.wire.client import (
     MAX_MARKER_CHARACTERS,
     PROTOCOL_VERSION,
@@ -28,8 +29,9 @@ from hapticd.wire.client import (
 from hapticd.wire.contents import MAX_AMPLITUDE_UM, MAX_POSITION_MM
 from hapticd.wire.effects import MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_LENGTH_S
 from hapticd.wire.fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES
+from hapticd.wire.paths import MAX_PATH_POINTS
 from hapticd.wire.surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
-from hapticd.wire.targets import MAX_PATH_POINTS, MAX_TARGETS, MAX_VIRTUALS
+from hapticd.wire.targets import MAX_TARGETS, MAX_VIRTUALS
 
 LONGEST_SENTENCE = 250
 
@@ -53,6 +55,17 @@ BODY: dict[str, object] = {
             "velocity_mm_s": [300, -20],
             "t_pose_ns": 10**12,
         },
+        {
+            "name": "walk",
+            "gradient": {"length_mm": 9, "to_um": 2},
+            "circle_mm": 5,
+            "path_mm": [[0, 0], [9, -9], [0, 0]],
+        },
+        {
+            "name": "rough",
+            "noise": {"shortest_mm": 1, "longest_mm": 9.5, "exponent": 0.5, "mean_um": 1, "rms_um": 0.25, "seed": 7},
+        },
+        {"name": "photo", "map": {"width": 2, "height": 2, "asset": bytes(32), "friction": [1, 0.5]}},
     ],
     "effects": [
         {"name": "click", "pulse": {"height_um": -1, "length_s": 0.01}, "start": {"cause": "pressure", "threshold": 1}},
@@ -66,6 +79,8 @@ BODY: dict[str, object] = {
         {"name": "beep", "pulse": {"height_um": 1, "length_s": 9}, "start": {"cause": "at", "t_ns": 7}, "loops": True},
     ],
 }
+
+PART: dict[str, object] = {"client": "a", "asset": bytes(range(32)), "size": 9, "offset": 4, "part": b"abcde"}
 
 
 def check(data: bytes) -> None:
@@ -98,6 +113,7 @@ def check_targets(wanted: ClientTargets) -> None:
         for name in ("amplitude_um", "friction_frac", "low_um", "high_um", "period_mm", "duty_frac"):
             assert 0 <= getattr(target, name, 0.0) <= MAX_AMPLITUDE_UM
         assert len(getattr(target, "levels", b"")) <= MAX_BINARY_BYTES
+        assert 0.1 <= getattr(target, "shortest_mm", 1.0) <= getattr(target, "longest_mm", 1000.0) <= 1000.0
         assert math.isfinite(getattr(target, "angle_rad", 0.0))
     assert len(wanted.surfaces) <= MAX_SURFACES
     for surface in wanted.surfaces.values():
@@ -116,6 +132,7 @@ def check_surface(surface: Surface) -> None:
     for t_ns in (0, 10**18, 2**63 - 1):
         assert all(math.isfinite(part) for part in layer.local_mm(3.0, 4.0, t_ns))
         assert layer.amplitude_um(3.0, 4.0, t_ns) <= 4.0
+        assert all(0 <= turn_ns <= 10**7 for turn_ns in layer.turns_ns(t_ns, 10**7, 8))
     if isinstance(surface.shape, Polygon):
         assert 3 <= len(surface.shape.points_mm) <= MAX_POLYGON_POINTS
         assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.points_mm for part in point)
@@ -162,7 +179,10 @@ def check_answer(data: bytes, request: Request | None) -> None:
     assert reply["ok"] is (request is not None)
     if request is not None:
         assert reply["id"] == request.id != UNREAD_REQUEST_ID
-        assert request.body is None or isinstance(request.body, (ClientTargets, Release, Marker))
+        assert request.body is None or isinstance(request.body, (ClientTargets, Release, Marker, AssetPart))
+        if isinstance(request.body, AssetPart):
+            assert len(request.body.digest) == 32
+            assert request.body.offset + len(request.body.part) <= request.body.size <= MAX_ASSET_BYTES
         if isinstance(request.body, Marker):
             assert 1 <= len(request.body.text) <= MAX_MARKER_CHARACTERS
             assert request.body.text.isprintable()
@@ -181,6 +201,7 @@ def seeds() -> dict[str, bytes]:
         "release": packed({"id": 1, "op": "release", "body": {"client": "a", "finger": "ghost"}}),
         "release-all": packed({"id": 1, "op": "release", "body": {"client": "a"}}),
         "marker": packed({"id": 5, "op": "marker", "body": {"client": "a", "text": "trial 7: \xb5m"}}),
+        "asset": packed({"id": 6, "op": "asset", "body": PART}),
         "later": bytes(msgpack.packb({"v": 2, "id": 1, "op": "hello"})),
         "deep": b"\x91" * 600,
     }

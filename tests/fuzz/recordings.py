@@ -26,7 +26,18 @@ from hapticd.files.recording.header import Header, header_fields
 from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, encode, fits, record_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tables import tables
-from hapticd.values import EventKind, Finger, Knot, LimitReason, PlateEvent, RawReport, SafeDrive, Tick, TouchPoint
+from hapticd.values import (
+    EventKind,
+    Finger,
+    Knot,
+    LimitReason,
+    Perceived,
+    PlateEvent,
+    RawReport,
+    SafeDrive,
+    Tick,
+    TouchPoint,
+)
 
 WORD = b"\xa5rec"
 NAMES = tuple(KINDS)
@@ -80,11 +91,17 @@ def least_header() -> bytes:
 
 def seeds() -> dict[str, bytes]:
     point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
+    felt = {point.key: Perceived(0.5, 1.0)}
     drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
     finger = {"path": 1, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
     events: dict[str, tuple[object, ...]] = {
         "reports": ((RawReport(4, b"\x02ab"),),),
-        "pass": (Tick(7, 2, 9, drive, (point,), False), "ACTIVE", (Finger(1, 3, 1.5, -2.5, False),)),
+        "pass": (
+            Tick(7, 2, 9, drive, (point,), False),
+            "ACTIVE",
+            (Finger(1, 3, 1.5, -2.5, False),),
+            felt,
+        ),
         "targets": (msgpack.packb({"v": 1, "levels": b"\0"}), "uid 7"),
         "written": (b"\0\x01", True),
         "truth": ([finger], {"d": [1.0], "q": [0.0]}),

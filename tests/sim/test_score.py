@@ -8,7 +8,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hapticd.sim.score import SETTLE_S, Score, score, settled
+from hapticd.core.targets.textures import FrictionCurve
+from hapticd.sim.score import SETTLE_S, Friction, Score, exponential, score, settled, with_contacts
 
 T_S = (np.arange(2000) + 1) / 2000.0
 SETTLE_TICKS = 200
@@ -91,11 +92,13 @@ def test_a_lifted_finger_does_not_count() -> None:
 def test_without_fingers_figures_are_nan() -> None:
     judged = judge(constant(np.nan, np.nan), constant(np.nan, np.nan))
 
-    assert [name for name, value in asdict(judged).items() if math.isnan(value)] == [
+    figures = {name: value for name, value in asdict(judged).items() if name != "fingers"}
+    assert [name for name, value in figures.items() if math.isnan(value)] == [
         "leak_um",
         "slip_error_um",
         "slip_frac",
-        *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", "weber_frac"),
+        *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median"),
+        *("still_friction_change", "slip_friction_change", "weber_frac"),
     ]
     assert judged.limited_frac == 0.0
 
@@ -118,3 +121,40 @@ def test_hardly_any_run_at_all_has_no_figures_and_raises_nothing(ticks: int) -> 
 
     assert math.isnan(judged.leak_um)
     assert judged.largest_reference_um == 0.0
+
+
+def perceived(target_um: np.ndarray, plate_um: np.ndarray, friction: Friction = exponential) -> Score:
+    """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
+    slide_mm = 100.0 * T_S
+    finger_mm = np.stack([np.stack((slide_mm, np.zeros(len(T_S))), axis=1)] * target_um.shape[1], axis=1)
+    nothing = Score(*[float("nan")] * 5)
+    shapes = lambda places_mm: np.ones((*places_mm.shape[:-1], 1))  # noqa: E731
+    return with_contacts(nothing, T_S, finger_mm, target_um, plate_um[:, None] + 0j, shapes, friction=friction)
+
+
+def test_friction_is_judged_relative_to_what_was_asked_of_each_finger() -> None:
+    judged = perceived(constant(0.0, 1.0, np.nan), constant(0.7)[:, 0])
+
+    sticky, slippery, absent = judged.fingers
+    assert sticky.friction_change == judged.still_friction_change == pytest.approx(math.exp(-1.0) - 1.0)
+    assert slippery.friction_change == judged.slip_friction_change == pytest.approx(math.exp(1 / 0.7 - 1.0) - 1.0)
+    assert math.isnan(absent.friction_change)
+    assert math.isnan(absent.weber_frac)
+
+
+def test_a_change_is_felt_from_the_weber_fraction_on() -> None:
+    changing_um = -0.7 * np.log(np.where(T_S < 0.5, 1.0 - 0.10, 1.0 - 0.12))
+
+    judged = perceived(constant(0.0, 0.0), changing_um)
+
+    after_s, felt_s = 1.0 - SETTLE_S, 0.5
+    assert [finger.weber_frac for finger in judged.fingers] == pytest.approx([felt_s / after_s] * 2, abs=0.005)
+    assert judged.weber_frac == pytest.approx(felt_s / after_s, abs=0.005)
+
+
+def test_the_plate_s_own_friction_curve_judges_at_the_finger_s_own_speed() -> None:
+    fast = FrictionCurve.from_amplitudes((0.0, 2.0), floor_frac=0.5, speed_mm_s=100.0)
+
+    judged = perceived(constant(0.0), constant(1.0)[:, 0], fast.frictions)
+
+    assert judged.still_friction_change == pytest.approx(0.875 - 1.0)  # 1 um has the effect of 0.5 um at rest

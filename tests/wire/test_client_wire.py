@@ -32,7 +32,7 @@ from hapticd.values import (
     VirtualPath,
     Wave,
 )
-from hapticd.wire import client, contents, targets
+from hapticd.wire import client, contents, paths, targets
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES, peek_whole
 
 FULL: dict[str, Any] = {
@@ -205,8 +205,13 @@ def test_whole_numbers_become_floats_and_stay_exact() -> None:
         packed(client="é" * 32),
         packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(targets.MAX_TARGETS)]),
         packed(targets=[], virtuals=[{"name": str(n), "path_mm": [[0, 0]]} for n in range(targets.MAX_VIRTUALS)]),
-        packed(targets=[], virtuals=[{"name": "a", "path_mm": [[-1000, 1000]] * targets.MAX_PATH_POINTS}]),
+        packed(targets=[], virtuals=[{"name": "a", "path_mm": [[-1000, 1000]] * paths.MAX_PATH_POINTS}]),
         with_target(map={"width": 128, "height": 128, "levels": bytes(128 * 128), "high_um": 1}),
+        with_target(map={"width": 1024, "height": 1024, "asset": bytes(32), "high_um": 1}),
+        with_target(map={"width": 1, "height": 1, "levels": b"a", "friction": [0, 1]}),
+        with_target(gradient={"length_mm": 0.1, "from_um": 0, "to_um": contents.MAX_AMPLITUDE_UM}),
+        with_target(noise={"shortest_mm": 0.1, "longest_mm": 0.1, "mean_um": 0, "rms_um": 0, "seed": 2**32 - 1}),
+        with_surface(friction=1, path_mm=[[1, 2]], speed_mm_s=0),
     ],
 )
 def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
@@ -229,6 +234,31 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(ttl_s=0.019), "ttl_s: 0.019 is out of bounds, it must be 0.02 .. 5."),
         (packed(ttl_s=True), "ttl_s: must be a number, not a truth value."),
         (packed(ttl_ms=3), "'ttl_ms': unknown field"),
+        (
+            with_target(map={"width": 129, "height": 1, "levels": bytes(129), "high_um": 1}),
+            "targets[0].map.width: 129 is out of bounds, it must be 1 .. 128.",
+        ),
+        (
+            with_target(map={"width": 1, "height": 1, "asset": bytes(31), "high_um": 1}),
+            "targets[0].map.asset: has 31 bytes, it must have 32.",
+        ),
+        (
+            with_target(map={"width": 1, "height": 1, "levels": b"a", "friction": [0.5]}),
+            "targets[0].map.friction: has two numbers, the frictions of level 0 and 255.",
+        ),
+        (
+            with_target(map={"width": 1, "height": 1, "levels": b"a", "friction": [0, 1], "high_um": 1}),
+            "'targets[0].map.high_um': unknown field",
+        ),
+        (with_target(gradient={"length_mm": 0, "to_um": 1}), "targets[0].gradient.length_mm: 0 is out of bounds"),
+        (
+            with_target(noise={"shortest_mm": 2, "longest_mm": 1, "mean_um": 1, "rms_um": 1}),
+            "targets[0].noise.longest_mm: 1 is out of bounds, it must be 2 .. 1000.",
+        ),
+        (
+            with_surface(friction=1, path_mm=[[0, 0]], velocity_mm_s=[1, 0]),
+            "surfaces[0].velocity_mm_s: a surface with a path_mm has none.",
+        ),
         (packed(targets={}), "targets: must be a list, not a map."),
         (packed(targets=[7]), "targets[0]: must be a map, not a whole number."),
         (packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(17)]), "targets: has 17 items, at most 16"),
@@ -240,7 +270,7 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
             "targets[0].finger: must be a whole number, not a number.",
         ),
         (packed(targets=[{"finger": "phantom", "friction": 0.5}]), "this message defines no virtual finger 'phantom'"),
-        (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map."),
+        (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
         (with_target(friction=0.5, fiction=1), "'targets[0].fiction': unknown field"),
         (with_target(friction=1.01), "targets[0].friction: 1.01 is out of bounds, it must be 0 .. 1."),
@@ -266,7 +296,7 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
         (packed(surfaces=[{"name": "a", "friction": 1}] * 2), "surfaces[1].name: 'a' is listed twice."),
         (packed(surfaces=[{"name": str(n), "friction": 1} for n in range(17)]), "surfaces: has 17 items, at most 16"),
-        (with_surface(), "surfaces[0]: needs exactly one of amplitude_um, friction, grating, map."),
+        (with_surface(), "surfaces[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
         (with_surface(friction=1, hue=1), "'surfaces[0].hue': unknown field"),
         (with_surface(friction=1, circle_mm=5, rectangle_mm=[1, 1]), "surfaces[0]: has at most one of circle_mm, "),
         (with_surface(friction=1, circle_mm=0), "surfaces[0].circle_mm: 0 is out of bounds, it must be 0.1 .. 1000."),
@@ -519,7 +549,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         seq=12,
         t_ns=2**40,
         state="ACTIVE",
-        fingers=(client.FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True),),
+        fingers=(client.FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True, None, -0.25, math.nan),),
         modal_um=(1.0, -4.0 + 0.5j),
         limited=True,
         age_ms=10.5,
@@ -528,6 +558,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         tick_late_ms=0.25,
         missed_ticks=3,
         pauses=1,
+        surfaces_version=5,
     )
     assert msgpack.unpackb(client.encode_state(state)) == {
         "v": 1,
@@ -546,6 +577,8 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
                 "achieved_um": None,
                 "virtual": True,
                 "owner": None,
+                "friction_change": -0.25,
+                "weber_frac": None,
             }
         ],
         "modal_um": [1.0, -4.0],
@@ -557,6 +590,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
         "tick_late_ms": 0.25,
         "missed_ticks": 3,
         "pauses": 1,
+        "surfaces_version": 5,
     }
 
 

@@ -19,21 +19,24 @@ from .effects import (
 )
 from .errors import DaemonGoneError, HapticdError, RefusedError
 from .messages import FingerState, Marker, PlateEvent, PlateState
-from .surface import Circle, Polygon, Rectangle
-from .targets import Grating, Map
+from .surface import Circle, Path, Polygon, Rectangle
+from .targets import Asset, Gradient, Grating, Map, Noise
 
 __all__ = [
+    "Asset",
     "At",
     "Circle",
     "Client",
     "DaemonGoneError",
     "Envelope",
     "FingerState",
+    "Gradient",
     "Grating",
     "HapticdError",
     "Map",
     "Marker",
     "Modulation",
+    "Noise",
     "Now",
     "OnCrossing",
     "OnEntering",
@@ -41,6 +44,7 @@ __all__ = [
     "OnLeaving",
     "OnLifting",
     "OnPressure",
+    "Path",
     "PlateEvent",
     "PlateState",
     "Polygon",

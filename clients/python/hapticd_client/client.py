@@ -11,12 +11,14 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, SupportsIndex
 
 import zmq
 
+from .asset import AssetKeeper, asset_of, upload
 from .control import Control
 from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile, find
@@ -24,9 +26,24 @@ from .errors import HapticdError, RefusedError
 from .events import EventReader
 from .messages import PROTOCOL_VERSION, FingerState, PlateEvent, PlateState
 from .refresher import Refresher
+from .surface import Path as SurfacePath
 from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
-from .targets import MAX_TTL_S, MIN_TTL_S, Fields, Grating, Map, label, number, path_fields, target_fields
+from .targets import (
+    MAX_TTL_S,
+    MIN_TTL_S,
+    Asset,
+    Fields,
+    Gradient,
+    Grating,
+    LevelRows,
+    Map,
+    Noise,
+    label,
+    number,
+    path_fields,
+    target_fields,
+)
 from .telemetry import Telemetry
 
 RELEASE_S = 0.5  # timeout of the final release
@@ -71,12 +88,15 @@ class Client:
         self._telemetry = Telemetry(context, place)
         self._events = EventReader(context, place)
         self._refresher = Refresher(context, place)
+        self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
+        self._keeper = AssetKeeper(context, place, self.name)
         self._finalizer = weakref.finalize(
             self,
             _disconnect,
             self.name,
             self._stamp,
             self._refresher,
+            self._keeper,
             self._control,
             self._telemetry,
             self._events,
@@ -105,17 +125,23 @@ class Client:
         amplitude_um: float | None = None,
         grating: Grating | None = None,
         map: Map | None = None,  # noqa: A002
+        gradient: Gradient | None = None,
+        noise: Noise | None = None,
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
     ) -> None:
-        """Set the target of a finger: exactly one of friction, amplitude_um, grating, map.
+        """Set the target of a finger: exactly one of friction, amplitude_um, grating, map, gradient, noise.
 
         `finger` is one of `fingers()`, its id, or the name of a virtual finger. `friction` ranges from 0, the most
         slippery that the plate allows, to 1, bare glass; `amplitude_um` is the vibration, peak to peak. `ttl_s` is the
         time for which targets stay active if this program freezes. Raises RefusedError with the daemon's reason, and
         then nothing has changed; with `wait=False` it returns at once and reports local errors only.
         """
-        target = target_fields(friction=friction, amplitude_um=amplitude_um, grating=grating, image=map)
+        target = target_fields(
+            friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, gradient=gradient, noise=noise
+        )
+        self._check_known(target)
+        self._use_asset(map, wait)
         key = _key(finger)
         self._request(self._targets.with_target(key, target, number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)), wait)
 
@@ -151,10 +177,13 @@ class Client:
         amplitude_um: float | None = None,
         grating: Grating | None = None,
         map: Map | None = None,  # noqa: A002
-        position_mm: Sequence[float] = (0.0, 0.0),
+        gradient: Gradient | None = None,
+        noise: Noise | None = None,
+        position_mm: Sequence[float] | None = None,
         angle_rad: float = 0.0,
         scale: float = 1.0,
-        velocity_mm_s: Sequence[float] = (0.0, 0.0),
+        velocity_mm_s: Sequence[float] | None = None,
+        path: SurfacePath | None = None,
         turning_rad_s: float = 0.0,
         t_pose_ns: int | None = None,
         z: int = 0,
@@ -166,21 +195,31 @@ class Client:
 
         `shape` is a Circle, a Rectangle or a Polygon, by default the whole plate; content as in `set`. Both are scaled,
         turned anticlockwise by `angle_rad` and moved to `position_mm`, from where they move on with `velocity_mm_s` and
-        `turning_rad_s`: since `t_pose_ns` on the daemon's monotonic clock, by default since the message arrives. The
-        larger `z` is on top, of equals the one that came last; `blend` is "replace", "add" or "max". The same name
-        again changes the surface. Raises RefusedError, also from an older daemon without surfaces.
+        `turning_rad_s`, or along a Path instead: since `t_pose_ns` on the daemon's monotonic clock, by default since
+        the message arrives. The larger `z` is on top, of equals the one that came last; `blend` is "replace", "add" or
+        "max". The same name again changes the surface. Raises RefusedError, also from an older daemon without surfaces.
         """
-        if "surfaces" not in self.hello.get("optional", ()):
-            raise RefusedError("surface: this daemon has no surfaces: update it.")
+        self._check_optional("surfaces", "surfaces")
+        if path is not None:
+            self._check_optional("surface_path", "moving along a path")
         target = target_fields(
-            friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, where="surface"
+            friction=friction,
+            amplitude_um=amplitude_um,
+            grating=grating,
+            image=map,
+            gradient=gradient,
+            noise=noise,
+            where="surface",
         )
+        self._check_known(target)
+        self._use_asset(map, wait)
         pose = surface_fields(
             shape,
             position_mm=position_mm,
             angle_rad=angle_rad,
             scale=scale,
             velocity_mm_s=velocity_mm_s,
+            path=path,
             turning_rad_s=turning_rad_s,
             t_pose_ns=t_pose_ns,
             z=z,
@@ -188,6 +227,17 @@ class Client:
         )
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
         self._request(self._targets.with_surface(label("name", name), {**target, **pose}, ttl_s), wait)
+
+    def asset(self, source: LevelRows | str | os.PathLike[str]) -> Asset:
+        """Upload levels 0 .. 255 of up to 1024 x 1024 pixels, as rows or a picture file, and return a handle for Maps.
+
+        Several maps may share it. While one is in use, it is uploaded again to a daemon that was restarted. Raises
+        RefusedError, also where the daemon has no room and from an older daemon without assets.
+        """
+        self._check_optional("assets", "assets")
+        asset = asset_of(source)
+        upload(partial(self._call, "asset"), self.name, asset)
+        return asset
 
     def effect(
         self,
@@ -273,6 +323,13 @@ class Client:
         """Return the plate's size, limits, drive and mode shapes (`plate` in clients/PROTOCOL.md)."""
         return self._call("plate")
 
+    def surfaces(self) -> list[dict[str, Any]]:
+        """Return the surfaces of all clients, topmost first (`surfaces` in clients/PROTOCOL.md).
+
+        A state's `surfaces_version` changes with them. Raises RefusedError from an older daemon.
+        """
+        return list(self._call("surfaces")["surfaces"])
+
     def capabilities(self) -> dict[str, Any]:
         """Return the requests and bounds of this daemon."""
         return self._call("capabilities")
@@ -314,6 +371,29 @@ class Client:
         self._check_open()
         return self._control.request(op, body, timeout_s=self._timeout_s)
 
+    def _use_asset(self, image: Map | None, wait: bool) -> None:
+        """Keep a map's asset; upload it if the daemon has dropped it, or with `wait` False let the keeper do that."""
+        if image is None or not isinstance(image.rows, Asset):
+            return
+        self._assets[image.rows.digest] = image.rows
+        if wait:
+            upload(partial(self._call, "asset"), self.name, image.rows)
+
+    def _check_known(self, target: Fields) -> None:
+        """Refuse content that an older daemon does not know."""
+        for kind in ("gradient", "noise"):
+            if kind in target and kind not in self.hello.get("targets", ()):
+                raise RefusedError(f"{kind}: this daemon does not have it: update it.")
+        image = target.get("map")
+        if isinstance(image, dict) and "friction" in image:
+            self._check_optional("friction_map", "maps of frictions")
+        if isinstance(image, dict) and "asset" in image:
+            self._check_optional("assets", "assets")
+
+    def _check_optional(self, name: str, what: str) -> None:
+        if name not in self.hello.get("optional", ()):
+            raise RefusedError(f"{what}: this daemon does not have that: update it.")
+
     def _check_open(self) -> None:
         if not self._finalizer.alive:
             raise HapticdError("This client is closed: create a new one.")
@@ -323,6 +403,9 @@ class Client:
         payload = targets.payload(self.name, stamp)
         ttl_s = math.inf if targets.is_empty else targets.ttl_s
         self._targets = targets
+        if self._assets:
+            self._assets = {digest: self._assets[digest] for digest in targets.assets}
+            self._keeper.keep(tuple(self._assets.values()))
         if is_sent:
             self._refresher.keep(payload, ttl_s)
         else:
@@ -367,18 +450,21 @@ def _disconnect(
     name: str,
     stamp: Callable[[], Fields],
     refresher: Refresher,
+    keeper: AssetKeeper,
     control: Control,
     telemetry: Telemetry,
     events: EventReader,
     context: zmq.Context[zmq.Socket[bytes]],
 ) -> None:
     """Release and disconnect. It has no reference to the Client, which no longer exists when it runs."""
-    if refresher.is_current_thread:  # called by the garbage collector; that thread cannot join itself
-        threading.Thread(target=_disconnect, args=(name, stamp, refresher, control, telemetry, events, context)).start()
+    if refresher.is_current_thread or keeper.is_current_thread:  # by the garbage collector; it cannot join itself
+        arguments = (name, stamp, refresher, keeper, control, telemetry, events, context)
+        threading.Thread(target=_disconnect, args=arguments).start()
         return
     last = stamp()
     refresher.send(TargetSet().payload(name, last), math.inf)
     refresher.stop()
+    keeper.stop()
     with contextlib.suppress(HapticdError):  # then the time to live expires
         control.request("release", {"client": name, **last}, timeout_s=RELEASE_S)
     control.close()

@@ -1,4 +1,4 @@
-"""Conversion of pictures to square grey levels within the size of a map."""
+"""Conversion of pictures to grey levels within the size of a map."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import os
 from .errors import HapticdError, RefusedError
 
 
-def grey_rows(path: str | os.PathLike[str], max_side: int) -> list[bytes]:
-    """Return the middle square of a picture as rows of grey levels from the top, at most `max_side` x `max_side`.
+def grey_rows(path: str | os.PathLike[str], max_side: int, *, is_square: bool = True) -> list[bytes]:
+    """Return a picture, or its middle square, as rows of grey levels from the top, at most `max_side` x `max_side`.
 
     Raises HapticdError without Pillow, RefusedError for a file that is no picture.
     """
@@ -24,6 +24,11 @@ def grey_rows(path: str | os.PathLike[str], max_side: int) -> list[bytes]:
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or error}).") from None
     on_black = Image.alpha_composite(Image.new("RGBA", upright.size, "black"), upright).convert("L")
-    side = min(max_side, *on_black.size)
-    levels = ImageOps.fit(on_black, (side, side)).tobytes()
-    return [levels[start : start + side] for start in range(0, side * side, side)]
+    if is_square:
+        side = min(max_side, *on_black.size)
+        grey = ImageOps.fit(on_black, (side, side))
+    else:
+        grey = on_black
+        grey.thumbnail((max_side, max_side))
+    width, levels = grey.size[0], grey.tobytes()
+    return [levels[start : start + width] for start in range(0, len(levels), width)]

@@ -22,7 +22,9 @@ class FingerState:
 
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
     None: not computed, as for a finger without a target. The id of a `virtual` finger is its name. `owner` is the
-    client that owns it, None also from an older daemon.
+    client that owns it. `friction_change` is the friction over the finger's contact relative to what was asked, minus
+    1, and `weber_frac` the share of time in which that was felt, beyond 0.11 either way. An older daemon sends none of
+    the three.
     """
 
     id: int | str
@@ -34,6 +36,8 @@ class FingerState:
     achieved_um: float | None
     virtual: bool
     owner: str | None = None
+    friction_change: float | None = None
+    weber_frac: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,7 @@ class PlateState:
     `horizon_ms` how far ahead of it the plate was driven. `modal_um` and `modal_q_um` are the real and imaginary parts
     of the modes' phasors, `measured_um` the board's last measurement; an older daemon sends neither of the two.
     `markers` and `events` came since the previous message: a reader that skips messages misses them.
+    `surfaces_version` counts the changes of the surfaces in force (`Client.surfaces`); None from an older daemon.
     """
 
     instance: int
@@ -90,6 +95,7 @@ class PlateState:
     markers: tuple[Marker, ...] = ()
     modal_q_um: tuple[float, ...] = ()
     measured_um: tuple[complex, ...] = ()
+    surfaces_version: int | None = None
     events: tuple[PlateEvent, ...] = ()
 
 
@@ -145,6 +151,7 @@ def decode_state(payload: bytes) -> PlateState:
             markers=tuple(Marker(one["t_ns"], one["client"], one["text"]) for one in fields.get("markers", ())),
             modal_q_um=tuple(_number(w_um) for w_um in fields.get("modal_q_um", ())),
             measured_um=tuple(complex(_number(d), _number(q)) for d, q in fields.get("measured_um", ())),
+            surfaces_version=fields.get("surfaces_version"),
             events=tuple(_event(one) for one in fields.get("events", ())),
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -162,6 +169,8 @@ def _finger_state(finger: dict[str, Any]) -> FingerState:
         achieved_um=finger["achieved_um"],
         virtual=finger["virtual"],
         owner=finger.get("owner"),
+        friction_change=finger.get("friction_change"),
+        weber_frac=finger.get("weber_frac"),
     )
 
 

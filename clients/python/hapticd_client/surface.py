@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from .errors import RefusedError
-from .targets import MAX_POSITION_MM, MAX_SPEED_MM_S, Fields, number
+from .targets import MAX_POSITION_MM, MAX_SPEED_MM_S, Fields, number, path_fields
 
 MAX_POLYGON_POINTS = 16
 MIN_SIZE_MM = 0.1
@@ -63,29 +63,48 @@ class Polygon:
 Shape = Circle | Rectangle | Polygon
 
 
+@dataclass(frozen=True, slots=True)
+class Path:
+    """The way of a surface: 1 .. 64 points (x, y) at `speed_mm_s`, back and forth with `loop`, else to the last one."""
+
+    points_mm: Iterable[Sequence[float]]
+    speed_mm_s: float = 50.0
+    loop: bool = True
+
+    def fields(self) -> Fields:
+        """Return the fields of the message. Raises RefusedError."""
+        return path_fields(self.points_mm, self.speed_mm_s, self.loop)
+
+
 def surface_fields(
     shape: Shape | None,
     *,
-    position_mm: Sequence[float],
+    position_mm: Sequence[float] | None,
     angle_rad: float,
     scale: float,
-    velocity_mm_s: Sequence[float],
+    velocity_mm_s: Sequence[float] | None,
     turning_rad_s: float,
     t_pose_ns: int | None,
     z: int,
     blend: str,
+    path: Path | None = None,
 ) -> Fields:
     """Return the fields of a surface apart from its name and content. Raises RefusedError."""
     if shape is not None and not isinstance(shape, Shape):
         raise RefusedError(f"shape: must be a Circle, a Rectangle or a Polygon, not {repr(shape)[:40]}.")
     if blend not in BLENDS:
         raise RefusedError(f"blend: must be one of {', '.join(BLENDS)}.")
+    if path is not None and (position_mm is not None or velocity_mm_s is not None or not isinstance(path, Path)):
+        raise RefusedError("path: must be a Path, and with it there is no position_mm and no velocity_mm_s.")
+    straight = {
+        "position_mm": point("position_mm", (0, 0) if position_mm is None else position_mm, MAX_POSITION_MM),
+        "velocity_mm_s": point("velocity_mm_s", (0, 0) if velocity_mm_s is None else velocity_mm_s, MAX_SPEED_MM_S),
+    }
     return {
         **({} if shape is None else shape.fields()),
-        "position_mm": point("position_mm", position_mm, MAX_POSITION_MM),
+        **(straight if path is None else path.fields()),
         "angle_rad": number("angle_rad", angle_rad, -2 * math.pi, 2 * math.pi),
         "scale": number("scale", scale, 0.01, 100.0),
-        "velocity_mm_s": point("velocity_mm_s", velocity_mm_s, MAX_SPEED_MM_S),
         "turning_rad_s": number("turning_rad_s", turning_rad_s, -MAX_TURNING_RAD_S, MAX_TURNING_RAD_S),
         **({} if t_pose_ns is None else {"t_pose_ns": _whole("t_pose_ns", t_pose_ns, 0, 2**63 - 1)}),
         "z": _whole("z", z, -MAX_Z, MAX_Z),

@@ -63,6 +63,12 @@ class TargetSet:
         }
 
     @property
+    def assets(self) -> set[bytes]:
+        """The hashes of the assets that maps use."""
+        images = [one.get("map") for one in (*self.targets.values(), *self.surfaces.values())]
+        return {image["asset"] for image in images if isinstance(image, dict) and "asset" in image}
+
+    @property
     def ttl_s(self) -> float:
         """Time to live of the message: the shortest of all."""
         ttls_s = [*self.ttls_s.values(), *self.surface_ttls_s.values(), *self.effect_ttls_s.values()]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, SupportsFloat, SupportsIndex
 
 from .errors import RefusedError
@@ -49,6 +49,65 @@ class Grating:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class Gradient:
+    """An amplitude from `from_um` to `to_um`, linear along `angle_rad` over `length_mm` around the centre."""
+
+    length_mm: float
+    to_um: float
+    from_um: float = 0.0
+    angle_rad: float = 0.0
+
+    def fields(self) -> Fields:
+        """Return the fields of the message. Raises RefusedError."""
+        return {
+            "length_mm": number("length_mm", self.length_mm, 0.1, 1000.0),
+            "angle_rad": number("angle_rad", self.angle_rad, -2 * math.pi, 2 * math.pi),
+            "from_um": number("from_um", self.from_um, 0.0, MAX_AMPLITUDE_UM),
+            "to_um": number("to_um", self.to_um, 0.0, MAX_AMPLITUDE_UM),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """A random texture with wavelengths from `shortest_mm` to `longest_mm`, the same for the same `seed`.
+
+    `rms_um` is the deviation from `mean_um`, cut at three times as much and at 0. The height of a wave is proportional
+    to its wavelength to the power `exponent`: 0 gives all octaves the same height, 1 looks alike at each scale.
+    """
+
+    shortest_mm: float
+    longest_mm: float
+    rms_um: float
+    mean_um: float
+    exponent: float = 0.0
+    seed: int = 0
+
+    def fields(self) -> Fields:
+        """Return the fields of the message. Raises RefusedError."""
+        shortest_mm = number("shortest_mm", self.shortest_mm, 0.1, 1000.0)
+        if type(self.seed) is not int or not 0 <= self.seed < 2**32:
+            raise RefusedError("seed: must be a whole number, 0 .. 4294967295.")
+        return {
+            "seed": self.seed,
+            "shortest_mm": shortest_mm,
+            "longest_mm": number("longest_mm", self.longest_mm, shortest_mm, 1000.0),
+            "exponent": number("exponent", self.exponent, 0.0, 4.0),
+            "mean_um": number("mean_um", self.mean_um, 0.0, MAX_AMPLITUDE_UM),
+            "rms_um": number("rms_um", self.rms_um, 0.0, MAX_AMPLITUDE_UM),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """Levels of a map that the daemon has, as `Client.asset` returns it: give it to a Map instead of rows."""
+
+    digest: bytes
+    width: int
+    height: int
+    levels: bytes = field(repr=False, compare=False)
+
+
 class LevelRow(Protocol):
     """A row of levels: a list, bytes, or a row of an array."""
 
@@ -71,12 +130,14 @@ class Map:
     """An image over the whole plate. `rows` from the top (+y) down contain levels 0 .. 255, from left to right.
 
     Level 0 is `low_um`, 255 is `high_um`; between pixels the amplitude is interpolated. At most 128 x 128, for example
-    a numpy array of uint8. `from_um` takes amplitudes instead of levels, `from_image` a picture.
+    a numpy array of uint8; with an Asset instead of rows 1024 x 1024. `frictions`, of level 0 and 255, instead of the
+    amplitudes make it a map of frictions. `from_um` takes amplitudes instead of levels, `from_image` a picture.
     """
 
-    rows: LevelRows
-    high_um: float
+    rows: LevelRows | Asset
+    high_um: float | None = None
     low_um: float = 0.0
+    frictions: tuple[float, float] | None = None
 
     @classmethod
     def from_um(cls, rows_um: RowsUm) -> Map:
@@ -110,27 +171,45 @@ class Map:
 
     def fields(self) -> Fields:
         """Return the fields of the message. Raises RefusedError."""
-        try:
-            rows = list(self.rows)
-            height, width = len(rows), len(rows[0]) if rows else 0
-            has_one_width = all(len(row) == width for row in rows)
-        except TypeError:
-            raise RefusedError(f"map: {NOT_ROWS}") from None
-        if not (1 <= width <= MAX_MAP_SIDE and 1 <= height <= MAX_MAP_SIDE):
-            raise RefusedError(f"map: {width} x {height} pixels, each side must have 1 .. {MAX_MAP_SIDE}.")
-        if not has_one_width:
-            raise RefusedError("map: all rows must have the same length.")
-        try:
-            levels = bytes(level for row in rows for level in row)
-        except (TypeError, ValueError):
-            raise RefusedError("map: levels must be whole numbers from 0 to 255.") from None
+        if isinstance(self.rows, Asset):
+            image: Fields = {"width": self.rows.width, "height": self.rows.height, "asset": self.rows.digest}
+        else:
+            width, height, levels = levels_of(self.rows, MAX_MAP_SIDE)
+            image = {"width": width, "height": height, "levels": levels}
+        if (self.high_um is None) == (self.frictions is None):
+            raise RefusedError("map: give exactly one of high_um and frictions.")
+        if self.frictions is not None:
+            return {**image, "friction": _two_frictions(self.frictions)}
         return {
-            "width": width,
-            "height": height,
-            "levels": levels,
+            **image,
             "low_um": number("low_um", self.low_um, 0.0, MAX_AMPLITUDE_UM),
             "high_um": number("high_um", self.high_um, 0.0, MAX_AMPLITUDE_UM),
         }
+
+
+def levels_of(rows: LevelRows, most_side: int) -> tuple[int, int, bytes]:
+    """Return width, height and levels of rows. Raises RefusedError."""
+    try:
+        listed = list(rows)
+        height, width = len(listed), len(listed[0]) if listed else 0
+        has_one_width = all(len(row) == width for row in listed)
+    except TypeError:
+        raise RefusedError(f"map: {NOT_ROWS}") from None
+    if not (1 <= width <= most_side and 1 <= height <= most_side):
+        raise RefusedError(f"map: {width} x {height} pixels, each side must have 1 .. {most_side}.")
+    if not has_one_width:
+        raise RefusedError("map: all rows must have the same length.")
+    try:
+        return width, height, b"".join(row if type(row) is bytes else bytes(list(row)) for row in listed)
+    except (TypeError, ValueError):
+        raise RefusedError("map: levels must be whole numbers from 0 to 255.") from None
+
+
+def _two_frictions(frictions: Sequence[float]) -> list[float]:
+    ends = [number("frictions", friction, 0.0, 1.0) for friction in frictions]
+    if len(ends) != 2:
+        raise RefusedError("frictions: must have two numbers, of level 0 and of level 255.")
+    return ends
 
 
 def target_fields(
@@ -139,6 +218,8 @@ def target_fields(
     amplitude_um: float | None,
     grating: Grating | None,
     image: Map | None,
+    gradient: Gradient | None = None,
+    noise: Noise | None = None,
     where: str = "set",
 ) -> Fields:
     """Return the field of the one given argument; `where` is the caller in errors. Raises RefusedError."""
@@ -147,15 +228,19 @@ def target_fields(
         given["friction"] = number("friction", friction, 0.0, 1.0)
     if amplitude_um is not None:
         given["amplitude_um"] = number("amplitude_um", amplitude_um, 0.0, MAX_AMPLITUDE_UM)
-    for name, value, kind in (("grating", grating, Grating), ("map", image, Map)):
+    kinds = {
+        "grating": (grating, Grating),
+        "map": (image, Map),
+        "gradient": (gradient, Gradient),
+        "noise": (noise, Noise),
+    }
+    for name, (value, kind) in kinds.items():
         if value is not None and not isinstance(value, kind):
             raise RefusedError(f"{name}: must be a {kind.__name__}, not {_shown(value)}.")
-    if grating is not None:
-        given["grating"] = grating.fields()
-    if image is not None:
-        given["map"] = image.fields()
+        if value is not None:
+            given[name] = value.fields()
     if len(given) != 1:
-        raise RefusedError(f"{where}: give exactly one of friction, amplitude_um, grating, map.")
+        raise RefusedError(f"{where}: give exactly one of friction, amplitude_um, {', '.join(kinds)}.")
     return given
 
 

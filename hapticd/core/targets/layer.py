@@ -10,6 +10,7 @@ from typing import Final
 
 from ...values import Blend, Circle, Polygon, Surface
 from .textures import Detail, Texture
+from .virtual_paths import Walk
 
 OUTSIDE_UM: Final = -1.0  # no amplitude is negative
 _Side = tuple[float, float, float, float]  # of a polygon: from x, y to x, y
@@ -20,8 +21,9 @@ class Layer:
 
     __slots__ = (
         *("_angle_rad", "_cos", "_is_whole", "_radius_mm", "_reach_mm", "_scale", "_sides", "_sin"),
-        *("_turning_rad_s", "_vx_mm_s", "_vy_mm_s", "_x_mm", "_y_mm", "adds", "born", "finest_mm", "is_smooth"),
-        *("moves", "name", "owner", "replaces", "speed_mm_s", "surface", "t_expires_ns", "t_pose_ns", "texture", "z"),
+        *("_turning_rad_s", "_vx_mm_s", "_vy_mm_s", "_walk", "_x_mm", "_y_mm", "adds", "born", "finest_mm"),
+        *("is_smooth", "_moves", "name", "owner", "replaces", "speed_mm_s", "surface", "t_expires_ns", "t_pose_ns"),
+        *("texture", "z"),
     )
 
     def __init__(
@@ -41,8 +43,9 @@ class Layer:
         self.is_smooth: Final = detail.smooth
         self._x_mm, self._y_mm = surface.position_mm
         self._vx_mm_s, self._vy_mm_s = surface.velocity_mm_s
+        self._walk: Final = None if surface.path is None else Walk(surface.path, t_pose_ns)
         self._turning_rad_s: Final = surface.turning_rad_s
-        self.moves: Final = self._vx_mm_s != 0.0 or self._vy_mm_s != 0.0 or surface.turning_rad_s != 0.0
+        self._moves: Final = self._vx_mm_s != 0.0 or self._vy_mm_s != 0.0
         self._angle_rad: Final = surface.angle_rad
         self._cos: Final = math.cos(surface.angle_rad)
         self._sin: Final = math.sin(surface.angle_rad)
@@ -52,20 +55,16 @@ class Layer:
         self._radius_mm: Final = shape.radius_mm if isinstance(shape, Circle) else 0.0
         self._sides: Final = _sides(shape) if isinstance(shape, Polygon) else []
         self._reach_mm: Final = _reach_mm(shape) * surface.scale
-        self.speed_mm_s: Final = math.hypot(self._vx_mm_s, self._vy_mm_s)
+        path = surface.path
+        self.speed_mm_s: Final = math.hypot(self._vx_mm_s, self._vy_mm_s) if path is None else path.speed_mm_s
 
     def local_mm(self, x_mm: float, y_mm: float, t_ns: int) -> tuple[float, float]:
         """Return a place of the plate in the layer's frame."""
-        x_mm -= self._x_mm
-        y_mm -= self._y_mm
+        x_mm, y_mm = self._from_origin(x_mm, y_mm, t_ns)
         cos, sin = self._cos, self._sin
-        if self.moves:
-            since_s = (t_ns - self.t_pose_ns) * 1e-9
-            x_mm -= since_s * self._vx_mm_s
-            y_mm -= since_s * self._vy_mm_s
-            if self._turning_rad_s != 0.0:
-                angle_rad = self._angle_rad + since_s * self._turning_rad_s
-                cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+        if self._turning_rad_s != 0.0:
+            angle_rad = self._angle_rad + (t_ns - self.t_pose_ns) * 1e-9 * self._turning_rad_s
+            cos, sin = math.cos(angle_rad), math.sin(angle_rad)
         return (cos * x_mm + sin * y_mm) / self._scale, (cos * y_mm - sin * x_mm) / self._scale
 
     def amplitude_um(self, x_mm: float, y_mm: float, t_ns: int) -> float:
@@ -79,14 +78,26 @@ class Layer:
         """Return whether a place, and a way of `way_mm` from it, is certainly beyond the shape: most are, of most."""
         if self._is_whole:
             return False
+        x_mm, y_mm = self._from_origin(x_mm, y_mm, t_ns)
+        reach_mm = self._reach_mm + way_mm
+        return not x_mm * x_mm + y_mm * y_mm <= reach_mm * reach_mm
+
+    def turns_ns(self, t_ns: int, span_ns: int, most: int) -> list[int]:
+        """Return the corners of its path within a span, as `Walk.turns_ns`."""
+        return [] if self._walk is None else self._walk.turns_ns(t_ns, span_ns, most)
+
+    def _from_origin(self, x_mm: float, y_mm: float, t_ns: int) -> tuple[float, float]:
+        """Return a place of the plate relative to the layer's origin, along the plate's axes."""
+        if self._walk is not None:
+            origin_x_mm, origin_y_mm = self._walk.position_mm(t_ns)
+            return x_mm - origin_x_mm, y_mm - origin_y_mm
         x_mm -= self._x_mm
         y_mm -= self._y_mm
-        if self.moves:
+        if self._moves:
             since_s = (t_ns - self.t_pose_ns) * 1e-9
             x_mm -= since_s * self._vx_mm_s
             y_mm -= since_s * self._vy_mm_s
-        reach_mm = self._reach_mm + way_mm
-        return not x_mm * x_mm + y_mm * y_mm <= reach_mm * reach_mm
+        return x_mm, y_mm
 
     def covers(self, x_mm: float, y_mm: float, t_ns: int) -> bool:
         """Return whether a place of the plate is within the layer's shape."""

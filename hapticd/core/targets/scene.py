@@ -6,13 +6,25 @@ releases the finger. A client that stops sending leaves a still plate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
-from ...values import AmplitudeTarget, ClientTargets, FrictionTarget, Target, VirtualPath
+from ...values import ClientTargets, Target, VirtualPath
+from .assets import Assets
 from .effects import Effects
 from .surfaces import NEVER_NS, Surfaces
-from .textures import DEFAULT_FRICTION_CURVE, NO_DETAIL, Detail, FrictionCurve, Texture, detail, highest_um, texture
+from .textures import (
+    DEFAULT_FRICTION_CURVE,
+    NO_DETAIL,
+    Detail,
+    FrictionCurve,
+    Sliding,
+    Texture,
+    detail,
+    refusal,
+    texture,
+)
 from .virtual_paths import Walk
 
 __all__ = ["DEFAULT_FRICTION_CURVE", "MAX_CLIENTS", "MAX_VIRTUALS", "FrictionCurve", "Scene", "Virtual"]
@@ -21,6 +33,7 @@ Key = int | str  # a finger's id, or a virtual finger's name
 
 MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
 MAX_VIRTUALS = 16  # each takes part in every solve
+NOISE_MM_S = 5.0  # of a predicted speed at rest, which would keep references from standing
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +70,12 @@ class Scene:
         plate_size_mm: tuple[float, float] = (137.5, 137.5),
     ) -> None:
         self._w_limit_um = w_limit_um
-        self._curve = friction_curve
+        self.friction_curve = friction_curve
         self._plate_size_mm = plate_size_mm
-        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm)
+        self.depends_on_speed = friction_curve.speed_mm_s < math.inf
+        self._sliding = Sliding()
+        self.assets = Assets()
+        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding)
         self.effects = Effects(w_limit_um, self.surfaces)
         self._held: dict[Key, _Held] = {}
         self._released: dict[Key, None] = {}  # in the order in which they were released
@@ -86,6 +102,12 @@ class Scene:
         refusals += self.surfaces.apply(message, t_ns)
         return (*refusals, *self.effects.apply(message, t_ns, self.owner_of))
 
+    def upload(self, client: str, digest: bytes, size: int, offset: int, part: bytes, t_ns: int) -> int:
+        """Take a part of an asset, as `Assets.upload`, which makes room for a new one where nothing is used."""
+        if part and offset == 0:
+            self.assets.look(self._in_force(), t_ns)
+        return self.assets.upload(client, digest, size, offset, part, t_ns)
+
     def release(self, client: str, key: Key) -> bool:
         """Release one finger; False if the client does not own it."""
         held = self._held.get(key)
@@ -104,6 +126,8 @@ class Scene:
         """Release what has expired by `t_ns`. Returns all fingers released since the last call, for any reason."""
         self.surfaces.expire(t_ns)
         self.effects.expire(t_ns)
+        if self.assets.is_due(t_ns):
+            self.assets.look(self._in_force(), t_ns)
         if not self._held and not self._released:
             return ()
         self._drop_expired(t_ns)
@@ -129,6 +153,10 @@ class Scene:
         """The client that owns a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.owner
+
+    def slide(self, speed_mm_s: float) -> None:
+        """From now on look up amplitudes for a finger of this speed; that of one that hardly moves is noise."""
+        self._sliding.gain = 1.0 + max(speed_mm_s - NOISE_MM_S, 0.0) / self.friction_curve.speed_mm_s
 
     def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
@@ -199,12 +227,10 @@ class Scene:
         return all(abs(x_mm) <= 0.5 * width_mm and abs(y_mm) <= 0.5 * depth_mm for x_mm, y_mm in path.points_mm)
 
     def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
-        if target is None or isinstance(target, FrictionTarget):
-            return None  # a friction asks for as much as the plate can do, not for an amplitude
-        asked_um = highest_um(target, self._curve)
-        if asked_um <= self._w_limit_um:
+        if target is None:
             return None
-        return f"{_spoken(key)} cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
+        why = refusal(target, self.friction_curve, self._w_limit_um) or self.assets.refusal(target)
+        return f"{_spoken(key)} {why}" if why else None
 
     def _hold(self, message: ClientTargets, key: Key, t_ns: int) -> _Held:
         """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
@@ -223,9 +249,13 @@ class Scene:
     def _texture(self, target: Target | None) -> Texture | None:
         if target is None:
             return None
-        if isinstance(target, FrictionTarget):
-            target = AmplitudeTarget(min(highest_um(target, self._curve), self._w_limit_um))
-        return texture(target, self._curve, self._plate_size_mm)
+        resolved, curve = self.assets.resolved(target), self.friction_curve
+        return texture(resolved, curve, self._plate_size_mm, self._w_limit_um, self._sliding)
+
+    def _in_force(self) -> list[Target]:
+        """Return all targets and contents in force."""
+        targets = [held.target for held in self._held.values() if held.target is not None]
+        return targets + [layer.surface.content for layer in self.surfaces.layers]
 
     def _room_for_virtuals(self, client: str) -> int:
         return MAX_VIRTUALS - sum(held.owner != client for _, held, _ in self._walking())

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ...values import AmplitudeTarget, Circle, ClientTargets, FrictionTarget, MapTarget, Polygon, Surface, Target
+from ...values import Circle, ClientTargets, MapTarget, Polygon, Surface, Target
 from ..trajectory.knots import GRAIN_NS
+from .assets import Assets
 from .layer import Layer
-from .textures import FrictionCurve, Texture, detail, highest_um, texture
+from .textures import FrictionCurve, Sliding, Texture, detail, refusal, texture
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -22,6 +23,7 @@ NEVER_NS: Final = 2**62
 MAX_EDGES: Final = 8  # that one finger crosses in one frame: a frame has room for knots at seven
 
 Predicted = Callable[[int], tuple[float, float]]  # an instant: where the finger will be
+_Span = tuple[float, float, float]  # of a crossing, ns: when it is, and from when to when it is the only one
 
 
 class Way(NamedTuple):
@@ -36,12 +38,22 @@ class Way(NamedTuple):
 class Surfaces:
     """All layers, topmost first. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self, w_limit_um: float, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        w_limit_um: float,
+        curve: FrictionCurve,
+        plate_size_mm: tuple[float, float],
+        assets: Assets,
+        sliding: Sliding,
+    ) -> None:
         self.layers: list[Layer] = []
+        self.version = 0  # counts changes; a refreshed surface is none
         self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
         self._curve: Final = curve
         self._plate_size_mm: Final = plate_size_mm
+        self._assets: Final = assets
+        self._sliding: Final = sliding
         self._born = 0
 
     # --- requests of clients ---
@@ -100,26 +112,27 @@ class Surfaces:
         end_x_mm, end_y_mm = predicted_mm(t_ns + span_ns)
         way_mm = math.hypot(end_x_mm - x_mm, end_y_mm - y_mm)
         pieces, smooth = 1.0, True
-        crossed: list[tuple[float, float, float, int]] = []  # share, from, to, layer
+        crossed: list[tuple[float, float, float, int]] = []  # at, from, to in ns; layer
         for index in range(len(self.layers)):
             layer = self.layers[index]
             if layer.is_far(x_mm, y_mm, t_ns, way_mm + layer.speed_mm_s * span_ns * 1e-9):
                 continue
             u_mm, v_mm = layer.local_mm(x_mm, y_mm, t_ns)
-            end_u_mm, end_v_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
-            shares = layer.crossings(u_mm, v_mm, end_u_mm, end_v_mm)
+            end_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
+            turns_ns = layer.turns_ns(t_ns, span_ns, MAX_EDGES)
             is_inside = layer.holds(u_mm, v_mm)
-            if not shares and not is_inside:
+            met_mm, met = _meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
+            if not met and not is_inside:
                 continue
-            smooth = smooth and layer.is_smooth
-            pieces = max(pieces, math.hypot(end_u_mm - u_mm, end_v_mm - v_mm) / layer.finest_mm)
-            crossed += [(*span, index) for span in spans(shares)]
-            if layer.replaces and is_inside and not shares:
+            smooth = smooth and layer.is_smooth and not turns_ns
+            pieces = max(pieces, met_mm / layer.finest_mm)
+            crossed += [(*span, index) for span in met]
+            if layer.replaces and is_inside and not met:
                 break  # it hides what is below
         crossed.sort()
         found_ns: list[int] = []
-        for _, from_share, to_share, index in crossed[:MAX_EDGES]:
-            before_ns = crossing_ns(self.layers[index], predicted_mm, t_ns, from_share * span_ns, to_share * span_ns)
+        for _, from_ns, to_ns, index in crossed[:MAX_EDGES]:
+            before_ns = crossing_ns(self.layers[index], predicted_mm, t_ns, from_ns, to_ns)
             if before_ns >= 0 and self._steps(predicted_mm, t_ns + before_ns, tolerance_um):
                 found_ns += (before_ns, before_ns + GRAIN_NS)
         return Way(pieces, smooth, found_ns)
@@ -139,10 +152,7 @@ class Surfaces:
             return f"is one too many: the plate has {MAX_SURFACES} surfaces at once."
         if sum([_corners(layer.surface) for layer in others]) + _corners(surface) > MAX_CORNERS:
             return f"has too many corners: all surfaces on the plate have {MAX_CORNERS} at most."
-        asked_um = highest_um(surface.content, self._curve)
-        if isinstance(surface.content, FrictionTarget) or asked_um <= self._w_limit_um:
-            return ""
-        return f"cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
+        return refusal(surface.content, self._curve, self._w_limit_um) or self._assets.refusal(surface.content)
 
     def _layer(self, name: str, owner: str, surface: Surface, before: Layer | None, t_ns: int) -> Layer:
         """Return the surface's layer; what did not change is kept, so that a refreshed one stays where it is."""
@@ -158,12 +168,12 @@ class Surfaces:
         return Layer(name, owner, surface, self._texture(surface.content, size_mm), fine, born, t_pose_ns)
 
     def _texture(self, content: Target, size_mm: tuple[float, float]) -> Texture:
-        if isinstance(content, FrictionTarget):
-            content = AmplitudeTarget(min(highest_um(content, self._curve), self._w_limit_um))
-        return texture(content, self._curve, size_mm)
+        return texture(self._assets.resolved(content), self._curve, size_mm, self._w_limit_um, self._sliding)
 
     def _stack(self, layers: list[Layer]) -> None:
-        self.layers = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
+        stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
+        self.version += stacked != self.layers
+        self.layers = stacked
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
 
 
@@ -179,6 +189,7 @@ def _pose(surface: Surface) -> tuple[object, ...]:
         surface.velocity_mm_s,
         surface.turning_rad_s,
         surface.t_pose_ns,
+        surface.path,
     )
 
 
@@ -192,6 +203,31 @@ def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[floa
     half_x_mm = max([abs(x_mm) for x_mm, _ in shape.points_mm])
     half_y_mm = max([abs(y_mm) for _, y_mm in shape.points_mm])
     return 2.0 * half_x_mm, 2.0 * half_y_mm
+
+
+def _meeting(
+    layer: Layer,
+    start_mm: tuple[float, float],
+    end_mm: tuple[float, float],
+    turns_ns: list[int],
+    predicted_mm: Predicted,
+    t_ns: int,
+    span_ns: int,
+) -> tuple[float, list[_Span]]:
+    """Return how far a finger goes in a layer's frame, straight from turn to turn of its path, and the crossings."""
+    from_ns, (u_mm, v_mm), way_mm = 0, start_mm, 0.0
+    met: list[_Span] = []
+    for to_ns in (*turns_ns, span_ns):
+        to_u_mm, to_v_mm = end_mm
+        if to_ns != span_ns:
+            x_mm, y_mm = predicted_mm(t_ns + to_ns)
+            to_u_mm, to_v_mm = layer.local_mm(x_mm, y_mm, t_ns + to_ns)
+        leg_ns, shares = to_ns - from_ns, layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)
+        for share, from_share, to_share in spans(shares) if shares else ():
+            met.append((from_ns + share * leg_ns, from_ns + from_share * leg_ns, from_ns + to_share * leg_ns))
+        way_mm += math.hypot(to_u_mm - u_mm, to_v_mm - v_mm)
+        from_ns, u_mm, v_mm = to_ns, to_u_mm, to_v_mm
+    return way_mm, met
 
 
 def spans(shares: list[float]) -> list[tuple[float, float, float]]:

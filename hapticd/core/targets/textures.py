@@ -10,28 +10,47 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from ...values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
+import numpy as np
+import numpy.typing as npt
+
+from ...values import (
+    AmplitudeTarget,
+    FrictionTarget,
+    GradientTarget,
+    GratingTarget,
+    MapTarget,
+    NoiseTarget,
+    Target,
+)
+from .noise import FAR_MM, MOST_RMS, noise
 
 Texture = Callable[[float, float], float]
+Floats = npt.NDArray[np.float64]
 
-FAR_MM = 1e6  # no plate is that large: beyond, a grating's phase is rounding noise
+FLOOR_FRAC = 0.057  # friction at 2 um of the built-in curve, relative to bare glass
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionCurve:
     """Amplitude in um that gives a friction, piecewise linear through (friction_frac, amplitude_um) knots.
 
-    Friction 1 is bare glass, so the last knot is (1, 0); friction 0 is the most slippery the plate can usefully do.
-    The amplitude falls strictly from knot to knot. Raises ValueError otherwise.
+    Friction 1 is bare glass, so the last knot is (1, 0); friction 0 is the most slippery the plate can usefully do:
+    `floor_frac` of bare glass's. The amplitude falls strictly from knot to knot. A finger that slides at `speed_mm_s`
+    needs twice the amplitude of one at rest, for any friction; at inf, speed changes nothing. Raises ValueError
+    otherwise.
     """
 
     knots: tuple[tuple[float, float], ...]
+    floor_frac: float = FLOOR_FRAC
+    speed_mm_s: float = math.inf
 
     def __post_init__(self) -> None:
+        if not (0.0 < self.floor_frac < 1.0 and self.speed_mm_s > 0.0):
+            raise ValueError("friction curve: its floor must be above 0 and below 1, and its speed above 0.")
         if not all(math.isfinite(friction) and math.isfinite(amplitude) for friction, amplitude in self.knots):
             raise ValueError("friction curve: every knot needs two finite numbers, friction and amplitude.")
         if len(self.knots) < 2 or self.knots[0][0] != 0.0 or self.knots[-1] != (1.0, 0.0):
@@ -41,12 +60,15 @@ class FrictionCurve:
                 raise ValueError("friction curve: from knot to knot friction must rise and amplitude must fall.")
 
     @classmethod
-    def from_amplitudes(cls, amplitudes_um: Sequence[float]) -> FrictionCurve:
+    def from_amplitudes(
+        cls, amplitudes_um: Sequence[float], floor_frac: float = FLOOR_FRAC, speed_mm_s: float = math.inf
+    ) -> FrictionCurve:
         """Amplitudes at equally spaced frictions 1 .. 0, as a calibration sweeps them: rising from 0 um."""
         last = len(amplitudes_um) - 1
         if last < 1:
             raise ValueError("friction curve: needs two or more amplitudes.")
-        return cls(tuple((1.0 - index / last, float(amplitudes_um[index])) for index in range(last, -1, -1)))
+        knots = tuple((1.0 - index / last, float(amplitudes_um[index])) for index in range(last, -1, -1))
+        return cls(knots, floor_frac, speed_mm_s)
 
     @classmethod
     def exponential(cls, full_um: float = 2.0, decay_um: float = 0.7, intervals: int = 16) -> FrictionCurve:
@@ -59,7 +81,7 @@ class FrictionCurve:
         floor = math.exp(-full_um / decay_um)
         amplitudes_um = [full_um * index / intervals for index in range(intervals - 1, 0, -1)]
         inner = tuple(((math.exp(-a_um / decay_um) - floor) / (1.0 - floor), a_um) for a_um in amplitudes_um)
-        return cls(((0.0, full_um), *inner, (1.0, 0.0)))
+        return cls(((0.0, full_um), *inner, (1.0, 0.0)), floor)
 
     def amplitude_um(self, friction_frac: float) -> float:
         """The amplitude for a friction; beyond 0 .. 1 that of the nearer end, for NaN 0 um."""
@@ -72,8 +94,35 @@ class FrictionCurve:
         share = (friction_frac - friction) / (next_friction - friction)
         return amplitude * (1.0 - share) + next_amplitude * share
 
+    def friction(self, amplitude_um: float, sliding_mm_s: float = 0.0) -> float:
+        """The friction that an amplitude gives, relative to that of bare glass; the inverse of `amplitude_um`."""
+        at_um = amplitude_um / (1.0 + sliding_mm_s / self.speed_mm_s)
+        if not at_um < self.knots[0][1]:
+            return self.floor_frac
+        if at_um <= 0.0:
+            return 1.0
+        right = bisect_right(self.knots, -at_um, key=lambda knot: -knot[1])
+        (friction, amplitude), (next_friction, next_amplitude) = self.knots[right - 1 : right + 1]
+        share = (amplitude - at_um) / (amplitude - next_amplitude)
+        return self.floor_frac + (1.0 - self.floor_frac) * (friction + (next_friction - friction) * share)
+
+    def frictions(self, amplitude_um: Floats, sliding_mm_s: Floats) -> Floats:
+        """`friction` of arrays that broadcast."""
+        friction, knots_um = np.array(self.knots[::-1]).T
+        relative = self.floor_frac + (1.0 - self.floor_frac) * friction
+        return np.asarray(np.interp(amplitude_um / (1.0 + sliding_mm_s / self.speed_mm_s), knots_um, relative))
+
 
 DEFAULT_FRICTION_CURVE = FrictionCurve.exponential()
+
+
+class Sliding:
+    """Factor by which a friction needs more amplitude at the speed of the finger that is looked up next."""
+
+    __slots__ = ("gain",)
+
+    def __init__(self) -> None:
+        self.gain = 1.0
 
 
 class Detail(NamedTuple):
@@ -99,6 +148,10 @@ def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
             return Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
         case MapTarget(width, height):
             return Detail(min(plate_size_mm[0] / max(width - 1, 1), plate_size_mm[1] / max(height - 1, 1)), False)
+        case GradientTarget(length_mm):
+            return Detail(length_mm, False)
+        case NoiseTarget(shortest_mm=shortest_mm):
+            return Detail(shortest_mm / _PIECES_PER_WAVE, True)  # where it is cut it is nearly flat
         case _:
             return NO_DETAIL
 
@@ -110,16 +163,58 @@ def highest_um(target: Target, curve: FrictionCurve) -> float:
             return amplitude_um
         case FrictionTarget(friction_frac):
             return curve.amplitude_um(friction_frac)
+        case MapTarget(frictions=(low, high)):
+            return curve.amplitude_um(min(low, high))
         case GratingTarget() | MapTarget():
             return max(target.low_um, target.high_um)
+        case GradientTarget(from_um=from_um, to_um=to_um):
+            return max(from_um, to_um)
+        case NoiseTarget(mean_um=mean_um, rms_um=rms_um):
+            return mean_um + MOST_RMS * rms_um
 
 
-def texture(target: Target, curve: FrictionCurve, plate_size_mm: tuple[float, float]) -> Texture:
-    """The target as amplitude in um over plate position in mm."""
+def refusal(target: Target, curve: FrictionCurve, w_limit_um: float) -> str:
+    """Return why a target asks for too much; empty if it does not. A friction asks for as much as the plate can do."""
+    asked_um = highest_um(target, curve)
+    if asked_um <= w_limit_um or _asks_for_friction(target):
+        return ""
+    return f"cannot have {asked_um:g} um: ask for at most {w_limit_um:g} um."
+
+
+def texture(
+    target: Target,
+    curve: FrictionCurve,
+    plate_size_mm: tuple[float, float],
+    w_limit_um: float = math.inf,
+    sliding: Sliding | None = None,
+) -> Texture:
+    """The target as amplitude in um over plate position in mm; frictions that need more than the limit get that.
+
+    Where the curve depends on speed, frictions get the amplitude for that of `sliding`.
+    """
+    at_rest = _at_rest(target, curve, plate_size_mm, w_limit_um)
+    if sliding is None or curve.speed_mm_s == math.inf or not _asks_for_friction(target):
+        return at_rest
+    return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * sliding.gain, w_limit_um)
+
+
+def _asks_for_friction(target: Target) -> bool:
+    return isinstance(target, FrictionTarget) or (isinstance(target, MapTarget) and target.frictions is not None)
+
+
+def _at_rest(target: Target, curve: FrictionCurve, plate_size_mm: tuple[float, float], w_limit_um: float) -> Texture:
     match target:
         case AmplitudeTarget() | FrictionTarget():
-            constant_um = highest_um(target, curve)
+            constant_um = min(highest_um(target, curve), w_limit_um)
             return lambda _x_mm, _y_mm: constant_um
+        case GradientTarget():
+            return _gradient(target)
+        case NoiseTarget():
+            return noise(target)
+        case MapTarget(frictions=(low, high)):
+            frictions = [low + (high - low) * level / 255.0 for level in range(256)]
+            levels_um = [min(curve.amplitude_um(friction), w_limit_um) for friction in frictions]
+            return _looked_up(_image(replace(target, low_um=0.0, high_um=255.0), plate_size_mm), levels_um)
         case GratingTarget(duty_frac=0.0):
             return _sine_grating(target)
         case GratingTarget():
@@ -154,6 +249,31 @@ def _square_grating(grating: GratingTarget) -> Texture:
         if not -FAR_MM <= along_mm <= FAR_MM:
             return low_um
         return high_um if abs(remainder(along_mm, period_mm)) <= half_crest_mm else low_um
+
+    return amplitude_um
+
+
+def _gradient(gradient: GradientTarget) -> Texture:
+    along_x, along_y = math.cos(gradient.angle_rad), math.sin(gradient.angle_rad)
+    length_mm, from_um, to_um = gradient.length_mm, gradient.from_um, gradient.to_um
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        share = (x_mm * along_x + y_mm * along_y) / length_mm + 0.5
+        if not share > 0.0:  # NaN too
+            return from_um
+        return from_um * (1.0 - share) + to_um * share if share < 1.0 else to_um
+
+    return amplitude_um
+
+
+def _looked_up(level_of: Texture, levels_um: list[float]) -> Texture:
+    """Amplitudes of an image's 256 levels: bilinear in friction, which the curve turned into amplitude."""
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        level = level_of(x_mm, y_mm)
+        below = min(int(level), 254)
+        share = level - below
+        return levels_um[below] * (1.0 - share) + levels_um[below + 1] * share
 
     return amplitude_um
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import msgpack
@@ -14,9 +15,11 @@ from ...values import (
     Effect,
     Envelope,
     FrictionTarget,
+    GradientTarget,
     GratingTarget,
     MapTarget,
     Modulation,
+    NoiseTarget,
     Polygon,
     Pulse,
     Start,
@@ -39,7 +42,7 @@ def payload_of(message: ClientTargets) -> bytes:
                 **stamp,
                 "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
                 "virtuals": [_virtual(name, path) for name, path in message.virtuals.items()],
-                "surfaces": [_surface(name, surface) for name, surface in message.surfaces.items()],
+                "surfaces": [surface_fields(name, surface) for name, surface in message.surfaces.items()],
                 "effects": [_effect(name, effect) for name, effect in message.effects.items()],
             }
         )
@@ -56,18 +59,33 @@ def _target(target: Target) -> dict[str, Any]:
             names = ("period_mm", "angle_rad", "low_um", "high_um", "duty_frac")
             return {"grating": {name: getattr(target, name) for name in names}}
         case MapTarget():
-            names = ("width", "height", "levels", "low_um", "high_um")
-            return {"map": {name: getattr(target, name) for name in names}}
+            return {"map": _map(target)}
+        case GradientTarget():
+            return {"gradient": asdict(target)}
+        case NoiseTarget():
+            return {"noise": asdict(target)}
 
 
-def _surface(name: str, surface: Surface) -> dict[str, Any]:
+def _map(image: MapTarget) -> dict[str, Any]:
+    levels = {"asset": image.asset} if image.asset else {"levels": image.levels}
+    scale: dict[str, Any] = {"low_um": image.low_um, "high_um": image.high_um}
+    if image.frictions is not None:
+        scale = {"friction": image.frictions}
+    return {"width": image.width, "height": image.height, **levels, **scale}
+
+
+def surface_fields(name: str, surface: Surface) -> dict[str, Any]:
+    """Return the fields of a surface in a message."""
     fields = {"name": name, **_target(surface.content), "blend": surface.blend.value}
     if surface.shape is not None:
         fields |= _shape(surface.shape)
     if surface.t_pose_ns is not None:
         fields["t_pose_ns"] = surface.t_pose_ns
-    names = ("position_mm", "angle_rad", "scale", "velocity_mm_s", "turning_rad_s", "z")
-    return fields | {name: getattr(surface, name) for name in names}
+    if surface.path is not None:
+        fields |= _path(surface.path)
+    else:
+        fields |= {name: getattr(surface, name) for name in ("position_mm", "velocity_mm_s")}
+    return fields | {name: getattr(surface, name) for name in ("angle_rad", "scale", "turning_rad_s", "z")}
 
 
 def _shape(shape: Circle | Polygon) -> dict[str, Any]:
@@ -75,8 +93,12 @@ def _shape(shape: Circle | Polygon) -> dict[str, Any]:
 
 
 def _virtual(name: str, path: VirtualPath) -> dict[str, Any]:
+    return {"name": name, **_path(path)}
+
+
+def _path(path: VirtualPath) -> dict[str, Any]:
     points = [list(point) for point in path.points_mm]
-    return {"name": name, "path_mm": points, "speed_mm_s": path.speed_mm_s, "loop": path.loop}
+    return {"path_mm": points, "speed_mm_s": path.speed_mm_s, "loop": path.loop}
 
 
 def _effect(name: str, effect: Effect) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import msgpack
 from ...board_values import BoardStatus
 from ...core.board.ledger import LedgerLine
 from ...errors import RecordingError
-from ...values import ClientTargets, Finger, PlateEvent, RawReport, Tick
+from ...values import ClientTargets, Finger, Perceived, PlateEvent, RawReport, Tick
 from .client_message import payload_of
 
 MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
@@ -135,7 +135,7 @@ def _trackpad_link(is_up: bool, reason: str, model: str | None) -> Fields:
     return fields if model is None else fields | {"model": model}
 
 
-def _pass(tick: Tick, state: str, fingers: Sequence[Finger]) -> Fields:
+def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[int | str, Perceived]) -> Fields:
     fields: Fields = {
         "age_ns": tick.age_ns,
         "horizon_ns": tick.horizon_ns,
@@ -143,7 +143,9 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger]) -> Fields:
         "is_limited": tick.limited,
         "fingers": [{name: getattr(finger, name) for name in _FINGER} for finger in fingers],
         "points": [
-            {"virtual" if isinstance(key, str) else "finger_id": key} | dict(zip(_POINT, numbers, strict=True))
+            {"virtual" if isinstance(key, str) else "finger_id": key}
+            | dict(zip(_POINT, numbers, strict=True))
+            | perceived[key]._asdict()
             for key, *numbers in tick.points
         ],
     }
@@ -181,6 +183,7 @@ def _ledger(line: LedgerLine) -> Fields:
 
 _FINGER: dict[str, Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
+PERCEIVED = Perceived._fields
 _COUNTERS = (
     *("t_board_us", "seq", "t_received_us", "t_applied_us"),
     *("fault_code", "deadman_trips", "bad_frames", "late_frames"),
@@ -223,6 +226,13 @@ _TRUE_FINGER: dict[str, Form | Maybe] = {
 }
 _MESSAGE: dict[str, Form | Maybe] = {"payload": BYTES, "user": TEXT}
 
+_POINT_FORM: dict[str, Form | Maybe] = {
+    "finger_id": Maybe(WHOLE),
+    "virtual": Maybe(TEXT),
+    **dict.fromkeys(_POINT, NUMBER),
+    **dict.fromkeys(PERCEIVED, Maybe(NUMBER)),  # missing in earlier recordings
+}
+
 KINDS: dict[str, Kind] = {
     HEADER: _kind(f"/{HEADER}", {}),  # its fields are checked in header.py
     "reports": _kind("/input/reports", {"reports": [{"t_host_ns": WHOLE, "data": BYTES}]}, _reports),
@@ -246,7 +256,7 @@ KINDS: dict[str, Kind] = {
             "state": TEXT,
             "is_limited": BOOL,
             "fingers": [_FINGER],
-            "points": [{"finger_id": Maybe(WHOLE), "virtual": Maybe(TEXT), **dict.fromkeys(_POINT, NUMBER)}],
+            "points": [_POINT_FORM],
             "t_apply_ns": Maybe(WHOLE),
             "gate_reasons": Maybe(WHOLE),
             "knots": Maybe([{"dt_ns": WHOLE, "modal_um": AMPLITUDES}]),

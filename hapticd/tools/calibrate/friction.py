@@ -5,16 +5,19 @@ assumes only that friction does not rise with amplitude: isotonic regression (R.
 under Order Restrictions, 1972), its blocks joined by a monotone cubic (F. N. Fritsch and R. E. Carlson, SIAM J. Numer.
 Anal. 17 (1980) 238). Bare glass maps to 1, the floor to 0. Readings beyond OUTLIER_SIGMA are left out and counted.
 
-The curve ends where the floor begins: beyond it amplitude costs voltage without lowering friction.
+The curve ends where the floor begins: beyond it amplitude costs voltage without lowering friction. Where the readings
+have speeds, their effect is fitted first (`friction_speed`), and the curve is that of a finger at rest.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,20 +26,22 @@ from ...errors import CalibrationError, missing_library, reason
 from ...files import plotting
 from ...regular_file import read_bounded
 from . import simulated
+from .friction_speed import BARE_UM, fit_speed
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "friction.png"
 COLUMNS = ("amplitude_um", "friction")
+SPEED_COLUMN = "speed_mm_s"  # optional
 KNOTS = 17  # of the curve, at equally spaced frictions
 MIN_LEVELS = 4  # different amplitudes: fewer show no curve
 MAX_READINGS = 100_000
 MAX_BYTES = 1 << 24  # of the file
-BARE_UM = 0.02  # up to here the glass counts as bare
 OUTLIER_SIGMA = 5.0
 SIGMA_PER_MEDIAN = 1.4826  # of normal noise: standard deviation over median size
 LEAST_FALL = 0.2  # of bare glass's friction: a smaller fall is hardly perceptible
 FLAT_SIGMA = 2.0  # of a block's mean: a block nearer to the floor belongs to it
 LARGEST = 1e9  # of a reading in any unit: its square is summed
+LEAST_FLOOR_FRAC, MOST_FLOOR_FRAC = 0.001, 0.99  # of the configuration's key
 ROUNDING = 1e-9  # of the friction: readings without noise have a floor too
 
 Array = npt.NDArray[np.float64]
@@ -45,13 +50,18 @@ Array = npt.NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class FrictionFit:
     """The curve `amplitude_um` (KNOTS,) at equally spaced frictions 1 .. 0, rising from 0; bare glass, floor and noise
-    of one reading in the readings' own unit; and the readings (N,) that were left out."""
+    of one reading in the readings' own unit; the readings (N,) that were left out; and the sliding speed that needs
+    twice the amplitude, inf for none, with a sentence about it. `at_rest` are amplitudes and frictions (N,) as fitted.
+    """
 
     amplitude_um: Array
     bare: float
     floor: float
     noise_rms: float
     left_out: npt.NDArray[np.bool_]
+    speed_mm_s: float
+    about_speed: str
+    at_rest: tuple[Array, Array]
 
 
 def check(options: argparse.Namespace) -> None:
@@ -66,40 +76,53 @@ def check(options: argparse.Namespace) -> None:
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     check(options)
-    amplitude_um, friction = simulated.friction_readings(options.seed) if options.sim else read(options.readings)
-    found = fit_friction(amplitude_um, friction)
-    draw(amplitude_um, friction, found, options.out / PICTURE_FILE, source=simulated.source(options))
+    readings = Readings(*simulated.friction_readings(options.seed)) if options.sim else read(options.readings)
+    found = fit_friction(*readings)
+    draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, is_simulated=options.sim)
 
 
-def read(path: Path) -> tuple[Array, Array]:
-    """Read amplitudes and frictions (N,) of a CSV file with the header COLUMNS. Raises CalibrationError."""
+class Readings(NamedTuple):
+    """Amplitudes, frictions and, where they were noted, sliding speeds (N,)."""
+
+    amplitude_um: Array
+    friction: Array
+    speed_mm_s: Array | None = None
+
+
+def read(path: Path) -> Readings:
+    """Read a CSV file with the header COLUMNS, and SPEED_COLUMN if it has speeds. Raises CalibrationError."""
     try:
         lines = read_bounded(path, MAX_BYTES).decode("utf-8-sig").splitlines()
         rows = csv.reader(line for line in lines if line.strip() and not line.startswith("#"))
-        if [cell.strip() for cell in next(rows, [])] != [*COLUMNS]:
+        header = [cell.strip() for cell in next(rows, [])]
+        if header not in ([*COLUMNS], [*COLUMNS, SPEED_COLUMN]):
             raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")
-        table = [_row(path, place, row) for place, row in enumerate(rows, 1)]
+        table = [_row(path, place, row, len(header)) for place, row in enumerate(rows, 1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not table:
         raise CalibrationError(f"{path}: holds no readings: add a line for each.")
-    amplitude_um, friction = np.array(table).T
-    return amplitude_um, friction
+    return Readings(*np.array(table).T)
 
 
-def _row(path: Path, place: int, cells: Sequence[str]) -> tuple[float, float]:
+def _row(path: Path, place: int, cells: Sequence[str], columns: int) -> list[float]:
     if place > MAX_READINGS:
         raise CalibrationError(f"{path}: has more than {MAX_READINGS} readings: average them first.")
     try:
-        amplitude_um, friction = map(float, cells)
+        numbers = [float(cell) for cell in cells]
     except ValueError:
-        raise CalibrationError(f"{path}: reading {place} is not two numbers: correct or delete it.") from None
-    return amplitude_um, friction
+        numbers = []
+    if len(numbers) != columns:
+        count = "two" if columns == len(COLUMNS) else "three"
+        raise CalibrationError(f"{path}: reading {place} is not {count} numbers: correct or delete it.")
+    return numbers
 
 
-def fit_friction(amplitude_um: npt.ArrayLike, friction: npt.ArrayLike) -> FrictionFit:
-    """Fit a falling curve to readings (N,), (N,) in any order.
+def fit_friction(
+    amplitude_um: npt.ArrayLike, friction: npt.ArrayLike, speed_mm_s: npt.ArrayLike | None = None
+) -> FrictionFit:
+    """Fit a falling curve to readings (N,) in any order, and its dependence on speed where they show one.
 
     Raises CalibrationError for readings that are not finite, absurdly large, too few or of the wrong sign, and for
     readings without bare glass or without a fall.
@@ -111,6 +134,8 @@ def fit_friction(amplitude_um: npt.ArrayLike, friction: npt.ArrayLike) -> Fricti
         raise CalibrationError("An amplitude is negative, or a reading is no finite number: correct or delete it.")
     if len(np.unique(amplitude)) < MIN_LEVELS or not amplitude.min() <= BARE_UM:
         raise CalibrationError(f"Measure bare glass (0 um) and at least {MIN_LEVELS - 1} amplitudes above it.")
+    speeds = None if speed_mm_s is None else _checked_speeds(speed_mm_s, len(amplitude))
+    v0_mm_s, about_speed, amplitude, value = fit_speed(amplitude, value, speeds)
     left_out = _left_out(amplitude, value)
     kept, heights = amplitude[~left_out], value[~left_out]
     levels, falling, weights = _falling(kept, heights)
@@ -118,7 +143,15 @@ def fit_friction(amplitude_um: npt.ArrayLike, friction: npt.ArrayLike) -> Fricti
         raise CalibrationError("Bare glass has no friction above 0: check the readings' sign.")
     noise = float(np.sqrt(np.mean((heights - falling[np.searchsorted(levels, kept)]) ** 2)))
     curve_um = _inverted(*_blocks(levels, falling, weights, noise))
-    return FrictionFit(curve_um, float(falling[0]), float(falling[-1]), noise, left_out)
+    bare, floor = float(falling[0]), float(falling[-1])
+    return FrictionFit(curve_um, bare, floor, noise, left_out, v0_mm_s, about_speed, (amplitude, value))
+
+
+def _checked_speeds(speed_mm_s: npt.ArrayLike, count: int) -> Array:
+    speeds = np.asarray(speed_mm_s, np.float64)
+    if speeds.shape != (count,) or not ((speeds > 0.0) & (speeds <= LARGEST)).all():
+        raise CalibrationError("A speed is not above 0, or no finite number: correct or delete its reading.")
+    return speeds
 
 
 def _left_out(amplitude: Array, value: Array) -> npt.NDArray[np.bool_]:
@@ -193,15 +226,22 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
         findings.append((Outcome.WARN, "Readings scatter widely: take more, from more than one finger."))
     if found.left_out.mean() > 0.1:
         findings.append((Outcome.WARN, "More than a tenth of the readings are outliers: check them."))
-    sentence = f"Friction falls to {100.0 * found.floor / found.bare:.0f} % at {found.amplitude_um[-1]:.2f} um."
+    fallen = f"Friction falls to {100.0 * found.floor / found.bare:.0f} % at {found.amplitude_um[-1]:.2f} um."
+    sentence = f"{fallen} {found.about_speed}"
     outcome, sentence = judge(findings, sentence)
     curve_um = [round(um, 5) for um in found.amplitude_um.tolist()]
-    return Verdict("friction", outcome, sentence, figures, {"plate": {"friction_curve": curve_um}}, is_simulated)
+    plate = {
+        "friction_curve": curve_um,
+        "friction_floor_frac": round(min(max(found.floor / found.bare, LEAST_FLOOR_FRAC), MOST_FLOOR_FRAC), 4),
+        "friction_speed_mm_s": round(found.speed_mm_s, 1) if math.isfinite(found.speed_mm_s) else 0.0,
+    }
+    return Verdict("friction", outcome, sentence, figures, {"plate": plate}, is_simulated)
 
 
-def draw(amplitude_um: Array, friction: Array, found: FrictionFit, path: Path, *, source: str = "") -> None:
-    """Draw readings, outliers and the curve. Raises HapticdError."""
+def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
+    """Draw readings, outliers and the curve, as of a finger at rest. Raises HapticdError."""
     figure, axes = plotting.subplots(6.0, 4.0, source=source)
+    amplitude_um, friction = found.at_rest
     left_out = found.left_out
     (plot,) = axes[0]
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")

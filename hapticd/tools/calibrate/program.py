@@ -138,7 +138,9 @@ def _add_prediction(steps: Any) -> None:
 
 def _add_friction(steps: Any) -> None:
     parser = _step(steps, "friction", "fit friction against amplitude", "--readings friction.csv --out DIR")
-    parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
+    parser.add_argument(
+        "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
+    )
 
 
 def _add_all(steps: Any) -> None:
@@ -150,7 +152,9 @@ def _add_all(steps: Any) -> None:
     _add_marks(parser)
     _add_seconds(parser)
     _add_strokes(parser)
-    parser.add_argument("--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction")
+    parser.add_argument(
+        "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
+    )
 
 
 def _add_touch(steps: Any) -> None:

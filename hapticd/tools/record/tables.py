@@ -13,7 +13,7 @@ import msgpack
 import numpy as np
 import numpy.typing as npt
 
-from ...files.recording.kinds import BOOL, KINDS, LEDGER, TEXT, WHOLE, Fields, Record, key_of
+from ...files.recording.kinds import BOOL, KINDS, LEDGER, PERCEIVED, TEXT, WHOLE, Fields, Record, key_of
 from ...files.recording.mcap_reader import Recording
 
 Row = tuple[Any, ...]
@@ -41,7 +41,7 @@ TABLES: dict[str, dict[str, type]] = {
     "reports": _wholes("t_host_ns") | _texts("data_hex"),
     "fingers": _wholes("t_sample_ns", "finger_id", "contact_id") | _numbers("x_mm", "y_mm"),
     "predictions": _wholes("t_plate_ns") | _texts("finger_id") | _numbers("x_mm", "y_mm", "end_x_mm", "end_y_mm"),
-    "targets": _texts("finger_id") | _numbers("target_um", "achieved_um"),
+    "targets": _texts("finger_id") | _numbers("target_um", "achieved_um", *PERCEIVED),
     "references": _wholes("t_knot_ns", "knot", "mode") | _numbers("reference_d_um", "reference_q_um"),
     "passes": {
         **_numbers("age_ms", "horizon_ms"),
@@ -133,7 +133,8 @@ def _pass_rows(t_ns: int, fields: Fields) -> Iterator[tuple[str, Row]]:
         key = str(key_of(point))
         places = (point[name] for name in ("x_mm", "y_mm", "end_x_mm", "end_y_mm"))
         yield "predictions", (t_sample_ns + fields["horizon_ns"], key, *places)
-        yield "targets", (key, point["target_um"], point["achieved_um"])
+        perceived = (point.get(name, np.nan) for name in PERCEIVED)
+        yield "targets", (key, point["target_um"], point["achieved_um"], *perceived)
     for number, knot in enumerate(knots):
         t_knot_ns, modal_um = fields.get("t_apply_ns", 0) + knot["dt_ns"], knot["modal_um"]
         for mode, w_um in enumerate(zip(modal_um["d"], modal_um["q"], strict=False)):

@@ -8,7 +8,7 @@ board may be driven.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import msgpack
@@ -18,14 +18,16 @@ import numpy.typing as npt
 from ...config import loader as configuration
 from ...config.sections import Config
 from ...core.board.supervisor import State
+from ...core.plate.mode_shapes import ModeShapes
 from ...daemon.machine import Machine
+from ...daemon.settings import friction_curve
 from ...errors import ConfigError
 from ...files.recording.kinds import Fields, Record, phasors
 from ...files.recording.mcap_reader import Recording
 from ...files.toml_file import parse
-from ...sim.score import Score, score
+from ...sim.score import Score, score, with_contacts
 from .replay import feed, steps
-from .tracks import Tracks, tracks
+from .tracks import FloatArray, Tracks, tracks
 
 Polyline = tuple[int, tuple[tuple[int, tuple[complex, ...]], ...]]  # t_apply_ns and knots, each dt_ns and amplitudes
 
@@ -189,7 +191,20 @@ def _judge(recording: Recording, fingers: Tracks, made: Sequence[Polyline]) -> S
     modal_um = in_force_um(fingers.t_ns, made, recording.header.modes.M)
     felt_um = fingers.felt_um(recording.header.modes, modal_um)
     t_s = (fingers.t_ns - fingers.t_ns[0]) * 1e-9
-    return score(t_s, fingers.target_um, felt_um, modal_um, np.zeros(0, dtype=bool))
+    judged = score(t_s, fingers.target_um, felt_um, modal_um, np.zeros(0, dtype=bool))
+    contacts = (t_s, fingers.position_mm, fingers.target_um, modal_um)
+    friction = friction_curve(recording.header.config).frictions
+    return with_contacts(judged, *contacts, _shapes(recording.header.modes), friction=friction)
+
+
+def _shapes(modes: ModeShapes) -> Callable[[FloatArray], FloatArray]:
+    """Return the mode shapes (..., M) at places (..., 2) of any shape; NaN gives zeros."""
+
+    def shapes(places_mm: FloatArray) -> FloatArray:
+        flat_mm = np.nan_to_num(places_mm).reshape(-1, 2)
+        return modes.evaluate(flat_mm).reshape(*places_mm.shape[:-1], modes.M)
+
+    return shapes
 
 
 def in_force_um(t_ns: npt.NDArray[np.int64], made: Sequence[Polyline], modes: int) -> npt.NDArray[np.complex128]:
@@ -210,10 +225,13 @@ def in_force_um(t_ns: npt.NDArray[np.int64], made: Sequence[Polyline], modes: in
 def table(fingers: Tracks, judged: Sequence[Judged]) -> str:
     """For a person."""
     width = max(len(name) for name, _ in judged)
-    rows = [f"{'':<{width}}{'leak um':>10}{'slip error um':>15}{'slip':>8}"]
+    widths = (10, 15, 8, 18, 10, 8)
+    heads = ("leak um", "slip error um", "slip", "friction: sticky", "slippery", "weber")
+    rows = [" " * width + "".join(f"{head:>{wide}}" for head, wide in zip(heads, widths, strict=True))]
     for name, one in judged:
-        cells = (one.leak_um, one.slip_error_um, one.slip_frac)
-        rows.append(f"{name:<{width}}" + "".join(map(_cell, cells, (10, 15, 8))))
+        errors = (one.leak_um, one.slip_error_um, one.slip_frac)
+        perceived = (one.still_friction_change, one.slip_friction_change, one.weber_frac)
+        rows.append(f"{name:<{width}}" + "".join(map(_cell, (*errors, *perceived), widths)))
     if all(math.isnan(one.leak_um) and math.isnan(one.slip_frac) for _, one in judged):
         rows.append("no finger had a target while it touched: there is nothing to judge")
     where = "true positions" if fingers.is_true else "positions by the pad (there is no ground truth in it)"

@@ -51,6 +51,9 @@ class Figure(NamedTuple):
 GAUGES = (
     Figure("fingers", "fingers", "Fingers on the plate"),
     Figure("virtual_fingers", "virtual_fingers", "Virtual fingers of clients"),
+    Figure("assets.count", "assets", "Uploaded assets of clients"),
+    Figure("assets.uploads", "asset_uploads", "Assets of which parts are still to come"),
+    Figure("assets.bytes", "asset_bytes", "Of all assets, and of those to come"),
     Figure("effects.playing", "effects_playing", "Effects that play"),
     Figure("trackpad.silent_ms", "trackpad_silent_seconds", "Since the trackpad's last report", 1e-3),
     Figure("board.ready", "board_ready", "1 while the board answers and its clock is known"),

@@ -10,6 +10,7 @@ import contextlib
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,23 +22,30 @@ import hapticd_client
 
 from ...config import loader as config
 from ...core.plate.mode_shapes import ModeShapes
+from ...core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
+from ...values import AmplitudeTarget, Circle, FrictionTarget, Surface
 from . import messages
 from .layers import LAYERS, LayerFinger
-from .messages import ClearFault, SetTarget
+from .messages import ClearFault, DrawSurface, SetTarget
 from .rig import TruthSubscriber
+from .surfaces import SurfacePainter
 
 ANSWER_S = 2.0
 STATE_S = 1.0  # timeout of a silent daemon
 RETRY_S = 0.5
 STATUS_EVERY_S = 1.0
+MAX_EVENTS = 64  # between two frames
+SURFACES_EVERY_S = 0.1  # while they change
 FRAME_EVERY_S = 1 / 62  # slightly above the refresh rate of a screen
 MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client may hold
 GRID = 101  # points of the page's shapes per side; the browser interpolates between them
 
 Publish = Callable[[str, str, "Plate | None"], None]
-Request = tuple[SetTarget | ClearFault, Callable[[str], None]]
+Action = SetTarget | DrawSurface | ClearFault
+Request = tuple[Action, Callable[[str], None]]
+Key = tuple[str, int | str]
 
 
 class Plate:
@@ -51,6 +59,7 @@ class Plate:
         self.reference_limit_um = tuple(map(float, body["reference_limit_um"]))
         self.grid = picture_grid(self.modes, self.size_mm)
         self.fingers: tuple[LayerFinger, ...] = ()  # those that have a target
+        self.painter = SurfacePainter(_friction_curve(body), self.size_mm, max(map(float, body["w_limit_um"])))
         self.text = messages.plate(body, client, sorted(LAYERS), _name(self.rig_dir))
 
 
@@ -62,7 +71,7 @@ class PlateClient:
         self.name = f"view-{os.getpid()}"
         self._endpoint = endpoint
         self._publish = publish
-        self._requests: dict[int | str | None, Request] = {}  # the newest by finger, None for the fault
+        self._requests: dict[Key, Request] = {}  # the newest of each finger, and of each surface
         self._lock = threading.Lock()  # of the requests
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapticd-view", daemon=True)
@@ -76,13 +85,13 @@ class PlateClient:
         self._ending.set()
         self._thread.join()
 
-    def request(self, request: SetTarget | ClearFault, refuse: Callable[[str], None]) -> None:
-        """Queue a request; a newer one for the same finger replaces it. `refuse` gets the error."""
-        finger = request.finger if isinstance(request, SetTarget) else None
+    def request(self, request: Action, refuse: Callable[[str], None]) -> None:
+        """Queue a request; a newer one for the same finger or surface replaces it. `refuse` gets the error."""
+        key = _key(request)
         with self._lock:
-            is_queued = finger in self._requests or len(self._requests) < MAX_REQUESTS
+            is_queued = key in self._requests or len(self._requests) < MAX_REQUESTS
             if is_queued:
-                self._requests[finger] = request, refuse
+                self._requests[key] = request, refuse
         if not is_queued:
             refuse(messages.refused(f"{MAX_REQUESTS} requests are queued for the daemon already: try again."))
 
@@ -108,12 +117,15 @@ class PlateClient:
             self._follow(client, plate, subscriber)
 
     def _follow(self, client: hapticd_client.Client, plate: Plate, subscriber: TruthSubscriber | None) -> None:
-        t_frame_s = t_status_s = -1.0
+        t_frame_s = t_status_s = t_surfaces_s = -1.0
         instance: int | None = None
+        surfaces: int | None = None
+        events: deque[hapticd_client.PlateEvent] = deque(maxlen=MAX_EVENTS)  # since the last frame
         for state in client.states(timeout_s=STATE_S):
             if self._ending.is_set() or (instance is not None and state.instance != instance):
                 return  # another daemon, perhaps with another plate
             instance = state.instance
+            events.extend(state.events)
             self._execute(client)
             t_now_s = time.monotonic()
             if t_now_s - t_frame_s >= FRAME_EVERY_S:
@@ -124,7 +136,11 @@ class PlateClient:
                     for finger in state.fingers
                     if finger.target_um is not None
                 )
-                self._publish("frame", messages.frame(state, truth), None)
+                self._publish("frame", messages.frame(state, truth, events), None)
+                events.clear()
+            if state.surfaces_version != surfaces and t_now_s - t_surfaces_s >= SURFACES_EVERY_S:
+                t_surfaces_s, surfaces = t_now_s, state.surfaces_version
+                self._publish("surfaces", messages.surfaces(plate.painter.painted(client.surfaces())), None)
             if t_now_s - t_status_s >= STATUS_EVERY_S:
                 t_status_s = t_now_s
                 self._publish("status", messages.status(client.status()), None)
@@ -150,13 +166,52 @@ class PlateClient:
             yield request
 
 
-def _send(client: hapticd_client.Client, request: SetTarget | ClearFault) -> None:
+def _key(request: Action) -> Key:
+    if isinstance(request, SetTarget):
+        return "finger", request.finger
+    return ("surface", request.name) if isinstance(request, DrawSurface) else ("fault", 0)
+
+
+def _send(client: hapticd_client.Client, request: Action) -> None:
     if isinstance(request, ClearFault):
         client.clear_fault()
+    elif isinstance(request, DrawSurface):
+        _draw(client, request.name, request.surface)
     elif request.amplitude_um is None:
         client.release(request.finger)
     else:
         client.set(request.finger, amplitude_um=request.amplitude_um)
+
+
+def _draw(client: hapticd_client.Client, name: str, surface: Surface | None) -> None:
+    if surface is None:
+        client.remove(name)
+        return
+    shape, content = surface.shape, surface.content
+    client.surface(
+        name,
+        hapticd_client.Circle(shape.radius_mm)
+        if isinstance(shape, Circle)
+        else hapticd_client.Polygon(shape.points_mm if shape else ()),
+        amplitude_um=content.amplitude_um if isinstance(content, AmplitudeTarget) else None,
+        friction=content.friction_frac if isinstance(content, FrictionTarget) else None,
+        position_mm=surface.position_mm,
+        angle_rad=surface.angle_rad,
+        scale=surface.scale,
+        z=surface.z,
+    )
+
+
+def _friction_curve(body: Mapping[str, Any]) -> FrictionCurve:
+    """Return the curve of the reply to `plate`; an older daemon sends none."""
+    knots = body.get("friction_curve")
+    if not knots:
+        return DEFAULT_FRICTION_CURVE
+    floor = float(knots[-1][1])
+    shares = [(float(friction) - floor) / (1.0 - floor) for _, friction in knots]
+    amplitudes_um = [float(amplitude_um) for amplitude_um, _ in knots]
+    inner = list(zip(shares[1:-1], amplitudes_um[1:-1], strict=True))[::-1]
+    return FrictionCurve(((0.0, amplitudes_um[-1]), *inner, (1.0, 0.0)), floor)
 
 
 def _name(rig_dir: Path | None) -> str | None:

@@ -3,9 +3,12 @@
 page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all that are held on the simulated pad
                  {"op": "set", "finger": 3, "amplitude_um": 1.0}         set a finger's target
                  {"op": "release", "finger": 3}                          release this page's target
+                 {"op": "draw", "surface": {..}}      lay or move a surface of this viewer, as in a `targets` message
+                 {"op": "erase", "surface": "name"}   remove it
                  {"op": "clear_fault"}
                  {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5}   restart on another plate
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
+                 {"kind": "surfaces", ..}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
                  {"kind": "choices", "plates": {"reference": [2, 3, 4], ..}}   those that a page can switch to
 """
@@ -14,16 +17,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_POSITION_MM, Point
+from ...values import Surface
 from ...wire.fields import Fields, bounded, items, label, whole
+from .surfaces import drawn
 
 if TYPE_CHECKING:
-    from hapticd_client import FingerState, PlateState
+    from hapticd_client import FingerState, PlateEvent, PlateState
 
     from .rig import Truth
 
@@ -52,6 +57,14 @@ class SetTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class DrawSurface:
+    """Lay a surface, or change the one of that name; None removes it."""
+
+    name: str
+    surface: Surface | None
+
+
+@dataclass(frozen=True, slots=True)
 class ClearFault:
     """Clear a latched fault."""
 
@@ -65,20 +78,27 @@ class SwitchPlate:
     contact_radius_mm: float
 
 
-def decode(text: str) -> Hold | SetTarget | ClearFault | SwitchPlate:
+Message = Hold | SetTarget | DrawSurface | ClearFault | SwitchPlate
+
+
+def decode(text: str) -> Message:
     """Decode a page's message. Raises RequestError."""
     try:
         fields = Fields(json.loads(text))
     except (ValueError, RecursionError):
         raise RequestError("The page's message is not JSON.") from None
     op = fields.take("op")
-    message: Hold | SetTarget | ClearFault | SwitchPlate
+    message: Message
     if op == "fingers":
         message = Hold(_points(fields.take("fingers")))
     elif op == "set":
         message = SetTarget(_key(fields.take("finger")), fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
     elif op == "release":
         message = SetTarget(_key(fields.take("finger")), None)
+    elif op == "draw":
+        message = DrawSurface(*drawn(fields.take("surface")))
+    elif op == "erase":
+        message = DrawSurface(label(fields.take("surface"), "surface"), None)
     elif op == "clear_fault":
         message = ClearFault()
     elif op == "switch":
@@ -88,7 +108,7 @@ def decode(text: str) -> Hold | SetTarget | ClearFault | SwitchPlate:
             fields.number("contact_radius_mm", 0.0, MAX_RADIUS_MM),
         )
     else:
-        raise RequestError("op: must be fingers, set, release, clear_fault or switch.")
+        raise RequestError("op: must be fingers, set, release, draw, erase, clear_fault or switch.")
     fields.end()
     return message
 
@@ -124,8 +144,9 @@ def _point(value: object) -> Point:
 # --- to the page --------------------------------------------------------------------------------------------------
 
 
-def frame(state: PlateState, truth: Truth | None) -> str:
-    """Return one instant of the plate: the daemon's state, and on a simulated plate the ground truth."""
+def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] = ()) -> str:
+    """Return one instant of the plate: the daemon's state, the events since the frame before, and on a simulated plate
+    the ground truth."""
     return _text(
         {
             "kind": "frame",
@@ -136,6 +157,7 @@ def frame(state: PlateState, truth: Truth | None) -> str:
             "modal_um": _pairs(complex(d, q) for d, q in _phasors(state)),
             "measured_um": _pairs(state.measured_um),
             "limited": state.limited,
+            "events": [_event(event) for event in events],
             "age_ms": _finite(state.age_ms),
             "horizon_ms": _finite(state.horizon_ms),
             "truth": None
@@ -169,8 +191,15 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "has_contacts": contact_radius_mm > 0.0,
             "simulated": simulated is not None,
             "name": simulated or "",
+            "friction_curve": body.get("friction_curve"),
+            "friction_speed_mm_s": body.get("friction_speed_mm_s"),
         }
     )
+
+
+def surfaces(layers: Sequence[Mapping[str, object]]) -> str:
+    """Return the surfaces in force, topmost first (`surfaces.SurfacePainter`)."""
+    return _text({"kind": "surfaces", "surfaces": list(layers)})
 
 
 def status(body: Mapping[str, Any]) -> str:
@@ -188,6 +217,7 @@ def status(body: Mapping[str, Any]) -> str:
             "refused": board.get("refused"),
             "why": body["state_changes"][0]["why"] if body["state_changes"] else "",
             "missed_ticks": timing["missed_ticks"],
+            "effects_playing": body.get("effects", {}).get("playing", 0),
             "late_frames": timing["late_frames"],
             "frames_hz": body["latency_ms"].get("frames_hz"),
         }
@@ -221,6 +251,11 @@ def _finger(finger: FingerState) -> dict[str, object]:
         "virtual": finger.virtual,
         "owner": finger.owner,
     }
+
+
+def _event(event: PlateEvent) -> dict[str, object]:
+    names = ("kind", "finger", "x_mm", "y_mm", "client", "surface", "effect")
+    return {name: getattr(event, name) for name in names}
 
 
 def _phasors(state: PlateState) -> list[tuple[float, float]]:

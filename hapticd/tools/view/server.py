@@ -20,7 +20,7 @@ from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, Point
 from . import guard, layers, messages
 from .client import Plate, PlateClient
-from .messages import ClearFault, Hold, SetTarget, SwitchPlate
+from .messages import ClearFault, DrawSurface, Hold, SetTarget, SwitchPlate
 from .rig import PadSender
 from .simulated import CHOICES, SimulatedService
 
@@ -227,7 +227,7 @@ class Viewer:
             self._publish("gone", messages.gone("Starting the simulated plate ..."), None)
             self._switching = asyncio.ensure_future(service.switch(to))
 
-    def _request(self, page: Page, request: SetTarget | ClearFault) -> None:
+    def _request(self, page: Page, request: SetTarget | DrawSurface | ClearFault) -> None:
         if isinstance(request, SetTarget):
             page.remember(request)
         if self._client is None:

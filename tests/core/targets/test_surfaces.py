@@ -20,6 +20,7 @@ from hapticd.values import (
     MapTarget,
     Polygon,
     Surface,
+    VirtualPath,
 )
 
 T0_NS = 1_234_567_890_123
@@ -271,3 +272,22 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
         assert any(t_ns - 4_000 <= edge_ns < t_ns + 100_000 for edge_ns in found_ns)
     for before_ns, after_ns in zip(edges_ns[::2], edges_ns[1::2], strict=True):
         assert after_ns - before_ns == 4_000
+
+
+def test_a_layer_walks_its_path_and_a_refreshed_one_goes_on() -> None:
+    path = VirtualPath(((0.0, 0.0), (30.0, 0.0)), 100.0, loop=True)
+    scene = a_scene(patch=Surface(ONE, Circle(1.0), path=path))
+    for after_ms, x_mm in ((0, 0.0), (100, 10.0), (250, 25.0), (400, 20.0), (700, 10.0)):
+        t_ns = T0_NS + after_ms * 1_000_000
+        assert [felt_um(scene, x_mm + aside_mm, 0.0, t_ns) for aside_mm in (0.0, 0.9, 1.1)] == [1.0, 1.0, 0.0]
+        publish(scene, t_ns=t_ns, patch=Surface(HALF if after_ms == 400 else ONE, Circle(1.0), path=path))
+        publish(scene, t_ns=t_ns, patch=Surface(ONE, Circle(1.0), path=path))
+
+
+def test_a_finger_that_a_turning_layer_only_touches_is_found_both_ways() -> None:
+    """At the frame's ends the layer is away: it turns back in between."""
+    path = VirtualPath(((0.0, 0.0), (10.0, 0.0)), 1000.0, loop=True)  # reaches 10 mm after 10 ms
+    scene = a_scene(patch=Surface(ONE, Circle(2.0), path=path))
+    way = scene.surfaces.along(lambda _t_ns: (11.0, 0.0), T0_NS + 5_000_000, 10_000_000, 0.02)
+    assert not way.is_smooth
+    assert [edge_ns * 1e-6 for edge_ns in way.edges_ns] == pytest.approx([4.0, 4.0, 6.0, 6.0], abs=0.005)

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import mpmath
+import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, highest_um, texture
-from hapticd.values import AmplitudeTarget, FrictionTarget, GratingTarget, MapTarget, Target
+from hapticd.core.targets.noise import MOST_RMS
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, highest_um, refusal, texture
+from hapticd.values import (
+    AmplitudeTarget,
+    FrictionTarget,
+    GradientTarget,
+    GratingTarget,
+    MapTarget,
+    NoiseTarget,
+    Target,
+)
 
 PLATE_MM = (137.5, 100.0)
 CURVE = DEFAULT_FRICTION_CURVE
@@ -29,11 +41,30 @@ def maps(draw: st.DrawFn) -> MapTarget:
     return MapTarget(width, height, levels, draw(um), draw(um))
 
 
+friction_maps = st.builds(replace, maps(), frictions=st.tuples(st.floats(0, 1), st.floats(0, 1)))
+gradients = st.builds(GradientTarget, st.floats(0.1, 1000), st.floats(-6.3, 6.3), um, um)
+
+
+@st.composite
+def noises(draw: st.DrawFn) -> NoiseTarget:
+    shortest_mm = draw(st.floats(0.1, 1000))
+    longest_mm = draw(st.floats(shortest_mm, 1000))
+    return NoiseTarget(
+        draw(st.integers(0, 2**32 - 1)), shortest_mm, longest_mm, draw(st.floats(0, 4)), draw(um), draw(um)
+    )
+
+
 # --- every target -----------------------------------------------------------------------------------------------
 
 
 @given(
-    gratings | maps() | st.builds(AmplitudeTarget, um) | st.builds(FrictionTarget, st.floats(0, 1)),
+    gratings
+    | maps()
+    | friction_maps
+    | gradients
+    | noises()
+    | st.builds(AmplitudeTarget, um)
+    | st.builds(FrictionTarget, st.floats(0, 1)),
     any_finite,
     any_finite,
 )
@@ -41,7 +72,16 @@ def maps(draw: st.DrawFn) -> MapTarget:
 def test_a_texture_is_finite_and_between_its_amplitudes_everywhere(target: Target, x_mm: float, y_mm: float) -> None:
     amplitude_um = texture(target, CURVE, PLATE_MM)(x_mm, y_mm)
     highest = highest_um(target, CURVE)
-    lowest = min(target.low_um, target.high_um) if isinstance(target, GratingTarget | MapTarget) else highest
+    lowest = highest
+    match target:
+        case MapTarget(frictions=(low, high)):
+            lowest = CURVE.amplitude_um(max(low, high))
+        case GratingTarget() | MapTarget():
+            lowest = min(target.low_um, target.high_um)
+        case GradientTarget():
+            lowest = min(target.from_um, target.to_um)
+        case NoiseTarget():
+            lowest = max(target.mean_um - MOST_RMS * target.rms_um, 0.0)
     assert lowest - 1e-12 * highest <= amplitude_um <= highest * (1 + 1e-12)
     assert amplitude_um >= 0.0  # the solver refuses less, however little
 
@@ -53,6 +93,8 @@ def test_a_texture_is_finite_and_between_its_amplitudes_everywhere(target: Targe
         GratingTarget(5.0, 0.3, 0.5, 2.0, 0.0),
         GratingTarget(5.0, 0.3, 0.5, 2.0, 0.5),
         MapTarget(2, 2, b"\x00\x40\x80\xff", 0.5, 2.0),
+        GradientTarget(5.0, 0.3, 0.5, 2.0),
+        NoiseTarget(1, 1.0, 9.0, 0.5, 1.25, 0.25),
     ],
 )
 def test_no_position_at_all_is_harmless(target: Target, place: tuple[float, float]) -> None:
@@ -94,7 +136,52 @@ def test_a_grating_varies_along_its_angle_only() -> None:
     assert upward(33.0, 4.0) == pytest.approx(1.0, abs=1e-12)
 
 
+# --- gradients and noise ----------------------------------------------------------------------------------------
+
+
+def test_a_gradient_is_linear_along_its_angle_and_constant_beyond() -> None:
+    upward = texture(GradientTarget(20.0, math.pi / 2, 0.5, 1.5), CURVE, PLATE_MM)
+    places_mm = ((7.0, -60.0), (7.0, -10.0), (0.0, 0.0), (-7.0, 5.0), (0.0, 60.0))
+    assert [upward(*place) for place in places_mm] == pytest.approx([0.5, 0.5, 1.0, 1.25, 1.5])
+
+
+ROUGH = NoiseTarget(7, 1.0, 16.0, 0.0, 1.5, 0.2)
+
+
+def sampled(target: NoiseTarget) -> npt.NDArray[np.float64]:
+    """The texture over 128 mm, four points per mm."""
+    felt = texture(target, CURVE, PLATE_MM)
+    return np.array([[felt(0.25 * column, 0.25 * row) for column in range(512)] for row in range(0, 512, 16)])
+
+
+def test_noise_has_its_mean_and_its_rms_and_is_the_same_for_the_same_seed() -> None:
+    um = sampled(ROUGH)
+    assert um.mean() == pytest.approx(1.5, abs=0.01)
+    assert um.std() == pytest.approx(0.2, rel=0.05)
+    assert texture(ROUGH, CURVE, PLATE_MM)(3.0, -4.0) == pytest.approx(1.393110, abs=1e-6)  # on every machine
+    assert texture(replace(ROUGH, seed=8), CURVE, PLATE_MM)(3.0, -4.0) != texture(ROUGH, CURVE, PLATE_MM)(3.0, -4.0)
+
+
+@pytest.mark.parametrize(("exponent", "least"), [(0.0, 0.1), (1.0, 0.0)])
+def test_noise_has_the_spectrum_that_it_is_given(exponent: float, least: float) -> None:
+    um = sampled(replace(ROUGH, exponent=exponent)) - 1.5
+    along_1_mm = np.fft.rfftfreq(512, 0.25)
+    power = (np.abs(np.fft.rfft(um * np.hanning(512), axis=1)) ** 2).sum(axis=0)
+    assert power[along_1_mm > 1.1].sum() < 0.003 * power.sum()  # nothing is shorter than 1 mm
+    fine = power[along_1_mm > 0.25].sum() / power.sum()  # half of the octaves, seen obliquely
+    assert (fine > least) if least else (fine < 0.05)
+
+
 # --- maps -------------------------------------------------------------------------------------------------------
+
+
+def test_a_map_of_frictions_is_bilinear_in_friction_and_at_most_the_plate_s_limit() -> None:
+    image = MapTarget(2, 1, b"\x00\xff", 0.0, 0.0, frictions=(1.0, 0.0))
+    felt = texture(image, CURVE, PLATE_MM, w_limit_um=1.2)
+    places_mm = [(share - 0.5) * PLATE_MM[0] for share in (0.0, 0.25, 0.5, 1.0)]
+    expected_um = [min(CURVE.amplitude_um(friction), 1.2) for friction in (1.0, 0.75, 0.5, 0.0)]
+    assert [felt(x_mm, 0.0) for x_mm in places_mm] == pytest.approx(expected_um, abs=2e-3)
+    assert refusal(image, CURVE, 1.2) == ""
 
 
 def test_a_maps_first_row_is_the_plates_far_edge_and_its_first_column_the_left() -> None:
@@ -204,3 +291,31 @@ def test_a_curve_that_is_not_monotone_from_the_most_to_still_glass_is_refused(
 def test_a_calibration_sweep_that_is_no_curve_is_refused(amplitudes_um: list[float]) -> None:
     with pytest.raises(ValueError, match="friction curve"):
         FrictionCurve.from_amplitudes(amplitudes_um)
+
+
+# --- friction ---------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0, 1), st.floats(0, 500), st.floats(10, 1000))
+@settings(deadline=None, max_examples=100)
+def test_the_friction_of_an_amplitude_is_the_inverse_of_the_amplitude_for_a_friction(
+    friction_frac: float, sliding_mm_s: float, speed_mm_s: float
+) -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2, speed_mm_s=speed_mm_s)
+    amplitude_um = curve.amplitude_um(friction_frac) * (1.0 + sliding_mm_s / speed_mm_s)
+    assert curve.friction(amplitude_um, sliding_mm_s) == pytest.approx(0.2 + 0.8 * friction_frac, abs=1e-9)
+
+
+def test_friction_stays_at_its_floor_and_speed_matters_only_where_it_was_fitted() -> None:
+    assert [CURVE.friction(um) for um in (0.0, 2.0, 5.0)] == pytest.approx(
+        [1.0, math.exp(-2 / 0.7), math.exp(-2 / 0.7)]
+    )
+    assert CURVE.friction(1.0) == pytest.approx(math.exp(-1 / 0.7), rel=0.005)
+    assert CURVE.friction(1.0, 300.0) == CURVE.friction(1.0)
+
+
+def test_the_curve_of_arrays_is_the_curve() -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2, speed_mm_s=100.0)
+    amplitudes_um, sliding_mm_s = np.linspace(0.0, 3.0, 31), np.linspace(0.0, 200.0, 31)
+    exact = [curve.friction(*one) for one in zip(amplitudes_um.tolist(), sliding_mm_s.tolist(), strict=True)]
+    np.testing.assert_allclose(curve.frictions(amplitudes_um, sliding_mm_s), exact, rtol=1e-12)

@@ -95,3 +95,27 @@ def test_no_finger_moves_faster_than_its_speed(path: VirtualPath, elapsed_ns: in
 @settings(deadline=None, max_examples=100)
 def test_the_clocks_origin_does_not_matter(path: VirtualPath, elapsed_ns: int, shift_ns: int) -> None:
     assert Walk(path, 0).position_mm(elapsed_ns) == Walk(path, shift_ns).position_mm(shift_ns + elapsed_ns)
+
+
+# --- its turns --------------------------------------------------------------------------------------------------
+
+
+def turns_ms(path: VirtualPath, t_s: float, span_s: float, most: int = 8) -> list[float]:
+    turns_ns = Walk(path, START_NS).turns_ns(START_NS + round(t_s * 1e9), round(span_s * 1e9), most)
+    return [turn_ns * 1e-6 for turn_ns in turns_ns]
+
+
+def test_a_path_turns_at_its_corners_and_where_it_begins_and_ends() -> None:
+    assert turns_ms(LINE, -0.5, 4.0) == pytest.approx([500.0, 2100.0, 3700.0])
+    assert turns_ms(HOOK, 1.0, 10.0) == pytest.approx([2000.0, 6000.0])
+    assert turns_ms(HOOK, 8.0, 10.0) == []
+    assert turns_ms(LINE, 0.1, 0.01) == []
+
+
+@given(paths, st.floats(-1.0, 1e9), st.integers(1, 8))
+@settings(deadline=None, max_examples=200)
+def test_turns_are_within_the_span_in_order_and_bounded(path: VirtualPath, t_s: float, most: int) -> None:
+    found_ms = turns_ms(path, t_s, 0.017, most)
+    assert len(found_ms) <= most
+    assert found_ms == sorted(found_ms)
+    assert all(0.0 <= turn_ms <= 17.0 for turn_ms in found_ms)

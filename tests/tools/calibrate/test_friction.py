@@ -94,14 +94,19 @@ def test_readings_that_show_no_curve_are_refused(amplitude_um: list[float], valu
 def test_a_file_is_read_and_what_is_none_refused_in_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "friction.csv"
     path.write_text("# a dry finger\namplitude_um, friction\n0,0.8\n\n1,0.4\n")
-    amplitude_um, value = read(path)
-    assert (amplitude_um.tolist(), value.tolist()) == ([0.0, 1.0], [0.8, 0.4])
+    amplitude_um, value, speed_mm_s = read(path)
+    assert (amplitude_um.tolist(), value.tolist(), speed_mm_s) == ([0.0, 1.0], [0.8, 0.4], None)
+    path.write_text("amplitude_um,friction,speed_mm_s\n0,0.8,50\n1,0.4,100\n")
+    speeds = read(path).speed_mm_s
+    assert speeds is not None
+    assert speeds.tolist() == [50.0, 100.0]
     for text, sentence in (
         ("", "header"),
         ("a,b\n", "header"),
         ("amplitude_um,friction\n", "no readings"),
         ("amplitude_um,friction\n1\n", "reading 1 is not two numbers"),
         ("amplitude_um,friction\n1,2\nx,y\n", "reading 2 is not two numbers"),
+        ("amplitude_um,friction,speed_mm_s\n1,2\n", "reading 1 is not three numbers"),
     ):
         path.write_text(text)
         with pytest.raises(CalibrationError, match=sentence):
@@ -111,3 +116,55 @@ def test_a_file_is_read_and_what_is_none_refused_in_a_sentence(tmp_path: Path) -
         read(path)
     with pytest.raises(CalibrationError, match="cannot be read"):
         read(tmp_path / "none.csv")
+
+
+# --- speed ------------------------------------------------------------------------------------------------------
+
+
+def sliding(v0_mm_s: float, seed: int, speeds_mm_s: tuple[float, float] = (20.0, 300.0)) -> tuple[np.ndarray, ...]:
+    """Readings at random speeds; bare glass rubs a little more at speed, and some readings are wrong."""
+    random = np.random.default_rng(seed)
+    speed_mm_s = np.exp(random.uniform(*np.log(speeds_mm_s), len(LEVELS_UM)))
+    friction = falling(LEVELS_UM / (1.0 + speed_mm_s / v0_mm_s)) * (speed_mm_s / 100.0) ** 0.1
+    friction += 0.02 * random.standard_normal(len(LEVELS_UM))
+    friction[random.choice(len(friction), 3, replace=False)] += 0.3
+    return LEVELS_UM, friction, speed_mm_s
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("v0_mm_s", [100.0, 400.0])
+def test_the_speed_that_needs_twice_the_amplitude_is_found_with_the_curve(v0_mm_s: float, seed: int) -> None:
+    found = fit_friction(*sliding(v0_mm_s, seed))
+    assert found.speed_mm_s == pytest.approx(v0_mm_s, rel=0.35)
+    half_um = DEFAULT_FRICTION_CURVE.amplitude_um(0.5)
+    for speed_mm_s in (50.0, 100.0, 200.0):  # the errors of the curve at rest and of v0 cancel
+        needed_um = found.amplitude_um[KNOTS // 2] * (1.0 + speed_mm_s / found.speed_mm_s)
+        assert needed_um == pytest.approx(half_um * (1.0 + speed_mm_s / v0_mm_s), rel=0.12)
+    made = friction.verdict(found, is_simulated=False)
+    assert "needs twice the amplitude of one at rest" in made.sentence
+    assert from_table(dict(made.settings), where="x", folder=Path()).plate.friction_speed_mm_s > 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
+def test_readings_that_show_no_effect_of_speed_give_none(seed: int) -> None:
+    found = fit_friction(*sliding(np.inf, seed))
+    assert found.speed_mm_s == np.inf
+    assert found.about_speed.startswith("Speed changes nothing that the readings show, from 2")
+
+
+def test_readings_that_cannot_show_an_effect_of_speed_say_so() -> None:
+    amplitude_um, value, speed_mm_s = sliding(100.0, 1)
+    at_one_speed = np.where(amplitude_um > 0.0, speed_mm_s, 100.0)
+    few_fast = np.where((amplitude_um > 0.0) & (amplitude_um < 2.0), 20.0, 200.0 + speed_mm_s)
+    few_fast[amplitude_um > 2.2] = 20.0
+    for speeds, sentence in (
+        (None, "have no speed_mm_s"),
+        (np.full(len(value), 50.0), "less than a factor of 3"),
+        (at_one_speed, "not measured at several speeds"),
+        (few_fast, "fewer than 4 amplitudes each"),
+    ):
+        found = fit_friction(amplitude_um, value, speeds)
+        assert found.speed_mm_s == np.inf
+        assert sentence in found.about_speed
+    with pytest.raises(CalibrationError, match="A speed is not above 0"):
+        fit_friction(amplitude_um, value, -speed_mm_s)

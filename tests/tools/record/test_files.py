@@ -45,9 +45,11 @@ from hapticd.values import (
     Effect,
     Envelope,
     FrictionTarget,
+    GradientTarget,
     GratingTarget,
     MapTarget,
     Modulation,
+    NoiseTarget,
     Polygon,
     Pulse,
     Start,
@@ -455,6 +457,12 @@ def test_values_become_the_message_that_means_the_same() -> None:
                 -1.5,
                 10**15,
             ),
+            "walk": Surface(
+                GradientTarget(5.0, 0.5, 0.25, 1.5), path=VirtualPath(((1.0, 2.0), (3.0, 4.0)), 40.0, loop=True)
+            ),
+            "rough": Surface(NoiseTarget(3, 1.0, 8.0, 0.5, 1.0, 0.25)),
+            "photo": Surface(MapTarget(1024, 1024, b"", 0.0, 2.0, asset=bytes(range(32)))),
+            "felt": Surface(MapTarget(1, 1, b"a", 0.0, 0.0, frictions=(0.75, 0.25))),
         },
         effects={
             "click": Effect(Pulse(-1.0, 0.01, 0.001), start=Start(start_id=2**63 - 1)),

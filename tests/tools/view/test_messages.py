@@ -20,7 +20,7 @@ from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
 from hapticd.tools.view.messages import ClearFault, Hold, SetTarget, SwitchPlate
 from hapticd.tools.view.rig import Truth, decode_truth
-from hapticd_client import FingerState, PlateState
+from hapticd_client import FingerState, PlateEvent, PlateState
 
 STATE = PlateState(
     instance=7,
@@ -109,6 +109,14 @@ def test_a_frame_is_complete_and_valid_json() -> None:
         "truth_um": [[0.0, 0.99]],
     }
     assert json.loads(messages.frame(STATE, None))["truth"] is None
+
+
+def test_a_frame_has_the_events_since_the_one_before() -> None:
+    event = PlateEvent(41, "begun", 2_400_000_000, None, 3, -20.5, 4.0, "button", "", "click")
+    assert json.loads(messages.frame(STATE, None))["events"] == []
+    assert json.loads(messages.frame(STATE, None, [event]), parse_constant=pytest.fail)["events"] == [
+        {"kind": "begun", "finger": 3, "x_mm": -20.5, "y_mm": 4.0, "client": "button", "surface": "", "effect": "click"}
+    ]
 
 
 def test_the_plate_is_told_with_its_name_and_the_radius_of_contacts() -> None:

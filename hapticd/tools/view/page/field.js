@@ -2,7 +2,6 @@
 
 import { LEVELS, PIXELS } from "./colours.js";
 
-const FRICTION_DECAY_UM = 0.7; // as core/solver/contacts.py
 // Points of a contact and their weights, as core/plate/contact.py: the centre, and a hexagon.
 const DISC = [[0, 0, 1 / 4]];
 for (let turn = 0; turn < 6; turn++) {
@@ -81,13 +80,13 @@ export class Field {
     return Math.hypot(real, imaginary);
   }
 
-  /** What a contact feels: RMS |W|, and the mean friction relative to bare glass. */
-  felt(modal_um, [x_mm, y_mm], radius_mm) {
+  /** What a contact feels: RMS |W|, and the mean friction relative to bare glass, by a curve at a sliding speed. */
+  felt(modal_um, [x_mm, y_mm], radius_mm, curve, sliding_mm_s) {
     let [square, friction] = [0, 0];
     for (const [dx, dy, weight] of DISC) {
       const w_um = this.at(modal_um, x_mm + radius_mm * dx, y_mm + radius_mm * dy);
       square += weight * w_um * w_um;
-      friction += weight * Math.exp(-w_um / FRICTION_DECAY_UM);
+      friction += weight * curve.at(w_um, sliding_mm_s);
     }
     return { rms_um: Math.sqrt(square), friction };
   }

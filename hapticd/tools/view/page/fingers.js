@@ -1,5 +1,7 @@
 // List of fingers: target, achieved amplitude, owner, and the controls of this page.
 
+import { WEBER_FRAC } from "./friction.js";
+
 const MOST_UM = 2;
 const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
@@ -65,7 +67,8 @@ export class FingerList {
     row.box.classList.toggle("chosen", isChosen);
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
-    write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`);
+    write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}${changeText(finger)}`);
+    row.amounts.classList.toggle("felt", Math.abs(finger.friction_change) > WEBER_FRAC);
     const contact = finger.felt;
     const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, friction ${Math.round(100 * contact.friction)} % · ` : "";
     write(row.owner, felt + (owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`));
@@ -75,6 +78,13 @@ export class FingerList {
     row.slippery.setAttribute("aria-pressed", target_um > 0);
     if (document.activeElement !== row.slider) row.slider.value = target_um ?? 0;
   }
+}
+
+/** By how much the contact's friction differs from what was asked. */
+function changeText({ friction_change }) {
+  if (friction_change === null) return "";
+  const percent = Math.round(100 * friction_change);
+  return `, friction ${percent < 0 ? "−" : "+"}${Math.abs(percent)} %`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */

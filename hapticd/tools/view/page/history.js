@@ -1,5 +1,7 @@
 // The frames of the last 30 s, and the one shown: the newest, or while paused any.
 
+import { WEBER_FRAC, sliding_mm_s } from "./friction.js";
+
 export const SPAN_S = 30;
 const SAME_MM = 12; // largest distance at which a reported finger is the same as a true one
 const OVER_S = 2; // window of the leak
@@ -46,21 +48,33 @@ export class History {
     return low;
   }
 
-  /** RMS amplitude of the sticky fingers, and RMS error of the others, over the window. */
+  /** The frames of the last `span_s` before the shown one, and that. */
+  recent(span_s) {
+    const t_s = this.current?.t_s ?? 0;
+    return this.frames.slice(this.index(t_s - span_s)).filter((frame) => frame.t_s <= t_s);
+  }
+
+  /** RMS amplitude of the sticky fingers, RMS error of the others, and the share of time in which a finger's friction is
+   * beyond the Weber fraction from what was asked, over the window. */
   leak() {
     const current = this.current;
-    if (!current) return { leak_um: null, off_um: null };
-    const sums = { leak: [0, 0], off: [0, 0] };
+    if (!current) return { leak_um: null, off_um: null, weber_frac: null };
+    const sums = { leak: [0, 0], off: [0, 0], weber: [0, 0] };
     for (let i = this.index(current.t_s - OVER_S); i < this.frames.length && this.frames[i].t_s <= current.t_s; i++) {
-      for (const { target_um, gets_um } of this.frames[i].fingers) {
+      for (const { target_um, gets_um, friction_change } of this.frames[i].fingers) {
         if (target_um === null || gets_um === null) continue;
+        if (friction_change !== null) {
+          sums.weber[0] += Math.abs(friction_change) > WEBER_FRAC;
+          sums.weber[1] += 1;
+        }
         const sum = target_um === 0 ? sums.leak : sums.off;
         sum[0] += (gets_um - target_um) ** 2;
         sum[1] += 1;
       }
     }
     const rms = ([squares, count]) => (count > 0 ? Math.sqrt(squares / count) : null);
-    return { leak_um: rms(sums.leak), off_um: rms(sums.off) };
+    const weber_frac = sums.weber[1] > 0 ? sums.weber[0] / sums.weber[1] : null;
+    return { leak_um: rms(sums.leak), off_um: rms(sums.off), weber_frac };
   }
 }
 
@@ -72,8 +86,9 @@ export function motion(frame) {
 }
 
 /** Amplitude of each finger: true on a simulated plate, else computed from the measured modes. With `has_contacts` it is
- * the RMS over the contact, which is computed either way. */
-export function judge(frame, field, { contact_radius_mm, has_contacts }) {
+ * the RMS over the contact, which is computed either way. `friction_change` is the contact's friction relative to that
+ * of its target, minus 1; null without a target. */
+export function judge(frame, field, curve, { contact_radius_mm, has_contacts }) {
   const { modal_um } = motion(frame);
   const free = frame.truth ? frame.truth.fingers_mm.map((_, i) => i) : [];
   for (const finger of frame.fingers) {
@@ -88,7 +103,10 @@ export function judge(frame, field, { contact_radius_mm, has_contacts }) {
       finger.gets_um = field && x_mm !== null ? field.at(modal_um, x_mm, y_mm) : null;
     }
     const place = finger.true_mm ?? (x_mm === null ? null : finger.seen_mm);
-    finger.felt = field && place ? field.felt(modal_um, place, contact_radius_mm) : null;
+    const sliding = sliding_mm_s(finger, frame.horizon_ms);
+    finger.felt = field && place ? field.felt(modal_um, place, contact_radius_mm, curve, sliding) : null;
+    finger.friction_change =
+      finger.felt && finger.target_um !== null ? finger.felt.friction / curve.at(finger.target_um, sliding) - 1 : null;
     if (has_contacts && finger.felt) finger.gets_um = finger.felt.rms_um;
   }
   return frame;

@@ -2,13 +2,17 @@
 
 import { drawLatency, drawModes, drawScale, drawStrip } from "./charts.js";
 import { theme } from "./colours.js";
+import { Drawing } from "./draw.js";
+import { Effects, ringSpan_s } from "./effects.js";
 import { Field } from "./field.js";
 import { FingerList, write } from "./fingers.js";
+import { FrictionCurve } from "./friction.js";
 import { Hands } from "./hands.js";
 import { History, judge, motion } from "./history.js";
 import { LayerMenu } from "./layers.js";
 import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
+import { Surfaces } from "./surfaces.js";
 import { SwitchMenu } from "./switch.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
@@ -33,7 +37,10 @@ const FIELDS = {
 const $ = (id) => document.getElementById(id);
 const history = new History();
 const picture = new PlatePicture($("plate"));
+const surfaces = new Surfaces();
+const effects = new Effects();
 let plate = null;
+let curve = null;
 let status = null;
 let chosen = null;
 let colours = theme();
@@ -47,6 +54,10 @@ const link = new Link({
     chosen = null;
     greeted.clear(); // another daemon counts its fingers from 1
     history.clear();
+    surfaces.clear();
+    effects.compare(0);
+    curve = new FrictionCurve(message.friction_curve, message.friction_speed_mm_s);
+    drawing.size_mm = message.size_mm;
     const shapes = await link.shapes();
     if (plate !== message) return;
     picture.field = new Field(shapes, message.size_mm, message.w_limit_um);
@@ -62,11 +73,16 @@ const link = new Link({
   },
   frame: (message) => {
     isLive = true;
-    history.add(judge(message, picture.field, plate));
+    effects.take(message.events);
+    history.add(judge(message, picture.field, curve, plate));
     giveTargets(message);
   },
   status: (message) => {
     status = message;
+    effects.compare(message.effects_playing);
+  },
+  surfaces: (message) => {
+    if (!drawing.dragged) surfaces.take(message.surfaces, plate?.client);
   },
   choices: (message) => switches.offer(message.plates),
   gone: (message) => stopped("No daemon", message.sentence),
@@ -74,6 +90,11 @@ const link = new Link({
   lost: (why) => stopped("Not connected", why || ENDED),
 });
 const send = (request) => link.send(request);
+const drawing = new Drawing($("plate"), $("tool"), surfaces, {
+  send,
+  content: () => Number($("draw-um").value),
+  now: () => history.newest?.t_s ?? 0,
+});
 const hands = new Hands($("plate"), send, pointedAt);
 const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
 const switches = new SwitchMenu($("switch-box"), $("switch-plate"), $("switch-modes"), $("switch-radius"), send);
@@ -83,6 +104,7 @@ function stopped(state, sentence) {
   isLive = false;
   status = null;
   hands.allow(null);
+  surfaces.clear();
   write($("state"), state);
   notice(sentence);
 }
@@ -128,7 +150,7 @@ function requestForChosen(request) {
 }
 
 const greeted = new Set();
-/** Set the target of a newly landed finger of this page, by the menu. */
+/** Set the target of a newly landed finger of this page, by the menu; where surfaces lie, it feels those. */
 function giveTargets(frame) {
   if (!plate?.simulated || history.paused) return;
   const way = $("new").value;
@@ -136,7 +158,7 @@ function giveTargets(frame) {
     if (finger.virtual || greeted.has(finger.id) || !hands.holds(...finger.seen_mm)) continue;
     greeted.add(finger.id);
     chosen = finger.id;
-    if (finger.owner !== null || way === "nothing") continue;
+    if (finger.owner !== null || way === "nothing" || surfaces.layers.length > 0) continue;
     const isSlippery = frame.fingers.some((other) => other !== finger && other.owner === plate.client && other.target_um > 0);
     const sticks = way === "sticky" || (way === "both" && isSlippery);
     send({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
@@ -156,6 +178,8 @@ function pause(paused) {
   $("when").value = -history.back_s;
 }
 
+$("draw-um").addEventListener("input", () => write($("draw-text"), `${Number($("draw-um").value).toFixed(1)} µm`));
+$("erase").addEventListener("click", () => drawing.erase());
 $("pause").addEventListener("click", () => pause(!history.paused));
 $("when").addEventListener("input", () => {
   if (!history.paused) pause(true);
@@ -180,7 +204,9 @@ function draw(t_ms) {
   requestAnimationFrame(draw);
   hands.flush();
   const frame = history.current;
-  picture.draw(frame, { chosen, isLive, layer: history.paused ? null : layers.canvas, invitation: plate?.simulated && isLive ? INVITATION : "" });
+  const present = history.paused ? {} : { layer: layers.canvas, surfaces };
+  const invitation = plate?.simulated && isLive && surfaces.layers.length === 0 ? INVITATION : "";
+  picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s), ...present });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
@@ -211,10 +237,13 @@ function writeTexts(frame) {
   const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
   const rate = status?.frames_hz ? `, ${status.frames_hz.toFixed(0)} frames/s` : "";
   write($("latency-text"), `Now predicted ${horizon} ms ahead${rate}.`);
-  const { leak_um, off_um } = history.leak();
+  const { leak_um, off_um, weber_frac } = history.leak();
   const labelled = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
-  write($("leak"), [labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
+  const felt = weber_frac === null ? "" : `friction is not as asked ${Math.round(100 * weber_frac)} % of the time`;
+  write($("leak"), [labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by"), felt].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
+  write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
+  $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
   flags(frame);
 }

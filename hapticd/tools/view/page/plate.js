@@ -16,8 +16,9 @@ export class PlatePicture {
   }
 
   /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
-   * `invitation` the text on an untouched plate. */
-  draw(frame, { chosen, isLive, layer, invitation }) {
+   * `invitation` the text on an untouched plate, `surfaces` those in force, if they are shown, `drawing` what is being drawn,
+   * `effects` those that play and `recent` the frames before this one. */
+  draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent }) {
     const { context, width, height } = prepared(this.canvas);
     if (!frame || !this.field) return;
     const { modal_um } = motion(frame);
@@ -33,11 +34,14 @@ export class PlatePicture {
     const [w_mm, h_mm] = this.field.size_mm;
     const scale = width / w_mm;
     const to = ([x_mm, y_mm]) => [(x_mm / w_mm + 0.5) * width, (0.5 - y_mm / h_mm) * height];
+    surfaces?.draw(context, to, scale, frame.t_s, drawing.chosen);
     for (const place of this.lonely(frame)) this.ring(context, to(place), this.radius_mm * scale, false);
     for (const finger of frame.fingers) {
       if (finger.seen_mm[0] === null) continue;
       this.finger(context, finger, to, scale, finger.id === chosen, width);
     }
+    effects.draw(context, to, scale, frame, recent);
+    drawing.draw(context, to, scale);
     if (invitation && frame.fingers.length === 0) invite(context, invitation, width, height);
     context.globalAlpha = 1;
   }

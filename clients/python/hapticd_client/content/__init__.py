@@ -1,0 +1,94 @@
+"""Content from files that people have: pictures, sounds, and haptic patterns of telephones and of MPEG.
+
+    from hapticd_client import Client, content
+
+    with Client() as plate:
+        content.load("click.ahap").play(plate)
+
+Whoever touches feels it. Each kind of thing that is left out, or felt in another way, is a DroppedWarning;
+clients/python/CONTENT.md lists them.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ..errors import HapticdError, RefusedError
+from .dropped import DroppedWarning
+from .picture import layer_of
+from .score import Layer, Score, Timed
+from .track import Track
+
+__all__ = ["SUFFIXES", "DroppedWarning", "Layer", "Score", "Timed", "load", "picture"]
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
+SUFFIXES = (*PICTURES, ".npy", ".wav", ".ahap", ".hjif")
+DEFAULT_UM = 1.5
+
+
+def load(
+    path: str | os.PathLike[str],
+    *,
+    high_um: float = DEFAULT_UM,
+    is_friction: bool = False,
+    width_mm: float | None = None,
+) -> Score:
+    """Return the content of a file, by its suffix. Raises RefusedError with one sentence, HapticdError without a
+    library that it needs.
+
+    `is_friction` and `width_mm` are for pictures and arrays: white is slippery, black is bare glass.
+    """
+    suffix, name = Path(path).suffix.lower(), Path(path).name
+    if suffix not in SUFFIXES:
+        raise RefusedError(f"{os.fspath(path)}: must be one of {', '.join(SUFFIXES)}.")
+    if suffix in (*PICTURES, ".npy"):
+        source = _array(path) if suffix == ".npy" else path
+        return picture(source, high_um=None if is_friction else high_um, width_mm=width_mm, title=name)
+    if is_friction or width_mm is not None:
+        raise RefusedError(f"{os.fspath(path)}: a width and friction are for pictures.")
+    layers: list[Layer] = []
+    if suffix == ".hjif":
+        from . import hjif
+
+        track, layers = hjif.read(path, high_um)
+    elif suffix == ".ahap":
+        from . import ahap
+
+        track = ahap.track_of(path)
+    else:
+        from . import sound
+
+        track = sound.track_of(path)
+    return _score(name, track, layers, high_um)
+
+
+def picture(source: Any, *, title: str = "picture", **arguments: Any) -> Score:
+    """Return a picture file or an array of levels as content; arguments as of `layer_of`."""
+    layer = layer_of(source, **arguments)
+    return Score(f"{title}: a map of {len(layer.levels[0])} x {len(layer.levels)}", (layer,))
+
+
+def _score(name: str, track: Track, layers: list[Layer], high_um: float) -> Score:
+    effects = tuple(track.effects(high_um))
+    if not effects and not layers:
+        raise RefusedError(f"{name}: has nothing that a plate can play.")
+    what = [f"{len(layers)} layers"] * bool(layers) + [f"{track.length_s:.2f} s of effects"] * bool(effects)
+    return Score(f"{name}: {' and '.join(what)}", tuple(layers), effects, track.length_s)
+
+
+def _array(path: str | os.PathLike[str]) -> Any:
+    try:
+        import numpy as np
+    except ImportError:
+        raise HapticdError("Arrays need NumPy: run `pip install numpy`.") from None
+    try:
+        array = np.load(path, allow_pickle=False)
+    except OSError as error:
+        raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or 'no array'}).") from None
+    except (ValueError, EOFError):
+        raise RefusedError(f"{os.fspath(path)}: is not an array that NumPy can read.") from None
+    if getattr(array, "ndim", 0) != 2 or array.dtype != np.uint8 or 0 in array.shape:
+        raise RefusedError(f"{os.fspath(path)}: must be a two-dimensional array of uint8, 0 .. 255.")
+    return array

@@ -1,0 +1,72 @@
+"""Reading of JSON documents field by field; what is missing or of another type is one sentence."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from ..errors import RefusedError
+
+MAX_BYTES = 16_000_000
+
+
+class Document:
+    """A map of a JSON file. `where` is its place in the file, for errors."""
+
+    def __init__(self, value: object, where: str) -> None:
+        if not isinstance(value, dict):
+            raise RefusedError(f"{where}: must be an object.")
+        self._fields: dict[str, Any] = value
+        self.where = where
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Document:
+        """Read a file. Raises RefusedError."""
+        file = Path(path)
+        try:
+            if file.stat().st_size > MAX_BYTES:
+                raise RefusedError(f"{file}: has more than {MAX_BYTES} bytes.")
+            value = json.loads(file.read_text(encoding="utf-8-sig"))
+        except RefusedError:
+            raise
+        except OSError as error:
+            raise RefusedError(f"{file}: cannot be read ({error.strerror or error}).") from None
+        except (ValueError, RecursionError):
+            raise RefusedError(f"{file}: is not JSON.") from None
+        return cls(value, str(file))
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._fields
+
+    @property
+    def names(self) -> set[str]:
+        """The names of all fields."""
+        return set(self._fields)
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """Return a finite number; `default` if it is missing. Raises RefusedError."""
+        value = self._fields.get(name, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < math.inf:
+            raise RefusedError(f"{self.where}.{name}: must be a number.")
+        return float(value)
+
+    def text(self, name: str, default: str = "") -> str:
+        """Return a text; `default` if it is missing. Raises RefusedError."""
+        value = self._fields.get(name, default)
+        if not isinstance(value, str):
+            raise RefusedError(f"{self.where}.{name}: must be a text.")
+        return value
+
+    def object(self, name: str) -> Document:
+        """Return a map. Raises RefusedError."""
+        return Document(self._fields.get(name), f"{self.where}.{name}")
+
+    def objects(self, name: str) -> list[Document]:
+        """Return a list of maps, empty if it is missing. Raises RefusedError."""
+        values = self._fields.get(name, [])
+        if not isinstance(values, list):
+            raise RefusedError(f"{self.where}.{name}: must be a list.")
+        return [Document(value, f"{self.where}.{name}[{index}]") for index, value in enumerate(values)]

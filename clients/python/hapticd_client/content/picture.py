@@ -1,0 +1,57 @@
+"""Pictures and arrays as maps, over the whole plate or so many millimetres wide."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..asset import MAX_SIDE
+from ..errors import RefusedError
+from ..surface import Rectangle
+from ..targets import MAX_MAP_SIDE, Map
+from .score import Layer
+
+if TYPE_CHECKING:
+    from ..client import Client
+
+LIGHT_IS_SLIPPERY = (1.0, 0.0)  # friction of black and of white
+
+
+def layer_of(
+    source: Any,
+    *,
+    high_um: float | None = None,
+    low_um: float = 0.0,
+    frictions: tuple[float, float] | None = None,
+    width_mm: float | None = None,
+) -> Layer:
+    """Return a layer of a picture file, or of an array: rows of levels 0 .. 255 from the top (+y) down.
+
+    Level 255, white, is `high_um` and black `low_um`; or `frictions` are those of black and white, by default 1 and 0.
+    Without `width_mm` the middle square of a picture, or the array, is spread over the whole plate. Raises
+    RefusedError, HapticdError without Pillow.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        from ..image import grey_rows
+
+        source = grey_rows(source, MAX_SIDE, is_square=width_mm is None)
+    if high_um is None and frictions is None:
+        frictions = LIGHT_IS_SLIPPERY
+    content = {"frictions": frictions} if frictions is not None else {"high_um": high_um, "low_um": low_um}
+    shape = None
+    if width_mm is not None:
+        try:
+            shape = Rectangle(width_mm, width_mm * len(source) / len(source[0]))
+        except (TypeError, IndexError, ZeroDivisionError):
+            raise RefusedError("map: must have rows of numbers, such as a two-dimensional array.") from None
+    return Layer(content, shape, levels=source)
+
+
+def map_of(plate: Client, levels: Any, content: Mapping[str, Any]) -> Map:
+    """Return a map of levels, as an asset where a message cannot hold them."""
+    try:
+        is_small = len(levels) <= MAX_MAP_SIDE and len(levels[0]) <= MAX_MAP_SIDE
+    except (TypeError, IndexError):
+        is_small = True  # what is wrong with it is said there
+    return Map(levels if is_small else plate.asset(levels), **content)

@@ -1,0 +1,154 @@
+"""Uploaded assets: levels of maps that are larger than a message, by the SHA-256 of their bytes.
+
+An asset arrives in parts, in order, and is there when its bytes have the hash that was announced. Its whole size
+counts from the first part on, so that nothing that is begun finds no room. What no surface and no target uses is
+dropped KEPT_NS after it was last used or asked for, an upload UPLOAD_NS after its last part; where there is no room,
+the unused one that was used longest ago is dropped earlier.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from ...errors import RequestError
+from ...values import MapTarget, Target
+
+MAX_ASSET_BYTES: Final = 2**20  # a picture of 1024 x 1024
+MAX_CLIENT_BYTES: Final = 2**23
+MAX_BYTES: Final = 2**25  # of all clients
+MAX_ASSETS: Final = 256
+KEPT_NS: Final = 10_000_000_000
+UPLOAD_NS: Final = 5_000_000_000
+LOOK_NS: Final = 1_000_000_000
+
+
+@dataclass(slots=True)
+class _Asset:
+    """One asset. `t_ns` is when it was last asked for or in use."""
+
+    owner: str
+    levels: bytes
+    t_ns: int
+    is_used: bool = False
+
+
+class _Upload:
+    """An asset that has not arrived in whole. Its hash is taken part by part, so that no message takes long."""
+
+    def __init__(self, size: int) -> None:
+        self.size: Final = size
+        self.t_ns = 0
+        self.parts = bytearray()
+        self.hash = hashlib.sha256()
+
+    def add(self, part: bytes, t_ns: int) -> None:
+        self.parts += part
+        self.hash.update(part)
+        self.t_ns = t_ns
+
+
+class Assets:
+    """All assets of all clients. Instants are arguments in ns on one monotonic axis."""
+
+    def __init__(self) -> None:
+        self._assets: dict[bytes, _Asset] = {}
+        self._uploads: dict[tuple[str, bytes], _Upload] = {}  # by client: what another one sends is not waited for
+        self._t_looked_ns = 0
+
+    # --- requests of clients ---
+
+    def upload(self, client: str, digest: bytes, size: int, offset: int, part: bytes, t_ns: int) -> int:
+        """Take a part, empty for none; return how many bytes are here. A part that does not begin where the last one
+        ended changes nothing. Raises RequestError where there is no room, or the bytes do not have the hash."""
+        asset = self._assets.get(digest)
+        if asset is not None:
+            asset.t_ns = t_ns
+            return len(asset.levels)
+        upload = self._uploads.get((client, digest))
+        if upload is None:
+            if not part or offset > 0:
+                return 0
+            self._make_room(client, size)
+            upload = self._uploads[client, digest] = _Upload(size)
+        if not part or offset != len(upload.parts):
+            return len(upload.parts)
+        if size != upload.size or offset + len(part) > size:
+            raise RequestError(f"asset: has {upload.size} bytes, not {size}, and no part goes beyond.")
+        upload.add(part, t_ns)
+        if len(upload.parts) == size:
+            del self._uploads[client, digest]
+            if upload.hash.digest() != digest:
+                raise RequestError("asset: its bytes have another hash: upload it again.")
+            self._assets[digest] = _Asset(client, bytes(upload.parts), t_ns)
+        return offset + len(part)
+
+    def _make_room(self, client: str, size: int) -> None:
+        """Drop unused assets until there is room, the client's own first. Raises RequestError where there is none."""
+        for name, most_bytes in ((client, MAX_CLIENT_BYTES), ("", MAX_BYTES)):
+            if not self._drop_oldest(name, most_bytes - size):
+                whose = "a client" if name else "all clients together"
+                raise RequestError(f"asset: {whose} may have {most_bytes} bytes at once: remove a surface first.")
+
+    def _drop_oldest(self, owner: str, most_bytes: int) -> bool:
+        """Drop unused assets of a client ("": of all) until there is room for one more; return whether there is."""
+        mine = {digest: asset for digest, asset in self._assets.items() if owner in ("", asset.owner)}
+        uploads = [upload.size for (client, _), upload in self._uploads.items() if owner in ("", client)]
+        total = sum(uploads) + sum([len(asset.levels) for asset in mine.values()])
+        count = len(uploads) + len(mine)
+        for digest in sorted(mine, key=lambda digest: mine[digest].t_ns):
+            if total <= most_bytes and count < MAX_ASSETS:
+                break
+            if not mine[digest].is_used:
+                total, count = total - len(mine[digest].levels), count - 1
+                del self._assets[digest]
+        return total <= most_bytes and count < MAX_ASSETS
+
+    # --- use ---
+
+    def refusal(self, target: Target) -> str:
+        """Return why a target cannot have its asset; empty if it can, or needs none."""
+        if not isinstance(target, MapTarget) or not target.asset:
+            return ""
+        asset, size = self._assets.get(target.asset), target.width * target.height
+        if asset is None:
+            return "needs an asset that is not here: upload it first."
+        if len(asset.levels) != size:
+            return f"needs {size} bytes of levels, its asset has {len(asset.levels)}."
+        return ""
+
+    def resolved(self, target: Target) -> Target:
+        """Return a target with its asset's levels, which is in use from now on."""
+        if not isinstance(target, MapTarget) or not target.asset:
+            return target
+        asset = self._assets[target.asset]
+        asset.is_used = True
+        return replace(target, levels=asset.levels)
+
+    def is_due(self, t_ns: int) -> bool:
+        """Return whether to `look` again."""
+        return t_ns - self._t_looked_ns >= LOOK_NS and bool(self._assets or self._uploads)
+
+    def look(self, in_force: Iterable[Target], t_ns: int) -> None:
+        """Note which assets the targets in force use, and drop what was not used for long."""
+        self._t_looked_ns = t_ns
+        used = {target.asset for target in in_force if isinstance(target, MapTarget)}
+        for digest, asset in tuple(self._assets.items()):
+            asset.is_used = digest in used
+            if asset.is_used:
+                asset.t_ns = t_ns
+            elif t_ns - asset.t_ns >= KEPT_NS:
+                del self._assets[digest]
+        for key, upload in tuple(self._uploads.items()):
+            if t_ns - upload.t_ns >= UPLOAD_NS:
+                del self._uploads[key]
+
+    # --- status ---
+
+    def report(self) -> dict[str, int]:
+        """Return counts and bytes; an upload counts with its whole size."""
+        sizes = [len(asset.levels) for asset in self._assets.values()]
+        announced = [upload.size for upload in self._uploads.values()]
+        return {"count": len(sizes), "uploads": len(announced), "bytes": sum(sizes) + sum(announced)}

@@ -1,0 +1,28 @@
+// Friction against amplitude, by the daemon's curve, relative to that of bare glass.
+
+export const WEBER_FRAC = 0.11; // as values.py: least relative change of friction that is felt
+const DECAY_UM = 0.7; // of the curve where an older daemon sends none
+const BUILT_IN = Array.from({ length: 33 }, (_, i) => [i / 16, Math.exp(-i / 16 / DECAY_UM)]);
+
+export class FrictionCurve {
+  /** `knots` are rising amplitudes in um, each with its friction; a finger at `speed_mm_s` needs twice the amplitude. */
+  constructor(knots, speed_mm_s) {
+    this.knots = knots ?? BUILT_IN;
+    this.speed_mm_s = speed_mm_s ?? Infinity;
+  }
+
+  at(amplitude_um, sliding_mm_s = 0) {
+    const um = amplitude_um / (1 + sliding_mm_s / this.speed_mm_s);
+    const right = this.knots.findIndex(([knot_um]) => knot_um >= um);
+    if (right === 0) return this.knots[0][1];
+    if (right < 0) return this.knots.at(-1)[1];
+    const [[from_um, from], [to_um, to]] = [this.knots[right - 1], this.knots[right]];
+    return from + ((um - from_um) / (to_um - from_um)) * (to - from);
+  }
+}
+
+/** How fast a finger slides: from where it was sampled to where it is predicted. */
+export function sliding_mm_s({ seen_mm, predicted_mm }, horizon_ms) {
+  if (!predicted_mm || seen_mm[0] === null || !(horizon_ms > 0)) return 0;
+  return (Math.hypot(predicted_mm[0] - seen_mm[0], predicted_mm[1] - seen_mm[1]) / horizon_ms) * 1000;
+}

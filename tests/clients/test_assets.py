@@ -1,0 +1,119 @@
+"""Assets through the library: uploaded once, shared by maps, and again when the daemon has been restarted."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_daemon import FakeDaemon
+from PIL import Image
+
+from hapticd.core.targets import assets as store
+from hapticd.wire import assets as wire
+from hapticd.wire.contents import MAX_ASSET_SIDE
+from hapticd_client import Asset, Client, HapticdError, Map, Rectangle, RefusedError, asset
+from hapticd_client.asset import upload
+
+STRIPES = np.tile(np.array([0, 255] * 512, dtype=np.uint8), (1024, 1))
+PITCH_MM = 137.5 / 1023
+
+
+def felt_um(daemon: FakeDaemon, column: float) -> float:
+    return daemon.scene.surfaces.amplitude_um((column - 511.5) * PITCH_MM, 0.0, time.monotonic_ns())
+
+
+def test_the_library_and_the_daemon_have_the_same_bounds() -> None:
+    assert asset.PART_BYTES <= 16384
+    assert asset.MAX_SIDE == MAX_ASSET_SIDE
+    assert wire.MAX_ASSET_BYTES == store.MAX_ASSET_BYTES == MAX_ASSET_SIDE**2
+
+
+def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_and_shared(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        picture = client.asset(STRIPES)
+        client.surface("photo", map=Map(picture, high_um=2.0))
+        client.surface("half", Rectangle(10, 10), map=Map(picture, frictions=(1.0, 1.0)), position_mm=(0, 60))
+        client.set(1, map=Map(picture, high_um=1.0))
+        assert [felt_um(daemon, column) for column in (510, 511, 512, 513)] == pytest.approx([0, 2, 0, 2], abs=1e-9)
+        assert daemon.scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
+
+
+def test_a_picture_file_is_an_asset(daemon: FakeDaemon, tmp_path: Path) -> None:
+    Image.fromarray(STRIPES[:40, :60]).save(tmp_path / "stripes.png")
+    with Client(daemon.directory) as client:
+        picture = client.asset(tmp_path / "stripes.png")
+    assert (picture.width, picture.height) == (40, 40)  # the middle square
+
+
+def test_a_restarted_daemon_gets_the_assets_in_use_again(daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asset, "LOOK_S", 0.02)
+    with Client(daemon.directory) as client:
+        client.surface("photo", map=Map(client.asset([[0, 200]] * 2), high_um=2.55), ttl_s=0.06)
+        client.asset([[1, 2, 3]])
+        daemon.stop()
+        daemon.start()
+        deadline_s = time.monotonic() + 5.0
+        while not daemon.scene.surfaces.layers and time.monotonic() < deadline_s:
+            time.sleep(0.005)
+        assert felt_um(daemon, 1023) == pytest.approx(2.0)
+        assert daemon.scene.assets.report()["count"] == 1  # what no map uses is not uploaded again
+
+
+def test_a_handle_that_the_daemon_has_dropped_is_uploaded_when_it_is_used(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        picture = client.asset([[0, 255]])
+        daemon.scene.assets.look((), time.monotonic_ns() + 10**11)
+        assert daemon.scene.assets.report()["count"] == 0
+        client.surface("photo", map=Map(picture, high_um=1.0))
+        assert felt_um(daemon, 1023) == 1.0
+
+
+def test_a_client_that_changes_its_picture_all_the_time_always_finds_room(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        for frame in range(store.MAX_CLIENT_BYTES // 2**20 + 2):
+            levels = bytes([frame]) * 1024
+            client.surface("video", map=Map(client.asset([levels] * 1024), high_um=2.55))
+        assert felt_um(daemon, 0) == pytest.approx(0.01 * frame)
+
+
+def test_an_older_daemon_is_not_sent_what_it_does_not_know(daemon: FakeDaemon) -> None:
+    daemon.optional = ("stamp", "surfaces")
+    with Client(daemon.directory) as client:
+        for call in (
+            lambda: client.asset([[1]]),
+            lambda: client.surface("a", map=Map(Asset(bytes(32), 1, 1, b"a"), 1.0)),
+            lambda: client.set(1, map=Map([[1]], frictions=(0, 1))),
+        ):
+            with pytest.raises(RefusedError, match="this daemon does not have that: update it"):
+                call()
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [
+        ([[256]], "map: levels must be whole numbers from 0 to 255."),
+        ([], "map: 0 x 0 pixels, each side must have 1 .. 1024."),
+        ([[0] * 1025], "map: 1025 x 1 pixels, each side must have 1 .. 1024."),
+        (7, "map: must have rows of numbers, such as a two-dimensional array."),
+        ("no such file.png", "no such file.png: cannot be read (No such file or directory)."),
+    ],
+)
+def test_a_wrong_source_is_one_sentence(source: Any, sentence: str, daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client, pytest.raises(RefusedError) as refused:
+        client.asset(source)
+    assert str(refused.value) == sentence
+
+
+def test_a_daemon_that_keeps_no_part_is_not_asked_forever() -> None:
+    asked: list[dict[str, object]] = []
+
+    def ask(body: dict[str, object]) -> dict[str, object]:
+        asked.append(body)
+        return {"have": 0}
+
+    with pytest.raises(HapticdError, match="does not keep its parts"):
+        upload(ask, "a", asset.asset_of([[1] * 1000] * 100))
+    assert len(asked) == 15

@@ -1,0 +1,132 @@
+"""Uploaded assets: there when their bytes have the announced hash, shared, bounded, and gone when nothing uses them."""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import count
+
+import pytest
+
+from hapticd.core.targets import assets as store
+from hapticd.core.targets.assets import Assets
+from hapticd.core.targets.scene import Scene
+from hapticd.errors import RequestError
+from hapticd.values import Circle, ClientTargets, MapTarget, Surface
+
+T0_NS = 1_234_567_890_123
+PART = 16_384
+
+
+def digest_of(levels: bytes) -> bytes:
+    return hashlib.sha256(levels).digest()
+
+
+def uploaded(assets: Assets, levels: bytes, client: str = "a", t_ns: int = T0_NS) -> bytes:
+    """Upload all parts; return the hash."""
+    digest = digest_of(levels)
+    for offset in range(0, len(levels), PART):
+        have = assets.upload(client, digest, len(levels), offset, levels[offset : offset + PART], t_ns)
+        assert have == min(offset + PART, len(levels))
+    return digest
+
+
+def picture(digest: bytes, width: int, height: int) -> MapTarget:
+    return MapTarget(width, height, b"", 0.0, 2.55, digest)
+
+
+def lay(scene: Scene, *surfaces: Surface, client: str = "a", t_ns: int = T0_NS) -> tuple[str, ...]:
+    named = {f"s{index}": surface for index, surface in enumerate(surfaces)}
+    return scene.apply(ClientTargets(client, 10**12, {}, {}, surfaces=named), t_ns)
+
+
+def test_an_uploaded_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all_who_use_it() -> None:
+    scene = Scene(w_limit_um=4.0)
+    columns = bytes(255 if column % 2 else 0 for column in range(1024))
+    digest = uploaded(scene.assets, columns * 1024)
+    image = picture(digest, 1024, 1024)
+    assert lay(scene, Surface(image)) == ()
+    pitch_mm = 137.5 / 1023
+    felt_um = [scene.surfaces.amplitude_um((column - 511.5) * pitch_mm, 3.0, T0_NS) for column in range(500, 504)]
+    assert felt_um == pytest.approx([0.0, 2.55, 0.0, 2.55], abs=1e-9)
+    assert scene.apply(ClientTargets("b", 10**9, {1: image}, {}), T0_NS) == ()
+    assert scene.amplitude_um(1, -511.5 * pitch_mm, 0.0) == 0.0
+    assert scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
+
+
+def test_a_part_out_of_place_changes_nothing_and_a_request_without_one_only_asks() -> None:
+    assets, levels = Assets(), bytes(range(100))
+    digest = digest_of(levels)
+    assert assets.upload("a", digest, 100, 50, levels[50:], T0_NS) == 0
+    assert assets.upload("a", digest, 100, 0, levels[:40], T0_NS) == 40
+    assert assets.upload("a", digest, 100, 0, levels[:40], T0_NS) == 40
+    assert assets.upload("a", digest, 100, 0, b"", T0_NS) == 40
+    assert assets.upload("b", digest, 100, 0, b"", T0_NS) == 0  # nobody waits for what another client sends
+    assert assets.upload("a", digest, 100, 40, levels[40:], T0_NS) == 100
+    assert assets.upload("b", digest, 100, 0, b"", T0_NS) == 100
+
+
+def test_bytes_with_another_hash_are_dropped() -> None:
+    assets = Assets()
+    with pytest.raises(RequestError, match="another hash"):
+        assets.upload("a", digest_of(b"abc"), 3, 0, b"abd", T0_NS)
+    assert assets.report() == {"count": 0, "uploads": 0, "bytes": 0}
+
+
+def test_a_map_whose_asset_is_not_here_or_has_another_size_is_refused() -> None:
+    scene = Scene(w_limit_um=4.0)
+    digest = uploaded(scene.assets, b"abcd")
+    assert lay(
+        scene, Surface(picture(bytes(32), 2, 2)), Surface(picture(digest, 2, 3)), Surface(picture(digest, 2, 2))
+    ) == (
+        "surface 's0' needs an asset that is not here: upload it first.",
+        "surface 's1' needs 6 bytes of levels, its asset has 4.",
+    )
+    assert [layer.name for layer in scene.surfaces.layers] == ["s2"]
+
+
+def test_an_asset_stays_while_it_is_used_and_a_while_longer_and_an_upload_that_ends_costs_nothing() -> None:
+    scene = Scene(w_limit_um=4.0)
+    digest = uploaded(scene.assets, b"abcd")
+    uploaded(scene.assets, b"idle")
+    scene.assets.upload("a", bytes(32), 10**6, 0, b"x" * PART, T0_NS)
+    lay(scene, Surface(picture(digest, 2, 2), Circle(5.0)))
+    reports = []
+    for second in range(30):
+        scene.expire(T0_NS + second * 10**9)
+        reports.append((scene.assets.report()["count"], scene.assets.report()["uploads"]))
+        if second == 15:
+            lay(scene, t_ns=T0_NS + second * 10**9)
+    assert reports.index((2, 0)) == store.UPLOAD_NS // 10**9
+    assert reports.index((1, 0)) == store.KEPT_NS // 10**9
+    assert reports.index((0, 0)) == 15 + store.KEPT_NS // 10**9
+
+
+def test_a_client_and_all_clients_have_a_bound_and_what_is_unused_longest_makes_room() -> None:
+    scene, numbers = Scene(w_limit_um=4.0), count()
+
+    def fill(client: str) -> bytes:
+        one = next(numbers)
+        return uploaded(scene.assets, one.to_bytes(2, "little") * 2**19, client, T0_NS + one)
+
+    first = fill("a")
+    lay(scene, Surface(picture(first, 1024, 1024)))
+    for _ in range(20):
+        newest = fill("a")
+    assert scene.assets.report()["bytes"] == store.MAX_CLIENT_BYTES
+    assert scene.assets.upload("a", first, 2**20, 0, b"", T0_NS) == 2**20  # it is used
+    assert scene.assets.upload("a", newest, 2**20, 0, b"", T0_NS) == 2**20
+    for client in range(4 * store.MAX_BYTES // store.MAX_CLIENT_BYTES):
+        for _ in range(2):
+            fill(f"client {client}")
+    assert scene.assets.report()["bytes"] == store.MAX_BYTES
+    assert scene.assets.upload("a", first, 2**20, 0, b"", T0_NS) == 2**20
+
+
+def test_uploads_that_never_end_are_refused_beyond_the_bound_and_others_wait_for_seconds_at_most() -> None:
+    assets = Assets()
+    for one in range(store.MAX_CLIENT_BYTES // 2**20):
+        assert assets.upload("hog", bytes([one]) * 32, 2**20, 0, b"x", T0_NS) == 1
+    with pytest.raises(RequestError, match="a client may have 8388608 bytes at once"):
+        assets.upload("hog", b"\xff" * 32, 2**20 - 1, 0, b"x", T0_NS)
+    assets.look((), T0_NS + store.UPLOAD_NS)
+    assert assets.report() == {"count": 0, "uploads": 0, "bytes": 0}

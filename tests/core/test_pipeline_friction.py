@@ -1,0 +1,76 @@
+"""Friction targets on a curve that depends on sliding speed."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pipeline_bench import FOREVER_NS, PERIOD_NS, Bench
+
+from hapticd.core.pipeline import Pipeline
+from hapticd.core.targets.scene import Scene
+from hapticd.core.targets.textures import FrictionCurve
+from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, MapTarget, Surface, Target, Tick, VirtualPath
+
+SPEED_MM_S, REST_UM = 100.0, 0.5
+CURVE = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=SPEED_MM_S)
+
+
+def bench(curve: FrictionCurve, w_limit_um: float = 4.0) -> Bench:
+    one = Bench()
+    one.scene = Scene(w_limit_um, curve)
+    one.pipeline = Pipeline(one.pipeline._modes, one.scene, one.pipeline._settings)
+    return one
+
+
+def targets_um(one: Bench, speed_mm_s: float, target: Target | None = None) -> list[float]:
+    """What a finger that moves steadily is given in its last passes."""
+    ticks: list[Tick] = []
+    for report in range(60):
+        if target is not None and one.pipeline.fingers:
+            one.want({one.pipeline.fingers[0].finger_id: target})
+        x_mm = -25.0 + speed_mm_s * report * PERIOD_NS * 1e-9
+        ticks.append(one.report((x_mm, 3.0)))
+    return [point.target_um for tick in ticks[-5:] for point in tick.points]
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.0, 50.0, 100.0])
+def test_a_friction_gets_the_amplitude_of_the_finger_s_predicted_speed(speed_mm_s: float) -> None:
+    found_um = targets_um(bench(CURVE), speed_mm_s, FrictionTarget(0.5))
+    noise_mm_s = 5.0 if speed_mm_s else 0.0
+    assert found_um == pytest.approx([REST_UM * (1.0 + (speed_mm_s - noise_mm_s) / SPEED_MM_S)] * 5, rel=0.02)
+
+
+@pytest.mark.parametrize("content", [FrictionTarget(0.5), MapTarget(1, 1, b"\0", 0.0, 1.0, frictions=(0.5, 0.0))])
+def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s_limit(content: Target) -> None:
+    for limit_um, expected_um in ((4.0, REST_UM * 1.95), (0.6, 0.6)):
+        one = bench(CURVE, limit_um)
+        surface = {"all": Surface(content)}
+        one.scene.apply(ClientTargets("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
+        assert targets_um(one, 100.0) == pytest.approx([expected_um] * 5, rel=0.02)
+
+
+def test_amplitudes_do_not_depend_on_speed() -> None:
+    assert targets_um(bench(CURVE), 100.0, AmplitudeTarget(0.8)) == [0.8] * 5
+
+
+def test_a_virtual_finger_s_own_speed_counts() -> None:
+    one = bench(CURVE)
+    one.want({"walker": FrictionTarget(0.5)}, {"walker": VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 55.0, True)})
+    (point,) = one.report().points
+    assert point.target_um == pytest.approx(REST_UM * 1.5)
+
+
+def test_a_resting_finger_s_reference_still_stands() -> None:
+    one = bench(CURVE)
+    targets_um(one, 0.0, FrictionTarget(0.5))
+    before = one.pipeline.counters.skipped_standing
+    one.hold(20, (-25.0, 3.0))
+    assert one.pipeline.counters.skipped_standing == before + 20
+
+
+def test_a_curve_without_a_speed_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Pipeline, "_speed_mm_s", lambda *_: pytest.fail("computed"))
+    without = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=math.inf)
+    one = bench(without)
+    assert targets_um(one, 100.0, FrictionTarget(0.5)) == [REST_UM] * 5

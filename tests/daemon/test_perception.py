@@ -1,0 +1,80 @@
+"""What a person perceives, as telemetry and recordings report it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgpack
+import pytest
+from machine_bench import PLATE, SLIPPERY, STICKY, Bench
+
+from hapticd.core.targets.textures import FrictionCurve
+from hapticd.daemon.perception import Perception
+from hapticd.files.recording.kinds import record_of
+from hapticd.values import Tick, TouchPoint
+
+MS = 1_000_000
+CURVE = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2)  # 1 um: 0.6 of bare glass's friction
+CREST_MM = 27.0 / 4.0  # where mode X of the bench's plate is 1
+
+
+def tick(t_ms: int, *targets_um: float, end_x_mm: float = CREST_MM) -> Tick:
+    """A pass with fingers on a crest of mode X."""
+    points = [TouchPoint(n, CREST_MM, 0.0, um, um, end_x_mm, 0.0) for n, um in enumerate(targets_um, 1)]
+    return Tick(t_ms * MS, 0, 0, None, tuple(points), False)
+
+
+def test_a_finger_s_friction_is_that_of_the_reference_relative_to_what_was_asked() -> None:
+    perceived = Perception(PLATE, CURVE, 0.0, 17 * MS).judge(tick(0, 0.0, 1.0, 3.0), (1.0, 0.0))
+    assert [perceived[n].friction_change for n in (1, 2, 3)] == pytest.approx([-0.4, 0.0, 2.0], abs=1e-3)
+
+
+def test_over_a_contact_the_friction_is_the_mean_not_that_of_its_centre() -> None:
+    at_node = TouchPoint(1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert Perception(PLATE, CURVE, 0.0, MS).change(at_node, (1.0, 0.0)) == pytest.approx(0.0, abs=1e-9)
+    assert Perception(PLATE, CURVE, 5.0, MS).change(at_node, (1.0, 0.0)) < -0.15
+
+
+def test_a_sliding_finger_needs_more_amplitude_where_the_curve_depends_on_speed() -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2, speed_mm_s=100.0)
+    sliding = tick(0, 0.0, end_x_mm=CREST_MM + 1.0).points[0]  # 1 mm in 10 ms
+    assert Perception(PLATE, curve, 0.0, 10 * MS).change(sliding, (1.0, 0.0)) == pytest.approx(0.8 - 1.0, abs=1e-3)
+
+
+def test_the_share_of_time_beyond_the_weber_fraction_begins_again_with_each_touch() -> None:
+    perception = Perception(PLATE, CURVE, 0.0, 17 * MS)
+    shares = []
+    for t_ms, reference_um in ((0, 1.0), (10, 0.0), (40, 0.0)):
+        shares.append(perception.judge(tick(t_ms, 0.0), (reference_um, 0.0))[1].weber_frac)
+    perception.judge(tick(50), (0.0, 0.0))
+    shares.append(perception.judge(tick(60, 0.0), (0.0, 0.0))[1].weber_frac)
+    assert shares == [1.0, 1.0, 0.25, 0.0]
+
+
+def driven() -> tuple[dict[str, Any], dict[str, Any]]:
+    """The newest pass of two fingers with targets, as a subscriber and a recording get it."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    sent: list[bytes] = []
+    passes: list[tuple[Any, ...]] = []
+    bench.machine.watch(sent.append, bench.t_ns)
+    bench.machine.observer = lambda kind, _, *values: passes.append(values) if kind == "pass" else None
+    bench.run(30)
+    return msgpack.unpackb(sent[-1]), record_of("pass", 1, 0, passes[-1]).fields
+
+
+def test_telemetry_and_recordings_report_the_same_change_of_friction() -> None:
+    state, recorded = driven()
+    fingers = {finger["id"]: finger for finger in state["fingers"]}
+    assert len(fingers) == len(recorded["points"]) == 2
+    for point in recorded["points"]:
+        finger = fingers[point["finger_id"]]
+        assert math.isfinite(point["friction_change"])
+        assert 0.0 <= point["weber_frac"] <= 1.0
+        assert (point["friction_change"], point["weber_frac"]) == (finger["friction_change"], finger["weber_frac"])
+
+
+def test_without_a_subscriber_or_a_recording_nothing_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    monkeypatch.setattr(Perception, "judge", lambda *_: pytest.fail("judged"))
+    bench.run(100)

@@ -1,0 +1,110 @@
+"""Surfaces as the page gets them, and those that a page draws."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import pytest
+
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.errors import RequestError
+from hapticd.tools.view import client, messages
+from hapticd.tools.view.messages import DrawSurface
+from hapticd.tools.view.surfaces import SIDE, SurfacePainter
+from hapticd.values import AmplitudeTarget, Circle, Surface
+
+PLATE_MM = (137.5, 137.5)
+TILE: dict[str, Any] = {"name": "tile", "amplitude_um": 1.5, "circle_mm": 8.0, "position_mm": [3.0, -4.0], "z": 100}
+
+
+def painted(*described: dict[str, Any]) -> list[dict[str, Any]]:
+    layers = SurfacePainter(DEFAULT_FRICTION_CURVE, PLATE_MM, 4.0).painted(described)
+    return list(json.loads(messages.surfaces(layers), parse_constant=pytest.fail)["surfaces"])
+
+
+def test_a_layer_is_painted_with_its_shape_pose_motion_and_owner() -> None:
+    moving = {"velocity_mm_s": [20.0, 0.0], "turning_rad_s": 1.0, "t_pose_ns": 2_500_000_000, "blend": "add"}
+    (layer,) = painted({"client": "study", **TILE, **moving})
+    assert (layer["client"], layer["name"], layer["about"], layer["amplitude_um"]) == ("study", "tile", "1.50 µm", 1.5)
+    assert (layer["shape"], layer["position_mm"], layer["t_pose_s"]) == ({"radius_mm": 8.0}, [3.0, -4.0], 2.5)
+    assert (layer["velocity_mm_s"], layer["turning_rad_s"], layer["z"], layer["blend"]) == (
+        [20.0, 0.0],
+        1.0,
+        100,
+        "add",
+    )
+
+
+def test_a_friction_is_painted_as_the_amplitude_that_gives_it() -> None:
+    (layer,) = painted({"client": "study", "name": "ice", "friction": 0.0})
+    assert (layer["about"], layer["amplitude_um"], layer["shape"]) == ("friction 0.00", 2.0, None)
+
+
+def test_content_that_varies_is_a_picture_over_the_layer_s_box() -> None:
+    grating = {"period_mm": 40.0, "high_um": 1.2, "duty_frac": 0.5}
+    (layer,) = painted(
+        {"client": "study", "name": "stripes", "grating": grating, "polygon_mm": [[-20, -5], [20, -5], [0, 9]]}
+    )
+    levels = base64.b64decode(layer["levels"])
+    assert (layer["box_mm"], layer["most_um"], len(levels)) == ([40.0, 18.0], 1.2, SIDE * SIDE)
+    row = levels[:SIDE]
+    assert row == levels[-SIDE:] == bytes(SIDE // 4) + b"\xff" * (SIDE // 2) + bytes(SIDE // 4)
+
+
+def test_a_map_s_first_row_is_painted_at_the_top() -> None:
+    (layer,) = painted(
+        {"client": "a", "name": "map", "map": {"width": 1, "height": 2, "levels": b"\xff\0", "high_um": 1.0}}
+    )
+    levels = base64.b64decode(layer["levels"])
+    assert levels[0] > 240
+    assert levels[-1] < 15
+
+
+def test_pictures_of_unchanged_content_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    painter = SurfacePainter(DEFAULT_FRICTION_CURVE, PLATE_MM, 4.0)
+    layer = {"client": "a", "name": "s", "grating": {"period_mm": 4.0, "high_um": 1.0}, "circle_mm": 5.0}
+    before = painter.painted([layer])
+    monkeypatch.setattr(SurfacePainter, "_picture", lambda *_: pytest.fail("computed again"))
+    assert painter.painted([layer | {"position_mm": [1.0, 2.0]}])[0]["levels"] == before[0]["levels"]
+
+
+def test_what_a_newer_daemon_lays_is_left_out_and_the_rest_is_painted() -> None:
+    assert [
+        layer["name"] for layer in painted({"client": "a", "name": "x", "scent": "lemon"}, {"client": "a", **TILE})
+    ] == ["tile"]
+
+
+def test_a_drawn_surface_is_decoded_and_removed_by_its_name() -> None:
+    tile = Surface(AmplitudeTarget(1.5), Circle(8.0), position_mm=(3.0, -4.0), z=100)
+    assert messages.decode(json.dumps({"op": "draw", "surface": TILE})) == DrawSurface("tile", tile)
+    assert messages.decode('{"op": "erase", "surface": "tile"}') == DrawSurface("tile", None)
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        None,
+        [],
+        {},
+        {**TILE, "circle_mm": -1},
+        {**TILE, "amplitude_um": 1e9},
+        {**TILE, "more": 1},
+        {"name": "all", "amplitude_um": 1.0},
+        {"name": "map", "grating": {"period_mm": 4.0, "high_um": 1.0}, "circle_mm": 8.0},
+    ],
+)
+def test_what_a_page_cannot_draw_is_refused_in_a_sentence(surface: object) -> None:
+    with pytest.raises(RequestError, match=r"\.$"):
+        messages.decode(json.dumps({"op": "draw", "surface": surface}))
+
+
+def test_the_daemon_s_friction_curve_is_the_one_that_paints() -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2)
+    knots = [[um, curve.friction(um)] for um in (0.0, 0.4, 0.9, 2.0)]
+    same = client._friction_curve({"friction_curve": knots})
+    assert [same.amplitude_um(share) for share in (0.0, 0.2, 0.7)] == pytest.approx(
+        [curve.amplitude_um(share) for share in (0.0, 0.2, 0.7)]
+    )
+    assert client._friction_curve({}) is DEFAULT_FRICTION_CURVE
