@@ -18,6 +18,8 @@ PATIENCE_S = 60.0
 
 # Expected output of each example for two stroking fingers.
 EXPECTED = {
+    "audio": r"^heart\.wav: 3\.\d+ s of effects, again and again",
+    "braille": r"^glass: 1245 123 1 234 234$",
     "detents": r"^finger \d+: detent [0-8]$",
     "find_the_edge": r"^Score: \d+ in 1 s$",
     "grating": r"^finger \d+: stripes every 8 mm, 0 \.\. 1\.5 um$",
@@ -26,6 +28,7 @@ EXPECTED = {
     "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "slider": r"^7 detents on a track of 100 mm",
+    "webcam": r"^the picture of (a light|the camera), 10 a second$",
     "virtual_finger": r"^finger \d+: 1 um$",
 }
 
