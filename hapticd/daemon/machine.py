@@ -186,9 +186,12 @@ class Machine:
             tick = self.pipeline.rest(t_now_ns, ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
+        events = self.pipeline.events.take()
         if self._observer is not None:
             self._observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers)
-        self.status.report_pass(tick)
+            for event in events:
+                self._observer("event", t_now_ns, event)
+        self.status.report_pass(tick, events)
         return t_written_ns
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:

@@ -14,7 +14,7 @@ from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import Scene
-from ..values import Tick, TouchPoint
+from ..values import PlateEvent, Tick, TouchPoint
 from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
@@ -62,16 +62,16 @@ class Status:
 
     # --- telemetry ---
 
-    def report_pass(self, tick: Tick) -> None:
-        """Publish one pass, if somebody subscribes: else nothing is built."""
+    def report_pass(self, tick: Tick, events: Sequence[PlateEvent] = ()) -> None:
+        """Publish one pass and its events, if somebody subscribes: else nothing is built."""
         if self.publish is None:
             self.skipped_no_subscriber += 1
         else:
             self.published += 1
-            self.publish(self._telemetry(tick))
+            self.publish(self._telemetry(tick, events))
         self._clients.markers.clear()
 
-    def _telemetry(self, tick: Tick) -> bytes:
+    def _telemetry(self, tick: Tick, events: Sequence[PlateEvent]) -> bytes:
         """Every finger seen or virtual, with its target and what it gets."""
         points = {point.key: point for point in tick.points}
         owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
@@ -97,6 +97,7 @@ class Status:
                 tick_late_ms=loop.last_late_ns * 1e-6,
                 missed_ticks=loop.missed_ticks,
                 pauses=loop.pauses,
+                events=tuple(events),
             )
         )
 
@@ -135,6 +136,8 @@ class Status:
             "virtual_fingers": len(self._scene.virtual_names(t_now_ns)),
             "surfaces": self._surfaces(t_now_ns),
             "assets": self._scene.assets.report(),
+            "effects": self._effects(t_now_ns),
+            "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
             "simulated": self._rig_directory(),
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
@@ -163,6 +166,21 @@ class Status:
             for layer in self._scene.surfaces.layers
             if t_now_ns < layer.t_expires_ns
         ]
+
+    def _effects(self, t_now_ns: int) -> dict[str, object]:
+        """All effects in force, how many of them play, and how many starts there were and could not be."""
+        effects = self._scene.effects
+        in_force = [
+            {"client": held.owner, "name": held.name, "cause": held.effect.start.cause.value}
+            for held in effects.held
+            if t_now_ns < held.t_expires_ns
+        ]
+        return {
+            "in_force": in_force,
+            "playing": len(effects.playing),
+            "begun": effects.begun,
+            "skipped": effects.skipped,
+        }
 
     def _rig_directory(self) -> str | None:
         """The directory of the simulated rig, if the trackpad is simulated."""

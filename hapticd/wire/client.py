@@ -17,7 +17,7 @@ from typing import NamedTuple
 import msgpack
 
 from ..errors import RequestError
-from ..values import ClientTargets
+from ..values import ClientTargets, PlateEvent
 from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
 from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
 from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS
@@ -122,9 +122,9 @@ class PlateState(NamedTuple):
 
     `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `state` the
     supervisor's state.
-    `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` arrived since the
-    previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of Python's
-    collector, above 1 ms) count since the start.
+    `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` and `events` came
+    since the previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of
+    Python's collector, above 1 ms) count since the start.
     """
 
     instance: int
@@ -141,6 +141,7 @@ class PlateState(NamedTuple):
     tick_late_ms: float = 0.0
     missed_ticks: int = 0
     pauses: int = 0
+    events: tuple[PlateEvent, ...] = ()
 
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -255,6 +256,7 @@ def encode_state(state: PlateState) -> bytes:
                 "missed_ticks": state.missed_ticks,
                 "pauses": state.pauses,
                 **_marker_fields(state.markers),
+                **({"events": [event_fields(event) for event in state.events]} if state.events else {}),
             }
         )
     )
@@ -278,6 +280,18 @@ def _marker_fields(markers: tuple[Marker, ...]) -> dict[str, object]:
     """The field `markers`, omitted if empty."""
     fields = [{"t_ns": marker.t_ns, "client": marker.client, "text": marker.text} for marker in markers]
     return {"markers": fields} if fields else {}
+
+
+def event_fields(event: PlateEvent) -> dict[str, object]:
+    """The fields of one event; those that it does not have are omitted."""
+    fields: dict[str, object] = {"seq": event.seq, "kind": event.kind.value, "t_ns": event.t_ns}
+    if event.t_device_ns is not None:
+        fields["t_device_ns"] = event.t_device_ns
+    if event.finger_id is not None:
+        fields["finger"] = event.finger_id
+    if event.place_mm is not None:
+        fields["x_mm"], fields["y_mm"] = event.place_mm
+    return fields | {name: text for name in ("client", "surface", "effect") if (text := getattr(event, name))}
 
 
 def _finite(value: float | None) -> float | None:

@@ -13,7 +13,7 @@ from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
-from hapticd.values import ClientTargets
+from hapticd.values import ClientTargets, EventKind, PlateEvent
 from hapticd.wire import client as wire
 from hapticd.wire.assets import AssetPart
 
@@ -39,8 +39,9 @@ class FakeDaemon:
         self.released: list[int | str] = []
         self.fault_cleared = False
         self.markers: list[wire.Marker] = []
+        self.happens: list[EventKind] = []  # one event in each state
         self._instance = 0
-        self._seq = 0
+        self._seq = self._events = 0
 
     def start(self) -> None:
         """Begin to serve, as a new instance with an empty scene."""
@@ -143,4 +144,11 @@ class FakeDaemon:
         for key, (x_mm, y_mm) in places.items():
             wanted_um = self.scene.amplitude_um(key, x_mm, y_mm)
             fingers.append(wire.FingerState(key, x_mm, y_mm, x_mm, y_mm, wanted_um, wanted_um, isinstance(key, str)))
-        return wire.PlateState(self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 10.0, 16.0)
+        state = wire.PlateState(
+            self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 10.0, 16.0
+        )
+        return state._replace(events=tuple(self._event(self.happens.pop(0), t_ns) for _ in self.happens[:1]))
+
+    def _event(self, kind: EventKind, t_ns: int) -> PlateEvent:
+        self._events += 1
+        return PlateEvent(self._events, kind, t_ns, t_ns - 10, 1, (2.0, 3.0), "me", "", "click")

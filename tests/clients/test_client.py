@@ -413,7 +413,7 @@ def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDae
     assert client.hello["protocol"] == 1
     assert "grating" in client.capabilities()["targets"]
     client.set(1, friction=0.5)
-    assert client.status().keys() == {"messages"}
+    assert client.status().keys() == {"messages", "t_ns"}
     client.clear_fault()
     assert daemon.fault_cleared
 

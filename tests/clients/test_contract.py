@@ -18,7 +18,9 @@ from hypothesis import strategies as st
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.io.clients import senders, server, sockets
+from hapticd.values import Cause, EventKind, PlateEvent, Wave
 from hapticd.wire import client as wire
+from hapticd.wire.effects import FORMS
 from hapticd_client import Grating, HapticdError, Map, RefusedError, endpoint, messages, target_set
 from hapticd_client.endpoint import default_directory, directory
 from hapticd_client.targets import label, number, path_fields, target_fields
@@ -66,14 +68,41 @@ def test_the_texts_reply_is_what_the_daemon_sends_and_what_the_library_raises() 
             messages.read_reply(payload, example["id"])
 
 
+def event(fields: dict[str, Any]) -> PlateEvent:
+    return PlateEvent(
+        fields["seq"],
+        EventKind(fields["kind"]),
+        fields["t_ns"],
+        fields["t_device_ns"],
+        fields["finger"],
+        (fields["x_mm"], fields["y_mm"]),
+        fields["client"],
+        fields.get("surface", ""),
+        fields["effect"],
+    )
+
+
+def test_the_text_names_every_event_form_and_cause() -> None:
+    words = [member.value for kind in (EventKind, Cause, Wave) for member in kind]
+    for word in (*words, *FORMS):
+        assert f"`{word}`" in TEXT, word
+
+
 def test_the_texts_state_has_the_fields_that_the_daemon_sends_and_the_library_reads() -> None:
     for example in examples("telemetry"):
         state = messages.decode_state(msgpack.packb(example))
         fingers = tuple(wire.FingerState(**finger) for finger in example["fingers"])
-        fields = {name: value for name, value in example.items() if name not in ("v", "fingers") and "_um" not in name}
+        fields = {
+            name: value
+            for name, value in example.items()
+            if name not in ("v", "fingers", "events") and "_um" not in name
+        }
         modal_um = tuple(map(complex, example["modal_um"], example["modal_q_um"]))
         measured_um = tuple(complex(d, q) for d, q in example["measured_um"])
-        sent = wire.encode_state(wire.PlateState(**fields, fingers=fingers, modal_um=modal_um, measured_um=measured_um))
+        events = tuple(event(one) for one in example.get("events", ()))
+        sent = wire.encode_state(
+            wire.PlateState(**fields, fingers=fingers, modal_um=modal_um, measured_um=measured_um, events=events)
+        )
         assert msgpack.unpackb(sent) == example
         assert messages.decode_state(sent) == state
 
@@ -210,22 +239,33 @@ def test_a_stranger_on_the_endpoint_is_an_error_of_ours(payload: bytes) -> None:
             read(payload)
 
 
-@pytest.mark.parametrize("change", [{"fingers": 3}, {"fingers": [3]}, {"modal_um": None}, {"age_ms": ...}, {"v": 2}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fingers": 3},
+        {"events": [3]},
+        {"events": [{}]},
+        {"fingers": [3]},
+        {"modal_um": None},
+        {"age_ms": ...},
+        {"v": 2},
+    ],
+)
 def test_a_state_that_is_not_of_this_version_is_an_error(change: dict[str, Any]) -> None:
-    (example,) = examples("telemetry")
+    example, *_ = examples("telemetry")
     changed = {name: value for name, value in (example | change).items() if value is not ...}
     with pytest.raises(HapticdError):
         messages.decode_state(msgpack.packb(changed))
 
 
 def test_fields_of_a_newer_daemon_are_ignored() -> None:
-    (example,) = examples("telemetry")
+    example, *_ = examples("telemetry")
     newer = example | {"mood": "good", "fingers": [finger | {"pressure": 1} for finger in example["fingers"]]}
     assert messages.decode_state(msgpack.packb(newer)) == messages.decode_state(msgpack.packb(example))
 
 
 def test_a_state_of_an_older_daemon_lacks_only_what_it_did_not_tell() -> None:
-    (example,) = examples("telemetry")
+    example, *_ = examples("telemetry")
     older = {name: value for name, value in example.items() if name not in ("modal_q_um", "measured_um")}
     older["fingers"] = [
         {name: value for name, value in finger.items() if name != "owner"} for finger in older["fingers"]

@@ -13,12 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
-from hapticd.values import Cause
+from hapticd.values import Cause, EventKind
 from hapticd.wire import client as wire
 from hapticd_client import (
     At,
     Circle,
     Client,
+    DaemonGoneError,
     Envelope,
     Modulation,
     Now,
@@ -139,6 +140,64 @@ def test_a_wrong_call_is_one_sentence_and_nothing_is_sent(
     with Client(daemon.directory) as client, pytest.raises(RefusedError) as refused:
         call(client)
     assert str(refused.value).startswith(sentence)
+
+
+# --- effects and events with a daemon ---------------------------------------------------------------------------
+
+
+def held(daemon: FakeDaemon) -> dict[str, Any]:
+    return {one.name: one for one in daemon.scene.effects.held}
+
+
+def test_effects_are_in_force_until_they_are_stopped_or_the_client_ends(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.surface("disc", Circle(3.0), friction=0.5)
+        client.effect("click", CLICK, on="disc", start=OnPressure(0.5))
+        client.effect("hum", Modulation(40.0))
+        before = held(daemon)
+        client.effect("tick", CLICK, start=OnCrossing("disc"))
+        assert held(daemon) == before | {"tick": held(daemon)["tick"]}  # the same objects: nothing starts once more
+        client.effect("hum", Modulation(40.0))
+        assert held(daemon)["hum"] is not before["hum"]
+        client.stop("hum")
+        client.stop("hum")
+        client.remove("disc")
+        assert held(daemon) == {}
+        client.effect("hum", Modulation(40.0))
+    assert held(daemon) == {}
+
+
+def test_what_a_frame_cannot_carry_is_refused_with_the_reason(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.effect("good", CLICK)
+        with pytest.raises(RefusedError, match="a sine has at most 261 Hz"):
+            client.effect("fast", Modulation(300.0))
+        with pytest.raises(RefusedError, match="effect 'much' cannot have 9 um: ask for at most 4 um"):
+            client.effect("much", Pulse(9.0, 0.1))
+        assert list(held(daemon)) == ["good"]
+
+
+def test_every_event_is_read_in_order_whatever_else_the_reader_does(daemon: FakeDaemon) -> None:
+    kinds = [EventKind.LANDED, EventKind.PRESSED, EventKind.BEGUN, EventKind.ENDED, EventKind.LIFTED]
+    with Client(daemon.directory) as client:
+        events = client.events(seconds=5.0)
+        next(client.states())  # the daemon has a subscriber
+        assert [event.kind for event in client.events(seconds=0.05)] == []
+        daemon.happens += kinds
+        for _ in range(20):
+            next(client.states())
+        read = [next(events) for _ in kinds]
+    assert [(event.seq, event.kind) for event in read] == [(n + 1, kind.value) for n, kind in enumerate(kinds)]
+    assert (read[0].finger, read[0].x_mm, read[0].y_mm, read[0].effect) == (1, 2.0, 3.0, "click")
+    assert read[0].t_device_ns == read[0].t_ns - 10
+
+
+def test_a_daemon_that_has_gone_ends_the_reading_of_events(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        events = client.events(timeout_s=0.1)
+        daemon.stop()
+        with pytest.raises(DaemonGoneError, match=r"No state from .* for 0\.1 s"):
+            list(events)
 
 
 # --- the library and the daemon agree ---------------------------------------------------------------------------

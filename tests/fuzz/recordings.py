@@ -26,7 +26,7 @@ from hapticd.files.recording.header import Header, header_fields
 from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, encode, fits, record_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tables import tables
-from hapticd.values import Finger, Knot, LimitReason, RawReport, SafeDrive, Tick, TouchPoint
+from hapticd.values import EventKind, Finger, Knot, LimitReason, PlateEvent, RawReport, SafeDrive, Tick, TouchPoint
 
 WORD = b"\xa5rec"
 NAMES = tuple(KINDS)
@@ -90,6 +90,7 @@ def seeds() -> dict[str, bytes]:
         "truth": ([finger], {"d": [1.0], "q": [0.0]}),
         "board_link": (True, "here"),
         "marker": ("study", "begin"),
+        "event": (PlateEvent(3, EventKind.BEGUN, 9, 8, 1, (1.0, -2.0), "study", "", "click"),),
     }
     messages = {kind: encode(kind, record_of(kind, 0, 7, values).fields) for kind, values in events.items()}
     bodies = {kind: WORD + bytes((NAMES.index(kind),)) + data for kind, data in messages.items()}

@@ -18,7 +18,7 @@ from .effects import (
     Pulse,
 )
 from .errors import DaemonGoneError, HapticdError, RefusedError
-from .messages import FingerState, Marker, PlateState
+from .messages import FingerState, Marker, PlateEvent, PlateState
 from .surface import Circle, Path, Polygon, Rectangle
 from .targets import Asset, Gradient, Grating, Map, Noise
 
@@ -45,6 +45,7 @@ __all__ = [
     "OnLifting",
     "OnPressure",
     "Path",
+    "PlateEvent",
     "PlateState",
     "Polygon",
     "Pulse",

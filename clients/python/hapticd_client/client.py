@@ -8,6 +8,7 @@ import os
 import secrets
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -22,7 +23,8 @@ from .control import Control
 from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
-from .messages import PROTOCOL_VERSION, FingerState, PlateState
+from .events import EventReader
+from .messages import PROTOCOL_VERSION, FingerState, PlateEvent, PlateState
 from .refresher import Refresher
 from .surface import Path as SurfacePath
 from .surface import Shape, surface_fields
@@ -84,6 +86,7 @@ class Client:
             raise
         self._stamp = stamp_now if "stamp" in self.hello.get("optional", ()) else no_stamp
         self._telemetry = Telemetry(context, place)
+        self._events = EventReader(context, place)
         self._refresher = Refresher(context, place)
         self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
         self._keeper = AssetKeeper(context, place, self.name)
@@ -96,6 +99,7 @@ class Client:
             self._keeper,
             self._control,
             self._telemetry,
+            self._events,
             context,
         )
 
@@ -299,6 +303,18 @@ class Client:
             self._drop_lifted(state)
             yield state
 
+    def events(self, seconds: float = math.inf, timeout_s: float = 2.0) -> Iterator[PlateEvent]:
+        """Yield every event from now on, in order, for `seconds`: fingers that land, lift, enter, leave, cross and
+        press, and effects that begin and end. Raises DaemonGoneError after `timeout_s` without a state."""
+        self._check_open()
+        self._events.connect()
+        return self._read_events(time.monotonic() + seconds, timeout_s)
+
+    def _read_events(self, t_end_s: float, timeout_s: float) -> Iterator[PlateEvent]:
+        while time.monotonic() < t_end_s:
+            self._check_open()
+            yield from self._events.next(timeout_s)
+
     def status(self) -> dict[str, Any]:
         """Return the daemon's health: counters, latencies, the board."""
         return self._call("status")
@@ -430,11 +446,13 @@ def _disconnect(
     keeper: AssetKeeper,
     control: Control,
     telemetry: Telemetry,
+    events: EventReader,
     context: zmq.Context[zmq.Socket[bytes]],
 ) -> None:
     """Release and disconnect. It has no reference to the Client, which no longer exists when it runs."""
     if refresher.is_current_thread or keeper.is_current_thread:  # by the garbage collector; it cannot join itself
-        threading.Thread(target=_disconnect, args=(name, stamp, refresher, keeper, control, telemetry, context)).start()
+        arguments = (name, stamp, refresher, keeper, control, telemetry, events, context)
+        threading.Thread(target=_disconnect, args=arguments).start()
         return
     last = stamp()
     refresher.send(TargetSet().payload(name, last), math.inf)
@@ -444,4 +462,5 @@ def _disconnect(
         control.request("release", {"client": name, **last}, timeout_s=RELEASE_S)
     control.close()
     telemetry.close()
+    events.close()
     context.term()

@@ -46,6 +46,27 @@ class Marker:
 
 
 @dataclass(frozen=True, slots=True)
+class PlateEvent:
+    """What happened to a finger or an effect; `seq` counts all events of one daemon, so that a gap is a lost one.
+
+    `kind` is "landed", "lifted", "entered", "left", "crossed", "pressed", "released", "begun" or "ended". `t_ns` is
+    when its cause occurred, as in PlateState, `t_device_ns` the same on the trackpad's own clock; crossings are
+    predicted. `client` owns the `surface` or `effect`; None and "" where there is none.
+    """
+
+    seq: int
+    kind: str
+    t_ns: int
+    t_device_ns: int | None = None
+    finger: int | None = None
+    x_mm: float | None = None
+    y_mm: float | None = None
+    client: str = ""
+    surface: str = ""
+    effect: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class PlateState:
     """The state of the plate and all fingers at one instant.
 
@@ -54,7 +75,7 @@ class PlateState:
     the age of the newest touch sample,
     `horizon_ms` how far ahead of it the plate was driven. `modal_um` and `modal_q_um` are the real and imaginary parts
     of the modes' phasors, `measured_um` the board's last measurement; an older daemon sends neither of the two.
-    `markers` arrived since the previous message: a reader that skips messages misses them.
+    `markers` and `events` came since the previous message: a reader that skips messages misses them.
     """
 
     instance: int
@@ -69,6 +90,7 @@ class PlateState:
     markers: tuple[Marker, ...] = ()
     modal_q_um: tuple[float, ...] = ()
     measured_um: tuple[complex, ...] = ()
+    events: tuple[PlateEvent, ...] = ()
 
 
 def encode_request(op: str, request_id: int, body: Mapping[str, object] | None) -> bytes:
@@ -123,8 +145,9 @@ def decode_state(payload: bytes) -> PlateState:
             markers=tuple(Marker(one["t_ns"], one["client"], one["text"]) for one in fields.get("markers", ())),
             modal_q_um=tuple(_number(w_um) for w_um in fields.get("modal_q_um", ())),
             measured_um=tuple(complex(_number(d), _number(q)) for d, q in fields.get("measured_um", ())),
+            events=tuple(_event(one) for one in fields.get("events", ())),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise HapticdError(f"The daemon sent an invalid state ({error}).") from None
 
 
@@ -139,6 +162,21 @@ def _finger_state(finger: dict[str, Any]) -> FingerState:
         achieved_um=finger["achieved_um"],
         virtual=finger["virtual"],
         owner=finger.get("owner"),
+    )
+
+
+def _event(fields: dict[str, Any]) -> PlateEvent:
+    return PlateEvent(
+        seq=fields["seq"],
+        kind=fields["kind"],
+        t_ns=fields["t_ns"],
+        t_device_ns=fields.get("t_device_ns"),
+        finger=fields.get("finger"),
+        x_mm=fields.get("x_mm"),
+        y_mm=fields.get("y_mm"),
+        client=fields.get("client", ""),
+        surface=fields.get("surface", ""),
+        effect=fields.get("effect", ""),
     )
 
 

@@ -2,7 +2,7 @@
 
     input   reports timer board_bytes board_link trackpad_link targets request watched stop disconnect: fed by `replay`
     output  written                                                                     compared by `replay`
-    found   pass status ledger marker                                                   for people and other programs
+    found   pass event status ledger marker                                             for people and other programs
     added   truth end                                                                   the plate's own; the last record
 
 Inputs and outputs are MessagePack, whose bytes replay needs; the others are JSON with a schema, which PlotJuggler and
@@ -21,7 +21,7 @@ import msgpack
 from ...board_values import BoardStatus
 from ...core.board.ledger import LedgerLine
 from ...errors import RecordingError
-from ...values import ClientTargets, Finger, RawReport, Tick
+from ...values import ClientTargets, Finger, PlateEvent, RawReport, Tick
 from .client_message import payload_of
 
 MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
@@ -154,6 +154,17 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger]) -> Fields:
     return fields
 
 
+def _event(event: PlateEvent) -> Fields:
+    fields: Fields = {"number": event.seq, "kind": event.kind.value, "t_cause_ns": event.t_ns}
+    if event.t_device_ns is not None:
+        fields["t_device_ns"] = event.t_device_ns
+    if event.finger_id is not None:
+        fields["finger_id"] = event.finger_id
+    if event.place_mm is not None:
+        fields["x_mm"], fields["y_mm"] = event.place_mm
+    return fields | {"client": event.client, "surface": event.surface, "effect": event.effect}
+
+
 def _status(status: BoardStatus) -> Fields:
     return {
         **{name: getattr(status, name) for name in _COUNTERS},
@@ -258,6 +269,22 @@ KINDS: dict[str, Kind] = {
     "marker": _kind("/marker", {"client": TEXT, "text": TEXT}),
     "truth": _kind("/truth", {"fingers": [_TRUE_FINGER], "modal_um": AMPLITUDES}),
     "end": _kind("/end", {"reason": TEXT}),
+    "event": _kind(
+        "/event",
+        {
+            "number": WHOLE,  # counts the events: a gap is one that was lost
+            "kind": TEXT,
+            "t_cause_ns": WHOLE,
+            "t_device_ns": Maybe(WHOLE),
+            "finger_id": Maybe(WHOLE),
+            "x_mm": Maybe(NUMBER),
+            "y_mm": Maybe(NUMBER),
+            "client": TEXT,
+            "surface": TEXT,
+            "effect": TEXT,
+        },
+        _event,
+    ),
 }
 INPUTS = tuple(name for name, kind in KINDS.items() if kind.topic.startswith("/input/"))
 

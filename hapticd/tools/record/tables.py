@@ -53,6 +53,12 @@ TABLES: dict[str, dict[str, type]] = {
     "modes": _wholes("mode") | _numbers("measured_d_um", "measured_q_um", "voltage_d_v", "voltage_q_v"),
     "ledger": _wholes(*LEDGER),
     "markers": _texts("client", "text"),
+    "events": {
+        **_wholes("number", "t_cause_ns", "t_device_ns"),  # 0 where there is none
+        **_texts("kind", "finger_id"),
+        **_numbers("x_mm", "y_mm"),
+        **_texts("client", "surface", "effect"),
+    },
     "messages": _texts("socket", "user", "message_json"),
     "links": {**_texts("device"), "is_up": _TRUTHS, **_texts("reason")},
     "truth": _wholes("path") | _texts("finger_id") | _numbers(*_TRUE),
@@ -98,6 +104,11 @@ def _rows(record: Record) -> Iterator[tuple[str, Row]]:
             yield "ledger", tuple(fields[name] for name in LEDGER)
         case "marker":
             yield "markers", (fields["client"], fields["text"])
+        case "event":
+            whole = (fields["number"], fields["t_cause_ns"], fields.get("t_device_ns", 0))
+            place = (fields.get("x_mm", np.nan), fields.get("y_mm", np.nan))
+            names = (fields["client"], fields["surface"], fields["effect"])
+            yield "events", (*whole, fields["kind"], str(fields.get("finger_id", "")), *place, *names)
         case "targets" | "request":
             socket = "control" if record.kind == "request" else "targets"
             yield "messages", (socket, fields["user"], _as_json(fields["payload"]))

@@ -54,6 +54,7 @@ GAUGES = (
     Figure("assets.count", "assets", "Uploaded assets of clients"),
     Figure("assets.uploads", "asset_uploads", "Assets of which parts are still to come"),
     Figure("assets.bytes", "asset_bytes", "Of all assets, and of those to come"),
+    Figure("effects.playing", "effects_playing", "Effects that play"),
     Figure("trackpad.silent_ms", "trackpad_silent_seconds", "Since the trackpad's last report", 1e-3),
     Figure("board.ready", "board_ready", "1 while the board answers and its clock is known"),
     Figure("board.fault_code", "board_fault_code", "The board's fault, 0 for none"),
@@ -70,6 +71,10 @@ GAUGES = (
     Figure("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
 )
 COUNTERS = (
+    Figure("effects.begun", "effects_begun", "Effects that began to play"),
+    Figure("effects.skipped", "effects_skipped", "Starts of effects for which there was no room"),
+    Figure("events.count", "events", "Events of fingers and effects"),
+    Figure("events.lost", "events_lost", "Events that no state had room for"),
     Figure("telemetry.published", "states_published", "States sent to subscribers"),
     Figure("telemetry.skipped_no_subscriber", "states_skipped", "States not built, for want of subscribers"),
     Figure("clients.refused", "client_messages_refused", "Messages refused with an error"),

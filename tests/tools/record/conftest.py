@@ -54,7 +54,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     walker = {"name": "walker", "path_mm": [[-30.0, 12.0], [30.0, 15.0]], "speed_mm_s": 70.0}
     bench.machine.watch(lambda _: None, bench.t_ns)
     levels = bytes(range(200)) * 100
-    asset = {"client": "painter", "asset": hashlib.sha256(levels).digest(), "size": len(levels)}
+    asset = {"client": "library", "asset": hashlib.sha256(levels).digest(), "size": len(levels)}
     for offset in (0, 12_000):
         assert bench.ask("asset", **asset, offset=offset, part=levels[offset : offset + 12_000])["ok"]
     corners = [[-9, -9], [9, -9], [0, 9]]
@@ -66,7 +66,12 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"name": "bit", "grating": grating, "polygon_mm": corners, **pose},
         {"name": "way", "noise": noise, "circle_mm": 9, "path_mm": [[-40, 0], [-20, 9]], "z": 2, "blend": "add"},
     ]
-    painting = msgpack.packb({"v": 1, "client": "painter", "ttl_s": 0.4, "surfaces": surfaces})
+    effects = [
+        {"name": "click", "pulse": {"height_um": 0.5, "length_s": 0.03}, "start": {"cause": "landing"}},
+        {"name": "hum", "modulation": {"frequency_hz": 250, "depth": 0.5}, "surface": "all"},
+        {"name": "edge", "pulse": {"height_um": 1, "length_s": 0.02}, "start": {"cause": "crossing", "surface": "bit"}},
+    ]
+    painting = msgpack.packb({"v": 1, "client": "painter", "ttl_s": 0.4, "surfaces": surfaces, "effects": effects})
     bench.machine.targets(painting, bench.t_ns, "uid 7")
     for finger, request in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
         targets = [{"finger": finger, **request}, {"finger": "walker", "amplitude_um": 0.5}]

@@ -35,6 +35,9 @@ def test_every_kind_of_input_is_replayed_bit_for_bit(eventful: Path) -> None:
 
     assert set(INPUTS) <= set(kinds)
     assert kinds["marker"] == 1
+    happened = [record.fields for record in recording.records() if record.kind == "event"]
+    assert [event["number"] for event in happened] == list(range(1, len(happened) + 1))
+    assert {"landed", "lifted", "entered", "left", "begun", "ended"} <= {event["kind"] for event in happened}
     assert replay(recording).is_identical
 
 

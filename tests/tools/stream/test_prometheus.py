@@ -63,7 +63,7 @@ def test_the_status_is_exported_in_base_units(reported: Any) -> None:
 def test_every_number_of_the_status_is_a_metric(reported: Any) -> None:
     """Guards against a new number of the status without a metric."""
     known = {figure.path for figure in (*GAUGES, *COUNTERS)} | {f"clients.{why}" for why in LOST_MESSAGES}
-    for section in ("assets", "telemetry", "clients", "board", "timing", "real_time"):
+    for section in ("assets", "telemetry", "clients", "effects", "events", "board", "timing", "real_time"):
         for key, value in reported[section].items():
             assert not isinstance(value, (int, float)) or f"{section}.{key}" in known
 

@@ -1,0 +1,131 @@
+"""Effects and events in the machine: from a client's message to the board, to status and to telemetry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import pytest
+from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
+
+from hapticd_client.messages import PlateEvent, decode_state
+
+CLICK = {"name": "click", "pulse": {"height_um": 1.0, "length_s": 0.05}}
+
+
+def publish(bench: Bench, *effects: dict[str, Any], ttl_s: float = 5.0, **more: object) -> None:
+    message = {"v": 1, "client": "test", "ttl_s": ttl_s, "effects": list(effects), **more}
+    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+
+
+def peaks_um(bench: Bench, milliseconds: int) -> list[float]:
+    return [heard.peak_um for heard in references(bench.run(milliseconds))]
+
+
+def events(published: list[bytes]) -> list[PlateEvent]:
+    return [event for state in map(decode_state, published) for event in state.events]
+
+
+def test_a_finger_without_a_target_feels_an_effect_and_then_glass() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(600)
+    publish(bench, CLICK)
+    assert max(peaks_um(bench, 30)) > 0.5
+    bench.run(60)
+    assert peaks_um(bench, 30)[-1:] in ([], [0.0])
+
+
+def test_a_board_at_rest_is_woken_by_an_effect_and_rests_when_it_has_gone() -> None:
+    bench = Bench()
+    bench.run(3000)
+    assert bench.machine.session.is_resting
+    publish(bench, CLICK, ttl_s=2.0)
+    bench.run(300)
+    assert (bench.machine.session.is_resting, bench.board.state) == (False, LIVE)
+    bench.run(5000)
+    assert bench.machine.session.is_resting
+
+
+def test_an_effect_ends_with_its_client_s_time_to_live() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(600)
+    publish(bench, {"name": "hum", "modulation": {"frequency_hz": 40, "depth": 1}}, ttl_s=0.1, surfaces=[
+        {"name": "plate", "amplitude_um": 1.0}
+    ])  # fmt: skip
+    assert max(peaks_um(bench, 90)) > 0.5
+    bench.run(60)
+    assert bench.machine.scene.effects.playing == []
+    assert peaks_um(bench, 60)[-1:] in ([], [0.0])
+
+
+def test_events_are_each_in_one_state_and_carry_the_instant_of_their_cause() -> None:
+    bench = Bench(SLIPPERY)
+    published: list[bytes] = []
+    bench.machine.watch(published.append, bench.t_ns)
+    publish(bench, CLICK | {"start": {"cause": "landing"}})
+    bench.run(600)
+    bench.pad_speaks = False
+    bench.run(200)
+    landed, begun, ended, lifted = events(published)
+    assert [event.kind for event in (landed, begun, ended, lifted)] == ["landed", "begun", "ended", "lifted"]
+    assert [event.seq for event in (landed, begun, ended, lifted)] == [1, 2, 3, 4]
+    first = next(state for state in map(decode_state, published) if state.events)
+    assert landed.t_ns == begun.t_ns == pytest.approx(first.t_ns - first.age_ms * 1e6, abs=2)
+    assert (landed.finger, landed.x_mm, landed.y_mm) == (
+        1,
+        pytest.approx(-30.2, abs=0.02),
+        pytest.approx(5.1, abs=0.02),
+    )
+    assert 50 * MS <= ended.t_ns - begun.t_ns <= 80 * MS
+    assert b"events" not in published[-1]
+
+
+def test_without_a_subscriber_events_do_not_pile_up() -> None:
+    bench = Bench(SLIPPERY, STICKY)
+    bench.run(600)
+    assert bench.machine.pipeline.events.count == 2
+    assert bench.machine.pipeline.events.take() == ()
+
+
+def test_status_lists_effects_and_counts_what_they_did() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(600)
+    publish(bench, CLICK, {"name": "bye", "pulse": {"height_um": 1, "length_s": 9}, "start": {"cause": "lifting"}})
+    bench.run(30)
+    body = bench.ask("status")["body"]
+    assert body["effects"] == {
+        "in_force": [
+            {"client": "test", "name": "click", "cause": "now"},
+            {"client": "test", "name": "bye", "cause": "lifting"},
+        ],
+        "playing": 1,
+        "begun": 1,
+        "skipped": 0,
+    }
+    assert body["events"] == {"count": 2, "lost": 0}
+    assert bench.ask("release", client="test")["body"] == {"released": True}
+    assert bench.ask("status")["body"]["effects"]["in_force"] == []
+
+
+def test_an_effect_on_a_finger_that_has_not_touched_is_refused() -> None:
+    bench = Bench(SLIPPERY)
+    bench.run(600)
+    reply = bench.ask("set", client="a", effects=[CLICK | {"finger": 1}, CLICK | {"name": "more", "finger": 9}])
+    assert reply["error"] == "finger 9 has not touched the plate: use an id from the newest state."
+    assert [held.name for held in bench.machine.scene.effects.held] == ["click"]
+
+
+@pytest.mark.parametrize("op", ["hello", "capabilities"])
+def test_effects_are_announced_as_optional_with_their_bounds(op: str) -> None:
+    body = Bench().ask(op)["body"]
+    assert "effects" in body["optional"]
+    assert body["effects"] == ["pulse", "envelope", "modulation"]
+    assert (body["max_effects"], body["max_envelope_points"]) == (16, 256)
+
+
+def test_a_faster_line_carries_faster_sines() -> None:
+    bench = Bench(SLIPPERY)
+    for effect_knots, refused in ((12, 1), (24, 1)):
+        bench.machine.pipeline.fit(8, effect_knots)
+        publish(bench, {"name": "hum", "modulation": {"frequency_hz": 200, "depth": 1}})
+        assert bench.machine.clients.refused == refused
