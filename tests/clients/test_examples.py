@@ -22,7 +22,18 @@ import pytest
 from fake_daemon import FakeDaemon
 
 from hapticd.values import EventKind
-from hapticd_client import Circle, Client, FingerState, Grating, Map, PlateEvent, PlateState
+from hapticd_client import (
+    Circle,
+    Client,
+    Envelope,
+    FingerState,
+    Grating,
+    Map,
+    Modulation,
+    PlateEvent,
+    PlateState,
+    content,
+)
 
 CLIENTS = Path(__file__).parents[2] / "clients"
 NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
@@ -213,6 +224,46 @@ def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon) 
             assert held.effect.on == held.effect.start.surface == held.name
         felt = [daemon.scene.surfaces.amplitude_um(x_mm, 0.0, time.monotonic_ns()) for x_mm in (-56.0, 0.0, 8.0, 70.0)]
     assert felt == [2.0, 0.0, 2.0, 0.0]
+
+
+def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program, felt = example("braille"), []
+
+    def look(_: float) -> None:
+        places_mm = [*program.dots_mm("az"), (0.0, 0.0), (0.0, 40.0)]
+        felt.extend(daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm)
+
+    monkeypatch.setattr(program.time, "sleep", look)
+    program.main(["AZ", "--endpoint", str(daemon.directory)])
+    assert felt == [0.0] * 5 + [1.5, 1.5]
+    assert program.dots_mm("a") == [(-4.5, 9.0)]  # dot 1 is at the upper left
+    assert capsys.readouterr().out == "az: 1 1356\n"
+
+
+def test_every_letter_of_braille_has_dots_of_its_own() -> None:
+    letters = example("braille").LETTERS
+    assert len({"".join(sorted(dots)) for dots in letters.values()}) == len(letters) == 27
+    assert ["".join(sorted(letters[one])) for one in "ktuw"] == ["13", "2345", "136", "2456"]
+
+
+def test_the_light_goes_round_while_a_camera_is_missing(
+    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = example("webcam")
+    monkeypatch.setattr(program, "camera", lambda _: None)
+    bright = [max(range(64), key=lambda column: program.light(t_s)[32][column]) for t_s in (0.0, 2.0)]
+    assert bright == [51, 13]
+    program.main(["--endpoint", str(daemon.directory), "--seconds", "0.05"])
+    assert capsys.readouterr().out == "the picture of a light, 10 a second\n"
+
+
+def test_the_heart_beats_twice_per_beat_at_60_hz(tmp_path: Path) -> None:
+    score = content.load(example("audio").heart(tmp_path / "heart.wav"))
+    forms = [one.form for one in score.effects]
+    assert sum(isinstance(form, Envelope) for form in forms) == 8
+    assert {round(form.frequency_hz, -1) for form in forms if isinstance(form, Modulation)} == {60.0}
 
 
 class PatchPlate(ScriptedPlate):
