@@ -40,6 +40,11 @@ def run(name: str, daemon: FakeDaemon, *arguments: str) -> None:
     example(name).main(["--endpoint", str(daemon.directory), "--seconds", "0.1", *arguments])
 
 
+def test_ten_examples_and_more_can_be_read_on_one_page() -> None:
+    lengths = {name: len((CLIENTS / "examples" / f"{name}.py").read_text().splitlines()) for name in NAMES}
+    assert sum(length <= 60 for length in lengths.values()) >= 10, lengths
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_help_shows_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
