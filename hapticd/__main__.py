@@ -33,6 +33,9 @@ COMMANDS = {
     "view": Command(
         "tools.view.program", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
     ),
+    "play": Command(
+        "tools.play", "play a picture, a sound or a haptic pattern under whoever touches", "click.ahap --sim"
+    ),
     "simulate": Command(
         "tools.simulate",
         "run a scenario in virtual time and score it",

@@ -22,7 +22,7 @@ from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, 
 from ..sim.lockstep import Settings
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from ..values import AmplitudeTarget, GratingTarget, Polygon, Surface
+from ..values import AmplitudeTarget, Effect, GratingTarget, Modulation, Polygon, Surface
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
@@ -127,12 +127,17 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "both slip": _Situation(both_slip, config),
         "both slip on 8 surfaces": _Situation(_on_surfaces(both_slip, 8), config),
         "both slip on 64 surfaces": _Situation(_on_surfaces(both_slip, 64), config),
+        "8 surfaces, one modulated at 40 Hz": _Situation(_on_surfaces(both_slip, 8, 40.0), config),
+        "64 surfaces, one modulated at 40 Hz": _Situation(_on_surfaces(both_slip, 64, 40.0), config),
+        "the whole plate at 40 Hz": _Situation(_on_surfaces(both_slip, 8, 40.0, on=None), config),
+        "the whole plate at 250 Hz": _Situation(_on_surfaces(both_slip, 8, 250.0, on=None), config),
         FIVE_FINGERS: _Situation(record(_five_fingers(), settings=three_modes, seconds=span_s), three_modes.config),
         CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
         "no finger": _Situation(no_finger, config),
         "no finger, 64 surfaces": _Situation(_on_surfaces(no_finger, 64), config),
+        "no finger, 64 surfaces, 40 Hz": _Situation(_on_surfaces(no_finger, 64, 40.0), config),
     }
 
 
@@ -174,9 +179,9 @@ def _textured(recording: Recording) -> Recording:
     return recording._replace(calls=tuple(calls))
 
 
-def _on_surfaces(recording: Recording, count: int) -> Recording:
+def _on_surfaces(recording: Recording, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> Recording:
     """The same touch without targets on tiles that leave no gap, each a little more or less slippery than the next;
-    one of them moves over the others."""
+    one of them moves over the others, and is modulated."""
     columns = 2 ** math.ceil(math.log2(count) / 2)
     rows = count // columns
     width_mm, height_mm = 2.0 * _HALF_PLATE_MM / columns, 2.0 * _HALF_PLATE_MM / rows
@@ -192,11 +197,12 @@ def _on_surfaces(recording: Recording, count: int) -> Recording:
         for row in range(rows)
     }
     surfaces["0 0"] = replace(surfaces["0 0"], velocity_mm_s=(20.0, 15.0), z=1)
+    effects = {"hum": Effect(Modulation(modulated_hz, 0.5), on=on)} if modulated_hz > 0.0 else {}
     calls = []
     for call in recording.calls:
         if call.name == "want":
             message, *rest = call.arguments
-            call = call._replace(arguments=(replace(message, targets={}, surfaces=surfaces), *rest))
+            call = call._replace(arguments=(replace(message, targets={}, surfaces=surfaces, effects=effects), *rest))
         calls.append(call)
     return recording._replace(calls=tuple(calls))
 

@@ -190,6 +190,9 @@ class Pipeline:
             return self.rest(t_now_ns, link_ns)
         if not is_followed:
             self._is_sent = False
+        if self._effects.playing or self._effects.felt:
+            t_end_ns = t_plate_ns + self._settings.cover_ns
+            self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
             self.counters.skipped_standing += 1
@@ -236,7 +239,7 @@ class Pipeline:
         first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
         span_ns, most, corners_ns = settings.cover_ns, self.max_knots, list[int]()
-        if self._effects.playing:
+        if self._effects.felt:
             most = self._effect_knots
             span_ns, corners_ns = self._effects.frame(t_plate_ns, span_ns, most)
         if most == 1:
@@ -277,7 +280,7 @@ class Pipeline:
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
-            if self._effects.playing:
+            if self._effects.felt:
                 target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
         return places
@@ -298,7 +301,7 @@ class Pipeline:
         It holds if it has settled, and from there to the frame's end the fingers stay where it was made for.
         """
         standing = self._active_places
-        if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.playing:
+        if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)
         ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]

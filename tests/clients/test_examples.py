@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 from fake_daemon import FakeDaemon
 
-from hapticd_client import Circle, Client, FingerState, Grating, Map, PlateState
+from hapticd_client import Circle, Client, Envelope, FingerState, Grating, Map, Modulation, PlateState, content
 
 CLIENTS = Path(__file__).parents[2] / "clients"
 NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
@@ -182,6 +182,46 @@ def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon
         places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
         felt = [daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm]
     assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
+
+
+def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program, felt = example("braille"), []
+
+    def look(_: float) -> None:
+        places_mm = [*program.dots_mm("az"), (0.0, 0.0), (0.0, 40.0)]
+        felt.extend(daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm)
+
+    monkeypatch.setattr(program.time, "sleep", look)
+    program.main(["AZ", "--endpoint", str(daemon.directory)])
+    assert felt == [0.0] * 5 + [1.5, 1.5]
+    assert program.dots_mm("a") == [(-4.5, 9.0)]  # dot 1 is at the upper left
+    assert capsys.readouterr().out == "az: 1 1356\n"
+
+
+def test_every_letter_of_braille_has_dots_of_its_own() -> None:
+    letters = example("braille").LETTERS
+    assert len({"".join(sorted(dots)) for dots in letters.values()}) == len(letters) == 27
+    assert ["".join(sorted(letters[one])) for one in "ktuw"] == ["13", "2345", "136", "2456"]
+
+
+def test_the_light_goes_round_while_a_camera_is_missing(
+    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = example("webcam")
+    monkeypatch.setattr(program, "camera", lambda _: None)
+    bright = [max(range(64), key=lambda column: program.light(t_s)[32][column]) for t_s in (0.0, 2.0)]
+    assert bright == [51, 13]
+    program.main(["--endpoint", str(daemon.directory), "--seconds", "0.05"])
+    assert capsys.readouterr().out == "the picture of a light, 10 a second\n"
+
+
+def test_the_heart_beats_twice_per_beat_at_60_hz(tmp_path: Path) -> None:
+    score = content.load(example("audio").heart(tmp_path / "heart.wav"))
+    forms = [one.form for one in score.effects]
+    assert sum(isinstance(form, Envelope) for form in forms) == 8
+    assert {round(form.frequency_hz, -1) for form in forms if isinstance(form, Modulation)} == {60.0}
 
 
 class PatchPlate(ScriptedPlate):

@@ -18,6 +18,8 @@ PATIENCE_S = 60.0
 
 # Expected output of each example for two stroking fingers.
 EXPECTED = {
+    "audio": r"^heart\.wav: 3\.\d+ s of effects, again and again",
+    "braille": r"^glass: 1245 123 1 234 234$",
     "catch": r"^Catch the slippery patch",
     "compass": r"^Follow the ring: which way is north\?$",
     "detents": r"^finger \d+: detent [0-8]$",
@@ -29,6 +31,7 @@ EXPECTED = {
     "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "slider": r"^7 detents on a track of 100 mm",
+    "webcam": r"^the picture of (a light|the camera), 10 a second$",
     "turntable": r"^fingers on the record: [012]$",
     "virtual_finger": r"^finger \d+: 1 um$",
 }

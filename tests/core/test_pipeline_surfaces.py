@@ -17,6 +17,7 @@ from hapticd.values import (
     Polygon,
     Surface,
     Tick,
+    VirtualPath,
 )
 
 ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
@@ -115,6 +116,19 @@ def test_knots_lie_on_both_sides_of_an_edge_where_it_is_predicted_to_be_crossed(
             crossed += len(distances_mm)
             assert all(abs(distance_mm) <= 0.1 for distance_mm in distances_mm)
     assert crossed >= 1
+
+
+def test_a_layer_that_walks_its_path_over_a_resting_finger_has_knots_at_its_edges_also_where_it_turns() -> None:
+    bench = Bench()
+    path = VirtualPath(((0.0, Y_MM), (7.0, Y_MM)), 500.0, loop=True)  # over the finger for 8 ms where it turns
+    publish(bench, patch=Surface(ONE, Circle(5.0), path=path))
+    crossed: list[float] = []
+    for _ in range(12):
+        tick = bench.report((10.0, Y_MM))
+        if tick.drive is not None:
+            crossed += [abs(x_mm) for x_mm in crossing_mm(bench, tick, "patch")]
+    assert len(crossed) >= 6
+    assert all(abs(distance_mm - 5.0) <= 0.1 for distance_mm in crossed)
 
 
 def test_at_an_edge_the_reference_steps_from_one_content_to_the_other() -> None:

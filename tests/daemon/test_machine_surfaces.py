@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from itertools import pairwise
 
 import msgpack
@@ -65,6 +66,29 @@ def test_status_lists_all_surfaces_topmost_first_with_their_owners() -> None:
     assert [one["name"] for one in bench.ask("status")["body"]["surfaces"]] == ["patch"]
     bench.t_ns += 6000 * MS
     assert bench.ask("status")["body"]["surfaces"] == []
+
+
+def test_an_asset_is_uploaded_in_parts_felt_and_counted_and_a_name_has_one_user() -> None:
+    bench = Bench(SLIPPERY)
+    levels = bytes(200) + b"\xff" * 200
+    body = {"client": "painter", "asset": hashlib.sha256(levels).digest(), "size": 400}
+
+    def ask(user: str, **part: object) -> dict[str, object]:
+        payload = msgpack.packb({"v": 1, "id": 3, "op": "asset", "body": body | part})
+        reply: dict[str, object] = msgpack.unpackb(bench.machine.request(payload, bench.t_ns, user))
+        return reply
+
+    assert ask("uid 1", offset=0, part=levels[:300])["body"] == {"have": 300}
+    assert ask("uid 2", offset=300, part=levels[300:])["ok"] is False
+    assert bench.ask("status")["body"]["assets"] == {"count": 0, "uploads": 1, "bytes": 400}
+    assert ask("uid 1", offset=300, part=levels[300:])["body"] == {"have": 400}
+    image = {"width": 1, "height": 400, "asset": body["asset"], "high_um": 1.0}
+    publish(bench, {"name": "photo", "map": image, "position_mm": [0, 70]})
+    landing(bench)
+    assert [point.target_um for point in bench.machine.last_tick.points] == [1.0]  # type: ignore[union-attr]
+    bench.machine.targets(msgpack.packb({"v": 1, "client": "test"}), bench.t_ns)
+    bench.run(12_000)
+    assert bench.ask("status")["body"]["assets"] == {"count": 0, "uploads": 0, "bytes": 0}
 
 
 @pytest.mark.parametrize("op", ["hello", "capabilities"])

@@ -6,7 +6,7 @@ Ownership and time to live are those of surfaces. What starts an effect is found
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from ...values import Cause, ClientTargets, Effect, Envelope, Modulation, Pulse
@@ -21,6 +21,7 @@ MAX_EFFECTS: Final = 64  # of all clients
 MAX_PLAYING: Final = 32  # each is looked at for every finger at every knot
 EVERYONE: Final = 0  # no finger's id: all fingers where the effect is
 OwnerOf = Callable[[Key], str | None]
+Predicted = Callable[[int, int], tuple[float, float]]  # a finger and an instant: where it will be
 
 
 class Held:
@@ -69,6 +70,7 @@ class Effects:
     def __init__(self, w_limit_um: float, surfaces: Surfaces) -> None:
         self.held: list[Held] = []
         self.playing: list[Playing] = []
+        self.felt: list[Playing] = []  # of those, what a finger feels in the frame that is being made
         self.t_expires_ns = NEVER_NS  # the next one does
         self.begun = 0
         self.skipped = 0  # starts for which there was no room
@@ -180,12 +182,23 @@ class Effects:
 
     # --- reading, for the touch path ---
 
+    def find_felt(
+        self, keys: Sequence[Key], owner_of: OwnerOf, predicted_mm: Predicted, from_ns: int, to_ns: int
+    ) -> None:
+        """Find what any of these fingers will feel between two instants."""
+        self.felt = []
+        for one in self.playing:
+            for key in keys:
+                if isinstance(key, int) and _is_met(one, key, owner_of(key), predicted_mm, from_ns, to_ns):
+                    self.felt.append(one)
+                    break
+
     def felt_um(self, key: Key, owner: str | None, place_mm: tuple[float, float], t_ns: int, base_um: float) -> float:
         """Return what a finger feels at an instant: its amplitude, plus what is added, times the factors."""
         if isinstance(key, str):
             return base_um
         factor = 1.0
-        for one in self.playing:
+        for one in self.felt:
             held = one.held
             if (owner is not None and owner != held.owner) or not _reaches(one, key, place_mm, t_ns):
                 continue
@@ -203,7 +216,7 @@ class Effects:
         """Return how long a frame of `most` knots from `t_ns` may be, at most `cover_ns`, and the corners within it,
         since its beginning. Where they are too many, those of waves come first."""
         waves, others = set[int](), set[int]()
-        for one in self.playing:
+        for one in self.felt:
             after_ns = t_ns - one.begin_ns
             found_ns = one.held.course.corners_ns(after_ns, after_ns + cover_ns - GRAIN_NS)
             (waves if one.held.is_wave else others).update([corner_ns - after_ns for corner_ns in found_ns])
@@ -234,6 +247,26 @@ def _reaches(one: Playing, finger_id: int, place_mm: tuple[float, float], t_ns: 
         return True
     layer = one.held.layer
     return layer is not None and layer.covers(place_mm[0], place_mm[1], t_ns)
+
+
+def _is_met(one: Playing, finger_id: int, owner: str | None, predicted_mm: Predicted, from_ns: int, to_ns: int) -> bool:
+    """Return whether a finger feels what plays at any instant of its way."""
+    held = one.held
+    if owner is not None and owner != held.owner:
+        return False
+    if one.finger_id != EVERYONE or not isinstance(held.effect.on, str):
+        return _reaches(one, finger_id, (0.0, 0.0), from_ns)
+    layer = held.layer
+    if layer is None:
+        return False
+    x_mm, y_mm = predicted_mm(finger_id, from_ns)
+    to_x_mm, to_y_mm = predicted_mm(finger_id, to_ns)
+    way_mm = abs(to_x_mm - x_mm) + abs(to_y_mm - y_mm) + layer.speed_mm_s * (to_ns - from_ns) * 1e-9
+    if layer.is_far(x_mm, y_mm, from_ns, way_mm):
+        return False
+    u_mm, v_mm = layer.local_mm(x_mm, y_mm, from_ns)
+    to_u_mm, to_v_mm = layer.local_mm(to_x_mm, to_y_mm, to_ns)
+    return layer.holds(u_mm, v_mm) or len(layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)) > 0
 
 
 def _largest_um(held: Held) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -52,9 +53,19 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     image = {"width": 2, "height": 2, "levels": b"\0\x40\x80\xff", "high_um": 2.0}
     walker = {"name": "walker", "path_mm": [[-30.0, 12.0], [30.0, 15.0]], "speed_mm_s": 70.0}
     bench.machine.watch(lambda _: None, bench.t_ns)
+    levels = bytes(range(200)) * 100
+    asset = {"client": "library", "asset": hashlib.sha256(levels).digest(), "size": len(levels)}
+    for offset in (0, 12_000):
+        assert bench.ask("asset", **asset, offset=offset, part=levels[offset : offset + 12_000])["ok"]
     corners = [[-9, -9], [9, -9], [0, 9]]
     pose = {"position_mm": [-28, 5], "velocity_mm_s": [9, 3], "turning_rad_s": 2.0, "z": 1, "blend": "max"}
-    surfaces = [{"name": "all", "friction": 0.2}, {"name": "bit", "grating": grating, "polygon_mm": corners, **pose}]
+    photo = {"width": 200, "height": 100, "asset": asset["asset"], "friction": [0.1, 0.9]}
+    noise = {"seed": 3, "shortest_mm": 1.0, "longest_mm": 9.0, "mean_um": 0.2, "rms_um": 0.05}
+    surfaces = [
+        {"name": "all", "map": photo},
+        {"name": "bit", "grating": grating, "polygon_mm": corners, **pose},
+        {"name": "way", "noise": noise, "circle_mm": 9, "path_mm": [[-40, 0], [-20, 9]], "z": 2, "blend": "add"},
+    ]
     effects = [
         {"name": "click", "pulse": {"height_um": 0.5, "length_s": 0.03}, "start": {"cause": "landing"}},
         {"name": "hum", "modulation": {"frequency_hz": 250, "depth": 0.5}, "surface": "all"},

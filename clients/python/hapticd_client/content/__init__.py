@@ -82,7 +82,7 @@ def _array(path: str | os.PathLike[str]) -> Any:
     try:
         import numpy as np
     except ImportError:
-        raise HapticdError("Arrays need NumPy: run `pip install numpy`.") from None
+        raise HapticdError('Arrays need NumPy: run `pip install "clients/python[content]"`.') from None
     try:
         array = np.load(path, allow_pickle=False)
     except OSError as error:

@@ -23,6 +23,7 @@ PITCH_S = 0.1
 AVERAGED_HZ = 1200.0  # the rate after averaging: what is above 600 Hz is gone
 LOWEST_HZ, HIGHEST_HZ = 20.0, 300.0
 LEAST_SHARE = 0.3  # of the loudness that must be in the averaged sound, to be felt as a tone
+QUIET = 0.01  # of the loudest part: less needs no pitch
 MAX_S = 600.0
 MAX_TONE_S = 20.0  # one effect lasts a minute at most
 SAME_PITCH = 0.06  # a semitone
@@ -87,21 +88,29 @@ def _tones(samples: Sequence[float], rate_hz: int) -> list[Tone]:
     averaged = [math.fsum(samples[at : at + size]) / size for at in range(0, len(samples) - size + 1, size)]
     count = max(round(PITCH_S * rate_hz / size), 1)
     tones: list[Tone] = []
+    sizes: list[float] = []
     for index, at in enumerate(range(0, len(averaged) - count + 1, count)):
         part = averaged[at : at + count]
         whole = samples[at * size : (at + count) * size]
         loud, low = math.fsum(one * one for one in whole) / len(whole), math.fsum(one * one for one in part) / count
-        frequency_hz = _crossings(part) / (2.0 * count * size / rate_hz)
+        sizes.append(loud)
+        frequency_hz = _frequency_hz(part, rate_hz / size)
         share = math.sqrt(low / loud) if loud > 0.0 else 0.0
         if share >= LEAST_SHARE and LOWEST_HZ <= frequency_hz <= HIGHEST_HZ:
             tones.append(Tone(index * PITCH_S, (index + 1) * PITCH_S, frequency_hz, min(share, 1.0)))
-    if len(tones) * PITCH_S < 0.5 * len(samples) / rate_hz:
+    if len(tones) < 0.5 * sum(loud >= QUIET * max(sizes) for loud in sizes):
         drop(f"sound without a pitch of {LOWEST_HZ:g} .. {HIGHEST_HZ:g} Hz: only its loudness is felt")
     return _joined(tones)
 
 
-def _crossings(part: Sequence[float]) -> int:
-    return sum((before < 0.0) != (after < 0.0) for before, after in pairwise(part))
+def _frequency_hz(part: Sequence[float], rate_hz: float) -> float:
+    """Return the frequency of zero crossings, from the first to the last; 0 with less than two."""
+    crossings = [
+        index + before / (before - after)
+        for index, (before, after) in enumerate(pairwise(part))
+        if (before < 0.0) != (after < 0.0)
+    ]
+    return 0.5 * (len(crossings) - 1) * rate_hz / (crossings[-1] - crossings[0]) if len(crossings) > 1 else 0.0
 
 
 def _joined(tones: Sequence[Tone]) -> list[Tone]:

@@ -106,7 +106,7 @@ def thinned(points: Sequence[Point]) -> list[Point]:
             continue
         if len(spaced) > 1 and spaced[-1][0] == spaced[-2][0] == t_s:
             spaced.pop()
-        spaced.append((t_s, value))
+        spaced.append((t_s, value if value >= 2.0 * FLAT else 0.0))
     kept: list[Point] = []
     for index, (t_s, value) in enumerate(spaced):
         if kept and index + 1 < len(spaced):

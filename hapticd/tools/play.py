@@ -1,0 +1,124 @@
+"""`hapticd play`: a picture, a sound or a haptic pattern under whoever touches.
+
+clients/python/CONTENT.md lists the formats. With `--sim` the plate is simulated, and two simulated fingers stroke it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import HapticdError, UsageError, missing_client
+from .arguments import number
+from .daemon_process import PATIENT, DaemonProcess
+
+if TYPE_CHECKING:
+    from hapticd_client import Client
+    from hapticd_client.content import Score
+
+DEFAULT_UM = 1.5
+ANSWER_S, SIMULATED_ANSWER_S = 2.0, 60.0
+SCENARIO = "strokes"
+PICTURE_S = 10.0  # of a picture with --sim, where no person ends it
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the file, how it is felt, for how long, and the plate."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="a picture, .npy, .wav, .ahap or .hjif")
+    parser.add_argument(
+        "--high-um",
+        type=number(0.0, is_above=True),
+        default=DEFAULT_UM,
+        metavar="UM",
+        help=f"amplitude of white, or of full intensity (default {DEFAULT_UM:g})",
+    )
+    parser.add_argument("--friction", action="store_true", help="a picture of friction: black is bare glass")
+    parser.add_argument(
+        "--width-mm", type=number(0.0, is_above=True), metavar="MM", help="of a picture (default: the whole plate)"
+    )
+    parser.add_argument("--loop", action="store_true", help="again and again, until Ctrl-C")
+    parser.add_argument(
+        "--seconds",
+        type=number(0.0, is_above=True),
+        metavar="S",
+        help=f"end after so long (default: at its end; a picture never, with --sim after {PICTURE_S:g})",
+    )
+    parser.add_argument("--sim", action="store_true", help="on a simulated plate, which two simulated fingers stroke")
+    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
+    parser.set_defaults(command=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Play the file. Raises UsageError for the file, HapticdError without a service."""
+    try:
+        import hapticd_client
+    except ImportError:
+        raise missing_client("Playing") from None
+    if options.sim and options.endpoint is not None:
+        raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
+    try:
+        score = _loaded(options)
+    except hapticd_client.HapticdError as error:
+        raise UsageError(f"{error}") from None
+    print(score.title, flush=True)
+    try:
+        with _plate(options) as plate:
+            print(_play(score, plate, options))
+    except hapticd_client.HapticdError as error:
+        raise HapticdError(f"{error}") from None
+
+
+def _loaded(options: argparse.Namespace) -> Score:
+    """Return the file's content; print what of it is dropped."""
+    from hapticd_client import content
+
+    with warnings.catch_warnings(record=True) as dropped:
+        warnings.simplefilter("always")
+        score = content.load(
+            options.file, high_um=options.high_um, is_friction=options.friction, width_mm=options.width_mm
+        )
+    for sentence in dict.fromkeys(str(one.message) for one in dropped):
+        print(f"not felt as it is: {sentence}", file=sys.stderr)
+    return score
+
+
+@contextlib.contextmanager
+def _plate(options: argparse.Namespace) -> Iterator[Client]:
+    """Return a client of the service, or of one on a simulated plate."""
+    from hapticd_client import Client
+
+    with contextlib.ExitStack() as held:
+        endpoint, within_s = options.endpoint, ANSWER_S
+        if options.sim:
+            print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
+            service = DaemonProcess(f'scenario = "{SCENARIO}"', PATIENT, log_level="error")
+            endpoint, within_s = held.enter_context(service).runtime_dir, SIMULATED_ANSWER_S
+        plate = held.enter_context(Client(endpoint, timeout_s=within_s))
+        if options.sim:
+            next(state for state in plate.states(SIMULATED_ANSWER_S) if state.fingers)
+        yield plate
+
+
+def _play(score: Score, plate: Client, options: argparse.Namespace) -> str:
+    """Play until the end; return what fingers were given, as far as the states show it."""
+    seconds = math.inf if options.seconds is None else options.seconds
+    if options.seconds is None and options.sim and not score.effects:
+        seconds = PICTURE_S
+    states, felt_um = plate.states(), dict[int | str, float]()
+
+    def look(_seconds: float) -> None:
+        for finger in next(states).fingers:
+            if finger.target_um is not None:
+                felt_um[finger.id] = max(felt_um.get(finger.id, 0.0), finger.target_um)
+
+    score.play(plate, seconds, loops=options.loop, sleep=look)
+    if not felt_um:
+        return "no finger touched the plate"
+    fingers = sorted(felt_um.items(), key=str)
+    return ", ".join(f"finger {finger} was given {most_um:.2f} um and more" for finger, most_um in fingers)
