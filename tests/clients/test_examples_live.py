@@ -20,6 +20,7 @@ PATIENCE_S = 60.0
 EXPECTED = {
     "audio": r"^heart\.wav: 3\.\d+ s of effects, again and again",
     "braille": r"^glass: 1245 123 1 234 234$",
+    "button": r"^A button of 36 mm in the middle of the plate: press it$",
     "catch": r"^Catch the slippery patch",
     "compass": r"^Follow the ring: which way is north\?$",
     "detents": r"^finger \d+: detent [0-8]$",
@@ -29,6 +30,7 @@ EXPECTED = {
     "moving_patch": r"^patch at x = -40 mm: \+40 mm/s$",
     "paper_environment": r"^finger \d+ landed at x = [-+][\d.]+ mm: [01] um$",
     "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
+    "piano": r"^finger \d+: [A-Gc], [\d.]+ Hz$",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "slider": r"^7 detents on a track of 100 mm",
     "webcam": r"^the picture of (a light|the camera), 10 a second$",

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pipeline_bench import FOREVER_NS, LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.core.targets.effects import MAX_EFFECTS, MAX_PLAYING
@@ -19,6 +22,7 @@ from hapticd.values import (
     Envelope,
     EventKind,
     Form,
+    LimitReason,
     Modulation,
     PlateEvent,
     Polygon,
@@ -483,3 +487,73 @@ def test_an_effect_that_is_started_a_thousand_times_a_second_begins_once_per_pas
         player.play(1, SLIPPERY)
     assert player.scene.effects.begun == before + 10
     assert len(player.scene.effects.playing) == 1
+
+
+# --- anything ---------------------------------------------------------------------------------------------------
+
+numbers = st.floats(-3.0, 3.0)
+any_form = st.one_of(
+    st.builds(Pulse, numbers, st.sampled_from([0.001, 0.02, 0.3]), st.sampled_from([0.0, 0.0005])),
+    st.builds(
+        Modulation, st.floats(1.0, 250.0), st.floats(0, 1), st.sampled_from(Wave), st.sampled_from([0.001, 0.05])
+    ),
+    st.builds(Modulation, st.floats(1.0, 100.0), st.floats(0, 1), st.sampled_from(Wave), st.none()),
+    st.lists(st.tuples(st.floats(0.0, 0.03), st.floats(0.0, 3.0)), max_size=6).map(
+        lambda points: Envelope(((0.0, 1.0), *sorted(points), (0.04, 2.0)), is_factor=True)
+    ),
+)
+names = st.sampled_from(["disc", "left", "gone"])
+any_start = st.one_of(
+    st.builds(Start, st.sampled_from([Cause.NOW, Cause.LANDING, Cause.LIFTING]), st.integers(0, 2)),
+    st.builds(Start, st.sampled_from([Cause.ENTERING, Cause.LEAVING, Cause.CROSSING]), surface=names),
+    st.builds(
+        lambda threshold_frac: Start(Cause.PRESSURE, threshold_frac=threshold_frac, release_frac=0.5 * threshold_frac),
+        st.floats(0.1, 0.9),
+    ),
+    st.builds(lambda ms: Start(Cause.AT, t_ns=77_000_000_000 + ms * MS), st.integers(-100, 600)),
+)
+any_effect = st.builds(
+    Effect, any_form, st.sampled_from([None, 1, 2, "disc", "left", "gone"]), any_start, st.booleans()
+)
+any_surface = st.builds(
+    Surface,
+    st.sampled_from([ONE, STILL]),
+    st.sampled_from([Circle(8.0), LEFT_HALF, None]),
+    st.tuples(st.floats(-40, 40), st.floats(-40, 40)),
+    velocity_mm_s=st.tuples(st.floats(-900, 900), st.floats(-900, 900)),
+    turning_rad_s=st.floats(-60, 60),
+)
+any_place = st.tuples(st.floats(-60, 60), st.floats(-60, 60))
+any_step = st.tuples(
+    st.none() | st.dictionaries(st.sampled_from("abcd"), any_effect, max_size=4),
+    st.dictionaries(st.sampled_from(["disc", "left"]), any_surface),
+    st.lists(any_place, max_size=3),
+    st.floats(0, 1),
+    st.integers(1, 3),
+)
+
+
+@given(st.lists(any_step, max_size=12))
+@settings(deadline=None, max_examples=25)
+def test_whatever_fingers_and_clients_do_every_pass_makes_a_sound_frame_and_events_in_order(steps: list[Any]) -> None:
+    player = Player()
+    for effects, surfaces, places, pressure_frac, reports in steps:
+        if effects is not None:
+            player.lay(effects, surfaces, ttl_ns=60 * MS)
+        player.play(reports, *places, pressure_frac=pressure_frac)
+    for tick in player.drives:
+        assert tick.drive is not None
+        assert tick.drive.reasons is LimitReason.NONE
+        dt_ns = [knot.dt_ns for knot in tick.drive.knots]
+        assert dt_ns == sorted(set(dt_ns))
+        assert 1 <= len(dt_ns) <= 24
+        assert all(abs(w_um) <= 4.0 for knot in tick.drive.knots for w_um in knot.modal_um)
+    assert [event.seq for event in player.events] == list(range(1, len(player.events) + 1))
+    begun = [event.effect for event in player.events if event.kind is EventKind.BEGUN]
+    ended = [event.effect for event in player.events if event.kind is EventKind.ENDED]
+    assert len(ended) + len(player.scene.effects.playing) <= len(begun)
+    for finger_id in {event.finger_id for event in player.events}:
+        mine = [event for event in player.events if event.finger_id == finger_id]
+        for name in ("disc", "left"):
+            ins = [event.kind for event in mine if event.surface == name and event.kind is not EventKind.CROSSED]
+            assert ins == [EventKind.ENTERED, EventKind.LEFT] * (len(ins) // 2) + [EventKind.ENTERED] * (len(ins) % 2)

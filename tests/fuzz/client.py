@@ -9,6 +9,7 @@ from itertools import pairwise
 import msgpack
 
 from fuzz.target import Cost, Target
+from hapticd.core.targets.forms import Course
 from hapticd.core.targets.layer import Layer
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
@@ -152,6 +153,16 @@ def check_effect(effect: Effect, wanted: ClientTargets) -> None:
         case Modulation(frequency_hz, depth_frac):
             assert 1.0 <= frequency_hz <= 300.0
             assert 0.0 <= depth_frac <= 1.0
+    check_course(effect)
+
+
+def check_course(effect: Effect) -> None:
+    """What plays stays finite and needs a bounded number of knots, at every instant that a clock can show."""
+    course = Course(effect.form, effect.loops)
+    assert course.length_ns > 0
+    for since_ns in (-1, 0, 10**6, 10**9 + 1, 2**62):
+        assert math.isfinite(course.value(since_ns))
+    assert len(course.corners_ns(10**9, 10**9 + 10**6)) <= MAX_ENVELOPE_POINTS + 4
 
 
 def layers_of(surface: Surface) -> list[Layer]:
