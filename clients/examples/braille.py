@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with Client(options.endpoint) as plate:
             plate.surface("word", map=Map(plate.asset(levels(word)), HIGH_UM))
-            print(f"{word}: {' '.join(LETTERS[one] or '-' for one in word)}", flush=True)
+            print(f"{word}: {' '.join(''.join(sorted(LETTERS[one])) or '-' for one in word)}", flush=True)
             time.sleep(min(options.seconds, 1e6))
     except KeyboardInterrupt:
         pass

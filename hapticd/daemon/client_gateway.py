@@ -12,6 +12,7 @@ from typing import Protocol
 
 from .. import __version__
 from ..core.targets.client_registry import ClientRegistry
+from ..core.targets.layer import Layer
 from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..values import ClientTargets
@@ -60,6 +61,7 @@ class ClientGateway:
         self._instance = instance
         self._host = host
         self._client_registry = ClientRegistry()
+        self._described: dict[Layer, dict[str, object]] = {}  # as last read: maps take time to make small
 
     def targets(self, payload: bytes, t_now_ns: int, user: str) -> None:
         """Take a message of the targets socket; an error in it is counted and kept for `status`."""
@@ -132,7 +134,9 @@ class ClientGateway:
     def _describe_surfaces(self, t_now_ns: int) -> dict[str, object]:
         surfaces, assets = self._scene.surfaces, self._scene.assets
         surfaces.expire(t_now_ns)
-        return {"version": surfaces.version, "surfaces": [described(layer, assets) for layer in surfaces.layers]}
+        kept = self._described
+        self._described = {layer: kept.get(layer) or described(layer, assets) for layer in surfaces.layers}
+        return {"version": surfaces.version, "surfaces": list(self._described.values())}
 
     def _require_newest(self, client: str, user: str, stamp: int | None, ttl_ns: int, t_now_ns: int) -> None:
         if not self._is_newest(client, user, stamp, ttl_ns, t_now_ns):

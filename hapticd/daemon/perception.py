@@ -47,9 +47,10 @@ class Perception:
         sliding_mm_s = way_mm / self._span_s
         friction = 0.0
         for dx_mm, dy_mm, weight in self._disc:
-            phi = self._modes.at(point.x_mm + dx_mm, point.y_mm + dy_mm)
-            w_um = abs(sum(w_um * shape for w_um, shape in zip(modal_um, phi, strict=True)))
-            friction += weight * self._curve.friction(w_um, sliding_mm_s)
+            w_um = 0j
+            for mode_um, shape in zip(modal_um, self._modes.at(point.x_mm + dx_mm, point.y_mm + dy_mm), strict=True):
+                w_um += mode_um * shape
+            friction += weight * self._curve.friction(abs(w_um), sliding_mm_s)
         return friction / self._curve.friction(point.target_um, sliding_mm_s) - 1.0
 
     def _count(self, span_ns: int) -> None:

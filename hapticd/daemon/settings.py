@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 
 from ..config.sections import Config
@@ -84,7 +83,9 @@ def friction_curve(config: Config) -> FrictionCurve:
     speed_mm_s = plate.friction_speed_mm_s or math.inf
     if plate.friction_curve:
         return FrictionCurve.from_amplitudes(plate.friction_curve, plate.friction_floor_frac, speed_mm_s)
-    return replace(DEFAULT_FRICTION_CURVE, speed_mm_s=speed_mm_s)
+    if speed_mm_s == math.inf:
+        return DEFAULT_FRICTION_CURVE
+    return FrictionCurve(DEFAULT_FRICTION_CURVE.knots, DEFAULT_FRICTION_CURVE.floor_frac, speed_mm_s)
 
 
 def plate_from_pad(config: Config) -> AffineMap:

@@ -52,6 +52,11 @@ def run(name: str, daemon: FakeDaemon, *arguments: str) -> None:
     example(name).main(["--endpoint", str(daemon.directory), "--seconds", "0.1", *arguments])
 
 
+def test_ten_examples_and_more_can_be_read_on_one_page() -> None:
+    lengths = {name: len((CLIENTS / "examples" / f"{name}.py").read_text().splitlines()) for name in NAMES}
+    assert sum(length <= 60 for length in lengths.values()) >= 10, lengths
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_help_shows_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
@@ -191,41 +196,6 @@ def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon
     assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
 
 
-def happened(kind: EventKind, finger: int, effect: str, client: str) -> PlateEvent:
-    return PlateEvent(1, kind.value, 7, finger=finger, x_mm=0.0, y_mm=0.0, client=client, effect=effect)
-
-
-def test_the_button_s_daemon_clicks_by_pressure_and_its_program_counts(
-    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    program = example("button")
-    with Client(daemon.directory) as plate:
-        program.lay(plate, 0.4, 2.0)
-        edge, click = daemon.scene.effects.held
-        assert (edge.name, edge.effect.start.surface, edge.effect.on) == ("edge", "button", None)
-        assert (click.effect.on, click.effect.start.threshold_frac) == ("button", 0.4)
-        events = [
-            happened(EventKind.PRESSED, 3, "click", plate.name),
-            happened(EventKind.BEGUN, 3, "click", plate.name),
-            happened(EventKind.BEGUN, 3, "edge", plate.name),
-            happened(EventKind.BEGUN, 4, "click", "another"),
-            happened(EventKind.BEGUN, 4, "click", plate.name),
-        ]
-        monkeypatch.setattr(Client, "events", lambda *_: iter(events))
-        program.count(plate, 1.0)
-    assert capsys.readouterr().out.splitlines() == ["finger 3: click 1", "finger 4: click 2"]
-
-
-def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as plate:
-        example("piano").lay(plate, 2.0)
-        assert [held.name for held in daemon.scene.effects.held] == list("CDEFGABc")
-        for held in daemon.scene.effects.held:
-            assert held.effect.on == held.effect.start.surface == held.name
-        felt = [daemon.scene.surfaces.amplitude_um(x_mm, 0.0, time.monotonic_ns()) for x_mm in (-56.0, 0.0, 8.0, 70.0)]
-    assert felt == [2.0, 0.0, 2.0, 0.0]
-
-
 def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -264,6 +234,41 @@ def test_the_heart_beats_twice_per_beat_at_60_hz(tmp_path: Path) -> None:
     forms = [one.form for one in score.effects]
     assert sum(isinstance(form, Envelope) for form in forms) == 8
     assert {round(form.frequency_hz, -1) for form in forms if isinstance(form, Modulation)} == {60.0}
+
+
+def happened(kind: EventKind, finger: int, effect: str, client: str) -> PlateEvent:
+    return PlateEvent(1, kind.value, 7, finger=finger, x_mm=0.0, y_mm=0.0, client=client, effect=effect)
+
+
+def test_the_button_s_daemon_clicks_by_pressure_and_its_program_counts(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = example("button")
+    with Client(daemon.directory) as plate:
+        program.lay(plate, 0.4, 2.0)
+        edge, click = daemon.scene.effects.held
+        assert (edge.name, edge.effect.start.surface, edge.effect.on) == ("edge", "button", None)
+        assert (click.effect.on, click.effect.start.threshold_frac) == ("button", 0.4)
+        events = [
+            happened(EventKind.PRESSED, 3, "click", plate.name),
+            happened(EventKind.BEGUN, 3, "click", plate.name),
+            happened(EventKind.BEGUN, 3, "edge", plate.name),
+            happened(EventKind.BEGUN, 4, "click", "another"),
+            happened(EventKind.BEGUN, 4, "click", plate.name),
+        ]
+        monkeypatch.setattr(Client, "events", lambda *_: iter(events))
+        program.count(plate, 1.0)
+    assert capsys.readouterr().out.splitlines() == ["finger 3: click 1", "finger 4: click 2"]
+
+
+def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as plate:
+        example("piano").lay(plate, 2.0)
+        assert [held.name for held in daemon.scene.effects.held] == list("CDEFGABc")
+        for held in daemon.scene.effects.held:
+            assert held.effect.on == held.effect.start.surface == held.name
+        felt = [daemon.scene.surfaces.amplitude_um(x_mm, 0.0, time.monotonic_ns()) for x_mm in (-56.0, 0.0, 8.0, 70.0)]
+    assert felt == [2.0, 0.0, 2.0, 0.0]
 
 
 class PatchPlate(ScriptedPlate):

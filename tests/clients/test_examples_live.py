@@ -18,11 +18,11 @@ PATIENCE_S = 60.0
 
 # Expected output of each example for two stroking fingers.
 EXPECTED = {
+    "audio": r"^heart\.wav: 3\.\d+ s of effects, again and again",
+    "braille": r"^glass: 1245 123 1 234 234$",
     "button": r"^A button of 36 mm in the middle of the plate: press it$",
     "catch": r"^Catch the slippery patch",
     "compass": r"^Follow the ring: which way is north\?$",
-    "audio": r"^heart\.wav: 3\.\d+ s of effects, again and again",
-    "braille": r"^glass: 1245 123 1 234 234$",
     "detents": r"^finger \d+: detent [0-8]$",
     "find_the_edge": r"^Score: \d+ in 1 s$",
     "grating": r"^finger \d+: stripes every 8 mm, 0 \.\. 1\.5 um$",
@@ -34,8 +34,8 @@ EXPECTED = {
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "slider": r"^7 detents on a track of 100 mm",
     "turntable": r"^fingers on the record: [012]$",
-    "webcam": r"^the picture of (a light|the camera), 10 a second$",
     "virtual_finger": r"^finger \d+: 1 um$",
+    "webcam": r"^the picture of (a light|the camera), 10 a second$",
 }
 
 

@@ -23,6 +23,8 @@ from hapticd.config.sections import (
     PlateConfig,
     TrackpadConfig,
 )
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE
+from hapticd.daemon.settings import friction_curve
 from hapticd.errors import ConfigError
 from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
@@ -194,3 +196,12 @@ def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_per
     assert (on_plate.plate.size_mm, on_plate.limits.w_limit_um) == ((200.0, 200.0), reach_um)
     own = replace(Config(), limits=replace(Config().limits, w_limit_um=(1.0,) * 4))
     assert config.on_plate(own, (200.0, 200.0), reach_um).limits.w_limit_um == (1.0,) * 4
+
+
+def test_a_measured_friction_curve_has_its_floor_and_its_speed_and_the_built_in_one_may_have_a_speed() -> None:
+    text = "[plate]\nfriction_curve = [0, 1, 3]\nfriction_floor_frac = 0.25\nfriction_speed_mm_s = 200\n"
+    curve = friction_curve(config.from_table(tomllib.loads(text), where="x", folder=None))
+    assert (curve.knots[0], curve.floor_frac, curve.speed_mm_s) == ((0.0, 3.0), 0.25, 200.0)
+    assert friction_curve(Config()) is DEFAULT_FRICTION_CURVE
+    fast = friction_curve(config.from_table({"plate": {"friction_speed_mm_s": 200.0}}, where="x", folder=None))
+    assert (fast.knots, fast.speed_mm_s) == (DEFAULT_FRICTION_CURVE.knots, 200.0)

@@ -10,6 +10,9 @@ import pytest
 from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
 
 from hapticd.core.board.supervisor import State
+from hapticd.core.targets.assets import Assets
+from hapticd.core.targets.layer import Layer
+from hapticd.daemon import client_gateway, layers
 
 
 def publish(bench: Bench, *surfaces: dict[str, object], client: str = "test", ttl_s: float = 5.0) -> None:
@@ -156,3 +159,20 @@ def test_a_reader_gets_a_large_map_small() -> None:
     image = picture["map"]
     assert (image["width"], image["height"], len(image["levels"])) == (32, 32, 32 * 32)
     assert (image["levels"][0], image["levels"][31], image["levels"][-1]) == (0, 254, 254)
+
+
+def test_a_reader_that_asks_again_costs_no_description_of_what_did_not_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    def noted(layer: Layer, assets: Assets) -> dict[str, object]:
+        made.append(layer.name)
+        return layers.described(layer, assets)
+
+    monkeypatch.setattr(client_gateway, "described", noted)
+    bench = Bench(SLIPPERY)
+    publish(bench, {"name": "track", "amplitude_um": 1.0}, {"name": "tile", "amplitude_um": 0.5})
+    for _ in range(3):
+        bench.ask("surfaces")
+    publish(bench, {"name": "track", "amplitude_um": 1.0}, {"name": "tile", "amplitude_um": 0.7})
+    assert [one["amplitude_um"] for one in bench.ask("surfaces")["body"]["surfaces"]] == [0.7, 1.0]
+    assert sorted(made) == ["tile", "tile", "track"]

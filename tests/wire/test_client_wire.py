@@ -33,6 +33,7 @@ from hapticd.values import (
     Wave,
 )
 from hapticd.wire import client, contents, paths, targets
+from hapticd.wire.assets import AssetPart
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES, peek_whole
 
 FULL: dict[str, Any] = {
@@ -538,6 +539,35 @@ def test_a_handler_refuses_by_raising() -> None:
 
     reply = msgpack.unpackb(client.answer(request("status"), handle))
     assert reply == {"v": 1, "id": 7, "ok": False, "error": "finger 3 is held by 'other'."}
+
+
+PART = {"client": "a", "asset": bytes(32), "size": 2**20}
+
+
+def test_a_part_of_an_asset_is_read_with_its_place_and_one_without_bytes_only_asks() -> None:
+    read = client.decode_request(request("asset", body={**PART, "offset": 5, "part": b"abc"})).body
+    assert read == AssetPart("a", bytes(32), 2**20, 5, b"abc")
+    assert client.decode_request(request("asset", body=PART)).body == AssetPart("a", bytes(32), 2**20, 0, b"")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"asset": bytes(31)}, "body.asset: has 31 bytes, it must have 32."),
+        ({"asset": "hash"}, "body.asset: must be bytes, not a text."),
+        ({"size": 0}, "body.size: 0 is out of bounds, it must be 1 .. 1048576."),
+        ({"size": 2**20 + 1}, "body.size: 1048577 is out of bounds"),
+        ({"offset": 2**20, "part": b"a"}, "body.offset: 1048576 is out of bounds, it must be 0 .. 1048575."),
+        ({"offset": 0, "part": b""}, "body.part: has 0 bytes, it must have 1 .. 16384."),
+        ({"size": 3, "offset": 2, "part": b"ab"}, "body.part: ends at byte 4, the asset has 3."),
+        ({"offset": 0}, "'body.offset': unknown field"),
+        ({"part": b"a"}, "body.offset: is missing."),
+    ],
+)
+def test_a_part_that_is_none_is_refused_by_name(changes: dict[str, object], sentence: str) -> None:
+    with pytest.raises(RequestError) as refused:
+        client.decode_request(request("asset", body=PART | changes))
+    assert sentence in str(refused.value)
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------

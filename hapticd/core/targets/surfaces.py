@@ -172,7 +172,8 @@ class Surfaces:
 
     def _stack(self, layers: list[Layer]) -> None:
         stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
-        self.version += stacked != self.layers
+        if stacked != self.layers:
+            self.version += 1
         self.layers = stacked
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
 

@@ -19,7 +19,7 @@ from .samples import FINGER_FIELDS, MODE_FIELDS, Sampler, finger_values, mode_va
 from .states import serve
 
 # Units as spelt in the metadata of XDF, the format of LSL's recordings.
-UNITS = {"mm": "millimeters", "um": "micrometers"}
+UNITS = {"mm": "millimeters", "um": "micrometers", "change": "ratio", "frac": "ratio"}
 MAKER = "hapticd"
 
 
@@ -114,5 +114,5 @@ def _unit(name: str) -> str:
 
 
 def _kind(name: str) -> str:
-    axis = {"x_mm": "PositionX", "y_mm": "PositionY"}
-    return next((kind for end, kind in axis.items() if name.endswith(end)), "Amplitude")
+    kinds = {"x_mm": "PositionX", "y_mm": "PositionY", "change": "Friction", "frac": "Friction"}
+    return next((kind for end, kind in kinds.items() if name.endswith(end)), "Amplitude")

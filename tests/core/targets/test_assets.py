@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from itertools import count
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hapticd.core.targets import assets as store
 from hapticd.core.targets.assets import Assets
@@ -130,3 +133,35 @@ def test_uploads_that_never_end_are_refused_beyond_the_bound_and_others_wait_for
         assets.upload("hog", b"\xff" * 32, 2**20 - 1, 0, b"x", T0_NS)
     assets.look((), T0_NS + store.UPLOAD_NS)
     assert assets.report() == {"count": 0, "uploads": 0, "bytes": 0}
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from("abc"), st.integers(0, 4), st.integers(0, 6), st.integers(0, 40), st.booleans()),
+        max_size=40,
+    )
+)
+@settings(deadline=None, max_examples=60)
+def test_whatever_is_sent_the_bounds_hold_and_an_asset_has_its_hash(
+    steps: list[tuple[str, int, int, int, bool]],
+) -> None:
+    """Small bounds, and parts of a few contents in any order, some of them damaged."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, bound in (("MAX_CLIENT_BYTES", 900), ("MAX_BYTES", 1500), ("MAX_ASSETS", 4)):
+            patch.setattr(store, name, bound)
+        scene, t_ns = Scene(w_limit_um=4.0), T0_NS
+        for client, content, offset, seconds, is_damaged in steps:
+            levels, t_ns = bytes([content]) * 400, t_ns + seconds * 10**8
+            digest, at = digest_of(levels), 100 * offset
+            part = (b"damaged" if is_damaged else levels[at : at + 100]) if at < 400 else b""
+            with contextlib.suppress(RequestError):
+                scene.upload(client, digest, 400, at, part, t_ns)
+            lay(scene, Surface(picture(digest, 20, 20)), client=client, t_ns=t_ns)
+            scene.expire(t_ns)
+            assert scene.assets.report()["bytes"] <= 1500
+            for layer in scene.surfaces.layers:
+                image = layer.surface.content
+                assert isinstance(image, MapTarget)
+                resolved = scene.assets.resolved(image)
+                assert isinstance(resolved, MapTarget)
+                assert digest_of(resolved.levels) == image.asset

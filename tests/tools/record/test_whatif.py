@@ -32,6 +32,9 @@ def test_predictions_for_a_wrong_instant_leak_more_at_the_true_positions(strokes
     assert list(leak_um) == ["as recorded", "trackpad.latency_ms=0", "solver.derating_mm2_um2=0", "all of these"]
     assert leak_um["trackpad.latency_ms=0"] > 3 * leak_um["as recorded"]
     assert leak_um["as recorded"] < 0.1
+    recorded = judged[0].score
+    assert recorded.still_friction_change < -0.2 < 0.2 < recorded.slip_friction_change
+    assert recorded.weber_frac > 0.9  # two modes keep no contact still
 
 
 def test_the_ideal_loop_is_near_what_the_plate_did(strokes: Path) -> None:

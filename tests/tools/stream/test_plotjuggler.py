@@ -18,7 +18,7 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de0018"  # 24 pairs
+    "de001a"  # 26 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
@@ -43,6 +43,8 @@ GOLDEN = (
     "b766696e6765725f315f7072656469637465645f795f6d6d" "c0"
     "b266696e6765725f315f7461726765745f756d" "cb3ff0000000000000"  # finger_1_target_um 1
     "b466696e6765725f315f61636869657665645f756d" "c0"
+    "b866696e6765725f315f6672696374696f6e5f6368616e6765" "c0"  # finger_1_friction_change
+    "b366696e6765725f315f77656265725f66726163" "c0"
 )  # fmt: skip
 
 

@@ -1,0 +1,133 @@
+"""Which layers each finger is on, and when it will cross their edges until the next frame begins."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final, NamedTuple
+
+from ..values import Finger
+from .targets.effects import Held
+from .targets.layer import Layer
+from .targets.surfaces import MAX_EDGES, Surfaces, crossing_ns, spans
+from .touch.fingers import Fingers
+from .trajectory.knots import GRAIN_NS
+
+
+class Touched:
+    """A finger that was down at the last look: where, what it is on, and the effects whose button it presses."""
+
+    __slots__ = ("finger", "is_seen", "on", "pressed", "t_device_ns", "t_looked_ns", "t_ns")
+
+    def __init__(self, finger: Finger, t_ns: int, t_device_ns: int) -> None:
+        self.finger = finger
+        self.t_ns = t_ns  # of its newest sample, on the host's axis and on the pad's
+        self.t_device_ns = t_device_ns
+        self.on: list[Layer] = []
+        self.pressed: list[Held] = []
+        self.t_looked_ns = 0
+        self.is_seen = False
+
+
+class Change(NamedTuple):
+    """A layer that a finger enters or leaves at an instant: across its edge, or because one of both appeared, moved or
+    vanished."""
+
+    t_ns: int
+    layer: Layer
+    is_on: bool
+    is_crossing: bool
+
+
+class Crossings:
+    """Follows fingers over the layers in force."""
+
+    def __init__(self, surfaces: Surfaces, fingers: Fingers, period_ns: int) -> None:
+        """`period_ns`: from one frame to the next."""
+        self._surfaces: Final = surfaces
+        self._fingers: Final = fingers
+        self._period_ns: Final = period_ns
+        self._layers: list[Layer] = []
+        self._known: set[Layer] = set()  # layers at the last pass
+        self._new: set[Layer] = set()
+
+    def begin(self) -> bool:
+        """Begin a pass; False where there are no layers and were none."""
+        layers = self._surfaces.layers
+        if not layers and not self._layers:
+            return False
+        if layers is not self._layers:
+            self._layers = layers
+            self._new = set(layers) - self._known
+            self._known = set(layers)
+        elif self._new:
+            self._new = set()
+        return True
+
+    def changes(self, touched: Touched, t_now_ns: int, t_plate_ns: int) -> list[Change]:
+        """Return what has changed for a finger by now, then the edges that it will cross, in order."""
+        found: list[Change] = []
+        if touched.on:
+            self._take_changed_layers(touched, t_now_ns, found)
+        finger_id = touched.finger.finger_id
+        t_from_ns = max(t_plate_ns, touched.t_looked_ns)
+        t_to_ns = max(t_plate_ns + self._period_ns, t_from_ns + GRAIN_NS)
+        place_mm = self._fingers.predicted_mm(finger_id, t_from_ns)
+        to_place_mm = self._fingers.predicted_mm(finger_id, t_to_ns)
+        way_mm = abs(to_place_mm[0] - place_mm[0]) + abs(to_place_mm[1] - place_mm[1])
+        span_s = (t_to_ns - t_from_ns) * 1e-9
+        t_change_ns = t_now_ns if touched.is_seen else touched.t_ns
+        crossed: list[Change] = []
+        for layer in self._layers:
+            was_on = layer in touched.on
+            if not was_on and layer.is_far(place_mm[0], place_mm[1], t_from_ns, way_mm + layer.speed_mm_s * span_s):
+                continue
+            if not touched.is_seen or layer in self._new:
+                is_on = layer.covers(place_mm[0], place_mm[1], t_from_ns)
+                if is_on != was_on:
+                    found.append(Change(t_change_ns, layer, is_on, False))
+                    was_on = is_on
+            crossed += self._crossed(finger_id, layer, was_on, place_mm, to_place_mm, t_from_ns, t_to_ns)
+        touched.t_looked_ns = t_to_ns
+        crossed.sort(key=_instant_ns)
+        return found + crossed
+
+    def _crossed(
+        self,
+        finger_id: int,
+        layer: Layer,
+        is_on: bool,
+        place_mm: tuple[float, float],
+        to_place_mm: tuple[float, float],
+        t_from_ns: int,
+        t_to_ns: int,
+    ) -> list[Change]:
+        u_mm, v_mm = layer.local_mm(place_mm[0], place_mm[1], t_from_ns)
+        to_u_mm, to_v_mm = layer.local_mm(to_place_mm[0], to_place_mm[1], t_to_ns)
+        shares = layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)
+        found: list[Change] = []
+        if shares:
+            predicted_mm = partial(self._fingers.predicted_mm, finger_id)
+            span_ns = t_to_ns - t_from_ns
+            for share, from_share, to_share in spans(shares)[:MAX_EDGES]:
+                since_ns = crossing_ns(layer, predicted_mm, t_from_ns, from_share * span_ns, to_share * span_ns)
+                since_ns = since_ns + GRAIN_NS if since_ns >= 0 else int(share * span_ns)
+                is_on = not is_on
+                found.append(Change(t_from_ns + since_ns, layer, is_on, True))
+        if layer.holds(to_u_mm, to_v_mm) != is_on:  # it was predicted otherwise before
+            found.append(Change(found[-1].t_ns if found else t_from_ns, layer, not is_on, True))
+        return found
+
+    def _take_changed_layers(self, touched: Touched, t_now_ns: int, found: list[Change]) -> None:
+        """Replace layers that a message has changed, which have another object, and leave those that are gone."""
+        for index, layer in enumerate(touched.on):
+            if layer in self._known:
+                continue
+            same = [one for one in self._layers if one.name == layer.name and one.owner == layer.owner]
+            if same:
+                touched.on[index] = same[0]
+            else:
+                found.append(Change(t_now_ns, layer, False, False))
+
+
+def _instant_ns(change: Change) -> int:
+    return change.t_ns
