@@ -19,7 +19,7 @@ import msgpack
 from ..errors import RequestError
 from ..values import ClientTargets, PlateEvent
 from .contents import MAX_MAP_SIDE
-from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS
+from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_POINTS
 from .fields import MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
 from .targets import (
@@ -58,6 +58,7 @@ CAPABILITIES: Mapping[str, object] = {
     "effects": FORMS,
     "max_effects": MAX_EFFECTS,
     "max_envelope_points": MAX_ENVELOPE_POINTS,
+    "max_points": MAX_POINTS,
     "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,
     "ttl_s": (MIN_TTL_S, MAX_TTL_S),
