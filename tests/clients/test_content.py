@@ -21,10 +21,10 @@ from PIL import Image
 
 from hapticd.wire.client import decode_targets
 from hapticd_client import Client, Envelope, HapticdError, Modulation, RefusedError, content
-from hapticd_client.content.score import Score
+from hapticd_client.content.score import MAX_LIVE, Score
 from hapticd_client.content.track import STEP_S, chunks, summed, thinned
 from hapticd_client.effects import Now, effect_fields
-from hapticd_client.target_set import TargetSet
+from hapticd_client.target_set import MAX_POINTS, TargetSet
 
 # --- helpers ----------------------------------------------------------------------------------------------------
 
@@ -118,10 +118,17 @@ def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list
     assert all(0.0 <= value <= 1.0 for _, value in line)
     assert all(after == before or after - before >= STEP_S * 0.999 for (before, _), (after, _) in pairwise(line[:-1]))
     targets = TargetSet()
-    for index, chunk in enumerate(chunks(line)[:16]):
+    for index, chunk in enumerate(chunks(line)[:MAX_LIVE]):
         form = Envelope([(t_s - chunk[0][0], value) for t_s, value in chunk])
         targets = targets.with_effect(f"{index}", effect_fields(form, None, Now(), False), 0.5)
     decode_targets(targets.payload("c", {}))
+
+
+def test_all_envelopes_that_are_sent_at_once_have_room_in_a_message() -> None:
+    jagged = [(STEP_S * index, float(index % 2)) for index in range(5000)]
+    longest = sorted((len(chunk) for chunk in chunks(thinned(summed([jagged])))), reverse=True)
+    assert len(longest) > MAX_LIVE
+    assert sum(longest[:MAX_LIVE]) <= MAX_POINTS
 
 
 def test_lines_add_up_and_a_chord_misses_little() -> None:
