@@ -346,6 +346,21 @@ def test_each_effect_is_sent_half_a_second_before_it_begins_and_stopped_when_it_
     assert plate.asked > 10  # a daemon that is gone would be found
 
 
+def test_what_the_plate_refuses_is_dropped_and_the_rest_is_played(tmp_path: Path) -> None:
+    score, plate = clicks(tmp_path, 3), Plate()
+    effect = plate.effect
+
+    def refuse_the_second(name: str, form: Any, start: Any) -> None:
+        if name == "content 1":
+            raise RefusedError("effect 'content 1' needs more knots than a frame has.")
+        effect(name, form, start)
+
+    plate.effect = refuse_the_second  # type: ignore[method-assign]
+    with pytest.warns(content.DroppedWarning, match="needs more knots than a frame has\\.$"):
+        score.play(plate, sleep=plate.sleep, clock=plate.clock)  # type: ignore[arg-type]
+    assert [begin_s for begin_s, _ in plate.played] == pytest.approx([0.1, 1.1])
+
+
 def test_a_loop_begins_again_without_a_gap_until_its_time_is_up(tmp_path: Path) -> None:
     score = clicks(tmp_path, 2)  # 0.52 s
     begins_s = [begin_s for begin_s, _ in played(score, 2.0, loops=True).played]
