@@ -79,7 +79,7 @@ class Score:
     ) -> None:
         """Lay the layers, play the effects under whoever touches, and return when all has ended or after `seconds`.
 
-        Without effects, and with `loops`, that is after `seconds`. An effect that the plate refuses is a DroppedWarning.
+        Without effects, and with `loops`, that is after `seconds`. An effect that is refused is a DroppedWarning.
         Raises RefusedError for a layer, DaemonGoneError.
         """
         self.lay(plate)
