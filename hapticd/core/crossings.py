@@ -14,15 +14,17 @@ from .trajectory.knots import GRAIN_NS
 
 
 class Touched:
-    """A finger that was down at the last look: where, what it is on, and the effects whose button it presses."""
+    """A finger that was down at the last look: where, what it is on, for which effects it presses hard enough, and for
+    which of these it began to where they are."""
 
-    __slots__ = ("finger", "is_seen", "on", "pressed", "t_device_ns", "t_looked_ns", "t_ns")
+    __slots__ = ("finger", "hard", "is_seen", "on", "pressed", "t_device_ns", "t_looked_ns", "t_ns")
 
     def __init__(self, finger: Finger, t_ns: int, t_device_ns: int) -> None:
         self.finger = finger
         self.t_ns = t_ns  # of its newest sample, on the host's axis and on the pad's
         self.t_device_ns = t_device_ns
         self.on: list[Layer] = []
+        self.hard: list[Held] = []
         self.pressed: list[Held] = []
         self.t_looked_ns = 0
         self.is_seen = False

@@ -128,10 +128,12 @@ class Triggers:
                     self._look_at_pressure(held, touched, t_plate_ns)
             elif held.is_due:
                 self._look_at_clock(held, t_plate_ns)
+            held.is_new = False
         for touched in self._touched.values():
             if not touched.is_seen:
                 self._start(Cause.LANDING, touched, t_plate_ns)
-            if touched.pressed:
+            if touched.hard:
+                touched.hard = [held for held in touched.hard if not held.is_gone]
                 touched.pressed = [held for held in touched.pressed if not held.is_gone]
 
     def _look_at_clock(self, held: Held, t_plate_ns: int) -> None:
@@ -148,15 +150,23 @@ class Triggers:
 
     def _look_at_pressure(self, held: Held, touched: Touched, t_plate_ns: int) -> None:
         start, pressure_frac = held.effect.start, touched.finger.pressure_frac
-        is_pressed = held in touched.pressed
-        if is_pressed and pressure_frac <= start.release_frac:
-            touched.pressed.remove(held)
-            self._tell(EventKind.RELEASED, touched, held=held)
-            self._end_one(held, touched, touched.t_ns)
-        elif not is_pressed and pressure_frac >= start.threshold_frac and _is_at(held, touched):
-            touched.pressed.append(held)
-            self._tell(EventKind.PRESSED, touched, held=held)
-            self._begin(held, touched, touched.finger.finger_id, touched.t_ns, t_plate_ns)
+        if held in touched.hard:
+            if pressure_frac <= start.release_frac:
+                touched.hard.remove(held)
+                if held in touched.pressed:
+                    touched.pressed.remove(held)
+                    self._tell(EventKind.RELEASED, touched, held=held)
+                    self._end_one(held, touched, touched.t_ns)
+            return
+        if held.is_new and touched.is_seen:
+            if pressure_frac > start.release_frac:
+                touched.hard.append(held)  # it pressed already
+        elif pressure_frac >= start.threshold_frac:
+            touched.hard.append(held)
+            if _is_at(held, touched):
+                touched.pressed.append(held)
+                self._tell(EventKind.PRESSED, touched, held=held)
+                self._begin(held, touched, touched.finger.finger_id, touched.t_ns, t_plate_ns)
 
     # --- beginnings and ends ---
 

@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
         raise UsageError(f"{error}") from None
     print(score.title, flush=True)
     try:
-        with _plate(options) as plate:
+        with _plate(options) as plate, _dropped():
             print(_play(score, plate, options))
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"{error}") from None
@@ -78,14 +78,20 @@ def _loaded(options: argparse.Namespace) -> Score:
     """Return the file's content; print what of it is dropped."""
     from hapticd_client import content
 
-    with warnings.catch_warnings(record=True) as dropped:
-        warnings.simplefilter("always")
-        score = content.load(
+    with _dropped():
+        return content.load(
             options.file, high_um=options.high_um, is_friction=options.friction, width_mm=options.width_mm
         )
+
+
+@contextlib.contextmanager
+def _dropped() -> Iterator[None]:
+    """Print each warning once at the end."""
+    with warnings.catch_warnings(record=True) as dropped:
+        warnings.simplefilter("always")
+        yield
     for sentence in dict.fromkeys(str(one.message) for one in dropped):
         print(f"not felt as it is: {sentence}", file=sys.stderr)
-    return score
 
 
 @contextlib.contextmanager

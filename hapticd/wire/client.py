@@ -20,7 +20,7 @@ from ..errors import RequestError
 from ..values import ClientTargets, PlateEvent
 from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
 from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
-from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS
+from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_POINTS
 from .fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
 from .paths import MAX_PATH_POINTS
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
@@ -59,6 +59,7 @@ CAPABILITIES: Mapping[str, object] = {
     "effects": FORMS,
     "max_effects": MAX_EFFECTS,
     "max_envelope_points": MAX_ENVELOPE_POINTS,
+    "max_points": MAX_POINTS,
     "max_marker_characters": MAX_MARKER_CHARACTERS,
     "max_message_bytes": MAX_PAYLOAD_BYTES,
     "ttl_s": (MIN_TTL_S, MAX_TTL_S),

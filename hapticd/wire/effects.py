@@ -16,6 +16,7 @@ from .surfaces import MAX_INSTANT_NS
 
 MAX_EFFECTS = 16
 MAX_ENVELOPE_POINTS = 256
+MAX_POINTS = 1024  # of all envelopes of a message
 MIN_LENGTH_S, MAX_LENGTH_S = 0.001, 60.0
 DEFAULT_RISE_S = 0.002
 MAX_FACTOR = 10.0
@@ -44,6 +45,22 @@ def read_effect(fields: Fields, surfaces: Container[str]) -> tuple[str, Effect]:
     return name, effect
 
 
+def read_effects(fields: Fields, surfaces: Container[str]) -> dict[str, Effect]:
+    """Read the list `effects`. Raises RequestError."""
+    effects: dict[str, Effect] = {}
+    points = 0
+    for index, item in enumerate(fields.sequence("effects", MAX_EFFECTS)):
+        where = fields.place(f"effects[{index}]")
+        name, effect = read_effect(Fields(item, where), surfaces)
+        if name in effects:
+            raise RequestError(f"{where}.name: {name!r} is listed twice.")
+        points += len(effect.form.points) if isinstance(effect.form, Envelope) else 0
+        if points > MAX_POINTS:
+            raise RequestError(f"{where}.envelope: more than {MAX_POINTS} points in one message.")
+        effects[name] = effect
+    return effects
+
+
 def is_endless(effect: Effect) -> bool:
     """Return whether an effect plays until something ends it."""
     return effect.loops or (isinstance(effect.form, Modulation) and effect.form.length_s is None)
@@ -63,18 +80,29 @@ def _envelope(fields: Fields) -> Envelope:
     low, high = (0.0, MAX_FACTOR) if is_factor else (-MAX_AMPLITUDE_UM, MAX_AMPLITUDE_UM)
     where = fields.place("points")
     points: list[tuple[float, float]] = []
+    before_s = 0.0
     for index, item in enumerate(items(fields.take("points"), MAX_ENVELOPE_POINTS, where)):
-        place = f"{where}[{index}]"
-        numbers = items(item, 2, place)
-        if len(numbers) != 2:
-            raise RequestError(f"{place}: a point has two numbers, its time in s and its value.")
-        t_s = bounded(numbers[0], 0.0, MAX_LENGTH_S, place)
-        if t_s < (points[-1][0] if points else 0.0):
-            raise RequestError(f"{place}: is earlier than the point before it.")
-        points.append((t_s, bounded(numbers[1], low, high, place)))
-    if len(points) < 2 or points[0][0] != 0.0 or points[-1][0] < MIN_LENGTH_S:
+        t_s, value = _point(item, before_s, low, high, where, index)
+        points.append((t_s, value))
+        before_s = t_s
+    if len(points) < 2 or points[0][0] != 0.0 or before_s < MIN_LENGTH_S:
         raise RequestError(f"{where}: must begin at 0 s and last {MIN_LENGTH_S:g} s or more.")
     return Envelope(tuple(points), is_factor)
+
+
+def _point(item: object, before_s: float, low: float, high: float, where: str, index: int) -> tuple[float, float]:
+    if type(item) is list and len(item) == 2:  # a sound point in a third of the time: a message may have a thousand
+        t_s, value = item
+        if type(t_s) is float and type(value) is float and before_s <= t_s <= MAX_LENGTH_S and low <= value <= high:
+            return t_s, value
+    place = f"{where}[{index}]"
+    numbers = items(item, 2, place)
+    if len(numbers) != 2:
+        raise RequestError(f"{place}: a point has two numbers, its time in s and its value.")
+    t_s = bounded(numbers[0], 0.0, MAX_LENGTH_S, place)
+    if t_s < before_s:
+        raise RequestError(f"{place}: is earlier than the point before it.")
+    return t_s, bounded(numbers[1], low, high, place)
 
 
 def _modulation(fields: Fields) -> Modulation:

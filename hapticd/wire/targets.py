@@ -6,9 +6,9 @@ It checks types and bounds; amplitude limits and finger ownership are checked in
 from __future__ import annotations
 
 from ..errors import RequestError
-from ..values import ClientTargets, Effect, Surface, Target, VirtualPath
+from ..values import ClientTargets, Surface, Target, VirtualPath
 from .contents import read_content
-from .effects import MAX_EFFECTS, MAX_FINGER_ID, read_effect
+from .effects import MAX_FINGER_ID, read_effects
 from .fields import Fields, label, whole
 from .paths import read_path
 from .surfaces import MAX_SURFACES, read_surface
@@ -47,13 +47,7 @@ def read_targets(fields: Fields) -> ClientTargets:
         if name in surfaces:
             raise RequestError(f"{where}.name: {name!r} is listed twice.")
         surfaces[name] = surface
-    effects: dict[str, Effect] = {}
-    for index, item in enumerate(fields.sequence("effects", MAX_EFFECTS)):
-        where = fields.place(f"effects[{index}]")
-        name, effect = read_effect(Fields(item, where), surfaces)
-        if name in effects:
-            raise RequestError(f"{where}.name: {name!r} is listed twice.")
-        effects[name] = effect
+    effects = read_effects(fields, surfaces)
     fields.end()
     return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals, stamp, surfaces, effects)
 

@@ -21,10 +21,10 @@ from PIL import Image
 
 from hapticd.wire.client import decode_targets
 from hapticd_client import Client, Envelope, HapticdError, Modulation, RefusedError, content
-from hapticd_client.content.score import Score
+from hapticd_client.content.score import MAX_LIVE, Score
 from hapticd_client.content.track import STEP_S, chunks, summed, thinned
 from hapticd_client.effects import Now, effect_fields
-from hapticd_client.target_set import TargetSet
+from hapticd_client.target_set import MAX_POINTS, TargetSet
 
 # --- helpers ----------------------------------------------------------------------------------------------------
 
@@ -118,10 +118,17 @@ def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list
     assert all(0.0 <= value <= 1.0 for _, value in line)
     assert all(after == before or after - before >= STEP_S * 0.999 for (before, _), (after, _) in pairwise(line[:-1]))
     targets = TargetSet()
-    for index, chunk in enumerate(chunks(line)[:16]):
+    for index, chunk in enumerate(chunks(line)[:MAX_LIVE]):
         form = Envelope([(t_s - chunk[0][0], value) for t_s, value in chunk])
         targets = targets.with_effect(f"{index}", effect_fields(form, None, Now(), False), 0.5)
     decode_targets(targets.payload("c", {}))
+
+
+def test_all_envelopes_that_are_sent_at_once_have_room_in_a_message() -> None:
+    jagged = [(STEP_S * index, float(index % 2)) for index in range(5000)]
+    longest = sorted((len(chunk) for chunk in chunks(thinned(summed([jagged])))), reverse=True)
+    assert len(longest) > MAX_LIVE
+    assert sum(longest[:MAX_LIVE]) <= MAX_POINTS
 
 
 def test_lines_add_up_and_a_chord_misses_little() -> None:
@@ -337,6 +344,21 @@ def test_each_effect_is_sent_half_a_second_before_it_begins_and_stopped_when_it_
     assert all(0.4 < begin_s - sent_s <= 0.5 for begin_s, sent_s in plate.played[1:])
     assert plate.live == {}
     assert plate.asked > 10  # a daemon that is gone would be found
+
+
+def test_what_the_plate_refuses_is_dropped_and_the_rest_is_played(tmp_path: Path) -> None:
+    score, plate = clicks(tmp_path, 3), Plate()
+    effect = plate.effect
+
+    def refuse_the_second(name: str, form: Any, start: Any) -> None:
+        if name == "content 1":
+            raise RefusedError("effect 'content 1' needs more knots than a frame has.")
+        effect(name, form, start)
+
+    plate.effect = refuse_the_second  # type: ignore[method-assign]
+    with pytest.warns(content.DroppedWarning, match="needs more knots than a frame has\\.$"):
+        score.play(plate, sleep=plate.sleep, clock=plate.clock)  # type: ignore[arg-type]
+    assert [begin_s for begin_s, _ in plate.played] == pytest.approx([0.1, 1.1])
 
 
 def test_a_loop_begins_again_without_a_gap_until_its_time_is_up(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from hapticd.io.clients import senders, server, sockets
 from hapticd.values import Cause, EventKind, PlateEvent, Wave
 from hapticd.wire import client as wire
 from hapticd.wire.effects import FORMS
-from hapticd_client import Grating, HapticdError, Map, RefusedError, endpoint, messages, target_set
+from hapticd_client import Gradient, Grating, HapticdError, Map, Noise, RefusedError, endpoint, messages, target_set
 from hapticd_client.endpoint import default_directory, directory
 from hapticd_client.targets import label, number, path_fields, target_fields
 
@@ -162,6 +162,21 @@ def test_gratings_have_the_same_bounds_on_both_sides(name: str, value: float) ->
     raw = {"period_mm": 5.0, "high_um": 2.0, "low_um": 1.0, "angle_rad": 0.5, "duty_frac": 0.5} | {name: value}
     fields = offered(Grating(**raw).fields)
     assert (fields is not None) == understood([{"finger": 1, "grating": raw}])
+
+
+@given(st.sampled_from(["length_mm", "angle_rad", "from_um", "to_um"]), any_number)
+@settings(deadline=None, max_examples=100)
+def test_gradients_have_the_same_bounds_on_both_sides(name: str, value: float) -> None:
+    raw = {"length_mm": 5.0, "angle_rad": 0.5, "from_um": 1.0, "to_um": 2.0} | {name: value}
+    assert (offered(Gradient(**raw).fields) is not None) == understood([{"finger": 1, "gradient": raw}])
+
+
+@given(st.sampled_from(["shortest_mm", "longest_mm", "exponent", "mean_um", "rms_um"]), any_number)
+@settings(deadline=None, max_examples=100)
+def test_noise_has_the_same_bounds_on_both_sides(name: str, value: float) -> None:
+    raw: dict[str, Any] = {"shortest_mm": 1.0, "longest_mm": 9.0, "exponent": 1.0, "mean_um": 1.0, "rms_um": 0.5}
+    raw |= {name: value, "seed": 3}
+    assert (offered(Noise(**raw).fields) is not None) == understood([{"finger": 1, "noise": raw}])
 
 
 @given(st.lists(st.lists(st.integers(-1, 256), max_size=3), max_size=3), any_number)

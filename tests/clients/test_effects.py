@@ -102,6 +102,16 @@ def test_one_effect_more_than_a_client_may_have_is_refused_before_it_is_sent() -
     assert not full.is_empty
 
 
+def test_more_points_than_a_message_may_have_are_refused_before_they_are_sent() -> None:
+    thick = effect_fields(Envelope([(0.1 * n, 1.0) for n in range(256)]), None, Now(), False)
+    full = target_set.TargetSet()
+    for n in range(4):
+        full = full.with_effect(f"{n}", thick, 0.5)
+    assert len(wire.decode_targets(full.payload("c", {})).effects) == 4
+    with pytest.raises(RefusedError, match="may have 1024 points in all"):
+        full.with_effect("more", thick, 0.5)
+
+
 def test_an_older_daemon_is_not_sent_an_effect(daemon: FakeDaemon) -> None:
     daemon.optional = ("stamp", "surfaces")
     with Client(daemon.directory) as client:

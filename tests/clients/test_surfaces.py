@@ -14,8 +14,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
+from hapticd.values import VirtualPath
 from hapticd.wire import client as wire
-from hapticd_client import Circle, Client, Grating, Polygon, Rectangle, RefusedError, target_set
+from hapticd_client import (
+    Circle,
+    Client,
+    Gradient,
+    Grating,
+    Map,
+    Noise,
+    Polygon,
+    Rectangle,
+    RefusedError,
+    target_set,
+)
 from hapticd_client.surface import Shape, surface_fields
 
 TRIANGLE = Polygon([(0, 0), (9, 0), (0, 5.5)])
@@ -41,6 +53,18 @@ def test_surfaces_lie_on_the_plate_until_they_are_removed_or_the_client_ends(dae
         client.remove("detent")
         assert [felt_um(daemon, x_mm) for x_mm in (0.0, 25.0)] == [0.5, 0.5]
     assert names(daemon) == []
+
+
+def test_a_surface_walks_a_path_and_has_gradients_and_noise(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.surface("ramp", gradient=Gradient(100.0, 2.0))
+        assert felt_um(daemon, 25.0) == pytest.approx(1.5)
+        client.surface("walk", Circle(3.0), friction=1.0, path=[(0, 0), (30, 0)], speed_mm_s=0.0, z=1)
+        assert [felt_um(daemon, x_mm) for x_mm in (0.0, 10.0)] == pytest.approx([0.0, 1.2])
+        client.surface("rough", Circle(3.0), noise=Noise(1.0, 8.0, 0.1, 1.0), position_mm=(0, 40), z=1)
+        assert 0.7 <= felt_um(daemon, 0.0, 40.0) <= 1.3
+        (walk,) = [layer for layer in daemon.scene.surfaces.layers if layer.name == "walk"]
+        assert walk.surface.path == VirtualPath(((0.0, 0.0), (30.0, 0.0)), 0.0, True)
 
 
 def test_a_finger_s_release_leaves_the_surfaces_and_a_release_of_all_removes_them(daemon: FakeDaemon) -> None:
@@ -101,6 +125,13 @@ def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon) ->
         (lambda c: c.surface("a", friction=1, position_mm=4), "position_mm: must have two numbers, x and y."),
         (lambda c: c.surface("a", friction=1, z=1.5), "z: must be a whole number, -1000 .. 1000."),
         (lambda c: c.surface("a", friction=1, blend="mix"), "blend: must be one of replace, add, max."),
+        (lambda c: c.surface("a", friction=1, path=[(0, 0)], position_mm=(1, 1)), "path: with it there is no"),
+        (lambda c: c.surface("a", friction=1, path=[3]), "path: a point has two numbers, x and y."),
+        (lambda c: c.surface("a", noise=Noise(2, 1, 1, 1)), "longest_mm: 1 is out of bounds, it must be 2 .. 1000."),
+        (lambda c: c.surface("a", noise=Noise(1, 2, 1, 1, seed=-1)), "seed: must be a whole number"),
+        (lambda c: c.surface("a", gradient=3), "gradient: must be a Gradient, not 3."),
+        (lambda c: c.surface("a", map=Map([[1]])), "map: give exactly one of high_um and frictions."),
+        (lambda c: c.surface("a", map=Map([[1]], frictions=(1,))), "frictions: must have two numbers"),
         (lambda c: c.remove(3), "surface: must have 1 .. 32 printable characters."),
     ],
 )

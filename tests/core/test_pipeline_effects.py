@@ -297,6 +297,20 @@ def test_a_button_clicks_once_per_press_with_hysteresis() -> None:
     ]
 
 
+def test_a_finger_that_presses_before_it_is_on_the_button_or_the_button_there_does_not_click() -> None:
+    player = Player()
+    player.play(3, SLIPPERY, pressure_frac=0.8)
+    player.lay({"click": Effect(CLICK, on="left", start=BUTTON)}, TILE)
+    player.play(3, SLIPPERY, pressure_frac=0.8)
+    player.play(1)
+    for x_mm in range(20, -30, -2):
+        player.press((x_mm, 5.1), pressure_frac=0.8)
+    assert player.kinds(EventKind.PRESSED, EventKind.RELEASED, EventKind.BEGUN) == []
+    player.press((-30.0, 5.1), pressure_frac=0.3)
+    player.press((-30.0, 5.1), pressure_frac=0.6)
+    assert player.kinds(EventKind.PRESSED, EventKind.RELEASED, EventKind.BEGUN) == [EventKind.PRESSED, EventKind.BEGUN]
+
+
 def test_a_loop_ends_when_its_cause_is_undone() -> None:
     for start, undo in (
         (Start(Cause.LANDING), lambda player: player.play(1, STICKY)),
@@ -343,6 +357,19 @@ def test_a_refreshed_message_does_not_start_an_effect_again_and_another_id_does(
         player.lay({"click": Effect(CLICK, start=Start(start_id=start_id))})
         player.play(5, SLIPPERY)
         assert player.scene.effects.begun == begun
+
+
+def test_a_message_that_is_refreshed_after_it_expired_does_not_start_its_pulse_again_but_its_hum() -> None:
+    player = Player()
+    effects = {
+        "click": Effect(CLICK, start=Start(start_id=7)),
+        "hum": Effect(Modulation(40.0, 0.5), start=Start(start_id=8)),
+    }
+    for begun in (2, 3):
+        player.lay(effects, ttl_ns=100 * MS)
+        player.play(20, SLIPPERY)
+        assert player.scene.effects.begun == begun
+        assert player.scene.effects.playing == []
 
 
 def test_a_stopped_or_expired_effect_ends_with_the_next_frame() -> None:

@@ -217,7 +217,7 @@ def extremes() -> dict[str, bytes]:
     polygons = [{"name": f"{n:032}", "amplitude_um": 1, "polygon_mm": star} for n in range(MAX_SURFACES)]
     endless = {"name": "a", "amplitude_um": 1, "polygon_mm": [[0, 0]] * 10_000}
     thick = {"points": [[0.01 * n, 1.5] for n in range(MAX_ENVELOPE_POINTS)]}
-    envelopes = [{"name": f"{n:032}", "envelope": thick} for n in range(12)]
+    envelopes = [{"name": f"{n:032}", "envelope": thick} for n in range(4)]
     long = {"name": "a", "envelope": {"points": [[n, 0] for n in range(10_000)]}}
     return {
         "envelopes": packed({"client": "a", "effects": envelopes}),

@@ -335,6 +335,10 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         ),
         (with_envelope(*[[n, 0] for n in range(257)]), "exceeds max_array_len"),
         (
+            packed(effects=[{"name": f"{n}", "envelope": {"points": [[0, 1]] * 205 + [[1, 1]]}} for n in range(5)]),
+            "effects[4].envelope: more than 1024 points in one message.",
+        ),
+        (
             with_modulation(frequency_hz=0),
             "frequency_hz: 0 is out of bounds, it must be 1 .. 300",
         ),

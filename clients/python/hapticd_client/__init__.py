@@ -19,7 +19,7 @@ from .effects import (
 )
 from .errors import DaemonGoneError, HapticdError, RefusedError
 from .messages import FingerState, Marker, PlateEvent, PlateState
-from .surface import Circle, Path, Polygon, Rectangle
+from .surface import Circle, Polygon, Rectangle
 from .targets import Asset, Gradient, Grating, Map, Noise
 
 __all__ = [
@@ -44,7 +44,6 @@ __all__ = [
     "OnLeaving",
     "OnLifting",
     "OnPressure",
-    "Path",
     "PlateEvent",
     "PlateState",
     "Polygon",

@@ -26,7 +26,6 @@ from .errors import HapticdError, RefusedError
 from .events import EventReader
 from .messages import PROTOCOL_VERSION, FingerState, PlateEvent, PlateState
 from .refresher import Refresher
-from .surface import Path as SurfacePath
 from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
 from .targets import (
@@ -183,7 +182,9 @@ class Client:
         angle_rad: float = 0.0,
         scale: float = 1.0,
         velocity_mm_s: Sequence[float] | None = None,
-        path: SurfacePath | None = None,
+        path: Sequence[Sequence[float]] | None = None,
+        speed_mm_s: float = 50.0,
+        loop: bool = True,
         turning_rad_s: float = 0.0,
         t_pose_ns: int | None = None,
         z: int = 0,
@@ -195,9 +196,10 @@ class Client:
 
         `shape` is a Circle, a Rectangle or a Polygon, by default the whole plate; content as in `set`. Both are scaled,
         turned anticlockwise by `angle_rad` and moved to `position_mm`, from where they move on with `velocity_mm_s` and
-        `turning_rad_s`, or along a Path instead: since `t_pose_ns` on the daemon's monotonic clock, by default since
-        the message arrives. The larger `z` is on top, of equals the one that came last; `blend` is "replace", "add" or
-        "max". The same name again changes the surface. Raises RefusedError, also from an older daemon without surfaces.
+        `turning_rad_s`, or instead along a `path` as in `virtual`: since `t_pose_ns` on the daemon's monotonic clock,
+        by default since the message arrives. The larger `z` is on top, of equals the one that came last; `blend` is
+        "replace", "add" or "max". The same name again changes the surface. Raises RefusedError, also from an older
+        daemon without surfaces.
         """
         self._check_optional("surfaces", "surfaces")
         if path is not None:
@@ -220,6 +222,8 @@ class Client:
             scale=scale,
             velocity_mm_s=velocity_mm_s,
             path=path,
+            speed_mm_s=speed_mm_s,
+            loop=loop,
             turning_rad_s=turning_rad_s,
             t_pose_ns=t_pose_ns,
             z=z,

@@ -63,19 +63,6 @@ class Polygon:
 Shape = Circle | Rectangle | Polygon
 
 
-@dataclass(frozen=True, slots=True)
-class Path:
-    """The way of a surface: 1 .. 64 points (x, y) at `speed_mm_s`, back and forth with `loop`, else to the last one."""
-
-    points_mm: Iterable[Sequence[float]]
-    speed_mm_s: float = 50.0
-    loop: bool = True
-
-    def fields(self) -> Fields:
-        """Return the fields of the message. Raises RefusedError."""
-        return path_fields(self.points_mm, self.speed_mm_s, self.loop)
-
-
 def surface_fields(
     shape: Shape | None,
     *,
@@ -87,22 +74,24 @@ def surface_fields(
     t_pose_ns: int | None,
     z: int,
     blend: str,
-    path: Path | None = None,
+    path: Iterable[Sequence[float]] | None = None,
+    speed_mm_s: float = 50.0,
+    loop: bool = True,
 ) -> Fields:
     """Return the fields of a surface apart from its name and content. Raises RefusedError."""
     if shape is not None and not isinstance(shape, Shape):
         raise RefusedError(f"shape: must be a Circle, a Rectangle or a Polygon, not {repr(shape)[:40]}.")
     if blend not in BLENDS:
         raise RefusedError(f"blend: must be one of {', '.join(BLENDS)}.")
-    if path is not None and (position_mm is not None or velocity_mm_s is not None or not isinstance(path, Path)):
-        raise RefusedError("path: must be a Path, and with it there is no position_mm and no velocity_mm_s.")
+    if path is not None and (position_mm is not None or velocity_mm_s is not None):
+        raise RefusedError("path: with it there is no position_mm and no velocity_mm_s.")
     straight = {
         "position_mm": point("position_mm", (0, 0) if position_mm is None else position_mm, MAX_POSITION_MM),
         "velocity_mm_s": point("velocity_mm_s", (0, 0) if velocity_mm_s is None else velocity_mm_s, MAX_SPEED_MM_S),
     }
     return {
         **({} if shape is None else shape.fields()),
-        **(straight if path is None else path.fields()),
+        **(straight if path is None else path_fields(path, speed_mm_s, loop)),
         "angle_rad": number("angle_rad", angle_rad, -2 * math.pi, 2 * math.pi),
         "scale": number("scale", scale, 0.01, 100.0),
         "turning_rad_s": number("turning_rad_s", turning_rad_s, -MAX_TURNING_RAD_S, MAX_TURNING_RAD_S),

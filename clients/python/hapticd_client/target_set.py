@@ -33,6 +33,7 @@ MAX_TARGETS = 16
 MAX_VIRTUALS = 16
 MAX_SURFACES = 16
 MAX_EFFECTS = 16
+MAX_POINTS = 1024  # of all envelopes
 MAX_MESSAGE_BYTES = 65536
 DEFAULT_TTL_S = 0.5
 
@@ -100,7 +101,10 @@ class TargetSet:
         for surface in _surfaces_of(effect):
             if surface not in self.surfaces:
                 raise RefusedError(f"effect: this client has no surface {surface!r}: lay it first.")
-        return replace(self, effects={**self.effects, name: effect}, effect_ttls_s={**self.effect_ttls_s, name: ttl_s})
+        effects = {**self.effects, name: effect}
+        if sum(map(_points_of, effects.values())) > MAX_POINTS:
+            raise RefusedError(f"effect: the envelopes of a client may have {MAX_POINTS} points in all.")
+        return replace(self, effects=effects, effect_ttls_s={**self.effect_ttls_s, name: ttl_s})
 
     def without(self, *keys: Key) -> TargetSet:
         """Return a copy without these fingers and the effects on them."""
@@ -160,3 +164,8 @@ def _surfaces_of(effect: Fields) -> list[object]:
     start = effect["start"]
     named = [effect.get("surface"), start.get("surface") if isinstance(start, dict) else None]
     return [name for name in named if name is not None]
+
+
+def _points_of(effect: Fields) -> int:
+    envelope = effect.get("envelope")
+    return len(envelope["points"]) if isinstance(envelope, dict) else 0

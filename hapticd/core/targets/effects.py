@@ -11,7 +11,7 @@ from typing import Final
 
 from ...values import Cause, ClientTargets, Effect, Envelope, Modulation, Pulse
 from ..trajectory.knots import GRAIN_NS
-from .forms import SINE_CORNERS, Course
+from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
 from .surfaces import NEVER_NS, Surfaces
 
@@ -19,6 +19,7 @@ Key = int | str
 
 MAX_EFFECTS: Final = 64  # of all clients
 MAX_PLAYING: Final = 32  # each is looked at for every finger at every knot
+MAX_START_IDS: Final = 1024  # remembered; 64 clients have as many effects
 EVERYONE: Final = 0  # no finger's id: all fingers where the effect is
 OwnerOf = Callable[[Key], str | None]
 Predicted = Callable[[int, int], tuple[float, float]]  # a finger and an instant: where it will be
@@ -28,7 +29,7 @@ class Held:
     """One effect with its owner. `layer` is the surface it is on, `trigger` the one that starts it, None without."""
 
     __slots__ = (
-        *("corners", "course", "effect", "is_due", "is_gone", "layer", "name", "owner"),
+        *("corners", "course", "effect", "is_due", "is_gone", "is_new", "layer", "name", "owner"),
         *("started_ns", "t_expires_ns", "t_from_ns", "trigger"),
     )
 
@@ -42,6 +43,7 @@ class Held:
         self.corners = 0  # at most in one frame
         self.is_due = effect.start.cause is Cause.NOW or effect.start.cause is Cause.AT
         self.is_gone = False
+        self.is_new = True
         self.layer: Layer | None = None
         self.trigger: Layer | None = None
         self.started_ns: dict[int, int] = {}  # by finger
@@ -77,6 +79,7 @@ class Effects:
         self._w_limit_um: Final = w_limit_um
         self._surfaces: Final = surfaces
         self._layers: list[Layer] = []
+        self._start_ids: dict[tuple[str, str], int] = {}  # of the newest start by owner and name, oldest first
         self._max_knots = 24
         self._least_span_ns = 12_000_000
 
@@ -101,6 +104,7 @@ class Effects:
             if held is None or held.effect != effect:
                 held = Held(name, message.client, effect, t_ns)
                 held.corners = held.course.most_corners(self._least_span_ns)
+                held.is_due = held.is_due and not self._has_been_played(held)
             refusal = self._refusal(held, owner_of) if len(others) + len(mine) < MAX_EFFECTS else _CROWDED
             if refusal:
                 refusals.append(f"effect {name!r} {refusal}")
@@ -119,6 +123,20 @@ class Effects:
         """Remove what has expired by `t_ns`."""
         if t_ns >= self.t_expires_ns:
             self._keep([held for held in self.held if t_ns < held.t_expires_ns])
+
+    def _has_been_played(self, held: Held) -> bool:
+        """Whether a message started this with the same id before: one that is refreshed after it expired is old."""
+        start_id = held.effect.start.start_id
+        if start_id == 0 or held.course.length_ns == ENDLESS_NS:
+            return False
+        key = (held.owner, held.name)
+        if self._start_ids.pop(key, 0) == start_id:
+            self._start_ids[key] = start_id
+            return True
+        self._start_ids[key] = start_id
+        if len(self._start_ids) > MAX_START_IDS:
+            del self._start_ids[next(iter(self._start_ids))]
+        return False
 
     def _keep(self, kept: list[Held]) -> None:
         for held in self.held:

@@ -91,14 +91,18 @@ class Course:
 
     def most_corners(self, span_ns: int) -> int:
         """Return the largest number of corners within any span of this length."""
-        until_ns = min(self.length_ns, 2 * self._period_ns + span_ns)
+        period_ns, periods = self._period_ns, 0
+        if self.length_ns >= 2 * period_ns + span_ns:  # whole periods have the same number wherever they begin
+            periods = span_ns // period_ns
+            span_ns -= periods * period_ns
+        until_ns = min(self.length_ns, 2 * period_ns + span_ns)
         corners_ns = self.corners_ns(-2 * GRAIN_NS, until_ns)
         most = first = 0
         for index in range(len(corners_ns)):
-            while corners_ns[index] - corners_ns[first] >= span_ns:
+            while corners_ns[index] - corners_ns[first] >= span_ns and first < index:
                 first += 1
-            most = max(most, index - first + 1)
-        return most
+            most = max(most, index - first + (span_ns > 0))
+        return most + periods * (len(self._times_ns) - 1)
 
     def largest(self) -> float:
         """Return the largest magnitude that is added or multiplied."""

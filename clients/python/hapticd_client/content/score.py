@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ..effects import At, Form
+from ..errors import RefusedError
 from ..surface import Shape
+from .dropped import drop
 
 if TYPE_CHECKING:
     from ..client import Client
@@ -77,7 +79,8 @@ class Score:
     ) -> None:
         """Lay the layers, play the effects under whoever touches, and return when all has ended or after `seconds`.
 
-        Without effects, and with `loops`, that is after `seconds`. Raises RefusedError, DaemonGoneError.
+        Without effects, and with `loops`, that is after `seconds`. An effect that is refused is a DroppedWarning.
+        Raises RefusedError for a layer, DaemonGoneError.
         """
         self.lay(plate)
         begin_ns, begin_s = plate.status()["t_ns"] + round(LEAD_S * 1e9), clock() + LEAD_S
@@ -90,8 +93,12 @@ class Score:
             while waiting and round_s + waiting[0].begin_s < now_s + AHEAD_S and len(live) < MAX_LIVE:
                 one, name = waiting.pop(0), f"content {count % (MAX_LIVE + 1)}"
                 count += 1
-                plate.effect(name, one.form, start=At(begin_ns + round((round_s + one.begin_s) * 1e9)))
-                live[name] = round_s + one.end_s
+                try:
+                    plate.effect(name, one.form, start=At(begin_ns + round((round_s + one.begin_s) * 1e9)))
+                except RefusedError as error:  # such as a frequency for which this line is too slow
+                    drop(str(error).rstrip("."))
+                else:
+                    live[name] = round_s + one.end_s
             if self.effects and not waiting:
                 if loops:
                     waiting, round_s = list(self.effects), round_s + self.length_s

@@ -14,7 +14,7 @@ from .score import Timed
 Point = tuple[float, float]  # s, intensity
 
 STEP_S = 0.003  # between points: a frame lasts 17 ms and carries about ten knots
-CHUNK_POINTS = 200  # of one envelope, which may have 256
+CHUNK_POINTS = 80  # of one envelope: those of all effects that are sent have 1024 at most
 CHUNK_S = 20.0
 FLAT = 0.004  # of full intensity: what a chord may miss
 MIN_TONE_S = 0.001

@@ -1,0 +1,32 @@
+"""Effects on the simulated plate: what the firmware's own code makes of them under a finger."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapticd.sim.fingers.scenarios import SCENARIOS
+from hapticd.sim.lockstep import T_START_NS, Settings, Simulation
+from hapticd.values import AmplitudeTarget, Cause, ClientTargets, Effect, Modulation, Start, Surface
+
+
+@pytest.mark.parametrize("frequency_hz", [40.0, pytest.param(250.0, marks=pytest.mark.long)])
+def test_a_modulation_is_under_the_finger_in_depth_and_phase(frequency_hz: float) -> None:
+    simulation = Simulation(
+        tuple(replace(one, steps_um=()) for one in SCENARIOS["rest"].build(1, 100.0)), Settings(), 1
+    )
+    hum = Effect(Modulation(frequency_hz, 0.8), start=Start(Cause.AT, t_ns=T_START_NS + 500_000_000))
+    plate = Surface(AmplitudeTarget(1.0))
+    message = ClientTargets("test", 5_000_000_000, {}, {}, None, {"plate": plate}, {"hum": hum})
+    simulation.machine.want(message, T_START_NS)
+    simulation.run(1.2)
+    played = simulation.result("rest")
+    late = played.t_s > 0.7
+    felt_um, t_s = np.abs(played.truth_um[late, 0]), played.t_s[late] - 0.5
+    wave = 2.0 * np.mean(felt_um * np.exp(-2j * np.pi * frequency_hz * t_s))
+    assert felt_um.mean() == pytest.approx(0.6, abs=0.03)
+    assert 2.0 * abs(wave) == pytest.approx(0.8, rel=0.06)
+    assert abs(np.angle(wave)) / (2 * np.pi * frequency_hz) < 0.2e-3
+    assert played.status["board"]["late_frames"] == 0
