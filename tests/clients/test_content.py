@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_daemon import FakeDaemon
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -111,6 +111,7 @@ points = st.lists(st.tuples(st.floats(0, 5), st.floats(0, 1)), min_size=1, max_s
 )
 
 
+@example([[(0.0, 0.0), (5e-324, 1.0), (4.5, 0.0), (5.0, 0.0)]])
 @given(st.lists(points, min_size=1, max_size=5))
 @settings(deadline=None, max_examples=100)
 def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list[tuple[float, float]]]) -> None:
