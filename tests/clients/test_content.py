@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_daemon import FakeDaemon
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -111,6 +111,7 @@ points = st.lists(st.tuples(st.floats(0, 5), st.floats(0, 1)), min_size=1, max_s
 )
 
 
+@example([[(0.0, 0.0), (5e-324, 1.0), (4.5, 0.0), (5.0, 0.0)]])
 @given(st.lists(points, min_size=1, max_size=5))
 @settings(deadline=None, max_examples=100)
 def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list[tuple[float, float]]]) -> None:
@@ -399,6 +400,71 @@ def test_a_file_that_cannot_be_played_is_one_sentence(name: str, data: bytes, se
         content.load(tmp_path / name)
     assert sentence in str(refused.value)
     assert str(refused.value).endswith(".") or "must be one of" in sentence
+
+
+NAMES = (
+    *("Pattern", "Event", "EventType", "Time", "EventDuration", "EventParameters", "ParameterID", "ParameterValue"),
+    *("ParameterCurve", "ParameterCurveControlPoints", "Parameter", "perceptions", "perception_modality", "channels"),
+    *("bands", "band_type", "effects", "effect_type", "id", "position", "keyframes", "relative_position", "timescale"),
+    *("amplitude_modulation", "frequency_modulation", "effect_library", "unit_exponent", "gain", "base_signal"),
+)
+TEXTS = ("HapticTransient", "HapticContinuous", "HapticIntensity", "HapticIntensityControl", "HapticSharpnessControl")
+TEXTS += ("Friction", "Vibrotactile", "Vibrotactile Texture", "Curve", "Wave", "Transient", "Basis", "Reference")
+leaves = st.sampled_from(TEXTS) | st.sampled_from([0, 1, -1, 0.3, 250, 1e9, -1e300, 1e300, None, True]) | st.floats()
+strange = st.recursive(
+    leaves, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(NAMES), inner, max_size=6)
+)
+
+
+def damaged(document: Any, path: list[int], value: Any) -> Any:
+    """Replace one place of a document."""
+    if not path or not isinstance(document, (dict, list)) or not document:
+        return value
+    keys = list(document) if isinstance(document, dict) else list(range(len(document)))
+    key = keys[path[0] % len(keys)]
+    copy = document.copy()
+    copy[key] = damaged(copy[key], path[1:], value)
+    return copy
+
+
+WHOLE = {
+    "Pattern": [
+        event("HapticTransient", 0.1, HapticIntensity=0.5, HapticSharpness=0.0),
+        event("HapticContinuous", 0.0, 1.0, HapticIntensity=0.8),
+        curve("HapticIntensityControl", 0.0, (0.0, 1.0), (0.5, 0.5)),
+        curve("HapticSharpnessControl", 0.0, (0.0, 0.5)),
+        {"Parameter": {"ParameterID": "HapticIntensityControl", "ParameterValue": 1, "Time": 0.2}},
+    ],
+    "timescale": 1000,
+    "perceptions": [
+        perception(
+            "Vibrotactile",
+            band("Wave", effect(0, (0, 0.5, 60), (200, 1.0, None)), {"effect_type": "Reference", "id": 7}),
+            band("Curve", effect(5, (0, 0.5, None), (200, 1.0, None)), curve_type="Linear"),
+            band("Transient", effect(1000, (0, 0.8, 250))),
+            library=[effect(0, (0, 1.0, None), (9, 0.5, None)) | {"id": 7}],
+        ),
+        perception("Friction", band("Curve", effect(0, (0, 1.0, None), (137, 0.0, None)))),
+        perception("Vibrotactile Texture", band("Wave", effect(0, (0, 0.5, 250)))),
+    ],
+}
+
+
+@pytest.mark.filterwarnings("ignore::hapticd_client.content.DroppedWarning")
+@given(st.sampled_from(["ahap", "hjif"]), st.lists(st.integers(0, 20), max_size=9), strange)
+@settings(deadline=None, max_examples=100)
+def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, path: list[int], value: Any
+) -> None:
+    file = written(tmp_path_factory.getbasetemp() / f"damaged.{suffix}", damaged(WHOLE, path, value))
+    try:
+        score = content.load(file)
+    except HapticdError:
+        return
+    assert math.isfinite(score.length_s)
+    for one in score.effects:
+        assert one.begin_s >= 0.0
+        assert one.form.fields()
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_a_part_out_of_place_changes_nothing_and_a_request_without_one_only_asks
     assert assets.upload("a", digest, 100, 0, levels[:40], T0_NS) == 40
     assert assets.upload("a", digest, 100, 0, levels[:40], T0_NS) == 40
     assert assets.upload("a", digest, 100, 0, b"", T0_NS) == 40
-    assert assets.upload("b", digest, 100, 0, b"", T0_NS) == 0  # nobody waits for what another client sends
+    assert assets.upload("b", digest, 100, 0, b"", T0_NS) == 0  # no client waits for what another one sends
     assert assets.upload("a", digest, 100, 40, levels[40:], T0_NS) == 100
     assert assets.upload("b", digest, 100, 0, b"", T0_NS) == 100
 

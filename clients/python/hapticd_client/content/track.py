@@ -16,6 +16,7 @@ Point = tuple[float, float]  # s, intensity
 STEP_S = 0.003  # between points: a frame lasts 17 ms and carries about ten knots
 CHUNK_POINTS = 80  # of one envelope: those of all effects that are sent have 1024 at most
 CHUNK_S = 20.0
+SHORTEST_S = 1e-6
 FLAT = 0.004  # of full intensity: what a chord may miss
 MIN_TONE_S = 0.001
 MIN_HZ, MAX_HZ = 1.0, 300.0
@@ -78,7 +79,7 @@ def summed(lines: Iterable[Sequence[Point]]) -> list[Point]:
     turns: dict[float, float] = {}
     for line in lines:
         for (t_s, value), (next_s, next_value) in pairwise([(line[0][0], 0.0), *line, (line[-1][0], 0.0)]):
-            if next_s > t_s:
+            if next_s - t_s > SHORTEST_S:  # what is shorter is a step
                 slope = (next_value - value) / (next_s - t_s)
                 turns[t_s] = turns.get(t_s, 0.0) + slope
                 turns[next_s] = turns.get(next_s, 0.0) - slope
