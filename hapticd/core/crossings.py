@@ -14,10 +14,10 @@ from .trajectory.knots import GRAIN_NS
 
 
 class Touched:
-    """A finger that was down at the last look: where, what it is on, for which effects it presses hard enough, and for
+    """A finger that was down in the last pass: where, what it is on, for which effects it presses hard enough, and for
     which of these it began to where they are."""
 
-    __slots__ = ("finger", "hard", "is_seen", "on", "pressed", "t_device_ns", "t_looked_ns", "t_ns")
+    __slots__ = ("finger", "hard", "is_seen", "on", "pressed", "t_checked_ns", "t_device_ns", "t_ns")
 
     def __init__(self, finger: Finger, t_ns: int, t_device_ns: int) -> None:
         self.finger = finger
@@ -26,7 +26,7 @@ class Touched:
         self.on: list[Layer] = []
         self.hard: list[Held] = []
         self.pressed: list[Held] = []
-        self.t_looked_ns = 0
+        self.t_checked_ns = 0
         self.is_seen = False
 
 
@@ -71,7 +71,7 @@ class Crossings:
         if touched.on:
             self._take_changed_layers(touched, t_now_ns, found)
         finger_id = touched.finger.finger_id
-        t_from_ns = max(t_plate_ns, touched.t_looked_ns)
+        t_from_ns = max(t_plate_ns, touched.t_checked_ns)
         t_to_ns = max(t_plate_ns + self._period_ns, t_from_ns + GRAIN_NS)
         place_mm = self._fingers.predicted_mm(finger_id, t_from_ns)
         to_place_mm = self._fingers.predicted_mm(finger_id, t_to_ns)
@@ -89,7 +89,7 @@ class Crossings:
                     found.append(Change(t_change_ns, layer, is_on, False))
                     was_on = is_on
             crossed += self._crossed(finger_id, layer, was_on, place_mm, to_place_mm, t_from_ns, t_to_ns)
-        touched.t_looked_ns = t_to_ns
+        touched.t_checked_ns = t_to_ns
         crossed.sort(key=_instant_ns)
         return found + crossed
 

@@ -184,7 +184,7 @@ class Pipeline:
             self._fingers.hold_all()
         t_apply_ns = t_now_ns + link_ns
         t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
-        self._triggers.look(t_now_ns, t_plate_ns)
+        self._triggers.check(t_now_ns, t_plate_ns)
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if is_allowed else []
         if not keys:
             return self.rest(t_now_ns, link_ns)

@@ -46,7 +46,7 @@ class Triggers:
             touched = self._touched.get(finger.finger_id)
             if touched is None:
                 touched = self._touched[finger.finger_id] = Touched(finger, t_ns, t_device_ns)
-                self._tell(EventKind.LANDED, touched)
+                self._add_event(EventKind.LANDED, touched)
             touched.finger, touched.t_ns, touched.t_device_ns = finger, t_ns, t_device_ns
 
     def lift_all(self) -> None:
@@ -61,14 +61,14 @@ class Triggers:
             touched.t_ns, touched.t_device_ns = t_ns, t_device_ns
             self._lifted.append(touched)
             for held in touched.pressed:
-                self._tell(EventKind.RELEASED, touched, held=held)
+                self._add_event(EventKind.RELEASED, touched, held=held)
             for layer in touched.on:
-                self._tell(EventKind.LEFT, touched, layer=layer)
-            self._tell(EventKind.LIFTED, touched)
+                self._add_event(EventKind.LEFT, touched, layer=layer)
+            self._add_event(EventKind.LIFTED, touched)
 
     # --- in a pass ---
 
-    def look(self, t_now_ns: int, t_plate_ns: int) -> None:
+    def check(self, t_now_ns: int, t_plate_ns: int) -> None:
         """Find what has happened by now, and what will until the next frame; begin and end effects for the frame that
         takes effect at `t_plate_ns`."""
         effects = self._effects
@@ -82,7 +82,7 @@ class Triggers:
                 for change in self._crossings.changes(touched, t_now_ns, t_plate_ns):
                     self._apply(change, touched, t_plate_ns)
         if effects.held:
-            self._look_at_effects(t_plate_ns)
+            self._check_effects(t_plate_ns)
         for touched in self._lifted:
             self._start(Cause.LIFTING, touched, t_plate_ns, finger_id=EVERYONE)
         self._lifted.clear()
@@ -101,7 +101,7 @@ class Triggers:
         t_ns, layer = change.t_ns, change.layer
         t_begin_ns = t_ns if change.is_crossing else t_plate_ns
         if change.is_crossing:
-            self._tell(EventKind.CROSSED, touched, t_ns, layer=layer)
+            self._add_event(EventKind.CROSSED, touched, t_ns, layer=layer)
             self._start(Cause.CROSSING, touched, t_ns, layer)
         if change.is_on:
             self._enter(touched, layer, t_ns, t_begin_ns)
@@ -110,24 +110,24 @@ class Triggers:
 
     def _enter(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
         touched.on.append(layer)
-        self._tell(EventKind.ENTERED, touched, t_ns, layer=layer)
+        self._add_event(EventKind.ENTERED, touched, t_ns, layer=layer)
         self._end_by(Cause.LEAVING, touched, layer, t_ns)
         self._start(Cause.ENTERING, touched, t_begin_ns, layer, t_ns)
 
     def _leave(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
-        self._tell(EventKind.LEFT, touched, t_ns, layer=layer)
+        self._add_event(EventKind.LEFT, touched, t_ns, layer=layer)
         self._end_by(Cause.ENTERING, touched, layer, t_ns)
         self._start(Cause.LEAVING, touched, t_begin_ns, layer, t_ns)
         touched.on.remove(layer)
 
-    def _look_at_effects(self, t_plate_ns: int) -> None:
+    def _check_effects(self, t_plate_ns: int) -> None:
         for held in self._effects.held:
             cause = held.effect.start.cause
             if cause is Cause.PRESSURE:
                 for touched in self._touched.values():
-                    self._look_at_pressure(held, touched, t_plate_ns)
+                    self._check_pressure(held, touched, t_plate_ns)
             elif held.is_due:
-                self._look_at_clock(held, t_plate_ns)
+                self._check_clock(held, t_plate_ns)
             held.is_new = False
         for touched in self._touched.values():
             if not touched.is_seen:
@@ -136,7 +136,7 @@ class Triggers:
                 touched.hard = [held for held in touched.hard if not held.is_gone]
                 touched.pressed = [held for held in touched.pressed if not held.is_gone]
 
-    def _look_at_clock(self, held: Held, t_plate_ns: int) -> None:
+    def _check_clock(self, held: Held, t_plate_ns: int) -> None:
         """Start an effect that a message started, in time for its instant."""
         t_ns, t_begin_ns = held.t_from_ns, t_plate_ns
         if held.effect.start.cause is Cause.AT:
@@ -148,14 +148,14 @@ class Triggers:
             return  # it came too late
         self._begin(held, None, EVERYONE, t_ns, t_begin_ns)
 
-    def _look_at_pressure(self, held: Held, touched: Touched, t_plate_ns: int) -> None:
+    def _check_pressure(self, held: Held, touched: Touched, t_plate_ns: int) -> None:
         start, pressure_frac = held.effect.start, touched.finger.pressure_frac
         if held in touched.hard:
             if pressure_frac <= start.release_frac:
                 touched.hard.remove(held)
                 if held in touched.pressed:
                     touched.pressed.remove(held)
-                    self._tell(EventKind.RELEASED, touched, held=held)
+                    self._add_event(EventKind.RELEASED, touched, held=held)
                     self._end_one(held, touched, touched.t_ns)
             return
         if held.is_new and touched.is_seen:
@@ -165,7 +165,7 @@ class Triggers:
             touched.hard.append(held)
             if _is_at(held, touched):
                 touched.pressed.append(held)
-                self._tell(EventKind.PRESSED, touched, held=held)
+                self._add_event(EventKind.PRESSED, touched, held=held)
                 self._begin(held, touched, touched.finger.finger_id, touched.t_ns, t_plate_ns)
 
     # --- beginnings and ends ---
@@ -196,7 +196,7 @@ class Triggers:
             held.started_ns = {one: at_ns for one, at_ns in held.started_ns.items() if one in self._touched}
             held.started_ns[mine] = t_begin_ns
         if self._effects.start(held, finger_id, -(-t_begin_ns // GRAIN_NS) * GRAIN_NS):
-            self._tell(EventKind.BEGUN, touched, t_ns, held=held)
+            self._add_event(EventKind.BEGUN, touched, t_ns, held=held)
 
     def _end(self, t_now_ns: int, t_plate_ns: int) -> None:
         """End what has played to its end, what is no longer in force, and what played for a finger that has lifted."""
@@ -225,9 +225,9 @@ class Triggers:
             client, effect = one.held.owner, one.held.name
             self.events.add(EventKind.ENDED, t_ns, finger_id=one.finger_id, client=client, effect=effect)
         else:
-            self._tell(EventKind.ENDED, touched, t_ns, held=one.held)
+            self._add_event(EventKind.ENDED, touched, t_ns, held=one.held)
 
-    def _tell(
+    def _add_event(
         self,
         kind: EventKind,
         touched: Touched | None,
