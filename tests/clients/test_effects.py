@@ -115,7 +115,7 @@ def test_more_points_than_a_message_may_have_are_refused_before_they_are_sent() 
 def test_an_older_daemon_is_not_sent_an_effect(daemon: FakeDaemon) -> None:
     daemon.optional = ("stamp", "surfaces")
     with Client(daemon.directory) as client:
-        with pytest.raises(RefusedError, match="this daemon has no effects: update it"):
+        with pytest.raises(RefusedError, match="effects: this daemon does not have that: update it"):
             client.effect("click", CLICK)
         client.surface("disc", Circle(3.0), friction=0.5)  # whose message it understands
     assert daemon.refusals == []

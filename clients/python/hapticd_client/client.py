@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import secrets
 import sys
-import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, SupportsIndex
 
-import zmq
-
-from .asset import AssetKeeper, asset_of, upload
-from .control import Control
+from .asset import asset_of
+from .connection import Connection
 from .effects import Form, Now, Start, effect_fields
-from .endpoint import KeyFile, find
+from .endpoint import KeyFile
 from .errors import HapticdError, RefusedError
-from .events import EventReader
-from .messages import PROTOCOL_VERSION, FingerState, PlateEvent, PlateState
-from .refresher import Refresher
+from .messages import FingerState, PlateEvent, PlateState
 from .surface import Shape, surface_fields
-from .target_set import DEFAULT_TTL_S, Key, TargetSet, no_stamp, stamp_now
+from .target_set import DEFAULT_TTL_S, Key, TargetSet
 from .targets import (
     MAX_TTL_S,
     MIN_TTL_S,
@@ -43,9 +36,6 @@ from .targets import (
     path_fields,
     target_fields,
 )
-from .telemetry import Telemetry
-
-RELEASE_S = 0.5  # timeout of the final release
 
 
 class Client:
@@ -68,39 +58,13 @@ class Client:
         own_key: KeyFile | None = None,
     ) -> None:
         self.name = label("name", _generated_name() if name is None else name)
-        self._timeout_s = timeout_s
         self._targets = TargetSet()
+        self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
         self._down: set[Key] = set()
         self._instance: int | None = None
-        place = find(endpoint, os.environ, server_key, own_key)
-        context = zmq.Context()
-        try:
-            self._control = Control(context, place)
-            self.hello = _hello(self._control, timeout_s)
-        except zmq.ZMQError as error:
-            context.destroy(linger=0)
-            raise HapticdError(f"{place}: is not a valid runtime directory ({error.strerror}).") from None
-        except BaseException:
-            context.destroy(linger=0)
-            raise
-        self._stamp = stamp_now if "stamp" in self.hello.get("optional", ()) else no_stamp
-        self._telemetry = Telemetry(context, place)
-        self._events = EventReader(context, place)
-        self._refresher = Refresher(context, place)
-        self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
-        self._keeper = AssetKeeper(context, place, self.name)
-        self._finalizer = weakref.finalize(
-            self,
-            _disconnect,
-            self.name,
-            self._stamp,
-            self._refresher,
-            self._keeper,
-            self._control,
-            self._telemetry,
-            self._events,
-            context,
-        )
+        self._link = Connection(self.name, endpoint, server_key, own_key, timeout_s)
+        self.hello = self._link.hello
+        self._finalizer = weakref.finalize(self, self._link.close)
 
     def __enter__(self) -> Client:
         return self
@@ -139,7 +103,7 @@ class Client:
         target = target_fields(
             friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, gradient=gradient, noise=noise
         )
-        self._check_known(target)
+        self._link.check_content(target)
         self._use_asset(map, wait)
         key = _key(finger)
         self._request(self._targets.with_target(key, target, number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)), wait)
@@ -201,9 +165,9 @@ class Client:
         "replace", "add" or "max". The same name again changes the surface. Raises RefusedError, also from an older
         daemon without surfaces.
         """
-        self._check_optional("surfaces", "surfaces")
+        self._link.check("surfaces", "surfaces")
         if path is not None:
-            self._check_optional("surface_path", "moving along a path")
+            self._link.check("surface_path", "moving along a path")
         target = target_fields(
             friction=friction,
             amplitude_um=amplitude_um,
@@ -213,7 +177,7 @@ class Client:
             noise=noise,
             where="surface",
         )
-        self._check_known(target)
+        self._link.check_content(target)
         self._use_asset(map, wait)
         pose = surface_fields(
             shape,
@@ -238,9 +202,10 @@ class Client:
         Several maps may share it. While one is in use, it is uploaded again to a daemon that was restarted. Raises
         RefusedError, also where the daemon has no room and from an older daemon without assets.
         """
-        self._check_optional("assets", "assets")
+        self._link.check("assets", "assets")
         asset = asset_of(source)
-        upload(partial(self._call, "asset"), self.name, asset)
+        self._check_open()
+        self._link.upload(asset)
         return asset
 
     def effect(
@@ -262,8 +227,7 @@ class Client:
         OnPressure(threshold). The same name again replaces the effect. Raises RefusedError, also for what a frame
         cannot carry and from an older daemon without effects.
         """
-        if "effects" not in self.hello.get("optional", ()):
-            raise RefusedError("effect: this daemon has no effects: update it.")
+        self._link.check("effects", "effects")
         fields = effect_fields(form, on, Now() if start is None else start, loops)
         ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
         self._request(self._targets.with_effect(label("name", name), fields, ttl_s), wait)
@@ -279,7 +243,7 @@ class Client:
     def release(self, finger: FingerState | Key | None = None) -> None:
         """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
         effects."""
-        stamp = self._stamp()
+        stamp = self._link.stamp()
         body: dict[str, object] = {"client": self.name, **stamp}
         targets = TargetSet()
         if finger is not None:
@@ -295,7 +259,7 @@ class Client:
     def fingers(self, timeout_s: float = 1.0) -> list[FingerState]:
         """Return the fingers on the plate, oldest first. Raises DaemonGoneError after the timeout."""
         self._check_open()
-        state = self._telemetry.current(timeout_s)
+        state = self._link.telemetry.current(timeout_s)
         self._drop_lifted(state)
         return [finger for finger in state.fingers if not finger.virtual]
 
@@ -303,7 +267,7 @@ class Client:
         """Yield the newest state repeatedly, skipping older ones. Raises DaemonGoneError after the timeout."""
         while True:
             self._check_open()
-            state = self._telemetry.next(timeout_s)
+            state = self._link.telemetry.next(timeout_s)
             self._drop_lifted(state)
             yield state
 
@@ -311,13 +275,13 @@ class Client:
         """Yield every event from now on, in order, for `seconds`: fingers that land, lift, enter, leave, cross and
         press, and effects that begin and end. Raises DaemonGoneError after `timeout_s` without a state."""
         self._check_open()
-        self._events.connect()
+        self._link.events.connect()
         return self._read_events(time.monotonic() + seconds, timeout_s)
 
     def _read_events(self, t_end_s: float, timeout_s: float) -> Iterator[PlateEvent]:
         while time.monotonic() < t_end_s:
             self._check_open()
-            yield from self._events.next(timeout_s)
+            yield from self._link.events.next(timeout_s)
 
     def status(self) -> dict[str, Any]:
         """Return the daemon's health: counters, latencies, the board."""
@@ -359,7 +323,7 @@ class Client:
 
     def _request(self, targets: TargetSet, wait: bool) -> None:
         self._check_open()
-        stamp = self._stamp()
+        stamp = self._link.stamp()
         if not wait:
             self._keep(targets, stamp)
             return
@@ -367,13 +331,13 @@ class Client:
         try:
             self._call("set", targets.fields(self.name, stamp))
         except HapticdError:
-            self._keep(self._targets, self._stamp())  # the daemon may have accepted the other targets
+            self._keep(self._targets, self._link.stamp())  # the daemon may have accepted the other targets
             raise
         self._keep(targets, stamp, is_sent=True)
 
     def _call(self, op: str, body: dict[str, object] | None = None) -> dict[str, Any]:
         self._check_open()
-        return self._control.request(op, body, timeout_s=self._timeout_s)
+        return self._link.request(op, body)
 
     def _use_asset(self, image: Map | None, wait: bool) -> None:
         """Keep a map's asset; upload it if the daemon has dropped it, or with `wait` False let the keeper do that."""
@@ -381,22 +345,8 @@ class Client:
             return
         self._assets[image.rows.digest] = image.rows
         if wait:
-            upload(partial(self._call, "asset"), self.name, image.rows)
-
-    def _check_known(self, target: Fields) -> None:
-        """Refuse content that an older daemon does not know."""
-        for kind in ("gradient", "noise"):
-            if kind in target and kind not in self.hello.get("targets", ()):
-                raise RefusedError(f"{kind}: this daemon does not have it: update it.")
-        image = target.get("map")
-        if isinstance(image, dict) and "friction" in image:
-            self._check_optional("friction_map", "maps of frictions")
-        if isinstance(image, dict) and "asset" in image:
-            self._check_optional("assets", "assets")
-
-    def _check_optional(self, name: str, what: str) -> None:
-        if name not in self.hello.get("optional", ()):
-            raise RefusedError(f"{what}: this daemon does not have that: update it.")
+            self._check_open()
+            self._link.upload(image.rows)
 
     def _check_open(self) -> None:
         if not self._finalizer.alive:
@@ -409,11 +359,11 @@ class Client:
         self._targets = targets
         if self._assets:
             self._assets = {digest: self._assets[digest] for digest in targets.assets}
-            self._keeper.keep(tuple(self._assets.values()))
+            self._link.keeper.keep(tuple(self._assets.values()))
         if is_sent:
-            self._refresher.keep(payload, ttl_s)
+            self._link.refresher.keep(payload, ttl_s)
         else:
-            self._refresher.send(payload, ttl_s)
+            self._link.refresher.send(payload, ttl_s)
 
     def _drop_lifted(self, state: PlateState) -> None:
         """Drop the targets of lifted fingers, whose ids are never used again."""
@@ -423,7 +373,7 @@ class Client:
         lifted = (self._down - down) & self._targets.fingers
         self._down = down
         if lifted:
-            self._keep(self._targets.without(*lifted), self._stamp())
+            self._keep(self._targets.without(*lifted), self._link.stamp())
 
 
 def _key(finger: FingerState | Key) -> Key:
@@ -438,40 +388,3 @@ def _key(finger: FingerState | Key) -> Key:
 def _generated_name() -> str:
     program = "".join(c for c in Path(sys.argv[0] if sys.argv else "").stem if c.isprintable()) or "python"
     return f"{program[:16]}-{os.getpid()}-{secrets.token_hex(2)}"
-
-
-def _hello(control: Control, timeout_s: float) -> dict[str, Any]:
-    hello = control.request("hello", timeout_s=timeout_s)
-    if hello.get("protocol") != PROTOCOL_VERSION:
-        raise HapticdError(
-            f"The daemon has protocol version {hello.get('protocol')!r}, this library {PROTOCOL_VERSION}: "
-            "install the hapticd-client of the daemon's version."
-        )
-    return hello
-
-
-def _disconnect(
-    name: str,
-    stamp: Callable[[], Fields],
-    refresher: Refresher,
-    keeper: AssetKeeper,
-    control: Control,
-    telemetry: Telemetry,
-    events: EventReader,
-    context: zmq.Context[zmq.Socket[bytes]],
-) -> None:
-    """Release and disconnect. It has no reference to the Client, which no longer exists when it runs."""
-    if refresher.is_current_thread or keeper.is_current_thread:  # by the garbage collector; it cannot join itself
-        arguments = (name, stamp, refresher, keeper, control, telemetry, events, context)
-        threading.Thread(target=_disconnect, args=arguments).start()
-        return
-    last = stamp()
-    refresher.send(TargetSet().payload(name, last), math.inf)
-    refresher.stop()
-    keeper.stop()
-    with contextlib.suppress(HapticdError):  # then the time to live expires
-        control.request("release", {"client": name, **last}, timeout_s=RELEASE_S)
-    control.close()
-    telemetry.close()
-    events.close()
-    context.term()
