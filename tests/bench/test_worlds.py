@@ -17,12 +17,12 @@ from hapticd.sim.world_errors import CAUSES
 pytestmark = pytest.mark.long
 
 
-SECONDS = 1.0
+SECONDS, TOUCHING_S = 1.0, 8.0
 
 
 @pytest.fixture(scope="module")
 def tables() -> dict[str, Table]:
-    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, workers=1)}
+    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, touching_s=TOUCHING_S, workers=1)}
 
 
 def leak_um(table: Table, row: str) -> float:
@@ -53,7 +53,7 @@ def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, 
 
 
 def test_processes_give_what_one_process_gives() -> None:
-    jobs = {("mild", seed): (Settings(), "mild", seed, SECONDS, False) for seed in (1, 2)}
+    jobs = {("mild", seed): worlds.Job(Settings(), "mild", seed, SECONDS, 2.0, has_causes=False) for seed in (1, 2)}
     assert worlds.played(jobs, workers=2) == worlds.played(jobs, workers=1)
 
 

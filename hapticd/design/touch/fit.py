@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
+from ...core.plate.parasitic_modes import ParasiticModes
 from .model import (
     DRIFT_PRIOR_1_S,
     LOAD_PRIOR_FRAC,
@@ -29,14 +30,14 @@ from .model import (
 from .observations import ComplexArray, FloatArray, Windows
 from .waves import Waves
 
-MAP_PRIOR = 0.004  # RMS of each of a hundred waves that the map may lack: a tenth of the map together
+MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
 CLUSTER_S = 0.2
 _BLOCK = 256  # windows whose derivatives are in memory at once
 _LOOSE = 1e6  # sigma of what has no prior
 _START_LOAD_1_S = 200.0
 _MOST_STEPS = 12
 _MOST_DAMPING = 1e3
-_MOST_WITH_WAVES = 4  # they start near, and are linear
+_MOST_WITH_WAVES = 3  # they start near, and are linear
 _LEAST_GAIN = 3e-4  # of the cost: then it has converged
 _OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 
@@ -133,12 +134,13 @@ def fit(
     waves: Waves | None = None,
     *,
     judged_by_um_s: FloatArray | None = None,
+    parasitic_modes: ParasiticModes | None = None,
 ) -> Fit:
     """Fit what is `free` from `start` on; everything else of it stays. Loads and rates are always free.
 
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
-    problem = _Problem(Model(windows, modes, start, waves), free, start)
+    problem = _Problem(Model(windows, modes, start, waves, parasitic_modes), free, start)
     state = State(
         start,
         np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
@@ -173,6 +175,7 @@ def _settled(problem: _Problem, state: State) -> _Settled:
     """Solve for loads and rates: linear, but for the outliers."""
     found = _Settled(state, _noise(problem.model, state), 0.0, _START_LOAD_1_S)
     for _ in range(4):
+        problem.model.settle(state)
         state, normal = _step(problem, *found)
         found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
     return found
