@@ -141,6 +141,10 @@ class Pipeline:
         self.counters.frames += 1
         return self._fingers.touch(frame, t_read_ns)
 
+    def set_sensor_latency(self, latency_ns: int) -> None:
+        """Take the pad's own latency to be this from the next report on."""
+        self._fingers.set_latency(latency_ns)
+
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
         self._fingers.lift_all()

@@ -15,6 +15,7 @@ from ..wire.protocol import REFERENCE
 LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
 LONGEST_FRAME_S = 0.003
 BITS_PER_BYTE = 10  # 8N1
+CALIBRATION_HZ = 500
 ENVELOPE_BYTES = 7  # of a frame: type, CRC, COBS and its delimiter
 
 
@@ -56,6 +57,11 @@ def max_knots(config: Config, baud: int) -> int:
     """Return the most knots of a frame on a link of this speed."""
     most, modes = config.solver.max_knots, len(config.limits.w_limit_um)
     return min(most, knots_in(LONGEST_FRAME_S, baud, modes)) if _has_contacts(config) else most
+
+
+def telemetry_hz(config: Config) -> int:
+    """Return how many control ticks a second the board reports: as configured, else what calibration needs."""
+    return config.record.telemetry_hz or (CALIBRATION_HZ if config.trackpad.correct_while_touched else 0)
 
 
 def _has_contacts(config: Config) -> bool:

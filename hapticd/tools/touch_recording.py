@@ -53,6 +53,7 @@ class Collected:
 
     control_hz: float = 0.0
     drive_hz: float = 0.0
+    live_ticks: int = 0
     samples: list[TelemetrySample] = field(default_factory=list)
     drives: list[tuple[int, float]] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
@@ -77,6 +78,7 @@ class Collected:
             match message:
                 case TelemetrySample():
                     self.samples.append(message)
+                    self.live_ticks += message.state is BoardState.LIVE
                 case BoardStatus():
                     self.drives.append((message.t_board_us, message.drive_hz))
                 case BoardHello():

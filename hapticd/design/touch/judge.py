@@ -19,6 +19,7 @@ from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
 LEAST_FOR_MAP_S = 45.0  # of fitted windows: about a minute of touching
+MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for those of sensors
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
@@ -78,8 +79,10 @@ class _Fitter:
         return _Gain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
 
 
-def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> Judged:
-    """Fit and judge. Run time: about 5 s for a minute of touching, 30 s with the map."""
+def calibrate(
+    windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None, *, has_map: bool = True
+) -> Judged:
+    """Fit and judge, the map last, if `has_map`. Run time: about 5 s for a minute of touching, 30 s with the map."""
     nominal = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
@@ -89,7 +92,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
         )
         return Judged(nominal, nominal, nominal, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
-    free = Free(pad=True, sense=True)
+    free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
     fitter = _Fitter(modes, parasitic_modes)
     first, second = _halves(few)
     one = fitter.fit(first, free, nominal)
@@ -118,7 +121,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
         waves=None,
         fit=found,
     )
-    return _with_map(judged, windows, fitter)
+    return _with_map(judged, windows, fitter) if has_map else judged
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:

@@ -23,7 +23,7 @@ PAD = ("x_mm", "y_mm", "rotation_rad", "scale_x", "scale_y", "latency_s", "centr
 LATENCY, CENTROID = PAD.index("latency_s"), PAD.index("centroid_mm")
 # One sigma of what a laboratory meets. Latency, scale and centroid are ill-determined together without.
 PAD_PRIOR = np.array((1.0, 1.0, 0.02, 0.005, 0.005, 0.004, 0.3))
-SENSE_PRIOR = 0.1
+SENSE_PRIOR = 0.03
 CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
 DRIFT_EVERY_S = 4.0  # knots of the modes' own rates: splines, as a plate warms up smoothly
 DRIFT_PRIOR_1_S = 150.0  # 25 Hz
