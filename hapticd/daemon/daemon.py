@@ -220,7 +220,7 @@ class Daemon:
         if self._recorders is not None:
             self._recorders.close(now_ns())
         if self._calibration_task is not None:
-            await self._calibration_task.close()
+            self._calibration_task.close()
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:

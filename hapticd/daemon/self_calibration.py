@@ -8,10 +8,10 @@ that is full loses records, never time. A verdict comes back as a line, and what
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import logging
 import os
+import subprocess
 import sys
 from collections import deque
 from collections.abc import Sequence
@@ -30,9 +30,10 @@ from .settings import plate_from_pad
 log = logging.getLogger("hapticd")
 
 PROCESS = "hapticd.tools.touch_process"
-MOST_WAITING_BYTES = 1 << 20  # in the pipe: some 20 s of touching
+MOST_WAITING_BYTES = 1 << 20  # for the pipe: some 7 s of touching
 STEP_EVERY_NS = 10_000_000
 _LONGEST_LINE_BYTES = 1 << 16
+_PIECE_BYTES = 1 << 16
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
 
 
@@ -47,39 +48,59 @@ class SelfCalibration:
     def __init__(self, config: Config) -> None:
         self._adoption = Adoption.of(configured_pad(config))
         self._waiting: deque[tuple[str, int, Sequence[Any]]] = deque()
-        self.process: asyncio.subprocess.Process | None = None
-        self._task: asyncio.Task[None] | None = None
+        self.process: subprocess.Popen[bytes] | None = None
+        self._out = bytearray()
+        self._line = b""
         self._has_gap = False
         self._t_stepped_ns = 0
         self._verdicts = self._adopted = self._dropped = self._steps = 0
         self._last = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, header: Header) -> None:
-        """Start the process; it is fed once it runs."""
+        """Start the process; one that cannot be started is a warning."""
         self._loop = loop
-        self._task = loop.create_task(self._serve(header))
-
-    async def _serve(self, header: Header) -> None:
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-P", "-m", PROCESS),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            limit=_LONGEST_LINE_BYTES,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )
-        self.process = process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write(msgpack.packb(header_fields(header)))
         try:
-            while line := await process.stdout.readline():
-                self.take_verdict(line)
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-m", PROCESS],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )
+        except OSError as error:
+            log.warning("the self-calibration cannot start, the pad stays as it is: %s", error.strerror)
+            return
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            os.set_blocking(pipe.fileno(), False)
+        loop.add_reader(self.process.stdout, self._read)  # type: ignore[arg-type]
+        self._send(header_fields(header))
+
+    def _read(self) -> None:
+        assert self.process is not None
+        assert self.process.stdout is not None
+        data = os.read(self.process.stdout.fileno(), _LONGEST_LINE_BYTES)
+        *lines, self._line = (self._line + data).split(b"\n")
+        for line in lines:
+            self.take_verdict(line)
+        if not data or len(self._line) > _LONGEST_LINE_BYTES:
             log.warning("the self-calibration's process has ended: the pad stays as it is")
-        finally:
-            self.process = None
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+            self.close()
+
+    def _write(self) -> None:
+        """Write what the pipe takes, and the rest when it takes more."""
+        if self.process is None or self.process.stdin is None:
+            return
+        pipe = self.process.stdin.fileno()
+        try:
+            while self._out:
+                del self._out[: os.write(pipe, self._out[:_PIECE_BYTES])]
+        except BlockingIOError:
+            self._loop.add_writer(pipe, self._write)
+            return
+        except OSError:  # it has ended, as its output shows
+            self._out.clear()
+        self._loop.remove_writer(pipe)
 
     def put(self, kind: str, t_ns: int, *values: Any) -> None:
         """A machine's observer: encoded when the loop comes back from this event, so that no pass waits for it."""
@@ -95,17 +116,19 @@ class SelfCalibration:
             self._send([kind, t_ns, _fields(kind, t_ns, values)])
 
     def _send(self, message: object) -> None:
-        pipe = None if self.process is None else self.process.stdin
-        if pipe is None or pipe.is_closing():
+        if self.process is None:
             return
-        if pipe.transport.get_write_buffer_size() > MOST_WAITING_BYTES:
+        if len(self._out) > MOST_WAITING_BYTES:
             self._dropped += 1
             self._has_gap = True
             return
         if self._has_gap:
             self._has_gap = False
-            pipe.write(msgpack.packb(None))
-        pipe.write(msgpack.packb(message))
+            self._out += msgpack.packb(None)
+        was_waiting = len(self._out) > 0
+        self._out += msgpack.packb(message)
+        if not was_waiting:
+            self._write()
 
     def restart(self) -> None:
         """Another machine begins: what was seen of the one before does not belong to it. The pad stays where it is."""
@@ -159,12 +182,18 @@ class SelfCalibration:
             "last_refusal": self._last,
         }
 
-    async def close(self) -> None:
+    def close(self) -> None:
         """End the process."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
+        process, self.process = self.process, None
+        if process is None:
+            return
+        self._out.clear()
+        process.kill()
+        for pipe, remove in ((process.stdin, self._loop.remove_writer), (process.stdout, self._loop.remove_reader)):
+            assert pipe is not None
+            remove(pipe)
+            pipe.close()
+        process.wait()
 
 
 def adopt(machine: Machine, pad: Pad, t_now_ns: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -121,16 +122,16 @@ def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
     async def story() -> SelfCalibration:
         calibration = SelfCalibration(Config())
         calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
-        while calibration.process is None:
-            await asyncio.sleep(0)
+        process = calibration.process
+        assert process is not None
         calibration.put("board_bytes", T_START_NS, b"nothing")
-        calibration.process.kill()
+        process.kill()
         while calibration.process is not None:
             calibration.put("board_bytes", T_START_NS, b"nothing")
             await asyncio.sleep(0)
         calibration.put("board_bytes", T_START_NS, b"nothing")
         await asyncio.sleep(0)
-        await calibration.close()
+        calibration.close()
         return calibration
 
     calibration = asyncio.run(story())
@@ -138,6 +139,24 @@ def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
     assert [record.getMessage() for record in caplog.records] == [
         "the self-calibration's process has ended: the pad stays as it is"
     ]
+
+
+def test_a_process_that_does_not_read_costs_records_and_no_time(at_rest: Touching) -> None:
+    async def story() -> dict[str, object]:
+        calibration = SelfCalibration(Config())
+        calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
+        assert calibration.process is not None
+        calibration.process.send_signal(signal.SIGSTOP)
+        for _ in range(40):
+            calibration.put("board_bytes", T_START_NS, bytes(1 << 16))
+            await asyncio.sleep(0)
+        report = calibration.report()
+        calibration.close()
+        return report
+
+    report = asyncio.run(story())
+    assert report["running"]
+    assert 0 < int(str(report["dropped"])) < 40
 
 
 def test_the_process_reads_to_the_end_within_its_memory(at_rest: Touching) -> None:
