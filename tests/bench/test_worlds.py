@@ -17,7 +17,7 @@ from hapticd.sim.world_errors import CAUSES
 pytestmark = pytest.mark.long
 
 
-SECONDS, TOUCHING_S = 1.0, 8.0
+SECONDS, TOUCHING_S = 1.0, 6.0
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +35,13 @@ def test_the_worse_the_world_the_more_leaks_and_less_than_under_the_papers_schem
     assert leak_um(table, f"mild: {worlds.IDEAL}") < ours_um[0] < ours_um[1] < ours_um[2]
     for level, of_level_um in zip(worlds.LEVELS, ours_um, strict=True):
         assert leak_um(table, f"{level}: {worlds.PERFECT}") < of_level_um < leak_um(table, f"{level}: {worlds.PAPER}")
+
+
+def test_touching_leaves_no_level_worse(tables: dict[str, Table]) -> None:
+    for level in worlds.LEVELS:
+        figures = tables["worlds"].row(f"{level}: {worlds.AFTER}").figures
+        assert figures["before_ratio_most"] < 1.05
+        assert figures["paper_ratio"] > 1.0
 
 
 @pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes"])
