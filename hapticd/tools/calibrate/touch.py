@@ -86,7 +86,10 @@ def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulat
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
     if judged.refusal:
         return Verdict("touch", Outcome.FAIL, f"Nothing is adopted. {judged.refusal}", tuple(figures), {}, is_simulated)
-    adopted = ["pad", *(["sensors"] if has_sensors else []), *(["map"] if judged.waves is not None else [])]
+    is_sense_moved = not np.array_equal(judged.calibration.sense, np.eye(len(judged.calibration.sense)))
+    adopted = ["pad"]
+    adopted += ["sensors"] if has_sensors and is_sense_moved else []
+    adopted += ["map"] if judged.waves is not None else []
     lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
     sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
     return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)

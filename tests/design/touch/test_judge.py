@@ -79,3 +79,15 @@ def with_a_late_finger(touching: Touching) -> Windows:
     late = second.t_s > 1.5
     part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
     return in_windows(touching.ticks(np.random.default_rng(1)), [first, part], 0.01)
+
+
+def test_ticks_next_to_each_other_are_averaged() -> None:
+    touching = Touching(WRONG, seconds=1.0)
+    ticks = touching.ticks(np.random.default_rng(1))
+    windows = in_windows(ticks, touching.windows().tracks, 0.01)
+    used = windows.is_used
+    covered = (ticks.t_s >= windows.t_s[used].min() - 0.01) & (ticks.t_s <= windows.t_s[used].max() + 0.01)
+    assert 2 * used.sum() < covered.sum() < 4 * used.sum()
+    expected_v = np.interp(windows.t_s[used], ticks.t_s, ticks.voltage_v[:, 0].real)
+    assert np.abs(windows.voltage_v[used][:, 0].real - expected_v).max() < 0.05 * np.abs(ticks.voltage_v).max()
+    assert np.all(np.diff(windows.t_s[used]) > 0.0)
