@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from multiprocessing import get_context
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,25 +25,33 @@ from ..sim.score import Score
 from ..sim.world_errors import CAUSES, NEUTRAL, WorldErrors
 from ..sim.world_tolerances import LEVELS, draw
 from ..tools.progress import Progress
+from ..tools.touch_correction import judged_by
+from . import touching
 from .tables import Table, finite_rows
 
 WORLDS = 50
 LABORATORY = "laboratory"
 SCENARIO = "strokes"
 SECONDS = 10.0
-HAPTICD, PAPER, PERFECT, IDEAL = "hapticd", "the paper's scheme", "perfect knowledge", "hapticd, nothing wrong"
+HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the paper's scheme"
+PERFECT, IDEAL = "perfect knowledge", "hapticd, nothing wrong"
 CONTACT_CAUSES_EVERY = 5  # laboratories: runs with contacts take four times as long
 _WORST_TENTH = 0.9
 
 Scores = dict[str, Score]
 
 
-def play(settings: Settings, world: WorldErrors, seed: int, seconds: float) -> Scores:
-    """Return the scores of each scheme in one world."""
+def play(settings: Settings, world: WorldErrors, seed: int, seconds: float, touching_s: float) -> Scores:
+    """Return the scores of each scheme in one world; that of AFTER is on other strokes than its touching."""
     run_as = partial(lockstep.run, SCENARIO, seed=seed, seconds=seconds)
-    ours = run_as(settings=lockstep.in_world(settings, world))
+    played = lockstep.in_world(settings, world)
+    before = touching.measured(played, seed)
+    ours = run_as(settings=played, measured=before)
+    found = touching.touch(played, before, seed, touching_s)
+    settled, after = touching.corrected(played, before, found, judged_by(found))
     return {
         HAPTICD: ours.score,
+        AFTER: run_as(settings=settled, measured=after).score,
         PAPER: run_as(settings=lockstep.paper(ours.settings)).score,
         PERFECT: lockstep.perfect(ours).score,
         IDEAL: run_as(settings=lockstep.in_world(settings, NEUTRAL)).score,
@@ -59,13 +68,21 @@ def play_causes(settings: Settings, world: WorldErrors, seed: int, seconds: floa
     }
 
 
-def run(*, worlds: int = WORLDS, seconds: float = SECONDS, workers: int | None = None) -> tuple[Table, ...]:
+def run(
+    *,
+    worlds: int = WORLDS,
+    seconds: float = SECONDS,
+    touching_s: float = touching.TOUCHING_S,
+    workers: int | None = None,
+) -> tuple[Table, ...]:
     """Compare the schemes in `worlds` laboratories of each level, and the causes in those of the middle one."""
     points, contacts = Settings(), Settings(plate=PlateSettings.of(FINGERTIP))
     seeds = range(1, worlds + 1)
-    jobs = {(name, seed): (points, name, seed, seconds, name == LABORATORY) for name in LEVELS for seed in seeds}
+    job = partial(Job, seconds=seconds, touching_s=touching_s)
+    jobs = {(name, seed): job(points, name, seed, has_causes=name == LABORATORY) for name in LEVELS for seed in seeds}
     jobs |= {
-        (FINGERTIP, seed): (contacts, LABORATORY, seed, seconds, seed % CONTACT_CAUSES_EVERY == 1) for seed in seeds
+        (FINGERTIP, seed): job(contacts, LABORATORY, seed, has_causes=seed % CONTACT_CAUSES_EVERY == 1)
+        for seed in seeds
     }
     done = played(jobs, os.cpu_count() or 1 if workers is None else workers)
     by_level = {level: [done[level, seed] for seed in seeds] for level in LEVELS}
@@ -83,17 +100,24 @@ def run(*, worlds: int = WORLDS, seconds: float = SECONDS, workers: int | None =
     )
 
 
-_Job = tuple[Settings, str, int, float, bool]
+class Job(NamedTuple):
+    """One laboratory: of a level, touched for `touching_s`, played for `seconds`, with each cause or without."""
+
+    settings: Settings
+    level: str
+    seed: int
+    seconds: float
+    touching_s: float
+    has_causes: bool
 
 
-def _laboratory(job: _Job) -> Scores:
-    settings, level, seed, seconds, has_causes = job
-    world = draw(level, seed)
-    scores = play(settings, world, seed, seconds)
-    return scores | (play_causes(settings, world, seed, seconds) if has_causes else {})
+def _laboratory(job: Job) -> Scores:
+    world = draw(job.level, job.seed)
+    scores = play(job.settings, world, job.seed, job.seconds, job.touching_s)
+    return scores | (play_causes(job.settings, world, job.seed, job.seconds) if job.has_causes else {})
 
 
-def played(jobs: Mapping[tuple[str, int], _Job], workers: int) -> dict[tuple[str, int], Scores]:
+def played(jobs: Mapping[tuple[str, int], Job], workers: int) -> dict[tuple[str, int], Scores]:
     """Return each job's scores, from this process or from `workers` others."""
     done: dict[tuple[str, int], Scores] = {}
     with Progress("worlds") as progress:
@@ -113,23 +137,35 @@ def played(jobs: Mapping[tuple[str, int], _Job], workers: int) -> dict[tuple[str
 def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
     for level, laboratories in by_level.items():
-        for scheme in (HAPTICD, PAPER, PERFECT, IDEAL):
+        for scheme in (HAPTICD, AFTER, PAPER, PERFECT, IDEAL):
             of = [scores[scheme] for scores in laboratories]
-            slip = {"slip_frac": _quantile([score.slip_frac for score in of], 0.5)}
-            rows.append((f"{level}: {scheme}", _spread([score.leak_um for score in of], "leak") | slip))
+            figures = _spread([score.leak_um for score in of], "leak")
+            figures["slip_frac"] = _quantile([score.slip_frac for score in of], 0.5)
+            figures["paper_ratio"] = _quantile(_ratios(laboratories, PAPER, scheme), 0.5)
+            figures["before_ratio_most"] = max(_ratios(laboratories, scheme, HAPTICD), default=float("nan"))
+            rows.append((f"{level}: {scheme}", figures))
     return Table(
         name="worlds",
         title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} random laboratories of each kind, at points",
         default=f"{LABORATORY}: {HAPTICD}",
         rows=finite_rows(rows),
         compared=("leak_um", "leak_worst_tenth_um"),
-        notes=("leak: median over the laboratories; worst tenth: a tenth of them leaks more",),
+        notes=(
+            "leak: median over the laboratories; worst tenth: a tenth of them leaks more",
+            "paper ratio: how many times more the paper's scheme leaks in the same laboratory, median; before ratio: "
+            "leak over that of hapticd before touching, the most of all laboratories",
+        ),
     )
+
+
+def _ratios(laboratories: Sequence[Scores], over: str, under: str) -> list[float]:
+    """Return the leak of one scheme over that of another in each laboratory."""
+    return [scores[over].leak_um / scores[under].leak_um for scores in laboratories]
 
 
 def _contacts(laboratories: Sequence[Scores]) -> Table:
     rows = []
-    for scheme in (HAPTICD, PAPER, PERFECT, IDEAL):
+    for scheme in (HAPTICD, AFTER, PAPER, PERFECT, IDEAL):
         of = [scores[scheme] for scores in laboratories]
         contrasts = [score.contrast for score in of]
         figures = _spread([score.contact_leak_um for score in of], "contact_leak")

@@ -96,6 +96,9 @@ class TrackpadConfig:
         low=15,
         high=1000,
     )
+    correct_while_touched: bool = key(
+        False, "correct matrix, offset_mm and latency_ms while running, by what touches do to the plate"
+    )
 
 
 # Lag of the plate behind moving references under each law, measured: `hapticd bench firmware`, table tracking.

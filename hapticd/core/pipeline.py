@@ -156,6 +156,10 @@ class Pipeline:
         self._triggers.take(tracked)
         return tracked
 
+    def set_sensor_latency(self, latency_ns: int) -> None:
+        """Take the pad's own latency to be this from the next report on."""
+        self._fingers.set_latency(latency_ns)
+
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
         self._fingers.lift_all()

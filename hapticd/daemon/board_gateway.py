@@ -38,6 +38,7 @@ from ..wire import device as device_wire
 from ..wire import protocol
 from ..wire.commands import encode
 from .observer import Observer
+from .settings import telemetry_hz
 
 log = logging.getLogger("hapticd")
 
@@ -84,7 +85,7 @@ class BoardGateway:
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
-            telemetry_hz=config.record.telemetry_hz,
+            telemetry_hz=telemetry_hz(config),
             fast_baud=0 if set_baud is None else config.device.fast_baud,
         )
         self.unsent = 0

@@ -33,6 +33,7 @@ from ..values import RawReport
 from ..wire import client as client_wire
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
+from .self_calibration import SelfCalibration
 
 log = logging.getLogger("hapticd")
 
@@ -83,6 +84,7 @@ class Daemon:
         self._pad_link: Link | None = None
         self._board_link: Link | None = None
         self._recorders: Recorders | None = None
+        self._calibration_task: SelfCalibration | None = None
         self._awake: awake.CpuLatencyHold | None = None
 
     @property
@@ -103,7 +105,17 @@ class Daemon:
             on_listener=self._listener,
             refusal_of_parts=client_wire.REFUSAL_OF_PARTS,
         )
-        self._recorders = Recorders(self._machine, self._config.record, self.runtime_dir, _header)
+        if self._config.trackpad.correct_while_touched:
+            self._calibration_task = SelfCalibration(self._config)
+            self._calibration_task.start(loop, _header(self._machine, True))
+            self._machine.status.calibration = self._calibration_task.report
+        self._recorders = Recorders(
+            self._machine,
+            self._config.record,
+            self.runtime_dir,
+            _header,
+            also=None if self._calibration_task is None else self._calibration_task.put,
+        )
         self._recorders.start(loop)
         self._link.start(
             loop,
@@ -140,6 +152,10 @@ class Daemon:
         self._machine = machine
         self._logged_missed = 0
         self._recorders.begin(machine, t_now_ns)
+        if self._calibration_task is not None:
+            machine.status.calibration = self._calibration_task.report
+            self._calibration_task.restart()
+            self._calibration_task.resume(machine, t_now_ns)
         if self._pad_link is not None:
             self._on_pad_link(self._pad_link)
         if self._board_link is not None:
@@ -203,6 +219,8 @@ class Daemon:
         self._link.close()
         if self._recorders is not None:
             self._recorders.close(now_ns())
+        if self._calibration_task is not None:
+            self._calibration_task.close()
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
@@ -262,6 +280,8 @@ class Daemon:
     def _housekeep(self, t_now_ns: int) -> None:
         """Do what is due besides the touch, after timer ticks or reports."""
         assert self._recorders is not None
+        if self._calibration_task is not None:
+            self._calibration_task.step(self.machine, t_now_ns)
         if not self.machine.is_failing:
             self._notifier.feed_watchdog(t_now_ns)
         if self._awake is not None:

@@ -19,7 +19,7 @@ from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.scene import Scene
-from ..values import ClientTargets, RawReport, Tick
+from ..values import AffineMap, ClientTargets, RawReport, Tick
 from ..wire import trackpad as trackpad_wire
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
@@ -99,7 +99,8 @@ class Machine:
         )
         self.status.publish = publish
         model = "mt2-usb" if config.trackpad.model == "auto" else config.trackpad.model
-        self.trackpad = trackpad_wire.Decoder(model, plate_from_pad(config))
+        self._pad = plate_from_pad(config)
+        self.trackpad = trackpad_wire.Decoder(model, self._pad)
         self.last_tick: Tick | None = None
         self.is_failing = False
         self._observer: Observer | None = None
@@ -259,11 +260,19 @@ class Machine:
             self._observer("trackpad_link", t_now_ns, up, reason, model)
         log.log(logging.INFO if up else logging.WARNING, "trackpad: %s", reason)
         if model is not None and model != self.trackpad.model:
-            self.trackpad = trackpad_wire.Decoder(model, plate_from_pad(self.config))
+            self.trackpad = trackpad_wire.Decoder(model, self._pad)
         self.trackpad.reset()
         self.pipeline.sensor_lost()
         self._supervise(Event.SENSOR_UP if up else Event.SENSOR_DOWN, reason, t_now_ns)
         self._pass(t_now_ns)
+
+    def adopt(self, plate_from_pad: Sequence[float], latency_ns: int, t_now_ns: int) -> None:
+        """Take the pad to lie here, the numbers of an AffineMap, and to report so late, from its next report on."""
+        if self._observer is not None:
+            self._observer("adopt", t_now_ns, list(plate_from_pad), latency_ns)
+        self._pad = AffineMap(*plate_from_pad)
+        self.trackpad.place(self._pad)
+        self.pipeline.set_sensor_latency(latency_ns)
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last reference is zero."""

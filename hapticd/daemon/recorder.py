@@ -1,8 +1,9 @@
 """Recording within the daemon: to a file from its start, and to whichever `hapticd record` is attached.
 
-Both take what the machine's one observer is given. While nothing records, the machine has no observer. Only a recording
-that begins with its machine replays, so a recorder that requests one waits until the daemon restarts its core. While
-anything is recorded it does not, for that recording would end: a recorder that attaches then joins at once.
+Both take what the machine's one observer is given. While nothing records or calibrates, the machine has no observer.
+Only a recording that begins with its machine replays, so a recorder that requests one waits until the daemon restarts
+its core. While anything is recorded it does not, for that recording would end: a recorder that attaches then joins at
+once.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import HEADER, Fields, Record, record_of
 from ..io.clients.record_socket import WAITS, WHOLE, RecordSocket
 from .machine import Machine
+from .observer import Observer
 
 if TYPE_CHECKING:
     from ..files.recording.background import BackgroundWriter
@@ -68,9 +70,19 @@ class _Live:
 class Recorders:
     """Everything that records the daemon's machine, and those that follow it, from the constructor to `close`."""
 
-    def __init__(self, machine: Machine, config: RecordConfig, directory: Path, make_header: MakeHeader) -> None:
-        """Begins the file that the configuration requests; the machine has had no input yet."""
+    def __init__(
+        self,
+        machine: Machine,
+        config: RecordConfig,
+        directory: Path,
+        make_header: MakeHeader,
+        *,
+        also: Observer | None = None,
+    ) -> None:
+        """Begins the file that the configuration requests; the machine has had no input yet. `also` is given what the
+        recordings are."""
         self._machine = machine
+        self._also = also
         self._make_header = make_header
         self._socket = RecordSocket(directory)
         self._waiting: deque[tuple[str, int, tuple[Any, ...]]] = deque()
@@ -141,16 +153,17 @@ class Recorders:
             self._writer.close(t_ns, "the daemon stopped")
 
     def _choose_observer(self) -> None:
-        observers = [put for put in (self._writer and self._writer.put, self._live and self._put_live) if put]
+        each = (self._writer and self._writer.put, self._live and self._put_live, self._also)
+        observers = [put for put in each if put]
         if len(observers) < 2:
             self._machine.observer = observers[0] if observers else None
             return
 
-        def both(kind: str, t_ns: int, *values: Any) -> None:
+        def all_of_them(kind: str, t_ns: int, *values: Any) -> None:
             for put in observers:
                 put(kind, t_ns, *values)
 
-        self._machine.observer = both
+        self._machine.observer = all_of_them
 
     def _on_recorder(self, request: bytes, is_attached: bool) -> None:
         if not is_attached:

@@ -52,6 +52,7 @@ class Status:
         self.real_time: Mapping[str, object] = {}
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
         self.recording: Callable[[], Mapping[str, object]] = dict
+        self.calibration: Callable[[], Mapping[str, object]] = dict
         self._config = config
         self._modes = modes
         self._instance = instance
@@ -162,6 +163,7 @@ class Status:
             },
             "board": _board(self._board),
             "recording": dict(self.recording()),
+            "calibration": dict(self.calibration()),
             "real_time": dict(self.real_time),
             "timing": self._timing(),
             "latency_ms": _latency([line for line in ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..bench.baselines.paper_scheme import paper_config, paper_pipeline
+from ..board_values import UNCALIBRATED, Calibration
 from ..config.loader import on_plate
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
@@ -114,13 +115,15 @@ def run(
     seed: int = 1,
     seconds: float | None = None,
     observer: Callable[[Machine, ModeShapes], Observer] | None = None,
+    measured: Measured | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Run:
     """Play `scenario`, a name or one of the caller's own, for `seconds` of virtual time.
 
     The same arguments give the same arrays, byte for byte.
     `settings` may be a mapping of some fields of Settings; `observer` makes the machine's observer before the first
-    event; `progress` is called with the share of the run that is done.
+    event; `measured` replaces the daemon's mode map and calibrates the board; `progress` is called with the share of
+    the run that is done.
     Raises SimulationError, a ValueError, for an unknown scenario or setting and for values out of bounds.
     """
     if isinstance(scenario, str) and scenario not in SCENARIOS:
@@ -136,11 +139,18 @@ def run(
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:
         raise SimulationError(f"{played.name} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
-    simulation = Simulation(actors, chosen, seed)
+    simulation = Simulation(actors, chosen, seed, measured)
     if observer is not None:
         simulation.machine.observer = observer(simulation.machine, simulation.modes)
     simulation.run(seconds, progress)
     return replace(simulation.result(played.name), played=played)
+
+
+class Measured(NamedTuple):
+    """What the daemon has measured of the plate: the mode map, and the calibration for the board."""
+
+    modes: ModeShapes
+    calibration: Calibration = UNCALIBRATED
 
 
 class Perfect(NamedTuple):
@@ -191,7 +201,9 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
 class Simulation:
     """A run in progress: the world, the machine, and the events between them."""
 
-    def __init__(self, actors: tuple[Actor, ...], settings: Settings, seed: int) -> None:
+    def __init__(
+        self, actors: tuple[Actor, ...], settings: Settings, seed: int, measured: Measured | None = None
+    ) -> None:
         self.settings = settings
         self.seed = seed
         self.actors = actors = played_actors(actors, settings.plate.world)
@@ -205,7 +217,8 @@ class Simulation:
             boot_id=seed + 1,
             board_start_us=BOARD_START_US,
         )
-        self.modes = plate.measured_mode_map(seed)
+        self.modes = plate.measured_mode_map(seed) if measured is None else measured.modes
+        self._calibration = UNCALIBRATED if measured is None else measured.calibration
         self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(
@@ -283,7 +296,13 @@ class Simulation:
     def _new_machine(self) -> Machine:
         if self.settings.scheme == "paper":
             return Machine(self._config, self.modes, write_board=self._to_board, pipeline=paper_pipeline(self._config))
-        return Machine(self._config, self.modes, write_board=self._to_board, parasitic_modes=self.parasitic_modes)
+        return Machine(
+            self._config,
+            self.modes,
+            write_board=self._to_board,
+            calibration=self._calibration,
+            parasitic_modes=self.parasitic_modes,
+        )
 
     def _to_board(self, data: bytes) -> int:
         self._push(self._link.to_board_ns(self._t_ns), "board", data)

@@ -17,12 +17,12 @@ from hapticd.sim.world_errors import CAUSES
 pytestmark = pytest.mark.long
 
 
-SECONDS = 1.0
+SECONDS, TOUCHING_S = 1.0, 6.0
 
 
 @pytest.fixture(scope="module")
 def tables() -> dict[str, Table]:
-    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, workers=1)}
+    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, touching_s=TOUCHING_S, workers=1)}
 
 
 def leak_um(table: Table, row: str) -> float:
@@ -35,6 +35,13 @@ def test_the_worse_the_world_the_more_leaks_and_less_than_under_the_papers_schem
     assert leak_um(table, f"mild: {worlds.IDEAL}") < ours_um[0] < ours_um[1] < ours_um[2]
     for level, of_level_um in zip(worlds.LEVELS, ours_um, strict=True):
         assert leak_um(table, f"{level}: {worlds.PERFECT}") < of_level_um < leak_um(table, f"{level}: {worlds.PAPER}")
+
+
+def test_touching_leaves_no_level_worse(tables: dict[str, Table]) -> None:
+    for level in worlds.LEVELS:
+        figures = tables["worlds"].row(f"{level}: {worlds.AFTER}").figures
+        assert figures["before_ratio_most"] < 1.05
+        assert figures["paper_ratio"] > 1.0
 
 
 @pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes"])
@@ -53,7 +60,7 @@ def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, 
 
 
 def test_processes_give_what_one_process_gives() -> None:
-    jobs = {("mild", seed): (Settings(), "mild", seed, SECONDS, False) for seed in (1, 2)}
+    jobs = {("mild", seed): worlds.Job(Settings(), "mild", seed, SECONDS, 2.0, has_causes=False) for seed in (1, 2)}
     assert worlds.played(jobs, workers=2) == worlds.played(jobs, workers=1)
 
 

@@ -376,3 +376,28 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     assert main(["keys", "make", str(tmp_path / "keys")]) == 0
     assert main(["run", "--config", str(config)]) == 78
     assert "the allow-list is empty" in capsys.readouterr().err
+
+
+def test_what_corrects_the_pad_runs_with_the_service_and_ends_with_it(hardware: Hardware) -> None:
+    async def story() -> list[object]:
+        config = replace(CONFIG, trackpad=replace(CONFIG.trackpad, correct_while_touched=True))
+        daemon = hardware.daemon(config=config)
+        daemon.start(asyncio.get_running_loop(), MODES)
+        calibration = daemon.machine.status.calibration
+        assert daemon.machine.observer is not None
+        running = calibration()["running"]
+        await daemon.stop()
+        return [running, calibration()["running"]]
+
+    assert asyncio.run(story()) == [True, False]
+
+
+def test_by_default_nothing_corrects_the_pad(hardware: Hardware) -> None:
+    async def story() -> None:
+        daemon = hardware.daemon()
+        daemon.start(asyncio.get_running_loop(), MODES)
+        assert daemon.machine.observer is None
+        assert daemon.machine.status.calibration() == {}
+        await daemon.stop()
+
+    asyncio.run(story())

@@ -63,6 +63,10 @@ class Fingers:
         """The largest finger id so far; 0 before the first finger."""
         return self._tracker.newest_id
 
+    def set_latency(self, sensor_latency_ns: int) -> None:
+        """Take the pad's own latency to be this from the next report on."""
+        self._sensor_clock.latency_ns = sensor_latency_ns
+
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         if frame.t_ns == self._t_stamp_ns:

@@ -40,7 +40,7 @@ class SensorClock:
     def __init__(self, latency_ns: int) -> None:
         self.relocks = 0
         self.t_filtered_ns = 0  # the newest stamp, its jitter filtered out
-        self._latency_ns = latency_ns
+        self.latency_ns = latency_ns  # it may change, by little at a time
         self._differences = RollingQuantile(_WINDOW, _LOW)
         self._t_arrivals_ns: deque[int] = deque()
         self._t_device_ns = 0
@@ -73,12 +73,12 @@ class SensorClock:
         self._t_arrivals_ns.append(t_host_ns)
         self._differences.push(t_host_ns - t_filtered_ns)
         self._forget_learning()
-        return min(t_filtered_ns + self.offset_ns, t_host_ns - self._latency_ns)
+        return min(t_filtered_ns + self.offset_ns, t_host_ns - self.latency_ns)
 
     @property
     def offset_ns(self) -> int:
         """Sampling instant less stamp; IndexError before the first report."""
-        return self._differences.value + self._correction_ns() - self._latency_ns
+        return self._differences.value + self._correction_ns() - self.latency_ns
 
     def _correction_ns(self) -> int:
         """From the low quantile to where a report that is not late would be: the median where stamps alone explain the

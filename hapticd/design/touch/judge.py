@@ -11,19 +11,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
-from .fit import Fit, Free, fit
+from ...core.plate.parasitic_modes import ParasiticModes
+from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration
-from .observations import WINDOW_S, Windows
+from .observations import WINDOW_S, FloatArray, Windows
+from .problem import Free
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
 LEAST_FOR_MAP_S = 45.0  # of fitted windows: about a minute of touching
+MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for those of sensors
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
 UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
 UNKNOWN_LATENCY_S = 0.0015
-SURE = 3.0  # standard errors of the gain
+SURE = 3.0  # standard errors of the gain on both halves together, and one on each
 WORTH_FRAC = 0.002  # of the residual's square: less is not felt
 MOST_SIGMAS = 4.0  # of the priors: what is farther off needs another step first
 APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
@@ -51,8 +54,36 @@ class Judged:
     fit: Fit | None
 
 
-def calibrate(windows: Windows, modes: ModeShapes) -> Judged:
-    """Fit and judge. Run time: about 10 s for a minute of touching, 30 s with the map."""
+@dataclass(frozen=True, slots=True)
+class _Fitter:
+    """The plate that touches are fitted to: its map, and the parasitic modes if they are known."""
+
+    modes: ModeShapes
+    parasitic_modes: ParasiticModes | None
+    waves: Waves | None = None
+
+    def fit(self, windows: Windows, free: Free, start: Calibration, judged_by_um_s: FloatArray | None = None) -> Fit:
+        return fit(
+            *(windows, self.modes, free, start, self.waves),
+            judged_by_um_s=judged_by_um_s,
+            parasitic_modes=self.parasitic_modes,
+        )
+
+    def gain(self, held_out: Windows, before: Calibration, after: Calibration) -> _Gain:
+        """Return what a calibration gains on windows that did not teach it."""
+        at_start = self.fit(held_out, Free(), before)
+        then = self.fit(held_out, Free(), after, at_start.noise_um_s)
+        turn = np.unique(np.floor(held_out.start_s / TURN_S), return_inverse=True)[1]
+        before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, then.cost)
+        worth = np.log(before_cost / after_cost)  # of each turn alike: a few with much residual would hide the others
+        error = float(np.std(worth)) / np.sqrt(len(worth)) + 1e-12
+        return _Gain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
+
+
+def calibrate(
+    windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None, *, has_map: bool = True
+) -> Judged:
+    """Fit and judge, the map last, if `has_map`. Run time: about 5 s for a minute of touching, 30 s with the map."""
     nominal = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
@@ -62,12 +93,13 @@ def calibrate(windows: Windows, modes: ModeShapes) -> Judged:
         )
         return Judged(nominal, nominal, nominal, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
-    free = Free(pad=True, sense=True)
+    free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
+    fitter = _Fitter(modes, parasitic_modes)
     first, second = _halves(few)
-    one = fit(first, modes, free, nominal)
-    other = fit(second, modes, free, one.calibration)
-    gains = [_gains(part, modes, nominal, found.calibration) for part, found in ((second, one), (first, other))]
-    found = fit(few, modes, free, other.calibration)
+    one = fitter.fit(first, free, nominal)
+    other = fitter.fit(second, free, one.calibration)
+    gains = [fitter.gain(part, nominal, found.calibration) for part, found in ((second, one), (first, other))]
+    found = fitter.fit(few, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusal = (
         _unknown(found.sigma, latency_sigma_s)
@@ -90,7 +122,7 @@ def calibrate(windows: Windows, modes: ModeShapes) -> Judged:
         waves=None,
         fit=found,
     )
-    return _with_map(judged, windows, modes)
+    return _with_map(judged, windows, fitter) if has_map else judged
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
@@ -122,19 +154,6 @@ class _Gain:
 def _halves(windows: Windows) -> tuple[Windows, Windows]:
     is_first = np.floor(windows.start_s / TURN_S) % 2 == 0
     return windows.part(is_first), windows.part(~is_first)
-
-
-def _gains(
-    windows: Windows, modes: ModeShapes, before: Calibration, after: Calibration, waves: Waves | None = None
-) -> _Gain:
-    """Return what a calibration gains on windows that did not teach it."""
-    at_start = fit(windows, modes, Free(), before, waves)
-    then = fit(windows, modes, Free(), after, waves, judged_by_um_s=at_start.noise_um_s)
-    turn = np.unique(np.floor(windows.start_s / TURN_S), return_inverse=True)[1]
-    before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, then.cost)
-    worth = np.log(before_cost / after_cost)  # of each turn alike: a few with much residual would hide the others
-    error = float(np.std(worth)) / np.sqrt(len(worth)) + 1e-12
-    return _Gain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
 
 
 def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
@@ -169,28 +188,29 @@ def _apart(one: Fit, other: Fit) -> str:
 
 
 def _unconfirmed(gains: list[_Gain]) -> str:
-    if any(gain.frac < WORTH_FRAC or gain.standard_errors < SURE for gain in gains):
+    together = sum(gain.standard_errors for gain in gains) / np.sqrt(len(gains))
+    if together < SURE or any(gain.frac < WORTH_FRAC or gain.standard_errors < 1.0 for gain in gains):
         return "The held-out touches confirm no change: the calibration is as good as this recording can tell."
     return ""
 
 
-def _with_map(judged: Judged, windows: Windows, modes: ModeShapes) -> Judged:
+def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
     if judged.touched_s < LEAST_FOR_MAP_S:
         refusal = f"The map needs {LEAST_FOR_MAP_S:g} s of touching, not {judged.touched_s:.0f} s."
         return replace(judged, map_refusal=refusal)
-    waves = Waves(modes, wave_number(modes))
-    start = replace(judged.calibration, waves=np.zeros((modes.M, len(waves))))
+    waves = Waves(fitter.modes, wave_number(fitter.modes))
+    fitter = replace(fitter, waves=waves)
+    start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
-    free = Free(pad=True, sense=True, waves=True)
-    gains, last = [], start
+    fits, gains = [], []
     for taught, held_out in (halves, halves[::-1]):
-        last = fit(taught, modes, free, start, waves).calibration
-        gains.append(_gains(held_out, modes, start, last, waves))
+        fits.append(fitter.fit(taught, Free(pad=True, sense=True, waves=True), start))
+        gains.append(fitter.gain(held_out, start, fits[-1].calibration))
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if refusal := _unconfirmed(gains):
         return replace(judged, map_refusal=refusal)
-    found = fit(windows, modes, free, last, waves)
+    found = _mean(*fits)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     return replace(
         judged,
@@ -203,3 +223,21 @@ def _with_map(judged: Judged, windows: Windows, modes: ModeShapes) -> Judged:
         waves=waves,
         fit=found,
     )
+
+
+def _mean(one: Fit, other: Fit) -> Fit:
+    """The mean of both halves' fits, as good as a fit of all, whose cost it spares."""
+    found, twin = one.calibration, other.calibration
+    mean = Calibration((found.pad + twin.pad) / 2.0, (found.sense + twin.sense) / 2.0, (found.waves + twin.waves) / 2.0)
+    sigma = Calibration(
+        *(
+            np.hypot(getattr(one.sigma, name).real, getattr(other.sigma, name).real) / 2.0
+            + (
+                1j * np.hypot(getattr(one.sigma, name).imag, getattr(other.sigma, name).imag) / 2.0
+                if name == "sense"
+                else 0.0
+            )
+            for name in ("pad", "sense", "waves")
+        )
+    )
+    return replace(one, calibration=mean, sigma=sigma, covariance=(one.covariance + other.covariance) / 4.0)

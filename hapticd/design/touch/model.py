@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
+from ...core.plate.parasitic_modes import ParasiticModes
 from .observations import ComplexArray, FloatArray, Windows
 from .waves import Waves
 
@@ -22,10 +23,10 @@ PAD = ("x_mm", "y_mm", "rotation_rad", "scale_x", "scale_y", "latency_s", "centr
 LATENCY, CENTROID = PAD.index("latency_s"), PAD.index("centroid_mm")
 # One sigma of what a laboratory meets. Latency, scale and centroid are ill-determined together without.
 PAD_PRIOR = np.array((1.0, 1.0, 0.02, 0.005, 0.005, 0.004, 0.3))
-SENSE_PRIOR = 0.1
+SENSE_PRIOR = 0.03
 CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
-DRIFT_EVERY_S = 5.0  # knots of the modes' own rates
-DRIFT_PRIOR_1_S = 30.0
+DRIFT_EVERY_S = 4.0  # knots of the modes' own rates: splines, as a plate warms up smoothly
+DRIFT_PRIOR_1_S = 150.0  # 25 Hz
 TERMS = 3  # amplitudes, voltages, corrections: the regressors without a prior
 LOAD_PRIOR_FRAC = 0.5  # by which loads of windows differ
 
@@ -64,11 +65,17 @@ def regressors(windows: Windows) -> ComplexArray:
     common = np.concatenate((windows.measured_um, windows.voltage_v, windows.behind_um_s), axis=-1)
     modes = windows.measured_um.shape[-1]
     start_s, end_s = float(windows.t_s.min()), float(windows.t_s.max())
-    knots_s = np.linspace(start_s, end_s, max(2, round((end_s - start_s) / DRIFT_EVERY_S) + 1))
-    spacing_s = max(knots_s[1] - knots_s[0], 1e-9)
-    hats = np.maximum(1.0 - np.abs(windows.t_s[..., None] - knots_s[1:]) / spacing_s, 0.0)
-    own = windows.measured_um[..., None] * hats[..., None, :]
+    spans = max(1, round((end_s - start_s) / DRIFT_EVERY_S))
+    place = (windows.t_s - start_s) / max(end_s - start_s, 1e-9) * spans
+    splines = _cubic(place[..., None] - np.arange(-1, spans + 2))
+    own = windows.measured_um[..., None] * (splines - splines.mean(axis=(0, 1)))[..., None, :]
     return np.concatenate((np.repeat(common[..., None, :], modes, axis=2), own), axis=-1)
+
+
+def _cubic(place: FloatArray) -> FloatArray:
+    """The cubic B-spline over (-2, 2)."""
+    far, near = np.maximum(2.0 - np.abs(place), 0.0), np.maximum(1.0 - np.abs(place), 0.0)
+    return np.asarray((far**3 - 4.0 * near**3) / 6.0, np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +99,16 @@ class Model:
     some per cent of a wavelength.
     """
 
-    def __init__(self, windows: Windows, modes: ModeShapes, start: Calibration, waves: Waves | None = None) -> None:
-        self.windows, self.modes, self.waves = windows, modes, waves
+    def __init__(
+        self,
+        windows: Windows,
+        modes: ModeShapes,
+        start: Calibration,
+        waves: Waves | None = None,
+        parasitic_modes: ParasiticModes | None = None,
+    ) -> None:
+        self.windows, self.modes, self.waves, self._parasitic = windows, modes, waves, parasitic_modes
+        self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1]), np.complex128)
         self.terms = regressors(windows)
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
         points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
@@ -108,9 +123,27 @@ class Model:
         position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
         phi = self._phi(_moved(found, position, velocity)[0], found, slice(None))
         out = phi @ np.linalg.inv(found.sense).T
-        under_um = np.einsum("bsnk,bsk->bsn", phi, windows.measured_um @ found.sense.T)
+        under_um = np.einsum("bsnk,bsk->bsn", phi, windows.measured_um @ found.sense.T) + self._beside_um
         force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
         return np.asarray(self._known + np.einsum("bskl,kl->bsk", self.terms, state.rates) + force, np.complex128)
+
+    def settle(self, state: State) -> None:
+        """Take the parasitic modes to move as the fingers of `state` drive them; far from the drive, they follow."""
+        parasitic = self._parasitic
+        if parasitic is None:
+            return
+        found, windows = state.calibration, self.windows
+        position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
+        points = _moved(found, position, velocity)[0]
+        under_um = np.einsum(
+            "bsnk,bsk->bsn", self._phi(points, found, slice(None)), windows.measured_um @ found.sense.T
+        )
+        phi = parasitic.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
+        loads = state.loads[:, None, :, None]
+        driven = (loads * phi * (under_um + self._beside_um)[..., None]).sum(axis=2)
+        own = np.array(parasitic.decay_1_s) - 1j * np.array(parasitic.detuning_rad_s)
+        moved_um = -driven / (own + 1j * windows.turning_rad_s[..., None])
+        self._beside_um = np.einsum("bsnp,bsp->bsn", phi, moved_um)
 
     def at(self, state: State, rows: slice, *, has_waves: bool) -> Point:
         """Return the model at `state` for some windows; without derivatives by the waves unless `has_waves`."""
@@ -123,7 +156,7 @@ class Model:
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
         seen_um = windows.measured_um @ found.sense.T  # C y
-        under_um = np.asarray(np.einsum("bsnk,bsk->bsn", phi, seen_um), np.complex128)
+        under_um = np.asarray(np.einsum("bsnk,bsk->bsn", phi, seen_um) + self._beside_um[rows], np.complex128)
         by_loads = out * under_um[..., None]
         loads = state.loads[rows][:, None, :]
         force = np.einsum("bsnk,bn->bsk", by_loads, state.loads[rows])

@@ -14,6 +14,7 @@ ComplexArray = npt.NDArray[np.complex128]
 
 WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 20 ms
 FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
+_AVERAGED = 3  # ticks: all costs fall with their number
 _SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
 
 
@@ -106,7 +107,8 @@ class Windows(Ticks):
 def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Windows:
     """Group ticks into windows in which the same fingers are down, also `most_shift_s` earlier and later.
 
-    Ticks without a finger, and windows of too few, are left out.
+    Ticks without a finger, and windows of too few, are left out. Ticks next to each other are averaged: a finger moves
+    by half a millimetre meanwhile.
     """
     is_down = np.array(
         [(ticks.t_s > one.t_s[0] + most_shift_s) & (ticks.t_s < one.t_s[-1] - most_shift_s) for one in tracks]
@@ -116,13 +118,31 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     is_new = (np.diff(cell) != 0) | (np.diff(is_down, axis=1) != 0).any(axis=0)
     groups = np.split(np.arange(len(ticks.t_s)), np.flatnonzero(is_new) + 1)
     kept = [group for group in groups if len(group) >= FEWEST_IN_WINDOW and is_down[:, group[0]].any()]
-    most = max(map(len, kept), default=1)
+    edges = [_edges(group) for group in kept]
+    most = max((len(one) - 1 for one in edges), default=1)
     fingers = max((int(is_down[:, group[0]].sum()) for group in kept), default=1)
     place, is_used = np.zeros((len(kept), most), np.int64), np.zeros((len(kept), most), bool)
     track = np.full((len(kept), fingers), -1, np.int64)
-    for row, group in enumerate(kept):
-        place[row], is_used[row, : len(group)] = np.resize(group, most), True
+    done = 0
+    for row, (group, one) in enumerate(zip(kept, edges, strict=True)):
+        count = len(one) - 1
+        place[row], is_used[row, :count] = np.resize(np.arange(done, done + count), most), True
         down = np.flatnonzero(is_down[:, group[0]])
         track[row, : len(down)] = down
-    arrays: dict[str, Any] = {one.name: getattr(ticks, one.name)[place] for one in fields(Ticks)}
+        done += count
+    none = [np.zeros(0, np.int64)]
+    first, after = (np.concatenate(none + [one[part] for one in edges]) for part in (slice(-1), slice(1, None)))
+    arrays: dict[str, Any] = {one.name: _means(getattr(ticks, one.name), first, after)[place] for one in fields(Ticks)}
     return Windows(**arrays, is_used=is_used, track=track, tracks=tuple(tracks))
+
+
+def _edges(group: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Divide a window's ticks into parts of about _AVERAGED, at least two, as the loads of two fingers need."""
+    parts = max(2, round(len(group) / _AVERAGED))
+    return np.asarray(group[0] + len(group) * np.arange(parts + 1) // parts)
+
+
+def _means(values: Any, first: npt.NDArray[np.int64], after: npt.NDArray[np.int64]) -> Any:
+    """Return the means of `values` (T, ..) from each first index to the one after."""
+    summed = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
+    return (summed[after] - summed[first]) / (after - first).reshape(-1, *[1] * (values.ndim - 1))

@@ -1,6 +1,7 @@
 """Kinds of records: one for each thing that a machine receives, decides or finds, with its topic, form and encoding.
 
-    input   reports timer board_bytes board_link trackpad_link targets request watched stop disconnect: fed by `replay`
+    input   reports timer board_bytes board_link trackpad_link targets request watched adopt stop disconnect:
+            fed by `replay`
     output  written                                                                     compared by `replay`
     found   pass event status ledger marker                                             for people and other programs
     added   truth end                                                                   the plate's own; the last record
@@ -245,6 +246,7 @@ KINDS: dict[str, Kind] = {
     "targets": _kind("/input/targets", _MESSAGE, _targets),
     "request": _kind("/input/request", _MESSAGE),
     "watched": _kind("/input/watched", {"is_watched": BOOL}),
+    "adopt": _kind("/input/adopt", {"plate_from_pad": [NUMBER], "latency_ns": WHOLE}),
     "stop": _kind("/input/stop", {}),
     "disconnect": _kind("/input/disconnect", {}),
     "written": _kind("/output/written", {"line": BYTES, "is_accepted": BOOL}),

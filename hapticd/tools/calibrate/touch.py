@@ -8,29 +8,24 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...board_values import ModeCalibration
 from ...config.sections import SIMULATED
 from ...core.plate.mode_shapes import ModeShapes
-from ...daemon.settings import plate_from_pad
-from ...design.touch.judge import Judged, calibrate
-from ...design.touch.model import CENTROID, Calibration
-from ...design.touch.observations import in_windows
+from ...design.touch.judge import Judged
+from ...design.touch.model import CENTROID
 from ...errors import CalibrationError
 from ...files import calibration as calibration_file
 from ...files import plotting
 from ...files.recording.mcap_reader import open_recording
-from .touch_recording import Touched, read
+from ..touch_correction import calibration_of, has_sensors, judged_by, mode_map, pad_settings
+from ..touch_recording import Touched, read
 from .verdict import PICTURE, Figure, Outcome, Settings, Verdict
 
 PICTURE_FILE, CALIBRATION_FILE, MODES_FILE = "touch.png", "touch-calibration.toml", "touch-modes.npz"
-MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
-LATENCY_MS = (0.0, 50.0)  # the service's bounds
 _POSE = (  # name, unit's size, unit
     ("x", 1.0, "mm"),
     ("y", 1.0, "mm"),
@@ -38,6 +33,7 @@ _POSE = (  # name, unit's size, unit
     ("scale along x", 100.0, "%"),
     ("scale along y", 100.0, "%"),
 )
+_DRAWN = 0.8  # of the map's extent
 _ENLARGED = 20.0  # magnification of moved positions in the picture
 
 
@@ -55,7 +51,7 @@ def is_simulated(path: Path) -> bool:
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     touched = read(options.recording)
-    judged = calibrate(in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S), touched.header.modes)
+    judged = judged_by(touched)
     settings = saved(touched, judged, options.out)
     draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(options.recording.name))
     return verdict(judged, settings, has_sensors=has_sensors(touched), is_simulated=options.sim)
@@ -67,54 +63,12 @@ def saved(touched: Touched, judged: Judged, directory: Path) -> Settings:
         return {}
     settings: dict[str, dict[str, Any]] = {"trackpad": pad_settings(touched, judged.calibration)}
     if has_sensors(touched):
-        before = touched.header.calibration
-        calibration_file.save(directory / CALIBRATION_FILE, replace(before, modes=modes_of(touched, judged)))
+        calibration_file.save(directory / CALIBRATION_FILE, calibration_of(touched, judged))
         settings["device"] = {"calibration_file": CALIBRATION_FILE}
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
         settings["plate"] = {"modes_file": MODES_FILE}
     return settings
-
-
-def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
-    """Return the pad's pose and latency: those of the recording, corrected."""
-    before = plate_from_pad(touched.header.config)
-    matrix, offset_mm = found.affine
-    turned = matrix @ ((before.xx, before.xy), (before.yx, before.yy))
-    moved_mm = matrix @ (before.offset_x_mm, before.offset_y_mm) + offset_mm
-    latency_ms = touched.header.config.trackpad.latency_ms + 1e3 * float(found.pad[5])
-    return {
-        "matrix": [round(float(value), 6) for value in turned.ravel()],
-        "offset_mm": [round(float(value), 4) for value in moved_mm],
-        "latency_ms": round(min(max(latency_ms, LATENCY_MS[0]), LATENCY_MS[1]), 3),
-    }
-
-
-def modes_of(touched: Touched, judged: Judged) -> tuple[ModeCalibration, ...]:
-    """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
-    modes = touched.header.modes.M
-    known = {one.mode: one for one in touched.header.calibration.modes}
-    before = np.array([(known[mode].sense if mode in known else ()) or np.eye(modes)[mode] for mode in range(modes)])
-    sense = judged.calibration.sense @ before
-    return tuple(
-        replace(one, sense=tuple(complex(value) for value in sense[mode])) for mode, one in sorted(known.items())
-    )
-
-
-def has_sensors(touched: Touched) -> bool:
-    """Return whether the recording has a calibration of all modes, whose sensors can be corrected.
-
-    The fit has rates and gains too, but too small ones where fingers move slowly: no board gets models of them.
-    """
-    return len(touched.header.calibration.modes) == touched.header.modes.M
-
-
-def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:
-    """Return the map with the waves that it lacked."""
-    assert judged.waves is not None
-    return ModeShapes(
-        modes.x_mm, modes.y_mm, modes.shapes + judged.waves.on_grid(judged.calibration.waves, modes.x_mm, modes.y_mm)
-    )
 
 
 def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
@@ -132,7 +86,10 @@ def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulat
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
     if judged.refusal:
         return Verdict("touch", Outcome.FAIL, f"Nothing is adopted. {judged.refusal}", tuple(figures), {}, is_simulated)
-    adopted = ["pad", *(["sensors"] if has_sensors else []), *(["map"] if judged.waves is not None else [])]
+    is_sense_moved = not np.array_equal(judged.calibration.sense, np.eye(len(judged.calibration.sense)))
+    adopted = ["pad"]
+    adopted += ["sensors"] if has_sensors and is_sense_moved else []
+    adopted += ["map"] if judged.waves is not None else []
     lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
     sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
     return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)
@@ -162,7 +119,9 @@ def draw(touched: Touched, judged: Judged, path: Path, *, source: str = "") -> N
     """Draw how far positions move over the plate, and the map's change. Raises HapticdError."""
     modes = touched.header.modes
     figure, axes = plotting.subplots(4.0 * (1 + modes.M), 4.0, 1, 1 + modes.M, source=source)
-    grid = np.stack(np.meshgrid(np.linspace(-55.0, 55.0, 9), np.linspace(-55.0, 55.0, 9)), axis=-1)
+    grid = np.stack(
+        np.meshgrid(*(_DRAWN * np.linspace(axis[0], axis[-1], 9) for axis in (modes.x_mm, modes.y_mm))), axis=-1
+    )
     matrix, offset_mm = judged.fitted.affine
     moved_mm = grid @ matrix.T + offset_mm - grid
     plot = axes[0][0]

@@ -66,6 +66,10 @@ GAUGES = (
     Figure("board.drive_moved_hz", "board_drive_moved_hertz", "How far the drive has followed the plate"),
     Figure("board.round_trip_ms", "board_round_trip_seconds", "To the board and back", 1e-3),
     Figure("board.clock_rate_ppm", "board_clock_deviation_ratio", "How much faster the board's clock runs", 1e-6),
+    Figure("calibration.running", "calibration_running", "1 while the process that calibrates runs"),
+    Figure("calibration.moving", "calibration_moving", "1 while a corrected pad is adopted"),
+    Figure("calibration.moved_mm", "calibration_moved_meters", "Between the configured pad and the adopted one", 1e-3),
+    Figure("calibration.latency_ms", "calibration_latency_seconds", "The pad's latency, as adopted", 1e-3),
     Figure("latency_ms.frames_hz", "reference_frame_rate_hertz", "Frames applied by the board, of the last 10 s"),
     Figure("real_time.priority", "real_time_priority", "SCHED_FIFO priority, 0 for ordinary scheduling"),
     Figure("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
@@ -90,6 +94,10 @@ COUNTERS = (
     Figure("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
     Figure("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
     Figure("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
+    Figure("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
+    Figure("calibration.adopted", "calibration_adopted", "Of these, adopted"),
+    Figure("calibration.steps", "calibration_steps", "Small steps of adoption"),
+    Figure("calibration.dropped", "calibration_records_dropped", "Records that the calibration's process did not get"),
 )
 COUNTED = (  # maps of counters: one metric with a label
     ("touch", "touch_events", "event", "Work done or avoided by passes"),

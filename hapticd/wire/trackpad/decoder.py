@@ -36,10 +36,16 @@ class Decoder:
         self._needs_enable = False
         self._layout: MagicTrackpad1 | MagicTrackpad2
         if model == "mt1":
-            self._layout = MagicTrackpad1(PlateMap(GEOMETRY[model], plate_from_pad, orientations=64))
+            self._layout = MagicTrackpad1(self._plate_map(plate_from_pad))
         else:
-            plate_map = PlateMap(GEOMETRY[model], plate_from_pad, orientations=8)
-            self._layout = MagicTrackpad2(plate_map, usb=model.endswith("-usb"))
+            self._layout = MagicTrackpad2(self._plate_map(plate_from_pad), usb=model.endswith("-usb"))
+
+    def place(self, plate_from_pad: AffineMap) -> None:
+        """Take the pad to lie elsewhere from the next report on; contacts stay."""
+        self._layout.plate_map = self._plate_map(plate_from_pad)
+
+    def _plate_map(self, plate_from_pad: AffineMap) -> PlateMap:
+        return PlateMap(GEOMETRY[self.model], plate_from_pad, orientations=64 if self.model == "mt1" else 8)
 
     @property
     def needs_enable(self) -> bool:

@@ -17,7 +17,7 @@ class MagicTrackpad1:
     clock_steps = 0
 
     def __init__(self, plate_map: PlateMap) -> None:
-        self._map = plate_map
+        self.plate_map = plate_map
         self._down: dict[int, tuple[Contact, int]] = {}  # by id: the contact and the host time of its last record
 
     def reset(self) -> None:
@@ -46,8 +46,8 @@ class MagicTrackpad1:
 
     def _contact(self, record: tuple[int, ...]) -> Contact:
         word, major, minor, size_and_id, id_and_angle, last = record
-        x_mm, y_mm, raw_x, raw_y = self._map.position(word)
-        angle_rad, major_mm, minor_mm = self._map.axes[id_and_angle >> 2]
+        x_mm, y_mm, raw_x, raw_y = self.plate_map.position(word)
+        angle_rad, major_mm, minor_mm = self.plate_map.axes[id_and_angle >> 2]
         state = last >> 4
         return Contact(
             (id_and_angle & 3) << 2 | size_and_id >> 6, x_mm, y_mm, major * major_mm, minor * minor_mm, angle_rad,

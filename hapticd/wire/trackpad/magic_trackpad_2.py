@@ -14,7 +14,7 @@ class MagicTrackpad2:
     """Decoder of these models' reports. Its only state is the device's clock."""
 
     def __init__(self, plate_map: PlateMap, *, usb: bool) -> None:
-        self._map = plate_map
+        self.plate_map = plate_map
         self._start = 8 if usb else 0
         self._report_id = _USB if usb else _BLUETOOTH
         self._clock = DeviceClock()
@@ -38,8 +38,8 @@ class MagicTrackpad2:
 
     def _contact(self, record: tuple[int, ...]) -> Contact:
         word, major, minor, _size, pressure, last = record
-        x_mm, y_mm, raw_x, raw_y = self._map.position(word)
-        angle_rad, major_mm, minor_mm = self._map.axes[last >> 5]
+        x_mm, y_mm, raw_x, raw_y = self.plate_map.position(word)
+        angle_rad, major_mm, minor_mm = self.plate_map.axes[last >> 5]
         state = word >> 29
         return Contact(
             last & 15, x_mm, y_mm, major * major_mm, minor * minor_mm, angle_rad,

@@ -70,9 +70,10 @@ class Touching:
         reported_mm = self.reported_mm(t_report_s)
         reported_mm = reported_mm + self.noise_mm * rng.standard_normal(reported_mm.shape)
         tracks = [Track.of(t_report_s, reported_mm[:, finger]) for finger in range(self.fingers)]
-        return in_windows(self._ticks(rng), tracks, MARGIN_S)
+        return in_windows(self.ticks(rng), tracks, MARGIN_S)
 
-    def _ticks(self, rng: np.random.Generator) -> Ticks:
+    def ticks(self, rng: np.random.Generator) -> Ticks:
+        """Return what the board reports."""
         t_s = np.arange(0.0, self.seconds, 1.0 / TICK_HZ)
         turning_rad_s = 2.0 * np.pi * np.array((4.3, 5.7))
         angle = turning_rad_s * t_s[:, None] + np.array((0.0, 1.0))

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapticd.design.touch.fit import Free, fit
+from hapticd.design.touch.fit import fit
 from hapticd.design.touch.model import LATENCY, Calibration, Model, State, stepped
 from hapticd.design.touch.observations import ComplexArray, FloatArray, Track
+from hapticd.design.touch.problem import Free
 from hapticd.design.touch.waves import Waves
 
 from .synthetic import WAVE_RAD_MM, Touching, mode_map

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hapticd.design.touch.judge import calibrate
 from hapticd.design.touch.model import Calibration
-from hapticd.design.touch.observations import Ticks, Windows, in_windows
+from hapticd.design.touch.observations import Windows, in_windows
 
 from .synthetic import Touching, mode_map
 from .test_fit import NOMINAL, WRONG
@@ -66,19 +66,28 @@ def shuffled(windows: Windows, order: np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 def test_windows_hold_the_same_fingers_throughout() -> None:
-    windows = Touching(WRONG, seconds=3.0).windows()
-    cut = with_a_late_finger(windows)
+    cut = with_a_late_finger(Touching(WRONG, seconds=3.0))
     assert {tuple(row) for row in cut.track.tolist()} == {(0, -1), (0, 1)}
     position, _ = cut.fingers_mm()
     down = np.isfinite(position[..., 0]).all(axis=1)
     assert np.array_equal(down, cut.track >= 0)
 
 
-def with_a_late_finger(windows: Windows) -> Windows:
-    """The windows of the same ticks while the second finger is down from the middle on."""
-    first, second = windows.tracks
+def with_a_late_finger(touching: Touching) -> Windows:
+    """The windows of a touching whose second finger is down from the middle on."""
+    first, second = touching.windows().tracks
     late = second.t_s > 1.5
     part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
+    return in_windows(touching.ticks(np.random.default_rng(1)), [first, part], 0.01)
+
+
+def test_ticks_next_to_each_other_are_averaged() -> None:
+    touching = Touching(WRONG, seconds=1.0)
+    ticks = touching.ticks(np.random.default_rng(1))
+    windows = in_windows(ticks, touching.windows().tracks, 0.01)
     used = windows.is_used
-    ticks = Ticks(**{one.name: getattr(windows, one.name)[used] for one in fields(Ticks)})
-    return in_windows(ticks, [first, part], 0.01)
+    covered = (ticks.t_s >= windows.t_s[used].min() - 0.01) & (ticks.t_s <= windows.t_s[used].max() + 0.01)
+    assert 2 * used.sum() < covered.sum() < 4 * used.sum()
+    expected_v = np.interp(windows.t_s[used], ticks.t_s, ticks.voltage_v[:, 0].real)
+    assert np.abs(windows.voltage_v[used][:, 0].real - expected_v).max() < 0.05 * np.abs(ticks.voltage_v).max()
+    assert np.all(np.diff(windows.t_s[used]) > 0.0)

@@ -24,8 +24,8 @@ from hapticd.files import calibration as calibration_file
 from hapticd.sim import lockstep
 from hapticd.sim.lockstep import Settings
 from hapticd.tools.calibrate import folder, touch
-from hapticd.tools.calibrate.touch_recording import read
 from hapticd.tools.record import simulated
+from hapticd.tools.touch_recording import read
 
 MISPLACED = TrackpadConfig(offset_mm=(0.4, -0.3), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms
 

@@ -14,8 +14,10 @@ from prometheus_client.exposition import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from tools.stream.daemon_states import FakeDaemon
 
+from hapticd.config.sections import Config
 from hapticd.core.board.ledger import Histogram
 from hapticd.daemon import status
+from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.errors import UsageError
 from hapticd.tools.stream import prometheus
 from hapticd.tools.stream.prometheus import COUNTERS, GAUGES, LOST_MESSAGES, SPANS, histogram
@@ -27,6 +29,7 @@ def reported() -> Any:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(300)
+    bench.machine.status.calibration = SelfCalibration(Config()).report
     return bench.machine.report_status(bench.t_ns)
 
 
@@ -63,7 +66,17 @@ def test_the_status_is_exported_in_base_units(reported: Any) -> None:
 def test_every_number_of_the_status_is_a_metric(reported: Any) -> None:
     """Guards against a new number of the status without a metric."""
     known = {figure.path for figure in (*GAUGES, *COUNTERS)} | {f"clients.{why}" for why in LOST_MESSAGES}
-    for section in ("assets", "telemetry", "clients", "effects", "events", "board", "timing", "real_time"):
+    for section in (
+        "assets",
+        "telemetry",
+        "clients",
+        "effects",
+        "events",
+        "board",
+        "timing",
+        "real_time",
+        "calibration",
+    ):
         for key, value in reported[section].items():
             assert not isinstance(value, (int, float)) or f"{section}.{key}" in known
 

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus, TelemetrySample
-from ...design.touch.observations import ComplexArray, FloatArray, Ticks, Track
-from ...errors import CalibrationError
-from ...files.recording.header import Header
-from ...files.recording.kinds import Record
-from ...files.recording.mcap_reader import open_recording
-from ...wire import protocol
-from ...wire.board_messages import Decoder
-from ...wire.framing import FrameSplitter
+from ..board_values import BoardHello, BoardState, BoardStatus, TelemetrySample
+from ..design.touch.observations import ComplexArray, FloatArray, Ticks, Track
+from ..errors import CalibrationError
+from ..files.recording.header import Header
+from ..files.recording.kinds import Record
+from ..files.recording.mcap_reader import open_recording
+from ..wire import protocol
+from ..wire.board_messages import Decoder
+from ..wire.framing import FrameSplitter
 
 AFTER_START_S = 0.002  # a frame's start is a step that the control law follows within some ticks
 BEFORE_NEXT_S = 0.001
@@ -48,9 +48,12 @@ class Touched(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Collected:
+class Collected:
+    """What the self-calibration needs of the records of a machine."""
+
     control_hz: float = 0.0
     drive_hz: float = 0.0
+    live_ticks: int = 0
     samples: list[TelemetrySample] = field(default_factory=list)
     drives: list[tuple[int, float]] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
@@ -75,6 +78,7 @@ class _Collected:
             match message:
                 case TelemetrySample():
                     self.samples.append(message)
+                    self.live_ticks += message.state is BoardState.LIVE
                 case BoardStatus():
                     self.drives.append((message.t_board_us, message.drive_hz))
                 case BoardHello():
@@ -108,19 +112,23 @@ class _Collected:
 def read(path: Path) -> Touched:
     """Read a recording. Raises HapticdError for one that cannot be calibrated by."""
     recording = open_recording(path)
-    collected = _Collected()
+    collected = Collected()
     for record in recording.records():
         collected.take(record)
+    return touched(collected, recording.header, str(path))
+
+
+def touched(collected: Collected, header: Header, source: str) -> Touched:
+    """Return what the records of `source` show. Raises CalibrationError if that is too little."""
     if len(collected.samples) < _FEWEST_TICKS or not collected.control_hz:
         raise CalibrationError(
-            f"{path}: holds {len(collected.samples)} control ticks of the board, {_FEWEST_TICKS} are needed: set "
+            f"{source}: holds {len(collected.samples)} control ticks of the board, {_FEWEST_TICKS} are needed: set "
             "record.telemetry_hz = 500, and record from the daemon's start on."
         )
     if len(collected.starts) < 2:
-        raise CalibrationError(f"{path}: no reference was sent: touch the plate while a finger has a target.")
-    t_start_ns = recording.header.t_start_ns
-    tracks = tuple(_tracks(collected.fingers.values(), t_start_ns))
-    return Touched(recording.header, collected.drive_hz, _ticks(collected, t_start_ns), tracks)
+        raise CalibrationError(f"{source}: no reference was sent: touch the plate while a finger has a target.")
+    tracks = tuple(_tracks(collected.fingers.values(), header.t_start_ns))
+    return Touched(header, collected.drive_hz, _ticks(collected, header.t_start_ns), tracks)
 
 
 def _tracks(fingers: Iterable[list[tuple[int, float, float]]], t_start_ns: int) -> Iterable[Track]:
@@ -133,7 +141,7 @@ def _tracks(fingers: Iterable[list[tuple[int, float, float]]], t_start_ns: int) 
                 yield Track.of(t_s[part], xy_mm[part])
 
 
-def _ticks(collected: _Collected, t_start_ns: int) -> Ticks:
+def _ticks(collected: Collected, t_start_ns: int) -> Ticks:
     """Return the ticks at which the plate follows a reference smoothly."""
     samples = [one for one in collected.samples if one.state is BoardState.LIVE and not (one.saturated or one.limited)]
     if not samples:
@@ -186,14 +194,14 @@ def _without(values: ComplexArray, slope: ComplexArray) -> ComplexArray:
     return np.asarray(values - share * slope, np.complex128)
 
 
-def _host_s(collected: _Collected, t_board_s: FloatArray, origin_us: int, t_start_ns: int) -> FloatArray:
+def _host_s(collected: Collected, t_board_s: FloatArray, origin_us: int, t_start_ns: int) -> FloatArray:
     """Return the host's time of instants on the board's clock, as the daemon knew it."""
     board_s = _unwrapped_s([t_us for t_us, _ in collected.starts], origin_us)
     host_s = 1e-9 * np.array([t_ns - t_start_ns for _, t_ns in collected.starts])
     return np.asarray(t_board_s + np.interp(t_board_s, board_s, host_s - board_s), np.float64)
 
 
-def _drive_hz(collected: _Collected, t_board_s: FloatArray, origin_us: int) -> FloatArray:
+def _drive_hz(collected: Collected, t_board_s: FloatArray, origin_us: int) -> FloatArray:
     """Return by how much the drive was above that of the hello."""
     known = [(t_us, drive_hz) for t_us, drive_hz in collected.drives if drive_hz > 0.0]
     if not known:

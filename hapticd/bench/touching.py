@@ -1,0 +1,92 @@
+"""Ordinary touching in a simulated world, and what `hapticd calibrate touch` makes of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from ..board_values import ModeCalibration
+from ..core.plate.mode_shapes import ModeShapes
+from ..daemon.machine import Machine
+from ..daemon.observer import Observer
+from ..daemon.recorder import header_of
+from ..design.touch.judge import Judged
+from ..files.recording.header import Header
+from ..files.recording.kinds import record_of
+from ..sim import lockstep
+from ..sim.fingers.scenarios import SCENARIOS, Actor, Scenario
+from ..sim.lockstep import T_START_NS, Measured, Settings
+from ..sim.plate.ground_truth import GroundTruth
+from ..tools.touch_correction import calibration_of, has_sensors, mode_map, pad_settings
+from ..tools.touch_recording import Collected, Touched, touched
+
+TELEMETRY_HZ = 500
+TOUCHING_S = 60.0
+_OTHER_STROKES = 1000  # added to a seed: what is learned on some strokes is judged on others
+
+
+def measured(settings: Settings, seed: int) -> Measured:
+    """Return what the scan and the sweep of a world gave, by which its daemon works."""
+    plate = GroundTruth(settings.plate)
+    rates = zip(
+        *(plate.nominal_decay_1_s.tolist(), plate.nominal_detuning_rad_s.tolist()),
+        *(plate.nominal_gain_um_per_v_s.tolist(), plate.drive.T.tolist(), plate.sense.tolist()),
+        strict=True,
+    )
+    modes = []
+    for mode, (decay_1_s, detuning_rad_s, gain_um_per_v_s, drive, sense) in enumerate(rates):
+        frequency_hz = plate.settings.drive_hz + detuning_rad_s / (2.0 * math.pi)
+        modes.append(
+            ModeCalibration(
+                mode,
+                frequency_hz,
+                q_factor=math.pi * frequency_hz / decay_1_s,
+                gain_um_per_v_s=gain_um_per_v_s,
+                loop_phase_rad=0.0,
+                drive=tuple(drive),
+                sense=tuple(complex(weight) for weight in sense),
+            )
+        )
+    return Measured(plate.measured_mode_map(seed), modes)
+
+
+def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> Touched:
+    """Touch the plate in strokes other than those of `seed`; return what the daemon would record."""
+    collected = Collected()
+    headers: list[Header] = []
+
+    def observer(machine: Machine, _: ModeShapes) -> Observer:
+        headers.append(header_of(machine, t_ns=T_START_NS, utc="", is_whole=True))
+
+        def put(kind: str, t_ns: int, *values: object) -> None:
+            collected.take(record_of(kind, 0, t_ns, values))
+
+        return put
+
+    config = settings.config
+    observed = replace(settings, config=replace(config, record=replace(config.record, telemetry_hz=TELEMETRY_HZ)))
+    lockstep.run(_strokes_of(seed), settings=observed, seed=seed, seconds=seconds, observer=observer, measured=before)
+    return touched(collected, headers[0], "touching")
+
+
+def _strokes_of(seed: int) -> Scenario:
+    strokes = SCENARIOS["strokes"]
+
+    def build(_: int, speed_mm_s: float) -> tuple[Actor, ...]:
+        return strokes.build(seed + _OTHER_STROKES, speed_mm_s)
+
+    return replace(strokes, build=build)
+
+
+def corrected(settings: Settings, before: Measured, found: Touched, judged: Judged) -> tuple[Settings, Measured]:
+    """Return settings and measurements with what is adopted."""
+    if judged.refusal:
+        return settings, before
+    pad = pad_settings(found, judged.calibration)
+    config = settings.config
+    trackpad = replace(
+        config.trackpad, matrix=tuple(pad["matrix"]), offset_mm=tuple(pad["offset_mm"]), latency_ms=pad["latency_ms"]
+    )
+    calibration = calibration_of(found, judged) if has_sensors(found) else before.calibration
+    modes = before.modes if judged.waves is None else mode_map(before.modes, judged)
+    return replace(settings, config=replace(config, trackpad=trackpad)), Measured(modes, calibration)

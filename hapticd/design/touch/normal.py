@@ -1,0 +1,102 @@
+"""Normal equations of a fit to touches, after the elimination of the loads, and the covariance that they give."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .model import Point, State
+from .observations import ComplexArray, FloatArray, Windows
+from .problem import Problem
+
+OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
+CLUSTER_S = 0.2
+_BLOCK = 256  # windows whose derivatives are in memory at once
+
+
+class Normal(NamedTuple):
+    """Normal equations after the elimination of the loads, and what gives these back."""
+
+    matrix: FloatArray
+    right: FloatArray
+    load_from_right: FloatArray  # (B, 2 N)
+    load_from_step: FloatArray  # (B, 2 N, P)
+    load_weight: FloatArray  # (B, N)
+    scores: FloatArray  # (B, P), what each window adds to `right`, negative
+
+
+def normal_of(problem: Problem, state: State, noise: FloatArray, mean: complex, spread: float) -> Normal:
+    prior = problem.priors()
+    matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
+    fingers = state.loads.shape[1]
+    from_right, from_step, weights, scores = [], [], [], []
+    for start in range(0, len(state.loads), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        point = problem.model.at(state, rows, has_waves=problem.free.waves)
+        weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
+        columns = _columns(problem, point, rows) * weight[..., None]
+        loads = point.by_loads * weight[..., None]
+        left = _stacked(columns)
+        own = _stacked(np.concatenate((loads, 1j * loads), axis=-1))
+        rest = _stacked((point.residual * weight)[..., None])
+        inner = own.transpose(0, 2, 1) @ own
+        weights.append(np.einsum("bii->bi", inner)[:, :fingers])
+        inner = inner + np.eye(2 * fingers) / spread**2
+        away = state.loads[rows] - mean
+        drag = np.concatenate((away.real, away.imag), axis=1) / spread**2
+        mixed, pull = own.transpose(0, 2, 1) @ left, -(own.transpose(0, 2, 1) @ rest)[..., 0] - drag
+        back = np.linalg.solve(inner, np.concatenate((mixed, pull[..., None]), axis=-1))
+        flat = left.reshape(-1, left.shape[-1])
+        matrix += flat.T @ flat - mixed.reshape(-1, mixed.shape[-1]).T @ back[..., :-1].reshape(-1, mixed.shape[-1])
+        scores.append((left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0])
+        right -= scores[-1].sum(axis=0)
+        from_right.append(back[..., -1])
+        from_step.append(back[..., :-1])
+    parts = (np.concatenate(part) for part in (from_right, from_step, weights, scores))
+    return Normal(matrix, right, *parts)
+
+
+def _columns(problem: Problem, point: Point, rows: slice) -> ComplexArray:
+    """Derivatives by all parameters (B, S, M, P), which are real."""
+    free, terms = problem.free, problem.model.terms[rows]
+    modes = terms.shape[2]
+    parts = [point.by_pad] if free.pad else []
+    if free.sense:
+        parts += [point.by_sense, 1j * point.by_sense]
+    if free.waves:
+        parts += [point.by_waves]
+    rates = np.zeros((*terms.shape[:3], modes, terms.shape[-1]), np.complex128)
+    for mode in range(modes):
+        rates[:, :, mode, mode] = terms[:, :, mode]
+    flat = rates.reshape(*terms.shape[:3], -1)
+    return np.concatenate((*parts, flat, 1j * flat), axis=-1)
+
+
+def _weights(
+    residual: ComplexArray, is_used: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], noise: FloatArray
+) -> FloatArray:
+    size = np.abs(residual) / noise
+    return is_used[..., None] * np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(size, 1e-12))) / noise
+
+
+def covariance_of(normal: Normal, windows: Windows) -> FloatArray:
+    """Return the parameters' covariance (P, P), which holds although residuals near each other are alike.
+
+    The errors of a finger's smoothed positions last for some reports: scores are summed over CLUSTER_S (a sandwich
+    estimator), and where windows alone give a larger variance, that counts.
+    """
+    inverse = np.linalg.inv(normal.matrix)
+    cluster = np.unique(np.floor(windows.start_s / CLUSTER_S), return_inverse=True)[1]
+    summed = np.zeros((int(cluster.max()) + 1, len(inverse)))
+    np.add.at(summed, cluster, normal.scores)
+    moved = summed @ inverse
+    robust = moved.T @ moved
+    larger = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.maximum(np.diag(robust), 1e-300)))
+    return np.asarray(robust * np.outer(larger, larger), np.float64)
+
+
+def _stacked(columns: ComplexArray) -> FloatArray:
+    """Real rows of each window: (B, S, M, P) to (B, 2 S M, P)."""
+    flat = columns.reshape(len(columns), -1, columns.shape[-1])
+    return np.concatenate((flat.real, flat.imag), axis=1)

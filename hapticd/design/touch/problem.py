@@ -1,0 +1,77 @@
+"""What a fit to touches seeks: its parameters in one vector, their priors, and a state after a step of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, Model, State, stepped
+from .observations import ComplexArray, FloatArray
+
+MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
+_LOOSE = 1e6  # sigma of what has no prior
+
+
+class Free(NamedTuple):
+    """Which parts of the calibration are sought."""
+
+    pad: bool = False
+    sense: bool = False
+    waves: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    model: Model
+    free: Free
+    start: Calibration
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Real parameters: pad, sense, waves, rates."""
+        modes, waves = self.start.waves.shape
+        pad = len(PAD_PRIOR) if self.free.pad else 0
+        sense = 2 * (modes * modes - 1) if self.free.sense else 0
+        return pad, sense, modes * waves if self.free.waves else 0, 2 * modes * self.model.terms.shape[-1]
+
+    def priors(self) -> FloatArray:
+        """One sigma of each parameter."""
+        modes = len(self.start.sense)
+        terms = self.model.terms.shape[-1]
+        rate = np.where(np.arange(terms) < TERMS * modes, _LOOSE, DRIFT_PRIOR_1_S)
+        pad, sense, waves, _ = self.sizes
+        lacking = np.zeros(0) if self.model.waves is None else MAP_PRIOR * np.tile(self.model.waves.prior, modes)
+        return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], np.tile(rate, 2 * modes)))
+
+    def offsets(self, state: State) -> FloatArray:
+        """Distance of each parameter from its prior's mean."""
+        found = state.calibration
+        modes = len(found.sense)
+        sense = (found.sense - np.eye(modes)).ravel()[1:]
+        parts = [
+            found.pad if self.free.pad else np.zeros(0),
+            np.concatenate((sense.real, sense.imag)) if self.free.sense else np.zeros(0),
+            found.waves.ravel() if self.free.waves else np.zeros(0),
+            state.rates.real.ravel(),
+            state.rates.imag.ravel(),
+        ]
+        return np.concatenate(parts)
+
+    def stepped(self, state: State, step: FloatArray, loads: ComplexArray) -> State:
+        """Return the state after a step of all parameters (P,) and loads (B, N)."""
+        pad, sense, waves, rates = np.split(step, np.cumsum(self.sizes)[:-1])
+        found = stepped(
+            state.calibration,
+            pad if pad.size else np.zeros(len(PAD_PRIOR)),
+            complex_of(sense),
+            waves,
+        )
+        return State(found, state.rates + complex_of(rates).reshape(state.rates.shape), state.loads + loads)
+
+
+def complex_of(parts: FloatArray) -> ComplexArray:
+    """The real halves of the last axis, then the imaginary ones."""
+    half = parts.shape[-1] // 2
+    return np.asarray(parts[..., :half] + 1j * parts[..., half:], np.complex128)

@@ -1,0 +1,65 @@
+"""Correction of pad, sensors and map by what a recording of touches shows (`design.touch`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..board_values import Calibration as BoardCalibration
+from ..core.plate.mode_shapes import ModeShapes
+from ..daemon.settings import plate_from_pad
+from ..design.touch.judge import Judged, calibrate
+from ..design.touch.model import LATENCY, Calibration
+from ..design.touch.observations import in_windows
+from .touch_recording import Touched
+
+MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
+LATENCY_MS = (0.0, 50.0)  # the service's bounds
+
+
+def judged_by(touched: Touched) -> Judged:
+    """Fit and judge what a recording shows."""
+    windows = in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S)
+    return calibrate(windows, touched.header.modes, touched.header.parasitic_modes)
+
+
+def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
+    """Return the pad's pose and latency: those of the recording, corrected."""
+    before = plate_from_pad(touched.header.config)
+    matrix, offset_mm = found.affine
+    turned = matrix @ ((before.xx, before.xy), (before.yx, before.yy))
+    moved_mm = matrix @ (before.offset_x_mm, before.offset_y_mm) + offset_mm
+    latency_ms = touched.header.config.trackpad.latency_ms + 1e3 * float(found.pad[LATENCY])
+    return {
+        "matrix": [round(float(value), 6) for value in turned.ravel()],
+        "offset_mm": [round(float(value), 4) for value in moved_mm],
+        "latency_ms": round(min(max(latency_ms, LATENCY_MS[0]), LATENCY_MS[1]), 3),
+    }
+
+
+def calibration_of(touched: Touched, judged: Judged) -> BoardCalibration:
+    """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
+    modes = touched.header.modes.M
+    known = {one.mode: one for one in touched.header.calibration.modes}
+    before = np.array([(known[mode].sense if mode in known else ()) or np.eye(modes)[mode] for mode in range(modes)])
+    sense = judged.calibration.sense @ before
+    corrected = [replace(one, sense=tuple(map(complex, sense[mode]))) for mode, one in sorted(known.items())]
+    return replace(touched.header.calibration, modes=tuple(corrected))
+
+
+def has_sensors(touched: Touched) -> bool:
+    """Return whether the recording has a calibration of all modes, whose sensors can be corrected.
+
+    The fit has rates and gains too, but too small ones where fingers move slowly: no board gets models of them.
+    """
+    return len(touched.header.calibration.modes) == touched.header.modes.M
+
+
+def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:
+    """Return the map with the waves that it lacked."""
+    assert judged.waves is not None
+    return ModeShapes(
+        modes.x_mm, modes.y_mm, modes.shapes + judged.waves.on_grid(judged.calibration.waves, modes.x_mm, modes.y_mm)
+    )

@@ -1,0 +1,80 @@
+"""Adoption of a corrected pad: where it ends, and that no step on the way moves a finger noticeably."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd.daemon.pad_adoption import FARTHEST_MM, STEP_MM, STEP_NS, Adoption, Correction, Pad
+from hapticd.values import AffineMap
+
+CONFIGURED = Pad(AffineMap.from_placement((2.0, -1.0), 90.0, (1.01, 0.99)), 10_000_000)
+MISPLACED = Correction((1.001, -0.004, 0.004, 0.999), (0.4, -0.3), 0.003)
+
+
+def adopted(adoption: Adoption) -> list[Pad]:
+    """All steps until none is due."""
+    pads = []
+    while (pad := adoption.step()) is not None:
+        pads.append(pad)
+    return pads
+
+
+def test_a_correction_applies_after_the_pad_it_was_found_with() -> None:
+    corrected = MISPLACED.of(CONFIGURED)
+    x_mm, y_mm = CONFIGURED.plate_from_pad.apply(30.0, -20.0)
+    expected_mm = (1.001 * x_mm - 0.004 * y_mm + 0.4, 0.004 * x_mm + 0.999 * y_mm - 0.3)
+    assert corrected.plate_from_pad.apply(30.0, -20.0) == pytest.approx(expected_mm)
+    assert corrected.latency_ns == 13_000_000
+
+
+small = st.floats(-0.01, 0.01)
+shift = st.floats(-1.0, 1.0)
+
+
+@given(small, small, small, small, shift, shift, st.floats(-0.005, 0.005))
+def test_no_step_moves_a_finger_by_more_than_the_bound_and_the_last_is_the_corrected_pad(
+    xx: float, xy: float, yx: float, yy: float, x_mm: float, y_mm: float, latency_s: float
+) -> None:
+    correction = Correction((1.0 + xx, xy, yx, 1.0 + yy), (x_mm, y_mm), latency_s)
+    adoption = Adoption.of(CONFIGURED)
+    if not adoption.request(correction):
+        assert correction.of(CONFIGURED).distance_mm(CONFIGURED) > FARTHEST_MM
+        return
+    pads = adopted(adoption)
+    for before, after in zip([CONFIGURED, *pads], pads, strict=False):
+        assert before.distance_mm(after) <= STEP_MM * (1.0 + 1e-6)
+        assert abs(after.latency_ns - before.latency_ns) <= STEP_NS + 1
+    assert not adoption.is_moving
+    assert adoption.now == (pads[-1] if pads else CONFIGURED)
+    assert adoption.now.distance_mm(correction.of(CONFIGURED)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "correction",
+    [
+        Correction((1.0, 0.0, 0.0, 1.0), (5.0, 0.0), 0.0),
+        Correction((1.0, 0.0, 0.0, 1.0), (0.0, 0.0), 0.02),
+        Correction((math.nan, 0.0, 0.0, 1.0), (0.0, 0.0), 0.0),
+        Correction((1.0, 0.0, 0.0, 1.0), (math.inf, 0.0), 0.0),
+    ],
+)
+def test_a_correction_far_from_the_configured_pad_is_refused(correction: Correction) -> None:
+    adoption = Adoption.of(CONFIGURED)
+    assert not adoption.request(correction)
+    assert not adoption.is_moving
+    assert adoption.now == CONFIGURED
+
+
+def test_many_corrections_do_not_lead_far_away() -> None:
+    adoption = Adoption.of(CONFIGURED)
+    while adoption.request(Correction((1.0, 0.0, 0.0, 1.0), (0.5, 0.0), 0.0)):
+        adopted(adoption)
+    assert FARTHEST_MM - 0.5 <= adoption.now.distance_mm(CONFIGURED) <= FARTHEST_MM
+
+
+def test_without_a_request_no_step_is_due() -> None:
+    assert Adoption.of(CONFIGURED).step() is None
