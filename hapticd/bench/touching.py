@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from ..board_values import Calibration as BoardCalibration
 from ..board_values import ModeCalibration
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import Machine
@@ -47,7 +48,7 @@ def measured(settings: Settings, seed: int) -> Measured:
                 sense=tuple(complex(weight) for weight in sense),
             )
         )
-    return Measured(plate.measured_mode_map(seed), modes)
+    return Measured(plate.measured_mode_map(seed), BoardCalibration(tuple(modes)))
 
 
 def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> Touched:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
 import os
 import subprocess
 import sys
@@ -213,4 +214,7 @@ def _correction(verdict: Any) -> Correction:
     """Raise ValueError, KeyError or TypeError for what is no correction."""
     xx, xy, yx, yy = map(float, verdict["matrix"])
     x_mm, y_mm = map(float, verdict["offset_mm"])
-    return Correction((xx, xy, yx, yy), (x_mm, y_mm), float(verdict["latency_s"]))
+    latency_s = float(verdict["latency_s"])
+    if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
+        raise ValueError("a correction is finite")
+    return Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)

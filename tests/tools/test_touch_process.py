@@ -110,7 +110,9 @@ def test_what_was_collected_before_a_change_of_the_pad_is_not_used(at_rest: Touc
 
 def test_what_is_no_verdict_changes_nothing() -> None:
     calibration = SelfCalibration(Config())
-    for line in (b"", b"{}", b"[]", b'{"refusal": "", "matrix": [1], "offset_mm": [0, 0], "latency_s": 0}', b"\xff"):
+    short = b'{"refusal": "", "matrix": [1], "offset_mm": [0, 0], "latency_s": 0}'
+    endless = b'{"refusal": "", "matrix": [1, 0, 0, 1], "offset_mm": [0, 0], "latency_s": NaN}'
+    for line in (b"", b"{}", b"[]", short, endless, b"\xff"):
         calibration.take_verdict(line)
     assert calibration.report()["verdicts"] == 0
     assert not calibration.report()["moving"]
