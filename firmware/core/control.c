@@ -1,6 +1,7 @@
 #include "control.h"
 
 #include "control_laws.h"
+#include "coupling.h"
 #include "exponential.h"
 
 /* Found on the simulated plate over Q 200..1000, damping x0.5..x1.5 and detuning +-20 Hz (`hapticd bench firmware`).
@@ -131,7 +132,7 @@ void hd_control_adopt(hd_control_t *control, const hd_design_t *design)
 {
     for (int k = 0; k < HD_MODES; k++) {
         if (!same_model(&design->plant.model[k], &control->design.plant.model[k])) {
-            control->loop[k].observer = (hd_observer_t){0};
+            control->loop[k] = (hd_loop_t){0};
         }
     }
     control->design = *design;
@@ -151,7 +152,7 @@ void hd_control_reset(hd_control_t *control)
 hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode)
 {
     const hd_mode_model_t *model = &control->design.plant.model[mode];
-    hd_phasor_t change_1_s = control->loop[mode].observer.change_1_s;
+    hd_phasor_t change_1_s = hd_scale(model->gain_um_per_v_s, control->loop[mode].observer.change_v_per_um);
     return (hd_estimate_t){model->decay_1_s - change_1_s.d, model->detuning_rad_s + change_1_s.q};
 }
 
@@ -176,6 +177,12 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_correct(&control->loop[k].observer, &control->design.observer[k], measured_um[k]);
     }
+    hd_loop_t *loop = &control->loop[control->turn];
+    hd_phasor_t before_v_per_um = loop->observer.change_v_per_um;
+    hd_observer_learn(&loop->observer, &control->design.observer[control->turn]);
+    hd_phasor_t learned_v_per_um = hd_sub(loop->observer.change_v_per_um, before_v_per_um);
+    loop->coupling_v_per_um[control->turn] = hd_add(loop->coupling_v_per_um[control->turn], learned_v_per_um);
+    hd_couple(control);
     bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_drive(&control->loop[k].observer, u_v[k]);

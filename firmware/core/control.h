@@ -37,6 +37,8 @@ typedef struct {
 typedef struct {
     hd_phasor_t x_um[3];    /* at the end of the coming hold, at its beginning, and one tick earlier */
     hd_phasor_t integral_v;
+    hd_phasor_t coupling_v_per_um[HD_MODES]; /* what each mode does to this one, its own change among it (coupling.h) */
+    float coupling_um2;                      /* sum of |W|^2 that this was learned from */
     hd_observer_t observer; /* watches under every law, so that the estimates do not depend on it */
 } hd_loop_t;
 

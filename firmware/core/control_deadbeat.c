@@ -2,12 +2,12 @@
 #include "governor.h"
 
 /* u over the coming hold that leaves the trajectory where it is and a share p of the distance to it:
- * a W^ + b (u + d) = x + p (W^ - x). */
+ * a W^ + b (u + d) = (1 - p) x + p W^. */
 static hd_phasor_t staying_v(const hd_loop_t *loop, const hd_observer_design_t *design, float pole)
 {
     const hd_observer_t *observer = &loop->observer;
-    hd_phasor_t target_um = hd_add(hd_scale(1.0f - pole, loop->x_um[0]), hd_scale(pole, observer->w_um));
-    hd_phasor_t step_um = hd_sub(target_um, hd_mul(design->keep, observer->w_um));
+    hd_phasor_t kept = {pole - design->keep.d, -design->keep.q};
+    hd_phasor_t step_um = hd_add(hd_scale(1.0f - pole, loop->x_um[0]), hd_mul(kept, observer->w_um));
     return hd_sub(hd_mul(step_um, design->push_v_per_um), observer->disturbance_v);
 }
 

@@ -49,8 +49,7 @@ bool hd_law_pi(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
 /* What an amplitude costs to hold on the nominal plate: (sigma - j delta) W = g u. */
 static hd_phasor_t holding_v(const hd_observer_design_t *design, hd_phasor_t w_um)
 {
-    hd_phasor_t demand_1_s = {design->model.decay_1_s, -design->model.detuning_rad_s};
-    return hd_scale(design->v_per_um_s, hd_mul(demand_1_s, w_um));
+    return hd_mul(design->holding_v_per_um, w_um);
 }
 
 /* u over the coming hold that takes the nominal mode from x to x + step along a straight line. */

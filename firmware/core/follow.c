@@ -24,16 +24,16 @@ static float clamped(float value, float limit)
 }
 
 /* Mean over the modes that have moved, in rad/s from their models. */
-static float learned_detuning_rad_s(hd_control_t *control, float least_ticks)
+static float learned_detuning_rad_s(hd_control_t *control, float least_turns)
 {
     float sum_rad_s = 0.0f, modes = 0.0f;
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_t *observer = &control->loop[k].observer;
-        if ((float)observer->learned_ticks >= least_ticks) {
-            sum_rad_s += observer->change_1_s.q;
+        if ((float)observer->learned_turns >= least_turns) {
+            sum_rad_s += control->design.plant.model[k].gain_um_per_v_s * observer->change_v_per_um.q;
             modes += 1.0f;
         }
-        observer->learned_ticks = 0;
+        observer->learned_turns = 0;
     }
     return modes > 0.0f ? sum_rad_s / modes : 0.0f;
 }
@@ -44,13 +44,14 @@ static void move(hd_follower_t *follower, hd_control_t *control, float step_hz)
     float before_hz = follower->drive_hz;
     follower->drive_hz = follower->base_hz + offset_hz;
     for (int k = 0; k < HD_MODES; k++) {
-        hd_observer_turn(&control->loop[k].observer, HD_TURN_RAD * (follower->drive_hz - before_hz));
+        hd_observer_turn(&control->loop[k].observer, &control->design.observer[k], HD_TURN_RAD * (follower->drive_hz - before_hz));
     }
 }
 
 void hd_follow_step(hd_follower_t *follower, hd_control_t *control)
 {
     follower->ticks = 0;
-    float detuning_hz = learned_detuning_rad_s(control, LEARNED_FRAC * (float)follower->period_ticks) / HD_TURN_RAD;
+    float least_turns = LEARNED_FRAC / (float)HD_MODES * (float)follower->period_ticks;
+    float detuning_hz = learned_detuning_rad_s(control, least_turns) / HD_TURN_RAD;
     move(follower, control, clamped(SHARE * detuning_hz, STEP_MAX_HZ));
 }

@@ -48,8 +48,3 @@ float hd_feasible_fraction(const hd_wires_t *wires, const hd_phasor_t stay_v[HD_
     }
     return fraction;
 }
-
-hd_phasor_t hd_on_the_way(hd_phasor_t from, hd_phasor_t to, float fraction)
-{
-    return fraction == 1.0f ? to : hd_add(from, hd_scale(fraction, hd_sub(to, from)));
-}

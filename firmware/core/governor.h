@@ -13,6 +13,9 @@ float hd_feasible_fraction(const hd_wires_t *wires, const hd_phasor_t stay_v[HD_
                            const hd_phasor_t move_v[HD_MODES], float v_limit_v);
 
 /* The point at this fraction of the way; the goal itself at 1. */
-hd_phasor_t hd_on_the_way(hd_phasor_t from, hd_phasor_t to, float fraction);
+static inline hd_phasor_t hd_on_the_way(hd_phasor_t from, hd_phasor_t to, float fraction)
+{
+    return fraction == 1.0f ? to : hd_add(from, hd_scale(fraction, hd_sub(to, from)));
+}
 
 #endif

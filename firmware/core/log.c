@@ -12,10 +12,11 @@ _Static_assert(offsetof(hd_log_t, events) + WORDS * sizeof(uint32_t) == sizeof(h
 /* FNV-1a by words: a tick that adds an entry has no time for a CRC, and it only has to distinguish a log from noise. */
 static uint32_t check_of(const hd_log_t *log)
 {
-    uint32_t word[WORDS], check = 2166136261u;
-    memcpy(word, (const uint8_t *)log + offsetof(hd_log_t, events), sizeof word);
+    const uint8_t *bytes = (const uint8_t *)log + offsetof(hd_log_t, events);
+    uint32_t word, check = 2166136261u;
     for (size_t i = 0; i < WORDS; i++) {
-        check = (check ^ word[i]) * 16777619u;
+        memcpy(&word, bytes + i * sizeof word, sizeof word);
+        check = (check ^ word) * 16777619u;
     }
     return check;
 }

@@ -12,7 +12,9 @@
 #define LEAST_UM 0.1f
 
 #define CHANGE_LIMIT_PER_TICK 0.25f
+#define ABSURD_PER_TICK 0.25f /* of all amplitudes, that a disturbance moves a mode by */
 #define SURPRISE 0.3f
+#define NEWEST 3.0f /* times what the observer takes at once: most of it with the tested gains, little with slow ones */
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};
 static const hd_phasor_t ZERO = {0.0f, 0.0f};
@@ -53,34 +55,42 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
 {
     design->model = *model;
     design->v_per_um_s = 1.0f / model->gain_um_per_v_s;
+    design->holding_v_per_um = hd_scale(design->v_per_um_s, (hd_phasor_t){model->decay_1_s, -model->detuning_rad_s});
     describe_tick(design, model, tick_s, output_delay_frac);
     design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
     design->surprise_um_per_v = SURPRISE * model->gain_um_per_v_s * tick_s;
-    place_poles(design, hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s), hd_decay(-tick_s / integral_time_s));
-    design->memory_frac = hd_decay(-tick_s / MEMORY_S);
-    design->change_limit_1_s = CHANGE_LIMIT_PER_TICK / tick_s;
+    float state_pole = hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s);
+    float disturbance_pole = hd_decay(-tick_s / integral_time_s);
+    place_poles(design, state_pole, disturbance_pole);
+    float newest = hd_smaller(1.0f, NEWEST * (1.0f - state_pole) * (1.0f - disturbance_pole));
+    design->newest_v_per_um = newest * design->v_per_um_s / tick_s;
+    float absurd_v_per_um = ABSURD_PER_TICK * design->v_per_um_s / tick_s;
+    design->absurd_v2_per_um2 = absurd_v_per_um * absurd_v_per_um;
+    design->memory_frac = hd_decay(-(float)HD_MODES * tick_s / MEMORY_S);
+    design->change_limit_v_per_um = CHANGE_LIMIT_PER_TICK * design->v_per_um_s / tick_s;
 }
 
 void hd_observer_rest(hd_observer_t *observer)
 {
-    observer->innovation_um = observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
+    observer->innovation_um = observer->before_um = observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */
-static void learn(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t w_um)
+void hd_observer_learn(hd_observer_t *observer, const hd_observer_design_t *design)
 {
+    hd_phasor_t w_um = observer->before_um;
     float power_um2 = hd_dot(w_um, w_um);
     if (!(power_um2 > LEAST_UM * LEAST_UM)) {
         return;
     }
-    hd_phasor_t moment = hd_scale(design->model.gain_um_per_v_s, hd_mul(hd_conj(w_um), observer->disturbance_v));
+    hd_phasor_t moment = hd_mul(hd_conj(w_um), observer->disturbance_v);
     power_um2 += design->memory_frac * observer->power_um2;
-    moment = hd_add(moment, hd_scale(design->memory_frac, observer->moment_um2_1_s));
+    moment = hd_add(moment, hd_scale(design->memory_frac, observer->moment_v_um));
     if (hd_finite(moment) && power_um2 <= FLT_MAX) {
-        observer->moment_um2_1_s = moment;
+        observer->moment_v_um = moment;
         observer->power_um2 = power_um2;
-        observer->learned_ticks++;
-        observer->change_1_s = hd_limit_magnitude(hd_scale(1.0f / power_um2, moment), design->change_limit_1_s);
+        observer->learned_turns++;
+        observer->change_v_per_um = hd_limit_magnitude(hd_scale(1.0f / power_um2, moment), design->change_limit_v_per_um);
     }
 }
 
@@ -98,9 +108,5 @@ void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *de
     hd_phasor_t driven_v = hd_add(observer->new_v, disturbance_v);
     observer->w_um = hd_add(hd_mul(design->keep, before_um), hd_mul(design->push_um_per_v, driven_v));
     observer->disturbance_v = disturbance_v;
-    learn(observer, design, before_um);
-
-    hd_phasor_t moved_um = hd_sub(observer->w_um, before_um);
-    hd_phasor_t change_um_s = hd_mul(observer->change_1_s, moved_um);
-    observer->disturbance_v = hd_add(disturbance_v, hd_scale(design->v_per_um_s, change_um_s));
+    observer->before_um = before_um;
 }

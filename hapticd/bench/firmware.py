@@ -16,7 +16,7 @@ from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 from . import lqg
 from .closed_loop import Law, Phasors, Plate, Response, measure, straight_bound_ms
-from .loop_figures import LARGE_UM, coupling_leak_um, node_leak_um, sinusoid_figures, stroke_figures
+from .loop_figures import LARGE_UM, coupling_figures, node_leak_um, sinusoid_figures, stroke_figures
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
@@ -79,7 +79,7 @@ def _steps(repeats: int, ticks: int) -> Table:
             law = LAWS[name]
             figures |= {
                 "node_um": node_leak_um(law),
-                "coupled_um": coupling_leak_um(law),
+                **coupling_figures(law),
                 **times[name].figures("host_tick"),
             }
         rows.append((name, figures))
@@ -104,7 +104,8 @@ def _steps(repeats: int, ticks: int) -> Table:
             "far: the same to 50 Hz either way, bound: a straight way; far cross: largest share on the other axis",
             "landing: fingers raise the damping by half at 2 um; time until the plate is back within 2 %",
             "node: largest vibration of a still finger while the other's amplitude steps from 0.5 to 3 um",
-            "coupled: largest vibration of the other mode while one goes to 1 um, a finger coupling both by 591 1/s",
+            "coupled: peak of the other mode, and its time above 20 nm, while one steps to 1 um at full voltage under "
+            "a finger that couples both by 591 1/s and that the board has not felt yet",
             "host tick: one control tick of firmware and plate model on this machine",
         ),
     )

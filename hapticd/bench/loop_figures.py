@@ -14,7 +14,19 @@ from ..core.solver.public import solve_batch
 from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from .closed_loop import Floats, Law, Phasors, Plate, follow, measure, step, step_trace, tracking_figures
+from .closed_loop import (
+    PHASE_S,
+    SETTLED_FRAC,
+    Floats,
+    Law,
+    Phasors,
+    Plate,
+    follow,
+    measure,
+    step,
+    step_trace,
+    tracking_figures,
+)
 
 LARGE_UM = 2.0
 UNREACHABLE_UM = 3.9
@@ -41,13 +53,23 @@ def node_leak_um(law: Law) -> float:
     return float(np.abs(w_um @ still).max())
 
 
-def coupling_leak_um(law: Law) -> float:
-    """Largest vibration of the other mode while one goes to 1 um under a finger that couples both by 591 1/s."""
-    ticks = law.phase_ticks
-    phi, decay_1_s = np.full((ticks, 1, 2), COUPLING_PHI), np.full((ticks, 1), COUPLING_1_S)
-    one: Phasors = np.array([1.0, 0.0], dtype=np.complex128)
-    trace = follow(law.board(Plate(), noise_um=0.0), lambda _: [(0.0, one)], ticks, ticks // 10, (phi, decay_1_s))
-    return float(np.abs(trace.plate_um[:, 1]).max())
+def coupling_figures(law: Law, *, noise_um: float = 0.0) -> dict[str, float]:
+    """Peak of the other mode, and its time above 20 nm, while one steps from rest to 1 um under a new finger.
+
+    The finger couples both modes by 591 1/s; the board has learned nothing of it.
+    """
+    ticks, one = law.phase_ticks, np.array([1.0 + 0j, 0.0])
+    phi, decay_1_s = np.full((2 * ticks, 1, 2), COUPLING_PHI), np.full((2 * ticks, 1), COUPLING_1_S)
+
+    def knots(t_s: float) -> list[tuple[float, Phasors]]:
+        return [(0.0, one if t_s > PHASE_S - 1e-4 else 0 * one)]
+
+    board = law.board(Plate(), noise_um=noise_um)
+    other_um = np.abs(follow(board, knots, 2 * ticks, ticks // 10, (phi, decay_1_s)).plate_um[:, 1])
+    return {
+        "coupled_um": float(other_um.max()),
+        "coupled_ms": float(np.count_nonzero(other_um > SETTLED_FRAC)) * law.tick_ms,
+    }
 
 
 def saturation_figures(law: Law) -> dict[str, float]:

@@ -22,7 +22,7 @@ from hapticd.wire.commands import encode
 
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)
-STATE_BANDWIDTHS, MEMORY_S, LEAST_UM = 2.0, 0.02, 0.1
+STATE_BANDWIDTHS, NEWEST, MEMORY_S, LEAST_UM, MODES = 2.0, 3.0, 0.02, 0.1, 2
 
 
 class Phasor(ctypes.Structure):
@@ -89,20 +89,33 @@ class Double:
         desired = (f - poles[0] * np.eye(2)) @ (f - poles[1] * np.eye(2))
         predictor = desired @ np.linalg.solve(np.array([h, h @ f]), np.array([0, 1]))
         self.gains = np.linalg.solve(f, predictor)
-        self.forget = math.exp(-tick_s / MEMORY_S)
-        self.w = self.d = self.x = self.u = self.u_old = self.moment = 0j
-        self.power = 0.0
+        self.newest_1_s = min(1.0, NEWEST * float(np.prod(1 - poles))) / tick_s
+        self.forget = math.exp(-MODES * tick_s / MEMORY_S)
+        self.w = self.d = self.x = self.u = self.u_old = self.moment = self.coupling = 0j
+        self.power = self.coupling_power = 0.0
+        self.ticks = 0
+
+    def learn(self, w_um: complex, cause: complex, newest: complex) -> None:
+        """Damping and detuning, and what is left for its own row of the couplings, at this mode's turn."""
+        self.ticks += 1
+        if abs(w_um) <= LEAST_UM or self.ticks % MODES == 0:
+            return
+        before = self.moment / self.power if self.power > 0 else 0j
+        self.moment = self.forget * self.moment + w_um.conjugate() * cause
+        self.power = self.forget * self.power + abs(w_um) ** 2
+        self.coupling += self.moment / self.power - before
+        self.coupling_power = self.forget * self.coupling_power + abs(w_um) ** 2
+        left = cause + newest - self.coupling * w_um
+        self.coupling += left * w_um.conjugate() / self.coupling_power
 
     def tick(self, goal_um: complex, measured_um: complex) -> complex:
         expected = self.c * self.w + self.new * (self.u + self.d) + self.old * (self.u_old + self.d)
-        before = self.w + self.gains[0] * (measured_um - expected)
-        self.d = self.d + self.gains[1] * (measured_um - expected)
+        innovation = measured_um - expected
+        before = self.w + self.gains[0] * innovation
+        self.d = self.d + self.gains[1] * innovation
         self.w = self.a * before + self.b * (self.u + self.d)
-        if abs(before) > LEAST_UM:
-            self.moment = self.forget * self.moment + self.gain * before.conjugate() * self.d
-            self.power = self.forget * self.power + abs(before) ** 2
-        if self.power > 0:
-            self.d += self.moment / self.power / self.gain * (self.w - before)
+        self.learn(before, self.gain * self.d, self.newest_1_s * innovation)
+        self.d += self.coupling / self.gain * (self.w - before)
         stay = ((1 - self.pole) * self.x + (self.pole - self.a) * self.w) / self.b - self.d
         move = (goal_um - self.x) / self.b
         budget = max(LIMIT_V, abs(stay) + 0.03 * LIMIT_V)

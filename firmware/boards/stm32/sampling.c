@@ -89,8 +89,8 @@ void sampling_run(void)
 }
 
 /* From the beginning, by way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC
- * that was overrun neither. */
-static void restart(void)
+ * that was overrun neither. (Inlined, it would have every chunk save more registers.) */
+static __attribute__((noinline)) void restart(void)
 {
     hd_on_missed_chunk();
     sampling_silence();
