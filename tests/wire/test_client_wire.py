@@ -21,10 +21,12 @@ from hapticd.values import (
     ClientTargets,
     Effect,
     Envelope,
+    EventKind,
     FrictionTarget,
     GratingTarget,
     MapTarget,
     Modulation,
+    PlateEvent,
     Polygon,
     Pulse,
     Start,
@@ -575,6 +577,23 @@ def test_a_part_that_is_none_is_refused_by_name(changes: dict[str, object], sent
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------
+
+
+def test_an_event_is_sent_with_the_fields_that_it_has() -> None:
+    crossed = PlateEvent(8, EventKind.CROSSED, 70, 60, 3, (1.5, -2.0), "study", "button", "")
+    begun = PlateEvent(9, EventKind.BEGUN, 71, None, None, None, "study", "", "click")
+    assert client.event_fields(crossed) == {
+        **{"seq": 8, "kind": "crossed", "t_ns": 70, "t_device_ns": 60, "finger": 3, "x_mm": 1.5, "y_mm": -2.0},
+        **{"client": "study", "surface": "button"},
+    }
+    named = {"client": "study", "effect": "click"}
+    assert client.event_fields(begun) == {"seq": 9, "kind": "begun", "t_ns": 71, **named}
+
+
+def test_points_of_floats_and_of_whole_numbers_are_the_same_envelope() -> None:
+    whole, floats = ([[0, 1], [2, 3], [2, 0]], [[0.0, 1.0], [2.0, 3.0], [2.0, 0.0]])
+    first, second = (client.decode_targets(with_envelope(*points)).effects["one"] for points in (whole, floats))
+    assert first == second
 
 
 def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
