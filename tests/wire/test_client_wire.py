@@ -583,8 +583,15 @@ def test_an_event_is_sent_with_the_fields_that_it_has() -> None:
     crossed = PlateEvent(8, EventKind.CROSSED, 70, 60, 3, (1.5, -2.0), "study", "button", "")
     begun = PlateEvent(9, EventKind.BEGUN, 71, None, None, None, "study", "", "click")
     assert client.event_fields(crossed) == {
-        **{"seq": 8, "kind": "crossed", "t_ns": 70, "t_device_ns": 60, "finger": 3, "x_mm": 1.5, "y_mm": -2.0},
-        **{"client": "study", "surface": "button"},
+        "seq": 8,
+        "kind": "crossed",
+        "t_ns": 70,
+        "t_device_ns": 60,
+        "finger": 3,
+        "x_mm": 1.5,
+        "y_mm": -2.0,
+        "client": "study",
+        "surface": "button",
     }
     named = {"client": "study", "effect": "click"}
     assert client.event_fields(begun) == {"seq": 9, "kind": "begun", "t_ns": 71, **named}
