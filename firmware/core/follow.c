@@ -43,8 +43,10 @@ static void move(hd_follower_t *follower, hd_control_t *control, float step_hz)
     float offset_hz = clamped(follower->drive_hz - follower->base_hz + step_hz, follower->reach_hz);
     float before_hz = follower->drive_hz;
     follower->drive_hz = follower->base_hz + offset_hz;
+    float faster_rad_s = HD_TURN_RAD * (follower->drive_hz - before_hz);
     for (int k = 0; k < HD_MODES; k++) {
-        hd_observer_turn(&control->loop[k].observer, &control->design.observer[k], HD_TURN_RAD * (follower->drive_hz - before_hz));
+        hd_observer_turn(&control->loop[k].observer, &control->design.observer[k], faster_rad_s);
+        control->loop[k].coupling_v_per_um[k].q -= control->design.observer[k].v_per_um_s * faster_rad_s;
     }
 }
 

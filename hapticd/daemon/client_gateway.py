@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from .. import __version__
 from ..core.targets.client_registry import ClientRegistry
-from ..core.targets.layer import Layer
 from ..core.targets.scene import Scene
 from ..errors import RequestError
-from ..values import ClientTargets
+from ..values import ClientTargets, Surface
 from ..wire import client as client_wire
 from ..wire.assets import AssetPart
 from .layers import described
@@ -47,6 +46,13 @@ class Host(Protocol):
         """The answer to `plate`."""
 
 
+class _Described(NamedTuple):
+    """A surface and its description. A layer is not kept, for its texture may hold an asset."""
+
+    surface: Surface
+    fields: dict[str, object]
+
+
 class ClientGateway:
     """All clients: each message names its client, and the socket knows its user."""
 
@@ -61,7 +67,7 @@ class ClientGateway:
         self._instance = instance
         self._host = host
         self._client_registry = ClientRegistry()
-        self._described: dict[Layer, dict[str, object]] = {}  # as last read: maps take time to make small
+        self._described: dict[tuple[str, str], _Described] = {}  # as last read: maps take time to make small
 
     def targets(self, payload: bytes, t_now_ns: int, user: str) -> None:
         """Take a message of the targets socket; an error in it is counted and kept for `status`."""
@@ -134,9 +140,14 @@ class ClientGateway:
     def _describe_surfaces(self, t_now_ns: int) -> dict[str, object]:
         surfaces, assets = self._scene.surfaces, self._scene.assets
         surfaces.expire(t_now_ns)
-        kept = self._described
-        self._described = {layer: kept.get(layer) or described(layer, assets) for layer in surfaces.layers}
-        return {"version": surfaces.version, "surfaces": list(self._described.values())}
+        kept, self._described = self._described, {}
+        for layer in surfaces.layers:
+            key = layer.owner, layer.name
+            before = kept.get(key)
+            if before is None or before.surface is not layer.surface:
+                before = _Described(layer.surface, described(layer, assets))
+            self._described[key] = before
+        return {"version": surfaces.version, "surfaces": [one.fields for one in self._described.values()]}
 
     def _require_newest(self, client: str, user: str, stamp: int | None, ttl_ns: int, t_now_ns: int) -> None:
         if not self._is_newest(client, user, stamp, ttl_ns, t_now_ns):

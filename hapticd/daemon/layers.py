@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import itemgetter
 
 from ..core.targets.assets import Assets
 from ..core.targets.layer import Layer
@@ -24,7 +25,8 @@ def _small(content: Target) -> Target:
     if not isinstance(content, MapTarget):
         return content
     columns, rows = _spread(content.width), _spread(content.height)
-    levels = bytes(content.levels[row * content.width + column] for row in rows for column in columns)
+    pick = itemgetter(*columns) if len(columns) > 1 else bytes
+    levels = b"".join(bytes(pick(content.levels[row * content.width : (row + 1) * content.width])) for row in rows)
     return replace(content, width=len(columns), height=len(rows), levels=levels, asset=b"")
 
 

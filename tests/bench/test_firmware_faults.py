@@ -9,7 +9,9 @@ from hapticd.bench import firmware_faults
 from hapticd.wire.protocol import FAULTS
 
 WITHIN_MS = {"out of reach, 3.9 um": 101e3}
-CODES = {"dead": {4}, "inverted": {8}, "swapped": {8}, "phase": {7}, "gain": {7}, "ADC": {9}, "out of reach": {10}}
+# A phase of 80 degrees is nearly that of motion against the drive, and either is found first.
+CODES = {"dead": {4}, "inverted": {8}, "swapped": {8}, "50 degrees": {7}, "80 degrees": {7, 8}, "gain": {7}}
+CODES |= {"ADC": {9}, "out of reach": {10}}
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,8 @@ def test_every_cause_is_quiet_within_its_time(rows: dict[str, dict[str, float]])
 def test_its_fault_says_what_it_is(rows: dict[str, dict[str, float]]) -> None:
     for word, codes in CODES.items():
         found = {int(figures["fault_code"]) for name, figures in rows.items() if word in name}
-        assert found == codes, word
+        assert found, word
+        assert found <= codes, word
 
 
 def stroked(driven: firmware_faults.Board) -> firmware_faults.Run:

@@ -372,6 +372,31 @@ def test_a_message_that_is_refreshed_after_it_expired_does_not_start_its_pulse_a
         assert player.scene.effects.playing == []
 
 
+def test_an_effect_ends_with_its_surface_which_may_be_refused_in_a_message_that_repeats_the_effect() -> None:
+    player, start = Player(), Start(Cause.ENTERING, surface="tile")
+    effects = {"buzz": Effect(CLICK, start=start, loops=True)}
+    player.lay(effects, surfaces={"tile": Surface(AmplitudeTarget(0.5))})
+    player.play(10, SLIPPERY)
+    assert len(player.scene.effects.playing) == 1
+    player.lay(effects, surfaces={"tile": Surface(AmplitudeTarget(999.0))})
+    assert player.refused[1] == "effect 'buzz' names surface 'tile', which was refused."
+    player.play(10, SLIPPERY)
+    assert player.scene.effects.playing == []
+    assert player.played_um(player.t_ns, SLIPPERY) == 0.0
+
+
+def test_a_refused_pulse_plays_when_its_message_is_taken() -> None:
+    player, click = Player(), {"click": Effect(CLICK, start=Start(start_id=7))}
+    for client in "abcd":
+        player.lay({f"{n}": Effect(CLICK, start=Start(Cause.LIFTING)) for n in range(16)}, client=client)
+    player.lay(click)
+    assert len(player.refused) == 1
+    player.scene.release_client("a")
+    player.lay(click)
+    player.play(5, SLIPPERY)
+    assert (player.refused, player.the(EventKind.BEGUN).effect) == ((), "click")
+
+
 def test_a_stopped_or_expired_effect_ends_with_the_next_frame() -> None:
     for end in (
         lambda player: player.lay({}, {"plate": Surface(ONE)}),

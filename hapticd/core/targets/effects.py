@@ -104,11 +104,12 @@ class Effects:
             if held is None or held.effect != effect:
                 held = Held(name, message.client, effect, t_ns)
                 held.corners = held.course.most_corners(self._least_span_ns)
-                held.is_due = held.is_due and not self._has_been_played(held)
             refusal = self._refusal(held, owner_of) if len(others) + len(mine) < MAX_EFFECTS else _CROWDED
             if refusal:
                 refusals.append(f"effect {name!r} {refusal}")
                 continue
+            if held is not before.get(name):
+                held.is_due = held.is_due and not self._has_been_played(held)
             held.t_expires_ns = t_ns + message.ttl_ns
             mine.append(held)
         self._keep(others + mine)
@@ -148,6 +149,9 @@ class Effects:
     def _refusal(self, held: Held, owner_of: OwnerOf) -> str:
         """Return why an effect is refused; empty if it is not."""
         effect = held.effect
+        for name in (effect.on, effect.start.surface):
+            if isinstance(name, str) and name and self._surfaces.layer(held.owner, name) is None:
+                return f"names surface {name!r}, which was refused."
         owner = owner_of(effect.on) if isinstance(effect.on, int) else None
         if owner is not None and owner != held.owner:
             return f"is on finger {effect.on}, which is held by {owner!r}: wait until that client releases it."
@@ -189,14 +193,8 @@ class Effects:
         self._layers = layers
         for held in self.held:
             on = held.effect.on
-            held.layer = self._layer(held.owner, on) if isinstance(on, str) else None
-            held.trigger = self._layer(held.owner, held.effect.start.surface)
-
-    def _layer(self, owner: str, name: str) -> Layer | None:
-        for layer in self._layers:
-            if layer.name == name and layer.owner == owner:
-                return layer
-        return None
+            held.layer = self._surfaces.layer(held.owner, on) if isinstance(on, str) else None
+            held.trigger = self._surfaces.layer(held.owner, held.effect.start.surface)
 
     # --- reading, for the touch path ---
 

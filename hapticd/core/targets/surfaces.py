@@ -87,6 +87,13 @@ class Surfaces:
         if t_ns >= self.t_expires_ns:
             self._stack([layer for layer in self.layers if t_ns < layer.t_expires_ns])
 
+    def layer(self, owner: str, name: str) -> Layer | None:
+        """Return a client's layer by its name; None if it has none of that name."""
+        for layer in self.layers:
+            if layer.name == name and layer.owner == owner:
+                return layer
+        return None
+
     # --- reading, for the touch path ---
 
     def amplitude_um(self, x_mm: float, y_mm: float, t_ns: int) -> float:

@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -134,11 +134,17 @@ class Detail(NamedTuple):
 
 
 NO_DETAIL = Detail(math.inf, True)
+FINEST_MM: Final = 1e-3
 _PIECES_PER_WAVE = 4.0  # a smooth wave shows its curvature in the middle of a quarter of it
 
 
 def detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
-    """Return how finely a target's texture must be sampled."""
+    """Return how finely a target's texture must be sampled; what is finer than FINEST_MM is not felt."""
+    found = _detail(target, plate_size_mm)
+    return found if found.finest_mm >= FINEST_MM else Detail(FINEST_MM, found.smooth)
+
+
+def _detail(target: Target | None, plate_size_mm: tuple[float, float]) -> Detail:
     match target:
         case GratingTarget(period_mm, duty_frac=0.0):
             return Detail(period_mm / _PIECES_PER_WAVE, True)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.targets.noise import MOST_RMS
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, highest_um, refusal, texture
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, detail, highest_um, refusal, texture
 from hapticd.values import (
     AmplitudeTarget,
     FrictionTarget,
@@ -127,6 +127,12 @@ def test_the_duty_is_the_share_of_the_period_that_is_high(duty: float) -> None:
     samples = [square(-40.0 + 0.01 * n, 13.0) for n in range(8000)]
     assert set(samples) == {0.0, 1.0}
     assert sum(samples) / len(samples) == pytest.approx(duty, abs=0.006)  # a sample or two at each edge
+
+
+@pytest.mark.parametrize("duty_frac", [5e-324, 1e-300, 1.0 - 2.0**-53])
+def test_however_thin_a_stripe_its_detail_can_be_divided_by(duty_frac: float) -> None:
+    finest_mm = detail(GratingTarget(0.1, 0.0, 0.0, 1.0, duty_frac), (137.5, 137.5)).finest_mm
+    assert finest_mm == 1e-3
 
 
 def test_a_grating_varies_along_its_angle_only() -> None:
