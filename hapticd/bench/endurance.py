@@ -56,7 +56,8 @@ def run(hours: float = 1.0) -> Table:
     made["all"] = total(made.values())
     table, failures = _table(made), made["all"].failures
     if failures:
-        title = f"endurance: {len(failures)} failures, faults by code {dict(made['all'].faults)}; the first:"
+        faults = dict(sorted(made["all"].faults.items()))
+        title = f"endurance: {len(failures)} failures, faults by code {faults}; the first {MOST_SENTENCES}:"
         raise HapticdError("\n".join([title, *failures[:MOST_SENTENCES], render(table)]))
     return table
 
@@ -109,11 +110,13 @@ def judge(world: World, seed: int) -> Findings:
 
 
 def _violations(found: Findings, trace: BoardTrace, code: int, control_hz: float) -> Iterator[str]:
+    rested = np.flatnonzero(trace.flags & FLAG_LIVE == 0)
+    rested = rested[rested >= LIVE_AFTER_S * control_hz]
+    t_end_s = (rested[0] if len(rested) else len(trace)) / control_hz
     if code:
-        yield f"fault {code}, {FAULTS.get(code, 'of unknown code')}."
-    rested = np.flatnonzero((trace.flags[round(LIVE_AFTER_S * control_hz) :] & FLAG_LIVE) == 0)
-    if len(rested):
-        yield f"the board left LIVE after {LIVE_AFTER_S + rested[0] / control_hz:.3f} s."
+        yield f"fault {code} after {t_end_s:.3f} s, {FAULTS.get(code, 'of unknown code')}."
+    elif len(rested):
+        yield f"the board left LIVE after {t_end_s:.3f} s, without a fault."
     if not found.peak_voltage_frac <= 1.0 + V_ROUNDING:  # True for NaN
         yield f"a voltage was {found.peak_voltage_frac:.7f} of its limit."
     if not found.peak_reference_frac <= 1.0 + W_ROUNDING:
@@ -143,7 +146,7 @@ def _table(made: dict[str, Findings]) -> Table:
         compared=(),
         notes=(
             "peaks: largest of any amplifier and mode over its limit; real time: virtual time over the time it took",
-            f"damping x{DAMPING[0]:g} to x{DAMPING[1]:g}, drift within {DRIFT_HZ:g} Hz either way; no fault, no limit "
-            "broken, LIVE throughout",
+            f"damping x{DAMPING[0]:g} to x{DAMPING[1]:g}, drift within {DRIFT_HZ:g} Hz either way; a fault ends the "
+            "drive of its run",
         ),
     )

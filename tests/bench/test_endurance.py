@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -41,8 +42,15 @@ def test_a_run_is_the_same_again() -> None:
 def test_a_dead_sensor_is_counted_with_its_code_and_its_run() -> None:
     found = endurance.judge(dead(6, 4.0), 6)
     assert found.faults == Counter({4: 1})
-    assert found.failures[0] == "run 6 (2 modes, separate, 2 kHz): fault 4, the sensors do not answer the drive."
-    assert "left LIVE after" in found.failures[1]
+    (failure,) = found.failures
+    assert re.fullmatch(r"run 6 \(2 modes, separate, 2 kHz\): fault 4 after [\d.]+ s, the sensors do not .*\.", failure)
+
+
+def test_a_board_that_leaves_live_without_a_fault_is_a_failure() -> None:
+    trace = endurance.BoardTrace(100, 2, 2)
+    trace.flags[:60] = endurance.FLAG_LIVE
+    (sentence,) = endurance._violations(Findings(), trace, 0, 2000.0)
+    assert sentence == "the board left LIVE after 0.030 s, without a fault."
 
 
 @pytest.mark.parametrize(
@@ -70,7 +78,7 @@ def test_hours_become_runs_and_a_table_of_their_kinds(monkeypatch: pytest.Monkey
 
 def test_failures_are_an_error_that_names_their_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endurance, "draw", lambda seed, _: dead(seed, 2.0))
-    with pytest.raises(HapticdError, match=r"(?s)2 failures, faults by code \{4: 1\}.*\nrun 0 .*peak voltage"):
+    with pytest.raises(HapticdError, match=r"(?s)1 failures, faults by code \{4: 1\}.*\nrun 0 .*peak voltage"):
         endurance.run(0.001)
 
 
