@@ -185,14 +185,16 @@ def follow(
     knots_at: Callable[[float], list[tuple[float, Phasors]]],
     ticks: int,
     every: int,
-    touch: tuple[Floats, Floats] | None = None,
+    touch: tuple[Floats, Floats] | tuple[Floats, Floats, Floats] | None = None,
 ) -> BoardTrace:
     """Drive the board with the knots (ms after the frame, amplitudes) that `knots_at` gives for each frame's start (s).
 
-    `touch` is phi (ticks, F, P) and contact decay (ticks, F) as in `Board.run`; without it no finger touches.
+    `touch` is phi (ticks, F, P), contact decay (ticks, F) and, if fingers detune, contact detuning (ticks, F) as in
+    `Board.run`; without it no finger touches.
     """
     modes, plate_modes = board.model.modes, board.model.plate_modes
-    phi, decay_1_s = touch or (np.zeros((ticks, 0, plate_modes)), np.zeros((ticks, 0)))
+    phi, decay_1_s, *detuning_rad_s = touch or (np.zeros((ticks, 0, plate_modes)), np.zeros((ticks, 0)))
+    contact_detuning_rad_s = detuning_rad_s[0] if detuning_rad_s else None
     trace = BoardTrace(ticks, modes, plate_modes)
     seq = 0
     for tick in range(0, ticks, every):
@@ -200,7 +202,8 @@ def follow(
         for _ in range(3 if tick == 0 else 1):  # a board trusts the third frame of a stream
             board.receive(device.encode_reference(seq, SafeDrive(0, knots, LimitReason.NONE), board.t_us))
             seq += 1
-        board.run(min(every, ticks - tick), phi, decay_1_s, trace, tick)
+        due = min(every, ticks - tick)
+        board.run(due, phi, decay_1_s, trace, tick, contact_detuning_rad_s=contact_detuning_rad_s)
     return trace
 
 

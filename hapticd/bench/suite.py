@@ -18,6 +18,7 @@ from ..files.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
     contacts,
+    endurance,
     firmware,
     firmware_faults,
     landing,
@@ -42,8 +43,9 @@ __all__ = ["PARTS", "run"]
 
 
 class Extent(NamedTuple):
-    """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours or real
-    seconds of the soak; the recorded touches for predictions; and the laboratories of each kind."""
+    """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours of endurance
+    and the soak, or real seconds of the latter; the recorded touches for predictions; and the laboratories of each
+    kind."""
 
     seconds: float
     steps: int
@@ -72,6 +74,7 @@ PARTS: dict[str, Part] = {
     ),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),
     "firmware": lambda _: (*firmware.run(), firmware_faults.run()),
+    "endurance": lambda extent: (endurance.run(extent.hours),),
     "soak": lambda extent: (
         soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
     ),

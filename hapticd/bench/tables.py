@@ -25,6 +25,7 @@ UNITS = {
     "_um": "um",
     "_hz": "Hz",
     "_v": "V",
+    "_h": "h",
 }  # longest suffix first, where one ends another
 SPREAD = "_spread"
 _NAME_WIDTH = 30

@@ -31,9 +31,10 @@ PARTS = {
     "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 100.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
+    "endurance": Part("an hour of virtual time of the firmware on random plates", 0.5, has_picture=False),
     "soak": Part("an hour of virtual time with 2000 faults", 7.0, has_picture=False),
 }
-APART = ("soak", "worlds")  # not part of `all`: the one compares nothing, the other takes longer than all
+APART = ("endurance", "soak", "worlds")  # not part of `all`: two compare nothing, the worlds take longer than all
 ALL = "all"
 RUNS = 3  # of the soak in real time
 WORLDS = 50  # as bench.worlds, which takes a second to import
@@ -49,7 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--steps", type=whole(0, MOST_STEPS), default=10_000_000, help="stability: of the walk (default 10000000)"
     )
-    parser.add_argument("--hours", type=number(0.0, is_above=True), default=1.0, help="soak: virtual time (default 1)")
+    parser.add_argument(
+        "--hours", type=number(0.0, is_above=True), default=1.0, help="endurance, soak: virtual time (default 1)"
+    )
     parser.add_argument(
         "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"
     )
@@ -109,6 +112,8 @@ def _bench(options: argparse.Namespace) -> None:
 def _minutes(name: str, options: argparse.Namespace) -> float:
     if name == "worlds":
         return float(PARTS[name].minutes * options.worlds / WORLDS)
+    if name == "endurance":
+        return float(PARTS[name].minutes * options.hours)
     if name != "soak":
         return PARTS[name].minutes
     return float(PARTS[name].minutes * options.hours if options.real_time is None else RUNS * options.real_time / 60.0)
@@ -118,5 +123,5 @@ def listing() -> str:
     """Return the parts with the time that each takes."""
     rows = [f"  {name:<11} {part.minutes:4g} min  {part.summary}" for name, part in PARTS.items()]
     minutes = sum(part.minutes for name, part in PARTS.items() if name not in APART)
-    rows.append(f"  {ALL:<11} {minutes:4g} min  all of these but {' and '.join(APART)}")
+    rows.append(f"  {ALL:<11} {minutes:4g} min  all of these but {', '.join(APART[:-1])} and {APART[-1]}")
     return "\n".join(["Parts, with the time that each takes on two cores:", *rows, "\nhapticd bench PART runs one."])
