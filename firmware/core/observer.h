@@ -8,7 +8,7 @@
  *
  * A finger or a drift shows as d = (change of decay and detuning) W / g. Least squares of d on W, with exponential
  * forgetting, estimate that change, in volts per um, which predicts the voltage to hold an amplitude; the host reads it.
- * What other modes feed in counts as this mode's own as far as it moves with it (coupling.c tells them apart).
+ * What other modes feed in counts as this mode's own as far as it moves with it (coupling.c separates them).
  */
 #ifndef HD_OBSERVER_H
 #define HD_OBSERVER_H

@@ -183,8 +183,8 @@ class Triggers:
         for held in self._effects.held:
             if held.effect.start.cause is cause and held.trigger is layer and _is_at(held, touched):
                 t_cause_ns = t_ns if t_ns is not None else touched.t_ns if layer is None else t_begin_ns
-                whom = touched.finger.finger_id if finger_id is None else finger_id
-                self._begin(held, touched, whom, t_cause_ns, t_begin_ns)
+                playing_id = touched.finger.finger_id if finger_id is None else finger_id
+                self._begin(held, touched, playing_id, t_cause_ns, t_begin_ns)
 
     def _begin(self, held: Held, touched: Touched | None, finger_id: int, t_ns: int, t_begin_ns: int) -> None:
         if touched is not None:

@@ -30,8 +30,8 @@ MAP_POINTS = 64  # per axis: a dozen for each wave of the reference plate
 class Status:
     """Reports on the machine's parts, and the counters that the event loop and the sockets add to it.
 
-    `instance` distinguishes one start of the service from the next. `publish` takes telemetry while somebody
-    subscribes.
+    `instance` distinguishes one start of the service from the next. `publish` takes telemetry while there is
+    a subscriber.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Status:
     def report_pass(
         self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent] = ()
     ) -> None:
-        """Publish one pass and its events, if somebody subscribes: else nothing is built."""
+        """Publish one pass and its events, if there is a subscriber: else nothing is built."""
         if self.publish is None:
             self.skipped_no_subscriber += 1
         else:

@@ -105,23 +105,23 @@ def check_sentence(sentence: str) -> None:
     assert len(sentence) <= LONGEST_SENTENCE
 
 
-def check_targets(wanted: ClientTargets) -> None:
-    assert 20_000_000 <= wanted.ttl_ns <= 5_000_000_000
-    assert len(wanted.targets) <= MAX_TARGETS
-    assert len(wanted.virtuals) <= MAX_VIRTUALS
-    for target in wanted.targets.values():
+def check_targets(requested: ClientTargets) -> None:
+    assert 20_000_000 <= requested.ttl_ns <= 5_000_000_000
+    assert len(requested.targets) <= MAX_TARGETS
+    assert len(requested.virtuals) <= MAX_VIRTUALS
+    for target in requested.targets.values():
         for name in ("amplitude_um", "friction_frac", "low_um", "high_um", "period_mm", "duty_frac"):
             assert 0 <= getattr(target, name, 0.0) <= MAX_AMPLITUDE_UM
         assert len(getattr(target, "levels", b"")) <= MAX_BINARY_BYTES
         assert 0.1 <= getattr(target, "shortest_mm", 1.0) <= getattr(target, "longest_mm", 1000.0) <= 1000.0
         assert math.isfinite(getattr(target, "angle_rad", 0.0))
-    assert len(wanted.surfaces) <= MAX_SURFACES
-    for surface in wanted.surfaces.values():
+    assert len(requested.surfaces) <= MAX_SURFACES
+    for surface in requested.surfaces.values():
         check_surface(surface)
-    assert len(wanted.effects) <= MAX_EFFECTS
-    for effect in wanted.effects.values():
-        check_effect(effect, wanted)
-    for path in wanted.virtuals.values():
+    assert len(requested.effects) <= MAX_EFFECTS
+    for effect in requested.effects.values():
+        check_effect(effect, requested)
+    for path in requested.virtuals.values():
         assert 1 <= len(path.points_mm) <= MAX_PATH_POINTS
         assert all(abs(part) <= MAX_POSITION_MM for point in path.points_mm for part in point)
 
@@ -138,9 +138,9 @@ def check_surface(surface: Surface) -> None:
         assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.points_mm for part in point)
 
 
-def check_effect(effect: Effect, wanted: ClientTargets) -> None:
+def check_effect(effect: Effect, requested: ClientTargets) -> None:
     named = [effect.start.surface, *([effect.on] if isinstance(effect.on, str) else [])]
-    assert all(name in wanted.surfaces for name in named if name)
+    assert all(name in requested.surfaces for name in named if name)
     assert 0.0 <= effect.start.release_frac < effect.start.threshold_frac <= 1.0 or not effect.start.threshold_frac
     match effect.form:
         case Pulse(height_um, length_s, rise_s):

@@ -85,7 +85,7 @@ class Scene:
     def apply(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
         """Replace all earlier targets, surfaces and effects of the client. Returns one sentence per refused one."""
         self._drop_expired(t_ns)
-        wanted: dict[Key, _Held] = {}
+        requested: dict[Key, _Held] = {}
         refusals: list[str] = []
         room = self._room_for_virtuals(message.client)
         for key in dict.fromkeys((*message.virtuals, *message.targets)):
@@ -93,10 +93,10 @@ class Scene:
             if refusal is not None:
                 refusals.append(refusal)
                 continue
-            wanted[key] = self._hold(message, key, t_ns)
+            requested[key] = self._hold(message, key, t_ns)
             room -= isinstance(key, str)
-        self._drop([key for key in self._keys_of(message.client) if key not in wanted])
-        for key, held in wanted.items():
+        self._drop([key for key in self._keys_of(message.client) if key not in requested])
+        for key, held in requested.items():
             self._held[key] = held
             self._released.pop(key, None)
         refusals += self.surfaces.apply(message, t_ns)
