@@ -9,7 +9,9 @@ import math
 from dataclasses import astuple, dataclass, fields
 from typing import NamedTuple
 
+from ..config.sections import Config
 from ..values import AffineMap
+from .settings import plate_from_pad
 
 STEP_MM = 0.002  # less than a pad resolves; as a filter's noise it moves a reference by 0.2 % of itself
 STEP_NS = 20_000  # of latency: 2 um at 10 cm/s
@@ -28,6 +30,11 @@ class Pad(NamedTuple):
         """Return the most by which a position on the plate differs."""
         corners = [(x_mm, y_mm) for x_mm in (-_CORNER_MM, _CORNER_MM) for y_mm in (-_CORNER_MM, _CORNER_MM)]
         return max(math.dist(self.plate_from_pad.apply(*one), other.plate_from_pad.apply(*one)) for one in corners)
+
+
+def configured_pad(config: Config) -> Pad:
+    """Return the pad as configured."""
+    return Pad(plate_from_pad(config), round(config.trackpad.latency_ms * 1e6))
 
 
 class Correction(NamedTuple):
@@ -50,7 +57,7 @@ class Correction(NamedTuple):
             yx * before.offset_x_mm + yy * before.offset_y_mm + self.offset_mm[1],
         )
         low_ns, high_ns = LATENCY_NS
-        return Pad(after, min(max(pad.latency_ns + round(1e9 * self.latency_s), low_ns), high_ns))
+        return Pad(after, round(min(max(pad.latency_ns + 1e9 * self.latency_s, low_ns), high_ns)))
 
 
 @dataclass(slots=True)
@@ -76,10 +83,11 @@ class Adoption:
 
     def request(self, correction: Correction) -> bool:
         """Begin to move to the pad that a correction makes of the present one; False where that is too far."""
+        if not abs(1e9 * correction.latency_s) <= FARTHEST_NS:
+            return False
         target = correction.of(self.now)
-        numbers = (*astuple(target.plate_from_pad), correction.latency_s)
-        distance_mm = target.distance_mm(self.configured)
-        if not all(map(math.isfinite, numbers)) or not distance_mm <= FARTHEST_MM:
+        is_finite = all(map(math.isfinite, astuple(target.plate_from_pad)))
+        if not is_finite or not target.distance_mm(self.configured) <= FARTHEST_MM:
             return False
         if abs(target.latency_ns - self.configured.latency_ns) > FARTHEST_NS:
             return False

@@ -80,7 +80,7 @@ class Recorders:
         also: Observer | None = None,
     ) -> None:
         """Begins the file that the configuration requests; the machine has had no input yet. `also` is given what the
-        recordings are."""
+        recordings are, except for what fingers perceive."""
         self._machine = machine
         self._also = also
         self._make_header = make_header
@@ -153,6 +153,7 @@ class Recorders:
             self._writer.close(t_ns, "the daemon stopped")
 
     def _choose_observer(self) -> None:
+        self._machine.observer_perceives = self._writer is not None or self._live is not None
         each = (self._writer and self._writer.put, self._live and self._put_live, self._also)
         observers = [put for put in each if put]
         if len(observers) < 2:

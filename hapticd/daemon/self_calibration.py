@@ -25,22 +25,17 @@ from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
 from ..values import AffineMap
 from .machine import Machine
-from .pad_adoption import Adoption, Correction, Pad
-from .settings import plate_from_pad
+from .pad_adoption import Adoption, Correction, Pad, configured_pad
 
 log = logging.getLogger("hapticd")
 
 PROCESS = "hapticd.tools.touch_process"
 MOST_WAITING_BYTES = 1 << 20  # for the pipe: some 7 s of touching
 STEP_EVERY_NS = 10_000_000
-_LONGEST_LINE_BYTES = 1 << 16
+_LONGEST_LINE_BYTES = 1 << 12
 _PIECE_BYTES = 1 << 16
+_MOST_REFUSAL_CHARACTERS = 200
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
-
-
-def configured_pad(config: Config) -> Pad:
-    """Return the pad as configured."""
-    return Pad(plate_from_pad(config), round(config.trackpad.latency_ms * 1e6))
 
 
 class SelfCalibration:
@@ -80,13 +75,26 @@ class SelfCalibration:
     def _read(self) -> None:
         assert self.process is not None
         assert self.process.stdout is not None
-        data = os.read(self.process.stdout.fileno(), _LONGEST_LINE_BYTES)
+        try:
+            data = os.read(self.process.stdout.fileno(), _LONGEST_LINE_BYTES)
+        except BlockingIOError:
+            return
         *lines, self._line = (self._line + data).split(b"\n")
         for line in lines:
-            self.take_verdict(line)
-        if not data or len(self._line) > _LONGEST_LINE_BYTES:
-            log.warning("the self-calibration's process has ended: the pad stays as it is")
-            self.close()
+            if not self.take_verdict(line):
+                return
+        if not data:
+            self._lost()
+        elif len(self._line) > _LONGEST_LINE_BYTES:
+            self._refuse(self._line)
+
+    def _lost(self) -> None:
+        log.warning("the self-calibration's process has ended: the pad stays as it is")
+        self.close()
+
+    def _refuse(self, line: bytes) -> None:
+        log.warning("the self-calibration's process sent no verdict, the pad stays as it is: %r", line[:80])
+        self.close()
 
     def _write(self) -> None:
         """Write what the pipe takes, and the rest when it takes more."""
@@ -99,8 +107,9 @@ class SelfCalibration:
         except BlockingIOError:
             self._loop.add_writer(pipe, self._write)
             return
-        except OSError:  # it has ended, as its output shows
-            self._out.clear()
+        except OSError:  # it reads no more
+            self._lost()
+            return
         self._loop.remove_writer(pipe)
 
     def put(self, kind: str, t_ns: int, *values: Any) -> None:
@@ -135,23 +144,27 @@ class SelfCalibration:
         """Another machine begins: what was seen of the one before does not belong to it. The pad stays where it is."""
         self._has_gap = True
 
-    def take_verdict(self, line: bytes) -> None:
-        """Take one line of the process; one that is no verdict changes nothing."""
+    def take_verdict(self, line: bytes) -> bool:
+        """Take one line of the process; one that is no verdict ends the process, and False is returned."""
         try:
             verdict = json.loads(line)
-            self._last = str(verdict["refusal"])
-            correction = None if self._last else _correction(verdict)
-        except (ValueError, KeyError, TypeError):
-            log.warning("the self-calibration's process sent no verdict: %r", line[:80])
-            return
+            refusal = str(verdict["refusal"])[:_MOST_REFUSAL_CHARACTERS]
+            self._last = refusal if refusal else self._request(_correction(verdict))
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            self._refuse(line)
+            return False
         self._verdicts += 1
-        if correction is None or self._adoption.is_moving:
-            return
+        return True
+
+    def _request(self, correction: Correction) -> str:
+        """Begin to adopt a correction, while no other is adopted; returns why it is refused."""
+        if self._adoption.is_moving:
+            return ""
         if not self._adoption.request(correction):
-            self._last = "The pad found is far from the configured one: run hapticd calibrate trackpad."
-            return
+            return "The pad found is far from the configured one: run hapticd calibrate trackpad."
         self._adopted += 1
         log.info("the touches show the pad elsewhere by %s mm: adopting it", [round(mm, 3) for mm in correction[1]])
+        return ""
 
     def step(self, machine: Machine, t_now_ns: int) -> None:
         """Take the next small step, if one is due."""

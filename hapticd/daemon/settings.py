@@ -69,8 +69,8 @@ def effect_knots(config: Config, baud: int) -> int:
 
 
 def telemetry_hz(config: Config) -> int:
-    """Return how many control ticks a second the board reports: as configured, else what calibration needs."""
-    return config.record.telemetry_hz or (CALIBRATION_HZ if config.trackpad.correct_while_touched else 0)
+    """Return how many control ticks a second the board reports: as configured, and no fewer than calibration needs."""
+    return max(config.record.telemetry_hz, CALIBRATION_HZ if config.trackpad.correct_while_touched else 0)
 
 
 def _has_contacts(config: Config) -> bool:

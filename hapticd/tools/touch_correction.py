@@ -9,14 +9,13 @@ import numpy as np
 
 from ..board_values import Calibration as BoardCalibration
 from ..core.plate.mode_shapes import ModeShapes
-from ..daemon.settings import plate_from_pad
+from ..daemon.pad_adoption import Correction, configured_pad
 from ..design.touch.judge import Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import in_windows
 from .touch_recording import Touched
 
 MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
-LATENCY_MS = (0.0, 50.0)  # the service's bounds
 
 
 def judged_by(touched: Touched) -> Judged:
@@ -27,15 +26,15 @@ def judged_by(touched: Touched) -> Judged:
 
 def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
     """Return the pad's pose and latency: those of the recording, corrected."""
-    before = plate_from_pad(touched.header.config)
     matrix, offset_mm = found.affine
-    turned = matrix @ ((before.xx, before.xy), (before.yx, before.yy))
-    moved_mm = matrix @ (before.offset_x_mm, before.offset_y_mm) + offset_mm
-    latency_ms = touched.header.config.trackpad.latency_ms + 1e3 * float(found.pad[LATENCY])
+    xx, xy, yx, yy = matrix.ravel().tolist()
+    x_mm, y_mm = offset_mm.tolist()
+    correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), float(found.pad[LATENCY]))
+    pad, latency_ns = correction.of(configured_pad(touched.header.config))
     return {
-        "matrix": [round(float(value), 6) for value in turned.ravel()],
-        "offset_mm": [round(float(value), 4) for value in moved_mm],
-        "latency_ms": round(min(max(latency_ms, LATENCY_MS[0]), LATENCY_MS[1]), 3),
+        "matrix": [round(value, 6) for value in (pad.xx, pad.xy, pad.yx, pad.yy)],
+        "offset_mm": [round(value, 4) for value in (pad.offset_x_mm, pad.offset_y_mm)],
+        "latency_ms": round(1e-6 * latency_ns, 3),
     }
 
 

@@ -32,7 +32,9 @@ from .touch_recording import Collected, touched
 
 DUTY = 0.1  # of one processor
 FIT_TICKS = 12_000  # while the plate follows references: 24 s at 500 Hz
-MOST_TICKS = 4 * FIT_TICKS  # of all: a plate that is touched so rarely tells little
+MOST_TICKS = 4 * FIT_TICKS  # of all: a plate that is touched so rarely shows little
+MOST_FRAMES = MOST_TICKS // 4  # 36 s of the shortest, of 3 ms
+MOST_POSITIONS = 4 * MOST_TICKS  # 96 s of 16 fingers at 125 Hz
 LEAST_NICE = 19
 MOST_BYTES = 1 << 28  # the service may have twice as much
 
@@ -49,12 +51,21 @@ class Accumulator:
         if record.kind == "adopt":
             self.restart()
         elif not self.is_full:
-            self._collected.take(record)
-            if len(self._collected.samples) > MOST_TICKS:
+            try:
+                self._collected.take(record)
+            except HapticdError:  # another board took part
+                self.restart()
+            if self._is_too_long:
                 self.restart()
 
+    @property
+    def _is_too_long(self) -> bool:
+        collected = self._collected
+        others = max(len(collected.frames), len(collected.drives))
+        return len(collected.samples) > MOST_TICKS or others > MOST_FRAMES or collected.positions > MOST_POSITIONS
+
     def restart(self) -> None:
-        """Forget what was collected: it does not belong to what comes."""
+        """Reset what was collected: it does not belong to what comes."""
         before = self._collected
         self._collected = Collected(control_hz=before.control_hz, drive_hz=before.drive_hz)
 
@@ -105,16 +116,22 @@ def serve(
 def main() -> None:
     """Serve standard input and output."""
     _yield_to_others()
-    resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, MOST_BYTES))
+    with contextlib.suppress(OSError, ValueError):  # the service may have a lower limit
+        resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, MOST_BYTES))
     serve(sys.stdin.buffer, sys.stdout, time.process_time, time.monotonic)
 
 
 def _yield_to_others() -> None:
-    """Give up the real-time priority and the processor that the daemon may have: they are inherited."""
+    """Give up the real-time priority and the processor that the daemon may have: they are inherited.
+
+    The service's unit refuses `nice`, which an idle policy needs no more.
+    """
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    with contextlib.suppress(OSError):
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    os.nice(LEAST_NICE)
+    with contextlib.suppress(OSError):
+        os.nice(LEAST_NICE)
 
 
 if __name__ == "__main__":

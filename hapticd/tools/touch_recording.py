@@ -59,6 +59,7 @@ class Collected:
     frames: list[Frame] = field(default_factory=list)
     starts: list[tuple[int, int]] = field(default_factory=list)  # of frames, on the board's clock and the host's
     fingers: dict[int, list[tuple[int, float, float]]] = field(default_factory=dict)
+    positions: int = 0  # of all fingers
     _decoder: Decoder = field(default_factory=Decoder)
     _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(_FRAME_BYTES))
     _t_pending_us: int | None = None
@@ -82,9 +83,10 @@ class Collected:
                 case BoardStatus():
                     self.drives.append((message.t_board_us, message.drive_hz))
                 case BoardHello():
-                    if self.control_hz and message.control_hz != self.control_hz:
-                        raise CalibrationError("--recording: two boards took part: record one.")
+                    before_hz = self.control_hz
                     self.control_hz, self.drive_hz = message.control_hz, message.drive_hz
+                    if before_hz and before_hz != self.control_hz:
+                        raise CalibrationError("--recording: two boards took part: record one.")
 
     def _take_written(self, message: bytes) -> None:
         if message[0] != protocol.MSG_REFERENCE:
@@ -107,6 +109,7 @@ class Collected:
             samples = self.fingers.setdefault(finger["finger_id"], [])
             if not samples or t_sample_ns > samples[-1][0]:
                 samples.append((t_sample_ns, finger["x_mm"], finger["y_mm"]))
+                self.positions += 1
 
 
 def read(path: Path) -> Touched:

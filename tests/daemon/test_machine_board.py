@@ -11,9 +11,10 @@ import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
 from hapticd.board_values import Calibration, ModeCalibration
-from hapticd.config.sections import Config, RecordConfig
+from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
+from hapticd.daemon.settings import telemetry_hz
 from hapticd.sim.fingers.paths import Line
 from hapticd.wire import protocol
 
@@ -370,6 +371,13 @@ def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
     heard = [each.name for each in bench.board.heard]
     settings = [name for name in heard if name in ("controller", "model", "wiring", "telemetry")]
     assert settings == ["controller", "model", "wiring", "telemetry"]
+
+
+@pytest.mark.parametrize(("configured_hz", "expected_hz"), [(0, 500), (1, 500), (500, 500), (2000, 2000)])
+def test_a_pad_that_is_corrected_gets_enough_control_ticks(configured_hz: int, expected_hz: int) -> None:
+    pad = TrackpadConfig(correct_while_touched=True)
+    assert telemetry_hz(Config(trackpad=pad, record=RecordConfig(telemetry_hz=configured_hz))) == expected_hz
+    assert telemetry_hz(Config(record=RecordConfig(telemetry_hz=configured_hz))) == configured_hz
 
 
 def test_a_board_that_wakes_sends_telemetry_again() -> None:

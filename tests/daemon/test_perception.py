@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
+from hapticd.config.sections import RecordConfig
 from hapticd.core.targets.textures import FrictionCurve
 from hapticd.daemon.perception import Perception
+from hapticd.daemon.recorder import Recorders
+from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import record_of
 from hapticd.values import Tick, TouchPoint
 
@@ -78,3 +82,31 @@ def test_without_a_subscriber_or_a_recording_nothing_is_judged(monkeypatch: pyte
     bench = Bench(SLIPPERY, STICKY).driven()
     monkeypatch.setattr(Perception, "judge", lambda *_: pytest.fail("judged"))
     bench.run(100)
+
+
+def test_what_only_calibrates_needs_no_perception(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    kinds: list[str] = []
+    monkeypatch.setattr(Perception, "judge", lambda *_: pytest.fail("judged"))
+    Recorders(bench.machine, RecordConfig(), tmp_path, no_header, also=lambda kind, *_: kinds.append(kind))
+    bench.run(100)
+    assert {"pass", "written", "board_bytes"} <= set(kinds)
+    assert bench.machine.pipeline.fingers
+    assert not bench.machine.is_failing
+
+
+def no_header(*_: object) -> Header:
+    return pytest.fail("no recording begins")
+
+
+def test_a_pass_goes_on_and_is_reported_where_perception_fails(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    sent: list[bytes] = []
+    bench.machine.watch(sent.append, bench.t_ns)
+    monkeypatch.setattr(Perception, "judge", lambda *_: 1 / 0)
+    heard = bench.run(100)
+    assert "reference" in [each.name for each in heard]
+    assert len(msgpack.unpackb(sent[-1])["fingers"]) == 2
+    assert sum("what fingers perceive" in record.getMessage() for record in caplog.records) == 1

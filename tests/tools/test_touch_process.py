@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
+import resource
 import signal
 import subprocess
 import sys
@@ -21,9 +23,9 @@ from hapticd.config.sections import Config, TrackpadConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
-from hapticd.daemon.pad_adoption import Adoption, Correction
+from hapticd.daemon.pad_adoption import Adoption, Correction, configured_pad
 from hapticd.daemon.recorder import header_of
-from hapticd.daemon.self_calibration import STEP_EVERY_NS, SelfCalibration, adopt, configured_pad
+from hapticd.daemon.self_calibration import STEP_EVERY_NS, SelfCalibration, adopt
 from hapticd.files.recording.header import Header, header_fields
 from hapticd.files.recording.kinds import Record, record_of
 from hapticd.files.recording.mcap_reader import open_recording
@@ -34,6 +36,8 @@ from hapticd.sim.lockstep import T_START_NS, Settings, Simulation
 from hapticd.tools import touch_process
 from hapticd.tools.record.replay import replay
 from hapticd.tools.touch_process import Accumulator, serve
+from hapticd.wire import protocol
+from hapticd.wire.framing import encode_frame
 
 MISPLACED = TrackpadConfig(offset_mm=(0.4, -0.3), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms
 WATCHED = ("board_bytes", "written", "pass", "adopt")
@@ -108,14 +112,99 @@ def test_what_was_collected_before_a_change_of_the_pad_is_not_used(at_rest: Touc
     assert not accumulator.is_full
 
 
-def test_what_is_no_verdict_changes_nothing() -> None:
+RIGHT = {"refusal": "", "matrix": [1, 0, 0, 1], "offset_mm": [0, 0], "latency_s": 0}
+NO_VERDICTS = {
+    "empty": b"",
+    "no fields": b"{}",
+    "a list": b"[]",
+    "no text": b"\xff",
+    "short": json.dumps(RIGHT | {"matrix": [1]}).encode(),
+    "not finite": json.dumps(RIGHT | {"latency_s": float("nan")}).encode(),
+    "too large": json.dumps(RIGHT | {"offset_mm": [10**400, 0]}).encode(),
+    "deep": b"[" * 60_000,
+}
+
+
+@pytest.mark.parametrize("line", NO_VERDICTS.values(), ids=NO_VERDICTS)
+def test_what_is_no_verdict_changes_nothing(line: bytes) -> None:
     calibration = SelfCalibration(Config())
-    short = b'{"refusal": "", "matrix": [1], "offset_mm": [0, 0], "latency_s": 0}'
-    endless = b'{"refusal": "", "matrix": [1, 0, 0, 1], "offset_mm": [0, 0], "latency_s": NaN}'
-    for line in (b"", b"{}", b"[]", short, endless, b"\xff"):
-        calibration.take_verdict(line)
+    assert not calibration.take_verdict(line)
     assert calibration.report()["verdicts"] == 0
     assert not calibration.report()["moving"]
+
+
+def test_a_latency_beyond_all_bounds_is_a_refusal() -> None:
+    calibration = SelfCalibration(Config())
+    assert calibration.take_verdict(json.dumps(RIGHT | {"latency_s": 1e300}).encode())
+    assert "far from the configured one" in str(calibration.report()["last_refusal"])
+    assert not calibration.report()["moving"]
+
+
+def test_a_long_refusal_is_cut() -> None:
+    calibration = SelfCalibration(Config())
+    assert calibration.take_verdict(json.dumps({"refusal": "x" * 5000}).encode())
+    assert calibration.report()["last_refusal"] == "x" * 200
+
+
+class Foreign(SelfCalibration):
+    """Calibration whose process runs other code."""
+
+    def run(self, header: Header, monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+        """Feed the process until it is ended."""
+        popen = subprocess.Popen
+
+        def other(_: object, **settings: Any) -> subprocess.Popen[bytes]:
+            return popen([sys.executable, "-I", "-S", "-c", code], **settings)
+
+        async def story() -> None:
+            monkeypatch.setattr(subprocess, "Popen", other)
+            self.start(asyncio.get_running_loop(), header)
+            while self.process is not None:
+                self.put("board_bytes", T_START_NS, b"nothing")
+                await asyncio.sleep(0)
+
+        try:
+            asyncio.run(asyncio.wait_for(story(), 30.0))
+        finally:
+            if self.process is not None:
+                self.process.kill()
+
+
+def test_a_process_that_floods_the_daemon_is_ended_with_one_warning(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    calibration = Foreign(Config())
+    calibration.run(at_rest.headers[0], monkeypatch, "import os\nwhile 1: os.write(1, b'\\n' * 65536)")
+    assert [record.getMessage() for record in caplog.records] == [
+        "the self-calibration's process sent no verdict, the pad stays as it is: b''"
+    ]
+
+
+def test_a_process_that_reads_no_more_is_ended_with_one_warning(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    calibration = Foreign(Config())
+    calibration.run(at_rest.headers[0], monkeypatch, "import os, signal; os.close(0); signal.pause()")
+    assert [record.getMessage() for record in caplog.records] == [
+        "the self-calibration's process has ended: the pad stays as it is"
+    ]
+
+
+def test_an_output_that_has_nothing_yet_is_read_later(at_rest: Touching, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_yet(*_: object) -> bytes:
+        raise BlockingIOError
+
+    async def story() -> bool:
+        calibration = SelfCalibration(Config())
+        calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "read", nothing_yet)
+            calibration._read()
+        is_running = calibration.process is not None
+        calibration.close()
+        return is_running
+
+    assert asyncio.run(story())
 
 
 def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
@@ -141,6 +230,65 @@ def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
     assert [record.getMessage() for record in caplog.records] == [
         "the self-calibration's process has ended: the pad stays as it is"
     ]
+
+
+def test_priorities_and_limits_that_are_refused_are_done_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError
+
+    def limited(*_: object) -> None:
+        raise ValueError
+
+    freed: list[object] = []
+    served: list[object] = []
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *_: freed.append(_))
+    monkeypatch.setattr(os, "nice", refused)
+    monkeypatch.setattr(resource, "setrlimit", limited)
+    monkeypatch.setattr(touch_process, "serve", lambda *_: served.append(_))
+    touch_process.main()
+    assert len(freed) == len(served) == 1
+
+
+def passing(tick: int, finger_id: int = 1) -> Record:
+    finger = {"finger_id": finger_id, "x_mm": 1.0, "y_mm": 2.0}
+    return Record("pass", tick, T_START_NS + tick * 10_000_000, {"age_ns": 0, "fingers": [finger]})
+
+
+@pytest.mark.usefixtures("soon")
+def test_what_is_collected_is_bounded_without_control_ticks_of_the_board(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(touch_process, "MOST_FRAMES", 20)
+    monkeypatch.setattr(touch_process, "MOST_POSITIONS", 50)
+    accumulator = Accumulator(at_rest.headers[0])
+    most_frames = most_positions = 0
+    for record in at_rest.records:
+        if record.kind == "written":
+            accumulator.take(record)
+            most_frames = max(most_frames, len(accumulator._collected.frames))
+    for tick in range(500):
+        accumulator.take(passing(tick, finger_id=tick))
+        most_positions = max(most_positions, len(accumulator._collected.fingers))
+    assert (most_frames, most_positions) == (20, 50)
+
+
+def hello(control_hz: float) -> Record:
+    fields = protocol.HELLO.pack(1, 0, 2, b"x", 1, control_hz, 29_205.0, 50, 150.0)
+    data = encode_frame(bytes([protocol.MSG_HELLO]) + fields + bytes(8))
+    return Record("board_bytes", 0, T_START_NS, {"data": data})
+
+
+@pytest.mark.usefixtures("soon")
+def test_another_board_begins_a_collection_of_its_own(at_rest: Touching) -> None:
+    accumulator = Accumulator(at_rest.headers[0])
+    for record in at_rest.records:
+        accumulator.take(record)
+        if accumulator._collected.samples:
+            break
+    accumulator.take(hello(4321.0))
+    assert accumulator._collected.control_hz == 4321.0
+    assert not accumulator._collected.samples
 
 
 def test_a_process_that_does_not_read_costs_records_and_no_time(at_rest: Touching) -> None:
