@@ -34,7 +34,7 @@ COMMANDS = {
         "tools.view.program", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
     ),
     "play": Command(
-        "tools.play", "play a picture, a sound or a haptic pattern under whoever touches", "click.ahap --sim"
+        "tools.play", "play a picture, a sound or a haptic pattern under every finger on the plate", "click.ahap --sim"
     ),
     "simulate": Command(
         "tools.simulate",

@@ -1,4 +1,4 @@
-"""`hapticd play`: a picture, a sound or a haptic pattern under whoever touches.
+"""`hapticd play`: a picture, a sound or a haptic pattern under every finger on the plate.
 
 clients/python/CONTENT.md lists the formats. With `--sim` the plate is simulated, and two simulated fingers stroke it.
 """

@@ -369,6 +369,35 @@ def test_a_loop_begins_again_without_a_gap_until_its_time_is_up(tmp_path: Path) 
     assert 6 <= len(begins_s) <= 10
 
 
+# --- what is too large ------------------------------------------------------------------------------------------
+
+
+def npy(header: bytes) -> bytes:
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header) + 1) + header + b"\n"
+
+
+@pytest.mark.parametrize(
+    ("ticks", "sentence"), [(10**6, "lasts 1000 s, it must last 750 s"), (10**25, "too far from 0")]
+)
+def test_keyframes_too_far_apart_are_refused(ticks: int, sentence: str, tmp_path: Path) -> None:
+    line = effect(0, (0, 1.0, None), (ticks, 1.0, None))
+    with pytest.raises(RefusedError, match=sentence):
+        content.load(hjif(tmp_path, perception("Vibrotactile", band("Curve", line))))
+
+
+def test_references_do_not_multiply_without_bound(tmp_path: Path) -> None:
+    library = [effect(0, *[(at, 1.0, None) for at in range(300)]) | {"id": 7}]
+    references = [{"effect_type": "Reference", "id": 7, "position": 0}] * 400
+    with pytest.raises(RefusedError, match="more than 100000 points in one file"):
+        content.load(hjif(tmp_path, perception("Vibrotactile", band("Curve", *references), library=library)))
+
+
+def test_a_picture_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    Image.new("1", (5000, 4000)).save(tmp_path / "a.png")
+    with pytest.raises(RefusedError, match=r"a\.png: has 5000 x 4000 pixels, at most 16000000 can be read: reduce it"):
+        content.load(tmp_path / "a.png")
+
+
 # --- what is wrong ----------------------------------------------------------------------------------------------
 
 
@@ -387,6 +416,20 @@ def test_a_loop_begins_again_without_a_gap_until_its_time_is_up(tmp_path: Path) 
             "Time: must be a number.",
         ),
         ("a.ahap", b'{"Pattern": []}', "a.ahap: has nothing that a plate can play."),
+        (
+            "a.ahap",
+            b'{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1' + b"0" * 400 + b"}}]}",
+            "a.ahap.Pattern[0].Event.Time: must be a number.",
+        ),
+        (
+            "a.ahap",
+            b'{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": -5}}]}',
+            "a.ahap.Pattern[0].Event.Time: must be 0 or more.",
+        ),
+        ("a.ahap", b'{"Pattern": [' + b"{}," * 10_000 + b"{}]}", "a.ahap.Pattern: has 10001 entries, at most 10000"),
+        ("a.npy", npy(b"{'descr': '|u1', 'fortran_order': False, 'shape': (3000000, 3000000), }"), "is not an array"),
+        ("a.npy", npy(b"(" * 4000), "a.npy: is not an array that NumPy can read."),
+        ("a.npy", npy(b"'''"), "a.npy: is not an array that NumPy can read."),
         ("a.hjif", b"{}", "a.hjif: has no perceptions."),
         ("a.hjif", b'{"perceptions": [{}], "timescale": 0}', "a.hjif.timescale: must be above 0."),
         ("a.wav", b"RIFF", "a.wav: is no WAV file of whole numbers"),

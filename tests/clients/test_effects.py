@@ -202,6 +202,20 @@ def test_every_event_is_read_in_order_whatever_else_the_reader_does(daemon: Fake
     assert read[0].t_device_ns == read[0].t_ns - 10
 
 
+def test_a_second_reading_of_events_begins_with_those_after_its_call(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        client.events()
+        next(client.states())  # the daemon has a subscriber
+        daemon.happens += [EventKind.LANDED] * 3
+        while daemon.happens:
+            next(client.states())
+        for _ in range(3):
+            next(client.states())
+        events = client.events()
+        daemon.happens.append(EventKind.LIFTED)
+        assert next(events).kind == EventKind.LIFTED.value
+
+
 def test_a_daemon_that_has_gone_ends_the_reading_of_events(daemon: FakeDaemon) -> None:
     with Client(daemon.directory) as client:
         events = client.events(timeout_s=0.1)

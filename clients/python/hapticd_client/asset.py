@@ -66,11 +66,6 @@ class AssetKeeper:
             self._thread = threading.Thread(target=self._run, name="hapticd-assets", daemon=True)
             self._thread.start()
 
-    @property
-    def is_current_thread(self) -> bool:
-        """Whether the caller runs on this thread, which it must not join."""
-        return threading.current_thread() is self._thread
-
     def stop(self) -> None:
         """Stop the thread."""
         self._stopped.set()
@@ -79,8 +74,14 @@ class AssetKeeper:
 
     def _run(self) -> None:
         control = Control(self._context, self._endpoint)
+
+        def ask(body: dict[str, object]) -> dict[str, Any]:
+            if self._stopped.is_set():
+                raise HapticdError("The client is closed.")
+            return control.request("asset", body, timeout_s=ANSWER_S)
+
         while not self._stopped.wait(LOOK_S):
             for asset in self._assets:
                 with contextlib.suppress(HapticdError):  # next time
-                    upload(lambda body: control.request("asset", body, timeout_s=ANSWER_S), self._client, asset)
+                    upload(ask, self._client, asset)
         control.close()

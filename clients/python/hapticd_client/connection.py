@@ -85,8 +85,10 @@ class Connection:
 
     def close(self) -> None:
         """Release all fingers and disconnect."""
-        if self.refresher.is_current_thread or self.keeper.is_current_thread:  # by the garbage collector: no thread can
-            threading.Thread(target=self.close).start()  # join itself
+        if threading.current_thread().name.startswith(
+            "hapticd-"
+        ):  # by the garbage collector: no thread can join itself,
+            threading.Thread(target=self.close).start()  # and a refresher of another client must not wait
             return
         last = self.stamp()
         self.refresher.send(TargetSet().payload(self.name, last), math.inf)

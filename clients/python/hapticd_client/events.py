@@ -25,11 +25,13 @@ class EventReader:
         self._is_connected = False
 
     def connect(self) -> None:
-        """Subscribe; events from now on are kept for `next`."""
+        """Subscribe; drop what was queued, events from now on are kept for `next`."""
         if not self._is_connected:
             self._socket.subscribe(b"")
             self._endpoint.connect(self._socket, "telemetry")
             self._is_connected = True
+        while self._socket.poll(0) != 0:
+            self._socket.recv()
 
     def next(self, timeout_s: float) -> tuple[PlateEvent, ...]:
         """Return the events of the next state, often none. Raises DaemonGoneError after the timeout."""

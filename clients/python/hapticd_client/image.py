@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 
 from .errors import HapticdError, RefusedError
+
+MAX_PIXELS = 16_000_000  # some 250 MB while it is converted
 
 
 def grey_rows(path: str | os.PathLike[str], max_side: int, *, is_square: bool = True) -> list[bytes]:
@@ -18,8 +21,16 @@ def grey_rows(path: str | os.PathLike[str], max_side: int, *, is_square: bool = 
         raise HapticdError('Pictures need Pillow: run `pip install "clients/python[image]"`.') from None
     try:
         with Image.open(path) as picture:
+            picture.draft(None, (2 * max_side, 2 * max_side))  # a JPEG is decoded at a fraction of its size
+            if math.prod(picture.size) > MAX_PIXELS:
+                width, height = picture.size
+                raise RefusedError(
+                    f"{os.fspath(path)}: has {width} x {height} pixels, at most {MAX_PIXELS} can be read: reduce it."
+                )
             upright = ImageOps.exif_transpose(picture).convert("RGBA")
-    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError):
+    except RefusedError:
+        raise
+    except (UnidentifiedImageError, MemoryError, Image.DecompressionBombError, SyntaxError, ValueError):
         raise RefusedError(f"{os.fspath(path)}: is not a picture that Pillow can read.") from None
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or error}).") from None

@@ -43,11 +43,6 @@ class Refresher:
         """Refresh this three times per `ttl_s`; a request has already sent it."""
         self._replace(payload, ttl_s, delay_s=ttl_s / REFRESHES_PER_TTL)
 
-    @property
-    def is_current_thread(self) -> bool:
-        """Whether the caller runs on the refresher's thread, which it must not join."""
-        return threading.current_thread() is self._thread
-
     def stop(self) -> None:
         """Send what is due, then stop the thread."""
         with self._changed:

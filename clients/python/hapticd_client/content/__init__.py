@@ -5,7 +5,7 @@
     with Client() as plate:
         content.load("click.ahap").play(plate)
 
-Whoever touches feels it. Each kind of thing that is left out, or felt in another way, is a DroppedWarning;
+Every finger on the plate feels it. Each kind of thing that is left out, or felt in another way, is a DroppedWarning;
 clients/python/CONTENT.md lists them.
 """
 
@@ -13,8 +13,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
+from ..asset import MAX_SIDE
 from ..errors import HapticdError, RefusedError
 from .dropped import DroppedWarning
 from .picture import layer_of
@@ -71,7 +73,7 @@ def picture(source: Any, *, title: str = "picture", **arguments: Any) -> Score:
 
 
 def _score(name: str, track: Track, layers: list[Layer], high_um: float) -> Score:
-    effects = tuple(track.effects(high_um))
+    effects = tuple(track.effects(high_um, name))
     if not effects and not layers:
         raise RefusedError(f"{name}: has nothing that a plate can play.")
     what = [f"{len(layers)} layers"] * bool(layers) + [f"{track.length_s:.2f} s of effects"] * bool(effects)
@@ -84,11 +86,13 @@ def _array(path: str | os.PathLike[str]) -> Any:
     except ImportError:
         raise HapticdError('Arrays need NumPy: run `pip install "clients/python[content]"`.') from None
     try:
-        array = np.load(path, allow_pickle=False)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)  # of too short a file nothing is allocated
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or 'no array'}).") from None
-    except (ValueError, EOFError):
+    except (ValueError, EOFError, SyntaxError, TokenError, TypeError, ArithmeticError, MemoryError, RecursionError):
         raise RefusedError(f"{os.fspath(path)}: is not an array that NumPy can read.") from None
     if getattr(array, "ndim", 0) != 2 or array.dtype != np.uint8 or 0 in array.shape:
         raise RefusedError(f"{os.fspath(path)}: must be a two-dimensional array of uint8, 0 .. 255.")
-    return array
+    if max(array.shape) > MAX_SIDE:
+        raise RefusedError(f"{os.fspath(path)}: must have at most {MAX_SIDE} x {MAX_SIDE} levels.")
+    return np.array(array)

@@ -6,15 +6,17 @@ Sharpness 0 .. 1 makes transients shorter and steeper, and is 80 .. 230 Hz of th
 from __future__ import annotations
 
 import os
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
 
+from ..errors import RefusedError
 from .document import Document
 from .dropped import drop
-from .track import Point, Tone, Track
+from .track import Point, Tone, Track, within
 
 BLUNT_HZ, SHARP_HZ = 80.0, 230.0
 LONGEST_S = 30.0  # of an event, as in Core Haptics
+MAX_ENTRIES = 10_000  # of a pattern
 EVENT_PARAMETERS = ("HapticIntensity", "HapticSharpness")
 INTENSITY, SHARPNESS = "HapticIntensityControl", "HapticSharpnessControl"
 
@@ -22,23 +24,25 @@ INTENSITY, SHARPNESS = "HapticIntensityControl", "HapticSharpnessControl"
 def track_of(path: str | os.PathLike[str]) -> Track:
     """Return the track of a file. Raises RefusedError."""
     pattern = Document.read(path).objects("Pattern")
+    if len(pattern) > MAX_ENTRIES:
+        raise RefusedError(f"{os.fspath(path)}.Pattern: has {len(pattern)} entries, at most {MAX_ENTRIES}: divide it.")
     curves: dict[str, list[Sequence[Point]]] = {INTENSITY: [], SHARPNESS: []}
     for one in pattern:
         if "ParameterCurve" in one:
             _add_curve(one.object("ParameterCurve"), curves)
         elif "Parameter" in one:
             _add_parameter(one.object("Parameter"), curves)
-    track = Track()
+    track, controls = Track(), {name: Control(found) for name, found in curves.items()}
     for one in pattern:
         if "Event" in one:
-            _add_event(one.object("Event"), track, curves)
+            _add_event(one.object("Event"), track, controls)
     return track
 
 
 def _add_curve(curve: Document, curves: dict[str, list[Sequence[Point]]]) -> None:
-    name, begin_s = curve.text("ParameterID"), curve.number("Time", 0.0)
+    name, begin_s = curve.text("ParameterID"), _time_s(curve)
     points = [
-        (begin_s + point.number("Time", 0.0), point.number("ParameterValue"))
+        (begin_s + _time_s(point), point.number("ParameterValue"))
         for point in curve.objects("ParameterCurveControlPoints")
     ]
     if name not in curves:
@@ -50,54 +54,64 @@ def _add_curve(curve: Document, curves: dict[str, list[Sequence[Point]]]) -> Non
 def _add_parameter(parameter: Document, curves: dict[str, list[Sequence[Point]]]) -> None:
     name = parameter.text("ParameterID")
     if name in curves:
-        curves[name].append([(parameter.number("Time", 0.0), parameter.number("ParameterValue"))])
+        curves[name].append([(_time_s(parameter), parameter.number("ParameterValue"))])
     else:
         drop(f"dynamic parameters {name}")
 
 
-def _add_event(event: Document, track: Track, curves: dict[str, list[Sequence[Point]]]) -> None:
-    kind, begin_s = event.text("EventType"), event.number("Time", 0.0)
+def _add_event(event: Document, track: Track, controls: dict[str, Control]) -> None:
+    kind, begin_s = event.text("EventType"), _time_s(event)
     if kind not in ("HapticTransient", "HapticContinuous"):
         drop(f"events {kind}")
         return
     given = {one.text("ParameterID"): one.number("ParameterValue") for one in event.objects("EventParameters")}
     for name in given.keys() - set(EVENT_PARAMETERS):
         drop(f"event parameters {name}")
-    intensity = _within(given.get("HapticIntensity", 1.0), 0.0, 1.0)
-    sharpness = given.get("HapticSharpness", 0.5)
-    intensities, sharpnesses = _inforce(curves[INTENSITY], begin_s), _inforce(curves[SHARPNESS], begin_s)
-    sharpness = _within(sharpness + _value(sharpnesses, begin_s, 0.0), 0.0, 1.0)
+    intensity = within(given.get("HapticIntensity", 1.0))
+    intensities, sharpnesses = controls[INTENSITY], controls[SHARPNESS]
+    sharpness = within(given.get("HapticSharpness", 0.5) + sharpnesses.value(begin_s, 0.0))
     if kind == "HapticTransient":
-        track.pulse(begin_s, intensity * _within(_value(intensities, begin_s, 1.0), 0.0, 1.0), sharpness)
+        track.pulse(begin_s, intensity * within(intensities.value(begin_s, 1.0)), sharpness)
         return
-    end_s = begin_s + _within(event.number("EventDuration", 0.0), 0.0, LONGEST_S)
+    end_s = begin_s + within(event.number("EventDuration", 0.0), LONGEST_S)
     if end_s <= begin_s:
         return
-    if any(begin_s < t_s < end_s for t_s, _ in sharpnesses):
+    if sharpnesses.times_s(begin_s, end_s):
         drop(f"{SHARPNESS} during an event: its value at the event's begin is played")
-    times_s = sorted({begin_s, end_s, *[t_s for t_s, _ in _points(curves[INTENSITY]) if begin_s < t_s < end_s]})
-    line = [(t_s, intensity * _within(_value(_inforce(curves[INTENSITY], t_s), t_s, 1.0), 0.0, 1.0)) for t_s in times_s]
-    track.lines.append(line)
+    times_s = [begin_s, *intensities.times_s(begin_s, end_s), end_s]
+    track.count(len(times_s), event.where)
+    track.lines.append([(t_s, intensity * within(intensities.value(t_s, 1.0))) for t_s in times_s])
     track.tone(Tone(begin_s, end_s, BLUNT_HZ + (SHARP_HZ - BLUNT_HZ) * sharpness))
 
 
-def _points(curves: Sequence[Sequence[Point]]) -> list[Point]:
-    return [point for curve in curves for point in curve]
+def _time_s(document: Document) -> float:
+    time_s = document.number("Time", 0.0)
+    if time_s < 0.0:
+        raise RefusedError(f"{document.where}.Time: must be 0 or more.")
+    return time_s
 
 
-def _inforce(curves: Sequence[Sequence[Point]], t_s: float) -> Sequence[Point]:
-    """Return the curve that began last before an instant."""
-    begun = [curve for curve in curves if curve[0][0] <= t_s]
-    return max(begun, key=lambda curve: curve[0][0], default=())
+class Control:
+    """All curves of one parameter, each of sorted points."""
 
+    def __init__(self, curves: Sequence[Sequence[Point]]) -> None:
+        self._curves = {curve[0][0]: curve for curve in reversed(curves)}  # of those that begin together, the first
+        self._begins_s = sorted(self._curves)
+        self._times_s = sorted({t_s for curve in curves for t_s, _ in curve})
 
-def _value(curve: Sequence[Point], t_s: float, default: float) -> float:
-    """Return a curve's value, linear between its points; beyond the last one that one's."""
-    for (from_s, value), (to_s, next_value) in pairwise(curve):
-        if from_s <= t_s < to_s:
-            return value + (next_value - value) * (t_s - from_s) / (to_s - from_s)
-    return curve[-1][1] if curve else default
+    def times_s(self, begin_s: float, end_s: float) -> list[float]:
+        """Return the times of all points between two instants."""
+        return self._times_s[bisect_right(self._times_s, begin_s) : bisect_left(self._times_s, end_s)]
 
-
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
+    def value(self, t_s: float, default: float) -> float:
+        """Return the value of the curve that began last: linear between its points, beyond the last one that one's."""
+        begun = bisect_right(self._begins_s, t_s)
+        if begun == 0:
+            return default
+        curve = self._curves[self._begins_s[begun - 1]]
+        after = bisect_right(curve, t_s, key=lambda point: point[0])
+        from_s, value = curve[after - 1]
+        if after == len(curve):
+            return value
+        to_s, next_value = curve[after]
+        return value + (next_value - value) * (t_s - from_s) / (to_s - from_s)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ class Document:
     def number(self, name: str, default: float | None = None) -> float:
         """Return a finite number; `default` if it is missing. Raises RefusedError."""
         value = self._fields.get(name, default)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < math.inf:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
             raise RefusedError(f"{self.where}.{name}: must be a number.")
         return float(value)
 
@@ -59,6 +59,11 @@ class Document:
         if not isinstance(value, str):
             raise RefusedError(f"{self.where}.{name}: must be a text.")
         return value
+
+    def count(self, name: str) -> int:
+        """Return the length of a list, 0 if it is none."""
+        values = self._fields.get(name)
+        return len(values) if isinstance(values, list) else 0
 
     def object(self, name: str) -> Document:
         """Return a map. Raises RefusedError."""

@@ -25,6 +25,9 @@ PLATE_MM = 137.5
 SHARP_HZ = 250.0  # of a transient that is as short as possible
 PIXELS = 128
 MIN_PERIOD_MM, MAX_PERIOD_MM = 0.1, 1000.0
+FARTHEST = 1e12  # s or mm
+
+Placed = tuple[float, Document]  # position, and the effect that has the keyframes
 
 
 def read(path: str | os.PathLike[str], high_um: float, plate_mm: float = PLATE_MM) -> tuple[Track, list[Layer]]:
@@ -45,13 +48,13 @@ def read(path: str | os.PathLike[str], high_um: float, plate_mm: float = PLATE_M
             _add_temporal(perception, 1.0 / ticks_per_s, track)
         elif modality in SPATIAL:
             unit_mm = 1000.0 * 10.0 ** min(max(perception.number("unit_exponent", -3.0), -12.0), 12.0)
-            layers += _spatial(perception, modality, unit_mm, high_um, plate_mm)
+            layers += _spatial(perception, modality, unit_mm, high_um, plate_mm, track)
         else:
             drop(f"perceptions of {modality or 'no modality'}")
     return track, layers
 
 
-def _bands(perception: Document) -> Iterable[tuple[Document, float, list[Document]]]:
+def _bands(perception: Document, track: Track) -> Iterable[tuple[Document, float, list[Placed]]]:
     """Yield each band that can be felt, its gain, and its effects with those of the library in place of references."""
     library = {one.number("id", -1.0): one for one in perception.objects("effect_library")}
     if perception.objects("reference_devices"):
@@ -67,7 +70,11 @@ def _bands(perception: Document) -> Iterable[tuple[Document, float, list[Documen
                 continue
             if kind == "Curve" and band.text("curve_type", "Linear") not in ("Linear", "Unknown"):
                 drop(f"curves {band.text('curve_type')}: they are played as straight lines")
-            yield band, gain, [effect for effect in band.objects("effects") if _is_known(effect, library)]
+            yield (
+                band,
+                gain,
+                [_placed(one, library, track) for one in band.objects("effects") if _is_known(one, library)],
+            )
 
 
 def _is_known(effect: Document, library: dict[float, Document]) -> bool:
@@ -79,19 +86,26 @@ def _is_known(effect: Document, library: dict[float, Document]) -> bool:
     return kind == "Basis"
 
 
-def _keyframes(effect: Document, perception: Document, unit: float) -> tuple[Document, list[tuple[float, Document]]]:
-    """Return the effect that has the keyframes, and these with their positions."""
-    position, source = effect.number("position", 0.0), effect
-    if effect.text("effect_type", "Basis") == "Reference":
-        known = {one.number("id", -1.0): one for one in perception.objects("effect_library")}
-        source = known[effect.number("id")]
+def _placed(effect: Document, library: dict[float, Document], track: Track) -> Placed:
+    is_reference = effect.text("effect_type", "Basis") == "Reference"
+    source = library[effect.number("id")] if is_reference else effect
+    track.count(source.count("keyframes"), effect.where)
+    return effect.number("position", 0.0), source
+
+
+def _keyframes(effect: Placed, unit: float) -> tuple[Document, list[Placed]]:
+    """Return the effect that has the keyframes, and these with their positions. Raises RefusedError."""
+    position, source = effect
     frames = [
         ((position + frame.number("relative_position", 0.0)) * unit, frame) for frame in source.objects("keyframes")
     ]
+    for at, frame in frames:
+        if not abs(at) < FARTHEST:
+            raise RefusedError(f"{frame.where}.relative_position: is too far from 0.")
     return source, sorted(frames, key=lambda frame: frame[0])
 
 
-def _line(frames: Sequence[tuple[float, Document]], gain: float) -> list[Point]:
+def _line(frames: Sequence[Placed], gain: float) -> list[Point]:
     return [
         (at, min(abs(frame.number("amplitude_modulation") * gain), 1.0))
         for at, frame in frames
@@ -100,24 +114,22 @@ def _line(frames: Sequence[tuple[float, Document]], gain: float) -> list[Point]:
 
 
 def _add_temporal(perception: Document, tick_s: float, track: Track) -> None:
-    for band, gain, effects in _bands(perception):
+    for band, gain, effects in _bands(perception, track):
         for effect in effects:
-            source, frames = _keyframes(effect, perception, tick_s)
+            source, frames = _keyframes(effect, tick_s)
             line = _line(frames, gain)
             if band.text("band_type") == "Transient":
                 for at_s, frame in frames:
                     sharpness = min(abs(frame.number("frequency_modulation", SHARP_HZ)) / SHARP_HZ, 1.0)
                     height = min(abs(frame.number("amplitude_modulation", 1.0) * gain), 1.0)
                     track.pulse(max(at_s, 0.0), height, sharpness)
-            elif len(line) > 1 and line[-1][0] > line[0][0] >= 0.0:
+            elif len(line) > 1 and line[-1][0] > line[0][0] and frames[0][0] >= 0.0:
                 track.lines.append(line)
                 if band.text("band_type") in WAVES:
                     _add_tones(source, frames, line, band, track)
 
 
-def _add_tones(
-    source: Document, frames: Sequence[tuple[float, Document]], line: Sequence[Point], band: Document, track: Track
-) -> None:
+def _add_tones(source: Document, frames: Sequence[Placed], line: Sequence[Point], band: Document, track: Track) -> None:
     """Add a tone from each change of the frequency to the next; without one, of the band's middle."""
     signal = source.text("base_signal", "Sine")
     if signal not in ("Sine", "Square"):
@@ -135,10 +147,12 @@ def _add_tones(
             track.tone(Tone(at_s, end_s, hz, 1.0, "square" if signal == "Square" else "sine"))
 
 
-def _spatial(perception: Document, modality: str, unit_mm: float, high_um: float, plate_mm: float) -> list[Layer]:
+def _spatial(
+    perception: Document, modality: str, unit_mm: float, high_um: float, plate_mm: float, track: Track
+) -> list[Layer]:
     layers: list[Layer] = []
-    for band, gain, effects in _bands(perception):
-        found = [_keyframes(effect, perception, unit_mm) for effect in effects]
+    for band, gain, effects in _bands(perception, track):
+        found = [_keyframes(effect, unit_mm) for effect in effects]
         if band.text("band_type") in LINES:
             lines = [line for _, frames in found if len(line := _line(frames, gain)) > 1]
             if lines:

@@ -77,7 +77,7 @@ class Score:
         sleep: Callable[[float], None] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Lay the layers, play the effects under whoever touches, and return when all has ended or after `seconds`.
+        """Lay the layers, play the effects under every finger on the plate, and return at their end or after `seconds`.
 
         Without effects, and with `loops`, that is after `seconds`. An effect that is refused is a DroppedWarning.
         Raises RefusedError for a layer, DaemonGoneError.

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 from ..effects import Envelope, Modulation
+from ..errors import RefusedError
 from .dropped import drop
 from .score import Timed
 
 Point = tuple[float, float]  # s, intensity
 
+MAX_S = 750.0  # of one file: a WAV of 600 s, whose frames are whole samples, has room
+MAX_POINTS = 100_000  # of all lines of one file
 STEP_S = 0.003  # between points: a frame lasts 17 ms and carries about ten knots
 CHUNK_POINTS = 80  # of one envelope: those of all effects that are sent have 1024 at most
 CHUNK_S = 20.0
@@ -41,6 +43,13 @@ class Track:
 
     lines: list[Sequence[Point]] = field(default_factory=list)
     tones: list[Tone] = field(default_factory=list)
+    points: int = 0
+
+    def count(self, points: int, where: str) -> None:
+        """Count points before they are made. Raises RefusedError beyond MAX_POINTS."""
+        self.points += points
+        if self.points > MAX_POINTS:
+            raise RefusedError(f"{where}: more than {MAX_POINTS} points in one file: divide it.")
 
     def pulse(self, begin_s: float, intensity: float, sharpness: float) -> None:
         """Add a transient: the sharper, the shorter and the steeper."""
@@ -61,8 +70,13 @@ class Track:
         """When all has ended."""
         return max([line[-1][0] for line in self.lines] + [tone.end_s for tone in self.tones], default=0.0)
 
-    def effects(self, high_um: float) -> list[Timed]:
-        """Return envelopes whose intensity 1 is `high_um`, and modulations, in the order in which they begin."""
+    def effects(self, high_um: float, where: str) -> list[Timed]:
+        """Return envelopes whose intensity 1 is `high_um`, and modulations, in the order in which they begin.
+
+        Raises RefusedError beyond MAX_S.
+        """
+        if not self.length_s <= MAX_S:
+            raise RefusedError(f"{where}: lasts {self.length_s:.4g} s, it must last {MAX_S:g} s at most: divide it.")
         found = [
             Timed(chunk[0][0], Envelope(tuple((t_s - chunk[0][0], value * high_um) for t_s, value in chunk)))
             for chunk in chunks(thinned(summed(self.lines)))
@@ -89,10 +103,10 @@ def summed(lines: Iterable[Sequence[Point]]) -> list[Point]:
     value = slope = before_s = 0.0
     for t_s in sorted({*jumps, *turns}):
         value += slope * (t_s - before_s)
-        points.append((t_s, _clamped(value)))
+        points.append((t_s, within(value)))
         if abs(jumps.get(t_s, 0.0)) > 1e-9:
             value += jumps[t_s]
-            points.append((t_s, _clamped(value)))
+            points.append((t_s, within(value)))
         slope += turns.get(t_s, 0.0)
         before_s = t_s
     return points
@@ -159,5 +173,6 @@ def one_at_a_time(tones: Iterable[Tone]) -> list[Tone]:
     return [tone for tone in found if tone.end_s - tone.begin_s >= MIN_TONE_S]
 
 
-def _clamped(value: float) -> float:
-    return 0.0 if math.isclose(value, 0.0, abs_tol=1e-9) else min(max(value, 0.0), 1.0)
+def within(value: float, high: float = 1.0) -> float:
+    """Return a value clamped to 0 .. `high`; what rounding leaves of 0 is 0."""
+    return 0.0 if value < 1e-9 else min(value, high)
