@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -117,3 +118,32 @@ def test_a_daemon_that_keeps_no_part_is_not_asked_forever() -> None:
     with pytest.raises(HapticdError, match="does not keep its parts"):
         upload(ask, "a", asset.asset_of([[1] * 1000] * 100))
     assert len(asked) == 15
+
+
+def test_the_end_of_a_client_does_not_wait_for_a_daemon_per_asset(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asset, "LOOK_S", 0.001)
+    asked: list[str] = []
+
+    def unanswered(_: object, __: str, one: Asset) -> None:
+        asked.append(one.digest.hex())
+        client._link.keeper._stopped.set()  # as `close` does while it waits
+
+    with Client(daemon.directory) as client:
+        handles = [Asset(bytes([n]) * 32, 1, 1, bytes([n])) for n in range(16)]
+        monkeypatch.setattr(asset, "upload", unanswered)
+        client._link.keeper.keep(handles)
+        client._link.keeper.stop()
+    assert len(asked) <= 1
+
+
+def test_a_client_that_is_closed_on_a_thread_of_its_program_has_released_when_that_returns(daemon: FakeDaemon) -> None:
+    def body() -> None:
+        with Client(daemon.directory) as client:
+            client.surface("pad", Rectangle(10, 10), amplitude_um=1.0)
+
+    thread = threading.Thread(target=body, name="hapticd-view")
+    thread.start()
+    thread.join()
+    assert daemon.scene.surfaces.layers == []

@@ -20,6 +20,7 @@ MAX_SIDE = 1024
 PART_BYTES = 16384
 LOOK_S = 0.5  # the daemon drops an asset that nothing uses after ten seconds, and has none when it starts
 ANSWER_S = 0.5
+KEEPER = "hapticd-assets"  # its thread
 
 Ask = Callable[[dict[str, object]], Mapping[str, Any]]  # sends the body of a request, returns that of the reply
 
@@ -63,7 +64,7 @@ class AssetKeeper:
         """Keep these, and no others."""
         self._assets = assets
         if assets and self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="hapticd-assets", daemon=True)
+            self._thread = threading.Thread(target=self._run, name=KEEPER, daemon=True)
             self._thread.start()
 
     def stop(self) -> None:

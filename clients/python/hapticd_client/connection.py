@@ -10,18 +10,19 @@ from typing import Any
 
 import zmq
 
-from .asset import AssetKeeper, upload
+from .asset import KEEPER, AssetKeeper, upload
 from .control import Control
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .events import EventReader
 from .messages import PROTOCOL_VERSION
-from .refresher import Refresher
+from .refresher import REFRESHER, Refresher
 from .target_set import TargetSet, no_stamp, stamp_now
 from .targets import Asset, Fields
 from .telemetry import Telemetry
 
 RELEASE_S = 0.5  # timeout of the final release
+THREADS = (REFRESHER, KEEPER)
 
 
 class Connection:
@@ -85,10 +86,9 @@ class Connection:
 
     def close(self) -> None:
         """Release all fingers and disconnect."""
-        if threading.current_thread().name.startswith(
-            "hapticd-"
-        ):  # by the garbage collector: no thread can join itself,
-            threading.Thread(target=self.close).start()  # and a refresher of another client must not wait
+        # By the garbage collector: no thread can join itself, and another client's must not wait.
+        if threading.current_thread().name in THREADS:
+            threading.Thread(target=self.close).start()
             return
         last = self.stamp()
         self.refresher.send(TargetSet().payload(self.name, last), math.inf)

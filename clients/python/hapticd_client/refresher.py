@@ -20,6 +20,8 @@ REFRESHES_PER_TTL = 3  # tolerates one lost message
 RECONNECT_MS = 50
 LINGER_MS = 100  # to send the last message
 
+REFRESHER = "hapticd-refresher"  # its thread
+
 
 class Refresher:
     """Send one payload on the `targets` socket repeatedly, until `stop`."""
@@ -32,7 +34,7 @@ class Refresher:
         self._period_s = math.inf
         self._t_due_s = math.inf
         self._is_stopped = False
-        self._thread = threading.Thread(target=self._run, name="hapticd-refresher", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=REFRESHER, daemon=True)
         self._thread.start()
 
     def send(self, payload: bytes, ttl_s: float) -> None:
