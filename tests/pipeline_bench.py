@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from hapticd.content_values import ClientTargets, Target, VirtualPath
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
-from hapticd.values import ClientTargets, Contact, Target, Tick, TouchFrame, VirtualPath
+from hapticd.values import Contact, Tick, TouchFrame
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ..sim.lockstep import Settings, paper, perfect
+from ..sim.lockstep import Settings, paper
+from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, Score, settled

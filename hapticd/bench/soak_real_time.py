@@ -24,6 +24,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from ..config.sections import Config
+from ..content_values import AmplitudeTarget, ClientTargets, Target
 from ..core.board.ledger import Ledger, LoopTiming
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.daemon import Daemon, now_ns
@@ -33,7 +34,6 @@ from ..daemon.service import ConfigLoader
 from ..errors import HapticdError
 from ..io.host.realtime import go_real_time
 from ..sim.rig.process import RigProcess
-from ..values import AmplitudeTarget, ClientTargets, Target
 from .soak_faults import ReferenceMeter
 from .soak_load import FLOODERS, Counts, flood, hogs, longest_stall_ms, stall_monitors
 from .tables import Row, Table, finite_rows

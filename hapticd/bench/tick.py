@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 
 from ..compiled import why_interpreted
 from ..config.sections import Config
+from ..content_values import AmplitudeTarget, Effect, GratingTarget, Modulation, Polygon, Surface
 from ..daemon.machine import Machine
 from ..sim.fingers.paths import Circle, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..sim.lockstep import Settings
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from ..values import AmplitudeTarget, Effect, GratingTarget, Modulation, Polygon, Surface
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows

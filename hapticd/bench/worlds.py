@@ -19,6 +19,7 @@ import numpy as np
 
 from ..sim import lockstep
 from ..sim.lockstep import Settings
+from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
@@ -53,7 +54,7 @@ def play(settings: Settings, world: WorldErrors, seed: int, seconds: float, touc
         HAPTICD: ours.score,
         AFTER: run_as(settings=settled, measured=after).score,
         PAPER: run_as(settings=lockstep.paper(ours.settings)).score,
-        PERFECT: lockstep.perfect(ours).score,
+        PERFECT: perfect(ours).score,
         IDEAL: run_as(settings=lockstep.in_world(settings, NEUTRAL)).score,
     }
 

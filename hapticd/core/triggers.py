@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from ..values import Cause, EventKind, FingerFrame
+from ..content_values import Cause
+from ..values import EventKind, FingerFrame
 from .crossings import Change, Crossings, Touched
 from .events import Events
 from .targets.effects import EVERYONE, Held, Playing

@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 from .. import __version__
+from ..content_values import ClientTargets, Surface
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..errors import RequestError
-from ..values import ClientTargets, Surface
 from ..wire import client as client_wire
 from ..wire.assets import AssetPart
 from .layers import described

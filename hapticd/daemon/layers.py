@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from operator import itemgetter
 
+from ..content_values import MapTarget, Target
 from ..core.targets.assets import Assets
 from ..core.targets.layer import Layer
 from ..files.recording.client_message import surface_fields
-from ..values import MapTarget, Target
 
 MAP_SIDE = 32  # of a described map: 64 surfaces of it are a reply of 80 KB
 

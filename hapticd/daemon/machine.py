@@ -14,12 +14,13 @@ from functools import partial
 
 from ..board_values import UNCALIBRATED, BoardState, Calibration
 from ..config.sections import Config
+from ..content_values import ClientTargets
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.scene import Scene
-from ..values import AffineMap, ClientTargets, Perceived, RawReport, Tick
+from ..values import AffineMap, Perceived, RawReport, Tick
 from ..wire import trackpad as trackpad_wire
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway

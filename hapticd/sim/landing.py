@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ..values import AmplitudeTarget, ClientTargets, Surface
+from ..content_values import AmplitudeTarget, ClientTargets, Surface
 from .fingers.paths import Rest, Touch, Touches
 from .fingers.scenarios import Actor
 from .lockstep import Settings, Simulation

@@ -23,10 +23,9 @@ from ..board_values import UNCALIBRATED, Calibration
 from ..config.loader import on_plate
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.solver.instant import InstantSolver
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
-from ..daemon.settings import friction_curve, pipeline_settings
+from ..daemon.settings import pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
@@ -151,51 +150,6 @@ class Measured(NamedTuple):
 
     modes: ModeShapes
     calibration: Calibration = UNCALIBRATED
-
-
-class Perfect(NamedTuple):
-    """The same fingers under perfect knowledge: arrays as of `Run`, at every fourth control tick or so."""
-
-    t_s: npt.NDArray[np.float64]
-    modal_um: npt.NDArray[np.complex128]
-    truth_um: npt.NDArray[np.complex128]
-    limited: npt.NDArray[np.bool_]
-    score: Score
-
-
-def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lambda _: None) -> Perfect:
-    """Solve for true positions and shapes, without the loop's delay, at each `every` ticks."""
-    part = slice(None, None, every)
-    plate = GroundTruth(played.settings.plate)
-    settings = pipeline_settings(scheme_config(played.settings))
-    solver = InstantSolver(
-        plate.true_mode_map(),
-        plate.w_limit_um,
-        derating_mm2_um2=0.0,
-        phase_rotation=False,
-        contact_radius_mm=settings.contact_radius_mm,
-    )
-    t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
-    modes = plate.settings.driven_modes
-    plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
-    limited = np.zeros(len(t_s), dtype=bool)
-    previous_um: tuple[complex, ...] = (0.0,) * modes
-    for index, (points_mm, targets_um) in enumerate(zip(finger_mm.tolist(), target_um.tolist(), strict=True)):
-        progress(index / len(t_s))
-        places = [
-            (x_mm, y_mm, wanted_um)
-            for (x_mm, y_mm), wanted_um in zip(points_mm, targets_um, strict=True)
-            if math.isfinite(wanted_um)
-        ]
-        if places:
-            solution = solver.solve(places, previous_um, every * TICK_NS)
-            previous_um, limited[index] = solution.modal_um, solution.limited
-            plate_um[index, :modes] = previous_um
-    truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
-    judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
-    curve = friction_curve(played.settings.config)
-    judged = with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1, friction=curve.frictions)
-    return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)
 
 
 class Simulation:

@@ -15,6 +15,7 @@ from ..files.outputs import opened
 from . import lockstep
 from .fingers.scenarios import STEP_S
 from .lockstep import Run
+from .perfect import Perfect, perfect
 from .score import Score
 
 ARRAYS = (
@@ -51,7 +52,7 @@ class Compared(NamedTuple):
     """The same run (trajectories, seeds, plate) under the paper's scheme and under perfect knowledge."""
 
     paper: Run
-    perfect: lockstep.Perfect
+    perfect: Perfect
 
 
 def compare(played: Run, progress: Callable[[str], Progress] = lambda _: lambda _: None) -> Compared:
@@ -64,7 +65,7 @@ def compare(played: Run, progress: Callable[[str], Progress] = lambda _: lambda 
         seconds=float(played.t_s[-1]),
         progress=progress("the paper's scheme"),
     )
-    return Compared(paper, lockstep.perfect(played, progress=progress("perfect knowledge")))
+    return Compared(paper, perfect(played, progress=progress("perfect knowledge")))
 
 
 def figures(played: Run, compared: Compared | None = None) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TextIO
 
 from ..config.sections import Config
+from ..content_values import AmplitudeTarget, ClientTargets, Target
 from ..core.board.ledger import Histogram, LedgerLine
 from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import serve
@@ -31,7 +32,6 @@ from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..files import outputs, plotting
 from ..sim import landing
-from ..values import AmplitudeTarget, ClientTargets, Target
 from .arguments import number
 from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr

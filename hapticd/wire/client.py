@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import msgpack
 
+from ..content_values import ClientTargets
 from ..errors import RequestError
-from ..values import ClientTargets, PlateEvent
+from ..values import PlateEvent
 from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
 from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
 from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_POINTS

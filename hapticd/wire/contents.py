@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from ..errors import RequestError
-from ..values import (
+from ..content_values import (
     AmplitudeTarget,
     FrictionTarget,
     GradientTarget,
@@ -15,6 +14,7 @@ from ..values import (
     NoiseTarget,
     Target,
 )
+from ..errors import RequestError
 from .assets import DIGEST_BYTES
 from .fields import Fields, bounded, items
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 
+from ..content_values import Cause, Effect, Envelope, Form, Modulation, Pulse, Start, Wave
 from ..errors import RequestError
-from ..values import Cause, Effect, Envelope, Form, Modulation, Pulse, Start, Wave
 from .contents import MAX_AMPLITUDE_UM
 from .fields import Fields, bounded, items, label, whole
 from .surfaces import MAX_INSTANT_NS

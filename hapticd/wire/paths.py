@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..content_values import VirtualPath
 from ..errors import RequestError
-from ..values import VirtualPath
 from .contents import MAX_POSITION_MM
 from .fields import Fields, items, pair
 

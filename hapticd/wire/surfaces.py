@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
+from ..content_values import Blend, Circle, Polygon, Surface, VirtualPath
 from ..errors import RequestError
-from ..values import Blend, Circle, Polygon, Surface, VirtualPath
 from .contents import MAX_ANGLE_RAD, MAX_POSITION_MM, read_content
 from .fields import Fields, items, pair
 from .paths import MAX_SPEED_MM_S, read_path

@@ -5,8 +5,8 @@ It checks types and bounds; amplitude limits and finger ownership are checked in
 
 from __future__ import annotations
 
+from ..content_values import ClientTargets, Surface, Target, VirtualPath
 from ..errors import RequestError
-from ..values import ClientTargets, Surface, Target, VirtualPath
 from .contents import read_content
 from .effects import MAX_FINGER_ID, read_effects
 from .fields import Fields, label, whole

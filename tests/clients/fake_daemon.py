@@ -8,13 +8,14 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from hapticd.content_values import ClientTargets
 from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
 from hapticd.daemon.layers import described
 from hapticd.errors import RequestError
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
-from hapticd.values import ClientTargets, EventKind, PlateEvent
+from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
 from hapticd.wire.assets import AssetPart
 

@@ -15,10 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import Cause, Wave
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.io.clients import senders, server, sockets
-from hapticd.values import Cause, EventKind, PlateEvent, Wave
+from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
 from hapticd.wire.effects import FORMS
 from hapticd_client import Gradient, Grating, HapticdError, Map, Noise, RefusedError, endpoint, messages, target_set

@@ -12,8 +12,9 @@ from fake_daemon import FakeDaemon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import Cause
 from hapticd.errors import RequestError
-from hapticd.values import Cause, EventKind
+from hapticd.values import EventKind
 from hapticd.wire import client as wire
 from hapticd_client import (
     At,

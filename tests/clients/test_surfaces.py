@@ -13,8 +13,8 @@ from fake_daemon import FakeDaemon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import VirtualPath
 from hapticd.errors import RequestError
-from hapticd.values import VirtualPath
 from hapticd.wire import client as wire
 from hapticd_client import (
     Circle,

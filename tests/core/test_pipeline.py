@@ -19,8 +19,9 @@ from pipeline_bench import (
 )
 
 from hapticd.bench.baselines.paper_scheme import invert
+from hapticd.content_values import AmplitudeTarget, GratingTarget, VirtualPath
 from hapticd.core.solver.derating import LEAST_SHARE
-from hapticd.values import AmplitudeTarget, GratingTarget, Tick, TouchFrame, VirtualPath
+from hapticd.values import Tick, TouchFrame
 
 
 def test_one_finger_slips_while_the_other_sticks() -> None:

@@ -11,29 +11,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pipeline_bench import FOREVER_NS, LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench
 
-from hapticd.core.targets.effects import MAX_EFFECTS, MAX_PLAYING
-from hapticd.values import (
+from hapticd.content_values import (
     AmplitudeTarget,
     Cause,
     Circle,
     ClientTargets,
-    Contact,
     Effect,
     Envelope,
-    EventKind,
     Form,
-    LimitReason,
     Modulation,
-    PlateEvent,
     Polygon,
     Pulse,
     Start,
     Surface,
     Target,
-    Tick,
-    TouchFrame,
     Wave,
 )
+from hapticd.core.targets.effects import MAX_EFFECTS, MAX_PLAYING
+from hapticd.values import Contact, EventKind, LimitReason, PlateEvent, Tick, TouchFrame
 
 ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
 LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))

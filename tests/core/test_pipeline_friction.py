@@ -7,10 +7,19 @@ import math
 import pytest
 from pipeline_bench import FOREVER_NS, PERIOD_NS, Bench
 
+from hapticd.content_values import (
+    AmplitudeTarget,
+    ClientTargets,
+    FrictionTarget,
+    MapTarget,
+    Surface,
+    Target,
+    VirtualPath,
+)
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.textures import FrictionCurve
-from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, MapTarget, Surface, Target, Tick, VirtualPath
+from hapticd.values import Tick
 
 SPEED_MM_S, REST_UM = 100.0, 0.5
 CURVE = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=SPEED_MM_S)

@@ -7,24 +7,20 @@ import random
 import numpy as np
 import pytest
 
+from hapticd.content_values import (
+    AmplitudeTarget,
+    ClientTargets,
+    FrictionTarget,
+    GratingTarget,
+    MapTarget,
+    Target,
+    VirtualPath,
+)
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
-from hapticd.values import (
-    AmplitudeTarget,
-    ClientTargets,
-    Contact,
-    FingerFrame,
-    FrictionTarget,
-    GratingTarget,
-    Knot,
-    LimitReason,
-    MapTarget,
-    Target,
-    TouchFrame,
-    VirtualPath,
-)
+from hapticd.values import Contact, FingerFrame, Knot, LimitReason, TouchFrame
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000

@@ -8,17 +8,8 @@ from itertools import pairwise
 import pytest
 from pipeline_bench import FOREVER_NS, LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench, amplitude_um
 
-from hapticd.values import (
-    AmplitudeTarget,
-    Circle,
-    ClientTargets,
-    GratingTarget,
-    Knot,
-    Polygon,
-    Surface,
-    Tick,
-    VirtualPath,
-)
+from hapticd.content_values import AmplitudeTarget, Circle, ClientTargets, GratingTarget, Polygon, Surface, VirtualPath
+from hapticd.values import Knot, Tick
 
 ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
 LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))

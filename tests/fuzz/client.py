@@ -9,11 +9,11 @@ from itertools import pairwise
 import msgpack
 
 from fuzz.target import Cost, Target
+from hapticd.content_values import AmplitudeTarget, ClientTargets, Effect, Envelope, Modulation, Polygon, Pulse, Surface
 from hapticd.core.targets.forms import Course
 from hapticd.core.targets.layer import Layer
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.values import AmplitudeTarget, ClientTargets, Effect, Envelope, Modulation, Polygon, Pulse, Surface
 from hapticd.wire.assets import MAX_ASSET_BYTES, AssetPart
 from hapticd.wire.client import (
     MAX_MARKER_CHARACTERS,

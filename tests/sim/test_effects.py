@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hapticd.content_values import AmplitudeTarget, Cause, ClientTargets, Effect, Modulation, Start, Surface
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import T_START_NS, Settings, Simulation
-from hapticd.values import AmplitudeTarget, Cause, ClientTargets, Effect, Modulation, Start, Surface
 
 
 @pytest.mark.parametrize("frequency_hz", [40.0, pytest.param(250.0, marks=pytest.mark.long)])

@@ -13,6 +13,7 @@ from hapticd.sim import lockstep
 from hapticd.sim.board.board import FLAG_LIMITED
 from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
 from hapticd.sim.lockstep import Run, Settings
+from hapticd.sim.perfect import perfect
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.report import ARRAYS
 
@@ -80,7 +81,7 @@ def test_no_reference_is_ever_above_the_limit(seed: int, strokes: dict[int, Run]
 
 
 def test_perfect_knowledge_leaks_nothing_and_is_the_best_there_is(strokes: dict[int, Run]) -> None:
-    best = lockstep.perfect(strokes[1], every=20).score
+    best = perfect(strokes[1], every=20).score
 
     assert best.leak_um < 1e-9
     assert best.slip_error_um < strokes[1].score.slip_error_um

@@ -14,6 +14,7 @@ from hapticd.sim import lockstep
 from hapticd.sim.fingers.paths import Circle, Strokes, Touch
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import Settings
+from hapticd.sim.perfect import perfect
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.world_causes import CentroidPath, JitteryLink, plate_from_pad, played_actors, sensor_settings
 from hapticd.sim.world_errors import (
@@ -207,7 +208,7 @@ def test_perfect_knowledge_and_the_paper_play_in_the_same_world() -> None:
     settings = lockstep.in_world(Settings(), draw("worst", 5))
     played = lockstep.run("strokes", settings=replace(settings), seconds=0.8)
     assert lockstep.paper(played.settings).plate.world == settings.plate.world
-    assert lockstep.perfect(played).score.leak_um < 0.1 * played.score.leak_um
+    assert perfect(played).score.leak_um < 0.1 * played.score.leak_um
 
 
 def test_the_plate_keeps_to_its_limit_in_truth_where_sensors_show_three_percent_too_little() -> None:

@@ -13,20 +13,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.errors import RequestError
-from hapticd.values import (
+from hapticd.content_values import (
     AmplitudeTarget,
     Blend,
     Cause,
     ClientTargets,
     Effect,
     Envelope,
-    EventKind,
     FrictionTarget,
     GratingTarget,
     MapTarget,
     Modulation,
-    PlateEvent,
     Polygon,
     Pulse,
     Start,
@@ -34,6 +31,8 @@ from hapticd.values import (
     VirtualPath,
     Wave,
 )
+from hapticd.errors import RequestError
+from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client, contents, paths, targets
 from hapticd.wire.assets import AssetPart
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES, peek_whole

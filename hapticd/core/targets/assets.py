@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from ...content_values import MapTarget, Target
 from ...errors import RequestError
-from ...values import MapTarget, Target
 
 MAX_ASSET_BYTES: Final = 2**20  # a picture of 1024 x 1024
 MAX_CLIENT_BYTES: Final = 2**23

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from ...values import Cause, ClientTargets, Effect, Envelope, Modulation, Pulse
+from ...content_values import Cause, ClientTargets, Effect, Envelope, Modulation, Pulse
 from ..trajectory.knots import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer

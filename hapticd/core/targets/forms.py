@@ -12,7 +12,7 @@ import math
 from bisect import bisect_right
 from typing import Final
 
-from ...values import Envelope, Form, Modulation, Pulse, Wave
+from ...content_values import Envelope, Form, Modulation, Pulse, Wave
 from ..trajectory.knots import GRAIN_NS
 
 SINE_CORNERS: Final = 7  # six would be 3.6 % of the depth off

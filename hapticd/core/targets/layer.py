@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ...values import Blend, Circle, Polygon, Surface
+from ...content_values import Blend, Circle, Polygon, Surface
 from .textures import Detail, Texture
 from .virtual_paths import Walk
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from ...values import NoiseTarget
+from ...content_values import NoiseTarget
 
 WAVES: Final = 16
 MOST_RMS: Final = 3.0  # beyond so many deviations, where 16 waves seldom are, the texture is cut

@@ -10,7 +10,7 @@ import math
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
-from ...values import ClientTargets, Target, VirtualPath
+from ...content_values import ClientTargets, Target, VirtualPath
 from .assets import Assets
 from .effects import Effects
 from .surfaces import NEVER_NS, Surfaces

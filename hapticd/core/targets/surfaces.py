@@ -11,7 +11,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ...values import Circle, ClientTargets, MapTarget, Polygon, Surface, Target
+from ...content_values import Circle, ClientTargets, MapTarget, Polygon, Surface, Target
 from ..trajectory.knots import GRAIN_NS
 from .assets import Assets
 from .layer import Layer

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...values import (
+from ...content_values import (
     AmplitudeTarget,
     FrictionTarget,
     GradientTarget,

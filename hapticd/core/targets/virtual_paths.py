@@ -10,7 +10,7 @@ from bisect import bisect_right
 from itertools import accumulate, pairwise
 from typing import Final
 
-from ...values import VirtualPath
+from ...content_values import VirtualPath
 
 SHORT_MM: Final = 1e-3  # nothing is felt of a path as short as that
 

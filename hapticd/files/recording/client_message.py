@@ -7,7 +7,7 @@ from typing import Any
 
 import msgpack
 
-from ...values import (
+from ...content_values import (
     AmplitudeTarget,
     Cause,
     Circle,

@@ -20,9 +20,10 @@ from typing import Any, NamedTuple, TypeAlias
 import msgpack
 
 from ...board_values import BoardStatus
+from ...content_values import ClientTargets
 from ...core.board.ledger import LedgerLine
 from ...errors import RecordingError
-from ...values import ClientTargets, Finger, Perceived, PlateEvent, RawReport, Tick
+from ...values import Finger, Perceived, PlateEvent, RawReport, Tick
 from .client_message import payload_of
 
 MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...values import VirtualPath
+from ...content_values import VirtualPath
 from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1

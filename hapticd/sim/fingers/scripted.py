@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...values import AmplitudeTarget, ClientTargets, Target
+from ...content_values import AmplitudeTarget, ClientTargets, Target
 from .scenarios import Actor
 
 TTL_NS = 500_000_000

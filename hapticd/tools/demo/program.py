@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...config.sections import SimConfig
+from ...content_values import AmplitudeTarget
 from ...errors import HapticdError, UsageError, missing_client
 from ...files import outputs, plotting
 from ...sim.board.emulator import find_program
@@ -33,7 +34,6 @@ from ...sim.plate.wirings import SEPARATE
 from ...sim.rig.process import RigProcess
 from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
-from ...values import AmplitudeTarget
 from .. import glass
 from ..arguments import number, whole
 from ..daemon_process import DaemonProcess

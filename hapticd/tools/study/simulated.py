@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...content_values import VirtualPath
 from ...sim import lockstep
 from ...sim.fingers.paths import Touch, strokes_pair
 from ...sim.fingers.scenarios import LAND_S, SPEED_MM_S, Actor
 from ...sim.score import SETTLE_S, settled
-from ...values import VirtualPath
 from .protocol import Friction, StudyError
 from .session import Answer, Session
 

@@ -21,11 +21,11 @@ import zmq
 import hapticd_client
 
 from ...config import loader as config
+from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
-from ...values import AmplitudeTarget, Circle, FrictionTarget, Surface
 from . import messages
 from .layers import LAYERS, LayerFinger
 from .messages import ClearFault, DrawSurface, SetTarget

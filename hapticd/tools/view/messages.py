@@ -21,9 +21,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from ...content_values import Surface
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_POSITION_MM, Point
-from ...values import Surface
 from ...wire.fields import Fields, bounded, items, label, whole
 from .surfaces import drawn
 

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface, Target
 from ...core.targets.textures import FrictionCurve, texture
 from ...errors import RequestError
-from ...values import AmplitudeTarget, Circle, FrictionTarget, Surface, Target
 from ...wire.fields import Fields
 from ...wire.surfaces import read_surface
 

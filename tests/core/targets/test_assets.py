@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import Circle, ClientTargets, MapTarget, Surface
 from hapticd.core.targets import assets as store
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.values import Circle, ClientTargets, MapTarget, Surface
 
 T0_NS = 1_234_567_890_123
 PART = 16_384

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import Envelope, Form, Modulation, Pulse, Wave
 from hapticd.core.targets.forms import ENDLESS_NS, Course
 from hapticd.core.trajectory.knots import GRAIN_NS
-from hapticd.values import Envelope, Form, Modulation, Pulse, Wave
 
 MS = 1_000_000
 

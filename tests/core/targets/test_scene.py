@@ -8,8 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import (
+    AmplitudeTarget,
+    ClientTargets,
+    FrictionTarget,
+    GratingTarget,
+    MapTarget,
+    Target,
+    VirtualPath,
+)
 from hapticd.core.targets.scene import MAX_CLIENTS, MAX_VIRTUALS, FrictionCurve, Scene, Virtual
-from hapticd.values import AmplitudeTarget, ClientTargets, FrictionTarget, GratingTarget, MapTarget, Target, VirtualPath
 
 T0_NS = 1_234_567_890_123
 TTL_NS = 500_000_000

@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.targets.scene import Scene
-from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES
-from hapticd.values import (
+from hapticd.content_values import (
     AmplitudeTarget,
     Blend,
     Circle,
@@ -22,6 +20,8 @@ from hapticd.values import (
     Surface,
     VirtualPath,
 )
+from hapticd.core.targets.scene import Scene
+from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES
 
 T0_NS = 1_234_567_890_123
 TTL_NS = 500_000_000

@@ -13,9 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.targets.noise import MOST_RMS
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, detail, highest_um, refusal, texture
-from hapticd.values import (
+from hapticd.content_values import (
     AmplitudeTarget,
     FrictionTarget,
     GradientTarget,
@@ -24,6 +22,8 @@ from hapticd.values import (
     NoiseTarget,
     Target,
 )
+from hapticd.core.targets.noise import MOST_RMS
+from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, detail, highest_um, refusal, texture
 
 PLATE_MM = (137.5, 100.0)
 CURVE = DEFAULT_FRICTION_CURVE

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.content_values import VirtualPath
 from hapticd.core.targets.virtual_paths import Walk
-from hapticd.values import VirtualPath
 
 START_NS = 7_123_456_789_000
 LINE = VirtualPath(((-40.0, 20.0), (40.0, 20.0)), 50.0, loop=True)  # 1.6 s there, 1.6 s back

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from hapticd.content_values import VirtualPath
 from hapticd.core.targets.virtual_paths import Walk
 from hapticd.sim.fingers.scenarios import (
     LAND_AGAIN_S,
@@ -21,7 +22,6 @@ from hapticd.sim.fingers.scenarios import (
     Actor,
 )
 from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.values import VirtualPath
 
 EDGE_MM = 68.75
 FINGERTIP_MM = 8.0

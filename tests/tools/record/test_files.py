@@ -20,23 +20,7 @@ from mcap.writer import Writer as McapWriter
 
 from hapticd.board_values import Calibration
 from hapticd.config.sections import Config
-from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.errors import RecordingError
-from hapticd.files.recording.client_message import payload_of
-from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
-from hapticd.files.recording.kinds import (
-    HEADER,
-    INPUTS,
-    KINDS,
-    MAX_MESSAGE_BYTES,
-    Record,
-    decode,
-    encode,
-)
-from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.files.recording.mcap_writer import RecordingFile
-from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.values import (
+from hapticd.content_values import (
     AmplitudeTarget,
     Blend,
     Cause,
@@ -57,6 +41,22 @@ from hapticd.values import (
     VirtualPath,
     Wave,
 )
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.errors import RecordingError
+from hapticd.files.recording.client_message import payload_of
+from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
+from hapticd.files.recording.kinds import (
+    HEADER,
+    INPUTS,
+    KINDS,
+    MAX_MESSAGE_BYTES,
+    Record,
+    decode,
+    encode,
+)
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.files.recording.mcap_writer import RecordingFile
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.wire.client import decode_targets
 
 from .conftest import rewritten, written

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from hapticd.content_values import AmplitudeTarget, Circle, Surface
 from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import RequestError
 from hapticd.tools.view import client, messages
 from hapticd.tools.view.messages import DrawSurface
 from hapticd.tools.view.surfaces import SIDE, SurfacePainter
-from hapticd.values import AmplitudeTarget, Circle, Surface
 
 PLATE_MM = (137.5, 137.5)
 TILE: dict[str, Any] = {"name": "tile", "amplitude_um": 1.5, "circle_mm": 8.0, "position_mm": [3.0, -4.0], "z": 100}
