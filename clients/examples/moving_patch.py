@@ -1,4 +1,4 @@
-"""A slippery patch that moves back and forth over sticky glass, under whoever touches; two fingers on it hold it."""
+"""A slippery patch that moves back and forth over sticky glass, under any finger; two fingers on it hold it."""
 
 from __future__ import annotations
 

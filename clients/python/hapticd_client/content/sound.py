@@ -1,7 +1,7 @@
 """WAV files: how loud a sound is becomes an intensity, its pitch below 300 Hz a modulation.
 
-The loudness is taken every 10 ms, over 20 ms, and the pitch every 100 ms, which is the rate at which the sound crosses
-zero once its overtones are averaged away. The loudest frame is intensity 1.
+The loudness is taken every 10 ms, over 20 ms, and the pitch every 100 ms, each rounded to whole samples. The pitch is
+the rate at which the sound crosses zero once its overtones are averaged away. The loudest frame is intensity 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from itertools import pairwise
 
 from ..errors import RefusedError
 from .dropped import drop
-from .track import Tone, Track
+from .track import MAX_S, Tone, Track
 
 FRAME_S = 0.010
 PITCH_S = 0.1
@@ -24,7 +24,6 @@ AVERAGED_HZ = 1200.0  # the rate after averaging: what is above 600 Hz is gone
 LOWEST_HZ, HIGHEST_HZ = 20.0, 300.0
 LEAST_SHARE = 0.3  # of the loudness that must be in the averaged sound, to be felt as a tone
 QUIET = 0.01  # of the loudest part: less needs no pitch
-MAX_S = 600.0
 MAX_TONE_S = 20.0  # one effect lasts a minute at most
 SAME_PITCH = 0.06  # a semitone
 
@@ -32,12 +31,13 @@ SAME_PITCH = 0.06  # a semitone
 def track_of(path: str | os.PathLike[str]) -> Track:
     """Return the track of a WAV file. Raises RefusedError."""
     samples, rate_hz = _mono(path)
-    loudness = _rms(samples, round(rate_hz * FRAME_S))
+    size = round(rate_hz * FRAME_S)
+    loudness = _rms(samples, size)
     loudest = max(loudness, default=0.0)
     if loudest == 0.0:
         raise RefusedError(f"{os.fspath(path)}: has no sound.")
-    intensities = [one / loudest for one in loudness]
-    track = Track([[((index + 1.0) * FRAME_S, value) for index, value in enumerate(intensities)]])
+    ends = (min((index + 1) * size, len(samples)) / rate_hz for index in range(len(loudness)))
+    track = Track([[(end_s, one / loudest) for end_s, one in zip(ends, loudness, strict=True)]])
     for tone in _tones(samples, rate_hz):
         track.tone(tone)
     return track
@@ -87,6 +87,7 @@ def _tones(samples: Sequence[float], rate_hz: int) -> list[Tone]:
     size = max(round(rate_hz / AVERAGED_HZ), 1)
     averaged = [math.fsum(samples[at : at + size]) / size for at in range(0, len(samples) - size + 1, size)]
     count = max(round(PITCH_S * rate_hz / size), 1)
+    pitch_s = count * size / rate_hz
     tones: list[Tone] = []
     sizes: list[float] = []
     for index, at in enumerate(range(0, len(averaged) - count + 1, count)):
@@ -97,7 +98,7 @@ def _tones(samples: Sequence[float], rate_hz: int) -> list[Tone]:
         frequency_hz = _frequency_hz(part, rate_hz / size)
         share = math.sqrt(low / loud) if loud > 0.0 else 0.0
         if share >= LEAST_SHARE and LOWEST_HZ <= frequency_hz <= HIGHEST_HZ:
-            tones.append(Tone(index * PITCH_S, (index + 1) * PITCH_S, frequency_hz, min(share, 1.0)))
+            tones.append(Tone(index * pitch_s, (index + 1) * pitch_s, frequency_hz, min(share, 1.0)))
     if len(tones) < 0.5 * sum(loud >= QUIET * max(sizes) for loud in sizes):
         drop(f"sound without a pitch of {LOWEST_HZ:g} .. {HIGHEST_HZ:g} Hz: only its loudness is felt")
     return _joined(tones)

@@ -13,7 +13,7 @@ from .score import Timed
 
 Point = tuple[float, float]  # s, intensity
 
-MAX_S = 750.0  # of one file: a WAV of 600 s, whose frames are whole samples, has room
+MAX_S = 600.0  # of one file
 MAX_POINTS = 100_000  # of all lines of one file
 STEP_S = 0.003  # between points: a frame lasts 17 ms and carries about ten knots
 CHUNK_POINTS = 80  # of one envelope: those of all effects that are sent have 1024 at most
