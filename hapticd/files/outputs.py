@@ -12,10 +12,11 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
-from ..errors import HapticdError, UsageError, reason
+from ..errors import HapticdError, UsageError, missing_library, reason
 
 PICTURE = (".png", ".pdf", ".svg")
 JSON, CSV, NPZ, HDF5, RECORDING = (".json",), (".csv",), (".npz",), (".h5", ".hdf5"), (".mcap",)
@@ -49,14 +50,13 @@ def check_arguments(options: argparse.Namespace) -> None:
     Raises UsageError, HapticdError for a picture without matplotlib.
     """
     named: dict[str, Suffixes] = getattr(options, "outputs", {})
-    from .plotting import check as check_picture  # which writes by `opened`
-
     paths = []
     for argument, suffixes in named.items():
         path = getattr(options, argument)
         if path is not None and not (suffixes == JSON and path == STDOUT):
             check_suffix(Path(path), suffixes)
-            check_picture(Path(path) if suffixes == PICTURE else None)
+            if suffixes == PICTURE:
+                require_matplotlib()
             paths.append(Path(path))
     given = [value for argument, value in vars(options).items() if argument not in named]
     check(paths, inputs=_paths(given), is_forced=getattr(options, "force", False))
@@ -66,6 +66,12 @@ def check_suffix(path: Path, suffixes: Suffixes) -> None:
     """Raise UsageError for a file whose name does not end in one of `suffixes`; devices and pipes have any name."""
     if not ((path.suffix and path.name.lower().endswith(suffixes)) or _is_special(path)):
         raise UsageError(f"{path}: has the name of another kind of file: end it in {' or '.join(suffixes)}.")
+
+
+def require_matplotlib() -> None:
+    """Raise HapticdError where it is not installed: before the work, so that none is lost for want of its picture."""
+    if find_spec("matplotlib") is None:
+        raise missing_library("A picture needs matplotlib", "plot")
 
 
 def check(paths: Sequence[Path], *, inputs: Iterable[Path] = (), is_forced: bool = False) -> None:

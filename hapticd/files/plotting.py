@@ -7,23 +7,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .. import __version__
-from ..errors import HapticdError, missing_library, reason
-from .outputs import PICTURE, check_suffix, opened
+from ..errors import HapticdError, reason
+from .outputs import PICTURE, check_suffix, opened, require_matplotlib
 
 DPI = 110
 SIGNATURE_PT = 7
-
-
-def check(*paths: Path | None) -> None:
-    """Raise UsageError for a suffix that is no picture's, HapticdError without matplotlib; None is not checked.
-
-    Commands call it before they measure, so that no measurement is lost for want of its picture.
-    """
-    named = [path for path in paths if path is not None]
-    for path in named:
-        check_suffix(path, PICTURE)
-    if named:
-        _require_matplotlib()
 
 
 def subplots(
@@ -40,7 +28,7 @@ def subplots(
 
     The version, and the `source` of what is shown, such as scenario and seed, stand below the figure.
     """
-    _require_matplotlib()
+    require_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -75,7 +63,7 @@ def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None)
 
     A PNG reduced to `colours` takes a third of the bytes.
     """
-    check(path)
+    check_suffix(path, PICTURE)
     form = path.suffix.lower()[1:] or "png"  # without a suffix: a device or a pipe
     try:
         with opened(path) as file:
@@ -95,10 +83,3 @@ def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None)
 def plain(text: str) -> str:
     """A text of somebody else's, not to be set as a formula."""
     return text.replace("$", r"\$")
-
-
-def _require_matplotlib() -> None:
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        raise missing_library("A picture needs matplotlib", "plot") from None

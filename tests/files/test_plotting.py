@@ -9,7 +9,7 @@ import pytest
 
 from hapticd import __version__
 from hapticd.errors import HapticdError, UsageError
-from hapticd.files import plotting
+from hapticd.files import outputs, plotting
 
 
 @pytest.mark.parametrize(
@@ -29,11 +29,11 @@ def test_a_figure_carries_the_version_and_what_it_shows() -> None:
     assert plotting.subplots(2.0, 1.0)[0].get_supxlabel() == f"hapticd {__version__}"
 
 
-def test_another_suffix_is_refused_before_the_work_and_no_path_is_not() -> None:
-    plotting.check(None, Path("picture.png"))
+def test_another_suffix_is_refused_before_the_work() -> None:
+    outputs.check_suffix(Path("picture.png"), outputs.PICTURE)
     for name in ("picture", "picture.txt", ".png"):
         with pytest.raises(UsageError, match=r"end it in \.png or \.pdf or \.svg"):
-            plotting.check(Path(name))
+            outputs.check_suffix(Path(name), outputs.PICTURE)
 
 
 def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
@@ -43,6 +43,6 @@ def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_without_matplotlib_the_command_that_installs_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(HapticdError, match=r'pip install "\.\[plot\]"'):
-        plotting.check(Path("picture.png"))
+        plotting.subplots(1.0, 1.0)

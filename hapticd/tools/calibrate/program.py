@@ -169,14 +169,14 @@ def _add_touch(steps: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
-    from ...files import plotting
+    from ...files.outputs import require_matplotlib
     from . import folder
     from .verdict import Outcome
 
     if options.step is None:
         print(folder.overview(options.out))
         return 0
-    plotting.check(options.out / f"{options.step}.png")
+    require_matplotlib()
     steps = _steps()
     names = list(folder.STEPS) if options.step == "all" else [options.step]
     if options.sim is None:  # the recording says which plate it is of

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from ...config.sections import SimConfig
 from ...content_values import AmplitudeTarget
 from ...errors import HapticdError, UsageError, missing_client
-from ...files import outputs, plotting
+from ...files import outputs
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
@@ -95,7 +95,7 @@ def _picture_file(options: argparse.Namespace) -> Path | None:
     if options.out is not None:
         return Path(options.out)
     try:
-        plotting.check(DEFAULT_OUT)
+        outputs.require_matplotlib()
     except HapticdError as error:
         print(f"without a picture: {error}", flush=True)
         return None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...files import plotting
-from ...files.outputs import check, opened, write_text
+from ...files.outputs import check, opened, require_matplotlib, write_text
 from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
 from .protocol import StudyError
 from .session import SUFFIX, Session, read
@@ -31,7 +31,7 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     Raises HapticdError if no session is finished, a file is damaged, simulated sessions are among others, or an output
     cannot be written.
     """
-    plotting.check(folder / FIGURE)
+    require_matplotlib()
     check([folder / name for name in (RESULTS, TRIALS, FIGURE)], is_forced=is_forced)
     sessions = sessions_in(folder)
     finished = [session for session in sessions if session.is_over]

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..asset import MAX_SIDE
 from ..errors import RefusedError
 from ..surface import Rectangle
-from ..targets import MAX_MAP_SIDE, Map
 from .score import Layer
-
-if TYPE_CHECKING:
-    from ..client import Client
 
 LIGHT_IS_SLIPPERY = (1.0, 0.0)  # friction of black and of white
 
@@ -46,12 +41,3 @@ def layer_of(
         except (TypeError, IndexError, ZeroDivisionError):
             raise RefusedError("map: must have rows of numbers, such as a two-dimensional array.") from None
     return Layer(content, shape, levels=source)
-
-
-def map_of(plate: Client, levels: Any, content: Mapping[str, Any]) -> Map:
-    """Return a map of levels, as an asset where a message cannot hold them."""
-    try:
-        is_small = len(levels) <= MAX_MAP_SIDE and len(levels[0]) <= MAX_MAP_SIDE
-    except (TypeError, IndexError):
-        is_small = True  # what is wrong with it is said there
-    return Map(levels if is_small else plate.asset(levels), **content)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ..effects import At, Form
 from ..errors import RefusedError
 from ..surface import Shape
+from ..targets import MAX_MAP_SIDE, Map
 from .dropped import drop
 
 if TYPE_CHECKING:
@@ -62,10 +63,8 @@ class Score:
 
     def lay(self, plate: Client, name: str = "content") -> None:
         """Lay the layers on the plate, one above the other. Raises RefusedError."""
-        from .picture import map_of
-
         for z, layer in enumerate(self.layers):
-            content = layer.content if layer.levels is None else {"map": map_of(plate, layer.levels, layer.content)}
+            content = layer.content if layer.levels is None else {"map": _map_of(plate, layer.levels, layer.content)}
             plate.surface(f"{name} {z}", layer.shape, position_mm=layer.position_mm, z=z, **content)
 
     def play(
@@ -108,3 +107,12 @@ class Score:
                 plate.status()
                 looked_s = clock()
             sleep(STEP_S)
+
+
+def _map_of(plate: Client, levels: Any, content: Mapping[str, Any]) -> Map:
+    """Return a map of levels, as an asset where a message cannot hold them."""
+    try:
+        is_small = len(levels) <= MAX_MAP_SIDE and len(levels[0]) <= MAX_MAP_SIDE
+    except (TypeError, IndexError):
+        is_small = True  # what is wrong with it is said there
+    return Map(levels if is_small else plate.asset(levels), **content)
