@@ -13,9 +13,10 @@ LINT := $(VENV)/.lint
 demo: $(HAPTICD)
 	$(BIN)/hapticd demo --force
 
-# Proves the product. Property tests look at the same examples each time: everybody gets the same answer.
+# Proves the product. Property tests look at the same examples each time: everybody gets the same answer. (A third of the
+# time is spent waiting for processes and timeouts, so two cores have work for three.)
 test: $(TESTS)
-	$(BIN)/python -m pytest -n 2 -m "not long and not alone"
+	$(BIN)/python -m pytest -n 3 -m "not long and not alone"
 
 # What `make test` leaves out: new property examples, emulated machines, browsers, mutants, real time alone.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -54,6 +55,12 @@ def module_of(path: Path) -> str:
     return name.removesuffix(".__init__")
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imported_names(path: Path, *, at_load: bool = False) -> set[str]:
     """Absolute dotted names of the imports in a file; relative ones are resolved within hapticd.
 
@@ -62,7 +69,7 @@ def imported_names(path: Path, *, at_load: bool = False) -> set[str]:
     relative = path.relative_to(PACKAGE.parent).with_suffix("")
     package = list(relative.parts[:-1])
     names: set[str] = set()
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     for node in tree.body if at_load else ast.walk(tree):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
@@ -165,7 +172,7 @@ def test_the_client_shares_no_code_with_the_daemon() -> None:
     files = list(CLIENT.rglob("*.py"))
     assert files
     for path in files:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = parsed(path)
         imports = [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
         for node in imports:
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
