@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from ..values import Finger
 from .targets.effects import Held
 from .targets.layer import Layer
-from .targets.surfaces import MAX_EDGES, Surfaces, crossing_ns, spans
+from .targets.surfaces import MAX_EDGES, Surfaces, crossing_ns, meeting
 from .touch.fingers import Fingers
 from .trajectory.knots import GRAIN_NS
 
@@ -103,19 +103,19 @@ class Crossings:
         t_from_ns: int,
         t_to_ns: int,
     ) -> list[Change]:
-        u_mm, v_mm = layer.local_mm(place_mm[0], place_mm[1], t_from_ns)
-        to_u_mm, to_v_mm = layer.local_mm(to_place_mm[0], to_place_mm[1], t_to_ns)
-        shares = layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)
+        start_mm = layer.local_mm(place_mm[0], place_mm[1], t_from_ns)
+        end_mm = layer.local_mm(to_place_mm[0], to_place_mm[1], t_to_ns)
+        span_ns = t_to_ns - t_from_ns
+        turns_ns = layer.turns_ns(t_from_ns, span_ns, MAX_EDGES)
+        predicted_mm = partial(self._fingers.predicted_mm, finger_id)
+        _, met = meeting(layer, start_mm, end_mm, turns_ns, predicted_mm, t_from_ns, span_ns)
         found: list[Change] = []
-        if shares:
-            predicted_mm = partial(self._fingers.predicted_mm, finger_id)
-            span_ns = t_to_ns - t_from_ns
-            for share, from_share, to_share in spans(shares)[:MAX_EDGES]:
-                since_ns = crossing_ns(layer, predicted_mm, t_from_ns, from_share * span_ns, to_share * span_ns)
-                since_ns = since_ns + GRAIN_NS if since_ns >= 0 else int(share * span_ns)
-                is_on = not is_on
-                found.append(Change(t_from_ns + since_ns, layer, is_on, True))
-        if layer.holds(to_u_mm, to_v_mm) != is_on:  # it was predicted otherwise before
+        for at_ns, after_ns, before_ns in met[:MAX_EDGES]:
+            since_ns = crossing_ns(layer, predicted_mm, t_from_ns, after_ns, before_ns)
+            since_ns = since_ns + GRAIN_NS if since_ns >= 0 else int(at_ns)
+            is_on = not is_on
+            found.append(Change(t_from_ns + since_ns, layer, is_on, True))
+        if layer.holds(end_mm[0], end_mm[1]) != is_on:  # it was predicted otherwise before
             found.append(Change(found[-1].t_ns if found else t_from_ns, layer, not is_on, True))
         return found
 

@@ -25,6 +25,7 @@ from hapticd.content_values import (
     Start,
     Surface,
     Target,
+    VirtualPath,
     Wave,
 )
 from hapticd.core.targets.effects import MAX_EFFECTS, MAX_PLAYING
@@ -249,6 +250,20 @@ def test_a_strip_that_is_crossed_within_one_frame_is_entered_and_left() -> None:
     assert player.kinds()[1:] == [
         *(EventKind.CROSSED, EventKind.ENTERED, EventKind.BEGUN, EventKind.CROSSED, EventKind.LEFT, EventKind.ENDED)
     ]
+
+
+@pytest.mark.parametrize("phase_mm", [0.05 * step for step in range(10)])
+def test_a_disc_whose_path_turns_back_over_a_finger_within_one_frame_is_entered_and_left(phase_mm: float) -> None:
+    """It covers the finger by 0.1 mm, for 4 ms; a straight way from frame to frame misses it."""
+    player = Player()
+    x_mm, y_mm = SLIPPERY
+    path = VirtualPath(((x_mm - 8.0 - phase_mm, y_mm), (x_mm - 4.9, y_mm)), speed_mm_s=50.0, loop=True)
+    player.play(3, SLIPPERY)
+    player.lay({}, {"disc": Surface(STILL, Circle(5.0), path=path)})
+    player.play(12, SLIPPERY)
+    assert player.kinds(EventKind.ENTERED, EventKind.LEFT) == [EventKind.ENTERED, EventKind.LEFT]
+    entered, left = player.the(EventKind.ENTERED), player.the(EventKind.LEFT)
+    assert left.t_ns - entered.t_ns == pytest.approx(4 * MS, abs=MS)
 
 
 def test_who_lands_on_a_surface_enters_it_and_leaves_it_when_lifting() -> None:

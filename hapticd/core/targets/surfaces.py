@@ -128,7 +128,7 @@ class Surfaces:
             end_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
             turns_ns = layer.turns_ns(t_ns, span_ns, MAX_EDGES)
             is_inside = layer.holds(u_mm, v_mm)
-            met_mm, met = _meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
+            met_mm, met = meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
             if not met and not is_inside:
                 continue
             smooth = smooth and layer.is_smooth and not turns_ns
@@ -213,7 +213,7 @@ def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[floa
     return 2.0 * half_x_mm, 2.0 * half_y_mm
 
 
-def _meeting(
+def meeting(
     layer: Layer,
     start_mm: tuple[float, float],
     end_mm: tuple[float, float],
@@ -222,7 +222,10 @@ def _meeting(
     t_ns: int,
     span_ns: int,
 ) -> tuple[float, list[_Span]]:
-    """Return how far a finger goes in a layer's frame, straight from turn to turn of its path, and the crossings."""
+    """Return how far a finger goes in a layer's frame, straight from turn to turn of its path, and the crossings.
+
+    Each crossing is an instant in ns from `t_ns`, and the two between which it is the only one.
+    """
     from_ns, (u_mm, v_mm), way_mm = 0, start_mm, 0.0
     met: list[_Span] = []
     for to_ns in (*turns_ns, span_ns):
@@ -231,14 +234,14 @@ def _meeting(
             x_mm, y_mm = predicted_mm(t_ns + to_ns)
             to_u_mm, to_v_mm = layer.local_mm(x_mm, y_mm, t_ns + to_ns)
         leg_ns, shares = to_ns - from_ns, layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)
-        for share, from_share, to_share in spans(shares) if shares else ():
+        for share, from_share, to_share in _spans(shares) if shares else ():
             met.append((from_ns + share * leg_ns, from_ns + from_share * leg_ns, from_ns + to_share * leg_ns))
         way_mm += math.hypot(to_u_mm - u_mm, to_v_mm - v_mm)
         from_ns, u_mm, v_mm = to_ns, to_u_mm, to_v_mm
     return way_mm, met
 
 
-def spans(shares: list[float]) -> list[tuple[float, float, float]]:
+def _spans(shares: list[float]) -> list[tuple[float, float, float]]:
     """Return each crossing with the shares from .. to between which it is the only one."""
     ends = [0.0, *[0.5 * (before + after) for before, after in pairwise(shares)], 1.0]
     return [(share, ends[index], ends[index + 1]) for index, share in enumerate(shares)]
