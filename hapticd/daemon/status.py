@@ -287,6 +287,8 @@ def _board(board: BoardGateway) -> dict[str, object]:
         fields |= {"refused": board.refused}
     if board.lacking:
         fields |= {"lacking": board.lacking}
+    if board.self_test is not None:
+        fields |= {"self_test": dict(zip(("outcome", "text"), board.self_test, strict=True))}
     if hello is not None:
         fields |= {
             "firmware": hello.firmware_version,

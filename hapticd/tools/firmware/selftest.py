@@ -8,45 +8,55 @@ from __future__ import annotations
 
 import argparse
 import cmath
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...board_values import BoardController, ControllerRequest, ModeCalibration, Sweep
+from ...board_values import BoardController, ControllerRequest, ModeCalibration, Sweep, SweepPoint
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
-from ...errors import ConfigError, DeviceError, UsageError
+from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
 from ...files import calibration
 from . import text
 from .conversation import Conversation
 from .sweep import VOLTS_FRAC, measured, quiet
 
+TRIES = 4
 BAND_HZ, POINTS, DWELL_MS = 80.0, 9, 80  # half of the dwell settles: 4 time constants at Q 1000
 MOVED_HZ, MOVED_FRAC, MOVED_DEG = 5.0, 0.15, 5.0
 MOVED_UM_PER_V = 0.001  # of feedthrough: limit cycles begin at 0.0014
+# Of the response that the board expects: the loop bears 2.2 times its gain and 45 degrees (test_sensor_faults.py), and
+# with less than half of it the plate does more than twice what is asked.
+SAFE_SHARE, SAFE_DEG = (0.45, 2.0), 45.0
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Measure, compare and print."""
     known = await _known(board, options)
-    found = await measure(board)
+    sweeps = await measure(board)
     try:
+        found = fit_wiring(sweeps)
         modes = found.calibrations()
     except ValueError as error:
-        raise DeviceError(str(error)) from None
+        dead = f"{error} A sensor or an amplifier may be dead."
+        if options.json:
+            print(text.as_json({"modes": [], "known": known, "moved": [dead], "unsafe": [dead]}))
+        raise DeviceError(dead) from None
     moved = [
         *found.wrong_wires(),
         *(line for one, other in zip(modes, known, strict=True) for line in changes(one, other)),
     ]
+    bad = unsafe(found, known)
     if options.json:
-        print(text.as_json({"modes": modes, "known": known, "moved": moved}))
+        print(text.as_json({"modes": modes, "known": known, "moved": moved, "unsafe": bad}))
         return
     for one in modes:
         print(
             f"mode {one.mode}    {one.frequency_hz:.2f} Hz, Q {one.q_factor:.0f}, gain {one.gain_um_per_v_s:.4g} "
             f"um/(V s), loop phase {math.degrees(one.loop_phase_rad):+.1f} degrees"
         )
-    print("\n".join(moved) or "Nothing has moved since the calibration.")
+    print("\n".join(dict.fromkeys([*moved, *bad])) or "Nothing has moved since the calibration.")
 
 
 async def _known(board: Conversation, options: argparse.Namespace) -> Sequence[ModeCalibration]:
@@ -69,7 +79,7 @@ async def _known(board: Conversation, options: argparse.Namespace) -> Sequence[M
     return modes
 
 
-async def measure(board: Conversation) -> MeasuredWiring:
+async def measure(board: Conversation) -> list[AmplifierSweep]:
     """Sweep every amplifier around the drive. Raises DeviceError."""
     hello, sweeps = board.hello, []
     for amplifier in range(hello.modes):
@@ -82,13 +92,36 @@ async def measure(board: Conversation) -> MeasuredWiring:
             DWELL_MS,
             VOLTS_FRAC * hello.v_limit_v,
         )
-        points = await measured(board, plan)
+        points = await _swept(board, plan)
         response = np.array([point.measured_um for point in points], np.complex128) / plan.voltage_v
         sweeps.append(AmplifierSweep(amplifier, np.array([point.frequency_hz for point in points]), response))
-    try:
-        return fit_wiring(sweeps)
-    except ValueError as error:
-        raise DeviceError(f"{error} A sensor or an amplifier may be dead.") from None
+    return sweeps
+
+
+async def _swept(board: Conversation, plan: Sweep) -> list[SweepPoint]:
+    """Sweep, and again if the board ended it: on a host that is busy starting it may receive nothing for 50 ms."""
+    for _ in range(TRIES - 1):
+        with contextlib.suppress(SweepEndedError):
+            return await measured(board, plan)
+        await quiet(board)
+    return await measured(board, plan)
+
+
+def unsafe(found: MeasuredWiring, known: Sequence[ModeCalibration]) -> list[str]:
+    """Return a sentence for each mode whose loop, closed by the known models and wires, would not follow or swing; the
+    wires that explain it come first."""
+    sentences = []
+    for one in known:
+        own = [float(wire == one.mode) for wire in range(len(known))]
+        seen = np.dot(one.sense or own, found.senses[:, one.mode])
+        driven = np.dot(found.drives[one.mode], one.drive or own)
+        expected = -1j * cmath.rect(one.gain_um_per_v_s, one.loop_phase_rad)
+        share, turned_deg = abs(seen * driven / expected), math.degrees(cmath.phase(seen * driven / expected))
+        if not SAFE_SHARE[0] <= share <= SAFE_SHARE[1]:
+            sentences.append(f"The loop of mode {one.mode} has {share:.2f} times its gain.")
+        elif abs(turned_deg) > SAFE_DEG:
+            sentences.append(f"The loop of mode {one.mode} is {turned_deg:+.0f} degrees off.")
+    return [*found.wrong_wires(), *sentences] if sentences else []
 
 
 def changes(found: ModeCalibration, known: ModeCalibration) -> Iterator[str]:
