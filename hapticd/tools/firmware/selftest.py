@@ -1,7 +1,7 @@
 """`hapticd firmware selftest`: short sweeps of each amplifier, and what has moved since the calibration.
 
-Frequency, quality, gain and phase of each mode, both matrices of the wiring and the feedthrough, in two seconds and at
-a tenth of the voltage: a check before a session, not a calibration.
+Frequency, quality, gain and phase of each mode, both matrices of the wiring and the feedthrough, in two seconds (six
+modes: three) and at a tenth of the voltage: a check before a session, not a calibration.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ from .conversation import Conversation
 from .sweep import VOLTS_FRAC, measured, quiet
 
 TRIES = 4
-BAND_HZ, POINTS, DWELL_MS = 80.0, 9, 80  # half of the dwell settles: 4 time constants at Q 1000
+BAND_HZ, BESIDE_HZ = 80.0, 50.0  # swept to either side of the drive, and at least beyond the outermost modes
+LEAST_POINTS = 9
+# Of all sweeps together, and of a point: half of it settles, 4 time constants at Q 1000 and at Q 500.
+SWEEPS_MS, LONGEST_MS, SHORTEST_MS = 1500, 80, 40
 MOVED_HZ, MOVED_FRAC, MOVED_DEG = 5.0, 0.15, 5.0
 MOVED_UM_PER_V = 0.001  # of feedthrough: limit cycles begin at 0.0014
 # Of the response that the board expects: the loop bears 2.2 times its gain and 45 degrees (test_sensor_faults.py), and
@@ -34,7 +37,7 @@ SAFE_SHARE, SAFE_DEG = (0.45, 2.0), 45.0
 async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Measure, compare and print."""
     known = await _known(board, options)
-    sweeps = await measure(board)
+    sweeps = await measure(board, known)
     try:
         found = fit_wiring(sweeps)
         modes = found.calibrations()
@@ -79,22 +82,27 @@ async def _known(board: Conversation, options: argparse.Namespace) -> Sequence[M
     return modes
 
 
-async def measure(board: Conversation) -> list[AmplifierSweep]:
-    """Sweep every amplifier around the drive. Raises DeviceError."""
+async def measure(board: Conversation, known: Sequence[ModeCalibration]) -> list[AmplifierSweep]:
+    """Sweep every amplifier around the drive and the modes. Raises DeviceError."""
     hello, sweeps = board.hello, []
+    known_hz = [one.frequency_hz for one in known]
+    low_hz = min(hello.drive_hz - BAND_HZ, min(known_hz) - BESIDE_HZ)
+    high_hz = max(hello.drive_hz + BAND_HZ, max(known_hz) + BESIDE_HZ)
+    points = max(LEAST_POINTS, 2 * hello.modes + 1)  # what a fit of as many modes takes
+    dwell_ms = min(max(SWEEPS_MS // (points * hello.modes), SHORTEST_MS), LONGEST_MS)
     for amplifier in range(hello.modes):
         await quiet(board)
         plan = Sweep(
             amplifier,
-            hello.drive_hz - BAND_HZ,
-            hello.drive_hz + BAND_HZ,
-            POINTS,
-            DWELL_MS,
+            low_hz,
+            high_hz,
+            points,
+            dwell_ms,
             VOLTS_FRAC * hello.v_limit_v,
         )
-        points = await _swept(board, plan)
-        response = np.array([point.measured_um for point in points], np.complex128) / plan.voltage_v
-        sweeps.append(AmplifierSweep(amplifier, np.array([point.frequency_hz for point in points]), response))
+        swept = await _swept(board, plan)
+        response = np.array([point.measured_um for point in swept], np.complex128) / plan.voltage_v
+        sweeps.append(AmplifierSweep(amplifier, np.array([point.frequency_hz for point in swept]), response))
     return sweeps
 
 

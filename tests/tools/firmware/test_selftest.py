@@ -38,6 +38,24 @@ def test_a_plate_as_calibrated_has_not_moved(new_link: Any, type_in: TypeIn) -> 
     assert "Nothing has moved" in moved(new_link, type_in, noise_um=0.001)
 
 
+@pytest.mark.parametrize(("modes", "most_s"), [(3, 2.2), (4, 2.2), (6, 3.9)])
+def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
+    modes: int, most_s: float, new_link: Any, type_in: TypeIn
+) -> None:
+    offsets_hz = np.array((12.0, -18.0, -91.0, -70.0, 82.0, 169.0))[:modes]
+    config = replace(
+        OWN,
+        w_limit_um=(4.0,) * modes,
+        decay_1_s=(183.0,) * modes,
+        detuning_rad_s=tuple((2 * np.pi * offsets_hz).tolist()),
+        gain_um_per_v_s=(5.0,) * modes,
+        loop_phase_rad=(0.0,) * modes,
+    )
+    link = new_link(config=config)
+    assert "Nothing has moved" in type_in(link, "selftest")
+    assert link.board.t_us < 1e6 * most_s
+
+
 @pytest.mark.parametrize(
     ("changes", "sentences"),
     [
