@@ -197,7 +197,7 @@ class BoardHello:
     """The board's identity, rates and limits, sent at the handshake.
 
     `drive_hz` is the drive that was set last. `image_crc` is that of the flashed program, `baud_max` the fastest line
-    that the board offers: 0 where there is none.
+    that the board offers: 0 where there is none. `commands` has bit n for each message type n that it understands.
     """
 
     protocol_version: int
@@ -213,6 +213,7 @@ class BoardHello:
     image_crc: int = 0
     baud_max: int = 0
     has_sync: bool = False
+    commands: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +223,8 @@ class BoardStatus:
     Times are wrapped board times. `seq` is the last accepted frame, `t_received_us` its arrival, `t_applied_us` when
     its first knot took effect (0 and `applied` False while it is pending). `measured_um` is per mode, `voltage_v` per
     amplifier. `drive_hz` follows the plate; 0 of a board that does not say it. `pulsed`: the sync output rose as
-    this frame took effect.
+    this frame took effect. `number` counts statuses; None of a board that does not. `refusal` is why frame
+    `refused_seq`, the session's last that was not taken, was refused (`wire.protocol.REFUSALS`); 0: none was.
     """
 
     t_board_us: int
@@ -241,6 +243,9 @@ class BoardStatus:
     voltage_v: tuple[complex, ...]
     drive_hz: float = 0.0
     pulsed: bool = False
+    number: int | None = None
+    refused_seq: int = 0
+    refusal: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,12 +46,12 @@ class BoardLink:
         config = BoardConfig() if config is None else config
         gain = np.diag(config.gain_um_per_v_s)
         model = PlateModel(
-            np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, config.v_limit_v
+            np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(len(gain)), 0.0, config.v_limit_v
         )
         self.board = Board(model, config=config, boot_id=7)
         self.mute, self.refuses = mute, refuses
         self.peak_v = 0.0
-        self.voltage_v = np.zeros(2, dtype=np.complex128)
+        self.voltage_v = np.zeros(len(gain), dtype=np.complex128)
         self.says: Callable[[bytes], bytes] = lambda data: data
         self._open = False
 
@@ -82,8 +82,9 @@ class BoardLink:
     def _step(self) -> None:
         if not self._open:
             return
-        trace = BoardTrace(STEP_TICKS, 2, 2)
-        self.board.run(STEP_TICKS, np.zeros((STEP_TICKS, 0, 2)), np.zeros((STEP_TICKS, 0)), trace)
+        modes = len(self.voltage_v)
+        trace = BoardTrace(STEP_TICKS, modes, modes)
+        self.board.run(STEP_TICKS, np.zeros((STEP_TICKS, 0, modes)), np.zeros((STEP_TICKS, 0)), trace)
         self.voltage_v = trace.voltage_v[-1]
         self.peak_v = max(self.peak_v, float(np.abs(trace.voltage_v).max()))
         while (said := self.board.transmit()) and not self.mute:

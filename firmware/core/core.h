@@ -47,6 +47,7 @@ typedef struct {
 /* A frame from the host, validated independently of the core's state. */
 typedef struct {
     bool valid;
+    bool whole; /* but valid or not */
     size_t frame_n;
     uint32_t t_apply_us; /* of a REFERENCE, whose knots are these, within the limits */
     hd_polyline_t line;
@@ -133,10 +134,13 @@ typedef struct {
     uint32_t bad_frames;
     uint32_t late_frames;
     uint32_t missed_chunks;
+    uint16_t refused_seq; /* of the session's last REFERENCE that was not taken */
+    uint8_t refusal;      /* enum hd_refusal */
 
     uint16_t pending; /* messages to send, one bit of hd_pending each: the transmit queue */
     bool acknowledge; /* the pending STATUS is about `applied` */
     uint32_t t_status_us;
+    uint16_t statuses;
     uint64_t time_request_ns;
     uint32_t t_time_request_us;
     uint32_t baud;                /* set by the host; 0: the one that the board started with */
@@ -171,6 +175,9 @@ size_t hd_message_encode(const hd_message_t *message, uint8_t *out);
 
 /* Zero voltage now; discards references, trajectories and integrals. */
 void hd_silence(hd_core_t *core);
+
+/* The host's message types that are understood, one bit each. */
+uint32_t hd_commands(void);
 
 /* The speed that the line should have; 0: the one that the board started with. */
 uint32_t hd_line_baud(hd_core_t *core, uint32_t now_us);

@@ -2,8 +2,8 @@
  *
  * A frame on the line is COBS(type, payload, CRC-16/CCITT-FALSE little endian) and the delimiter 0x00. Payloads are the
  * packed structures below, little endian, so a received payload is copied into its structure and needs no parsing.
- * The host holds the same layouts; a test reads this file and compares. HELLO may only ever grow at its end, so that
- * any host can read the version of any board.
+ * The host holds the same layouts; a test reads this file and compares. HELLO and STATUS grow at their ends and new types
+ * are added without another version; whatever else changes takes one.
  */
 #ifndef HD_PROTOCOL_H
 #define HD_PROTOCOL_H
@@ -12,7 +12,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
-#define HD_PROTOCOL_HASH 0xc57857c9u
+#define HD_PROTOCOL_HASH 0x5b0a791eu
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -155,6 +155,16 @@ enum hd_status_flag {
     HD_STATUS_PULSED = 0x08, /* the sync output rose with it */
 };
 
+/* Why a REFERENCE was not taken. */
+enum hd_refusal {
+    HD_REFUSAL_NONE = 0,
+    HD_REFUSAL_MALFORMED = 1, /* length, number of modes or knots, offsets that do not rise, a value that is not finite */
+    HD_REFUSAL_AHEAD = 2,     /* it begins more than HD_AHEAD_US from now */
+    HD_REFUSAL_STALE = 3,     /* it began more than HD_STALE_US ago */
+    HD_REFUSAL_ORDER = 4,     /* it is not newer than the last one taken */
+    HD_REFUSAL_TOOL = 5,      /* a tool drives the plate */
+};
+
 enum hd_feature {
     HD_FEATURE_SYNC = 0x01, /* a sync output */
 };
@@ -261,6 +271,7 @@ typedef struct HD_PACKED {
     uint32_t image_crc; /* of the flashed program, CRC-32; 0 of a board that has none */
     uint32_t baud_max;  /* for SET_BAUD; 0: it has one speed */
     uint8_t features;   /* enum hd_feature */
+    uint32_t commands;  /* bit n: message type n of the host is understood */
 } hd_wire_hello_t;
 
 typedef struct HD_PACKED {
@@ -284,6 +295,9 @@ typedef struct HD_PACKED {
     uint32_t late_frames;
     hd_wire_mode_t mode[HD_MODES];
     float drive_hz;
+    uint16_t number;      /* of this STATUS since the reset: a gap shows the flags of how many were lost */
+    uint16_t refused_seq; /* the last REFERENCE of this session that was not taken */
+    uint8_t refusal;      /* enum hd_refusal: why */
 } hd_wire_status_t;
 
 typedef struct HD_PACKED {
@@ -354,8 +368,8 @@ typedef struct HD_PACKED {
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "payloads are copied as they lie in memory");
 _Static_assert(sizeof(hd_wire_reference_t) == 8, "a hole in REFERENCE");
 _Static_assert(sizeof(hd_wire_knot_t) == 2 + 8 * HD_MODES, "a hole in a knot");
-_Static_assert(sizeof(hd_wire_hello_t) == 50 + 4 * HD_MODES, "a hole in HELLO");
-_Static_assert(sizeof(hd_wire_status_t) == 32 + 16 * HD_MODES, "a hole in STATUS");
+_Static_assert(sizeof(hd_wire_hello_t) == 54 + 4 * HD_MODES, "a hole in HELLO");
+_Static_assert(sizeof(hd_wire_status_t) == 37 + 16 * HD_MODES, "a hole in STATUS");
 _Static_assert(sizeof(hd_wire_time_t) == 16, "a hole in TIME");
 _Static_assert(sizeof(hd_wire_set_model_t) == 21, "a hole in SET_MODEL");
 _Static_assert(sizeof(hd_wire_set_wiring_t) == 20 * HD_MODES * HD_MODES, "a hole in SET_WIRING");

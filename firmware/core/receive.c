@@ -11,6 +11,12 @@ static void refuse(hd_core_t *core)
     hd_deadman_bad_frame(&core->deadman);
 }
 
+static void note_refusal(hd_core_t *core, uint16_t seq, enum hd_refusal why)
+{
+    core->refused_seq = seq;
+    core->refusal = (uint8_t)why;
+}
+
 static hd_wire_knot_t wire_knot(const uint8_t *knots, int i)
 {
     hd_wire_knot_t knot;
@@ -103,12 +109,16 @@ static void take_reference(hd_core_t *core, uint32_t now_us)
     uint16_t seq = core->heard.line.seq;
     int32_t ahead_us = (int32_t)(core->heard.t_apply_us - now_us);
     if (ahead_us > HD_AHEAD_US) {
+        note_refusal(core, seq, HD_REFUSAL_AHEAD);
         refuse(core);
     } else if (core->state == HD_STATE_TOOL) {
+        note_refusal(core, seq, HD_REFUSAL_TOOL);
         core->late_frames++; /* a tool drives the plate: no reference may be pending when it ends */
     } else if (core->has_seq && (int16_t)(uint16_t)(seq - core->newest.seq) <= 0) {
+        note_refusal(core, seq, HD_REFUSAL_ORDER);
         core->late_frames++; /* a duplicate or an older one: no effect, and no sign of life */
     } else if (ahead_us < -HD_STALE_US) {
+        note_refusal(core, seq, HD_REFUSAL_STALE);
         core->late_frames++;
         hd_deadman_bad_frame(&core->deadman);
     } else {
@@ -153,6 +163,7 @@ static void take_hello_request(hd_core_t *core, const uint8_t *payload, uint32_t
     core->tripped = false;
     core->acknowledge = false;
     core->newest = core->applied = (hd_receipt_t){0};
+    note_refusal(core, 0, HD_REFUSAL_NONE);
     core->state = core->state == HD_STATE_FAULT ? HD_STATE_FAULT : HD_STATE_QUIET;
     core->tool.count = 0;
     core->verdicts = 0;
@@ -219,6 +230,15 @@ static const message_t *known(uint8_t type, size_t size)
     return NULL;
 }
 
+uint32_t hd_commands(void)
+{
+    uint32_t types = 1U << HD_MSG_REFERENCE;
+    for (size_t i = 0; i < sizeof MESSAGES / sizeof MESSAGES[0]; i++) {
+        types |= 1U << MESSAGES[i].type;
+    }
+    return types;
+}
+
 static bool prepare(hd_core_t *core, const message_t *message, const uint8_t *payload)
 {
     if (message != NULL && message->prepare != NULL) {
@@ -235,7 +255,8 @@ bool hd_hear(hd_core_t *core, uint8_t byte)
     if (event == HD_RX_PENDING) {
         return false;
     }
-    heard->valid = event == HD_RX_FRAME
+    heard->whole = event == HD_RX_FRAME;
+    heard->valid = heard->whole
         && (frame[0] == HD_MSG_REFERENCE ? read_reference(core, frame + 1, heard->frame_n - 1)
                                          : prepare(core, known(frame[0], heard->frame_n - 1), frame + 1));
     return true;
@@ -245,6 +266,9 @@ void hd_obey(hd_core_t *core, uint32_t now_us)
 {
     const uint8_t *frame = core->receiver.bytes;
     if (!core->heard.valid) {
+        if (core->heard.whole && frame[0] == HD_MSG_REFERENCE && core->heard.frame_n >= 3) {
+            note_refusal(core, (uint16_t)(frame[1] | frame[2] << 8), HD_REFUSAL_MALFORMED);
+        }
         refuse(core);
         return;
     }

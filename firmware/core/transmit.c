@@ -28,6 +28,7 @@ static void fill_hello(hd_core_t *core, hd_wire_hello_t *hello)
         .image_crc = config->image_crc,
         .baud_max = config->baud_max,
         .features = config->features,
+        .commands = hd_commands(),
     };
     memcpy(hello->w_limit_um, config->w_limit_um, sizeof hello->w_limit_um);
 }
@@ -48,6 +49,9 @@ static void fill_status(hd_core_t *core, uint32_t now_us, hd_wire_status_t *stat
         .bad_frames = core->bad_frames,
         .late_frames = core->late_frames,
         .drive_hz = core->drive_hz,
+        .number = core->statuses++,
+        .refused_seq = core->refused_seq,
+        .refusal = core->refusal,
     };
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t w_um = core->measured_um[k], v_v = core->voltage_v[k];

@@ -148,7 +148,7 @@ static void expect_readable(const uint8_t *frame)
     const uint8_t *payload = frame + 1;
     switch (frame[0]) {
     case HD_MSG_STATUS:
-        EXPECT_FINITE_FROM(hd_wire_status_t, mode);
+        expect_finite(payload + offsetof(hd_wire_status_t, mode), 4 * HD_MODES + 1, sizeof(float));
         break;
     case HD_MSG_CONTROLLER:
         expect_finite(payload + offsetof(hd_wire_controller_t, bandwidth_1_s), 2, sizeof(float));

@@ -118,6 +118,11 @@ class DeviceConfig:
     calibration_file: str = key(
         "", "TOML of the measured modes, from `hapticd firmware sweep --save`; empty: the firmware's defaults"
     )
+    self_test: bool = key(
+        False,
+        "measure modes and wires for two seconds before the plate is first driven, and report what has moved; wires "
+        "that the loop cannot bear keep it quiet",
+    )
 
     @property
     def plate_delay_ms(self) -> float:

@@ -60,6 +60,7 @@ PULSE_EVERY_NS = 20_000_000  # the board leaves out earlier ones
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
 CHECK_THE_FIRMWARE = "flash the firmware that came with this hapticd"
+PASSED, MOVED, UNSAFE, UNKNOWN, RUNNING = "passed", "moved", "unsafe", "unknown", "running"  # outcomes of a self-test
 VERDICTS = {Verdict.OUT_OF_RANGE: "a value is out of range", Verdict.NOT_QUIET: "it is busy or has a fault"}
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
@@ -91,6 +92,7 @@ class BoardGateway:
         self.unsent = 0
         self.refused = ""  # why the present board is not accepted
         self.lacking = ""  # what a handshake lacks that should be complete
+        self.self_test: tuple[str, str] | None = None  # outcome and sentence; None: none was requested
         self.write = write
         self._first_baud = self._baud = config.device.baud
         self._set_baud = set_baud
@@ -116,6 +118,12 @@ class BoardGateway:
     def dropped(self) -> Mapping[str, int]:
         """Bytes that were no message, by kind, since the port was opened."""
         return self._decoder.counters
+
+    def take_self_test(self, outcome: str, text: str) -> None:
+        """Take note of a self-test. After an UNSAFE one no handshake is completed."""
+        self.self_test = outcome, text
+        level = {PASSED: logging.INFO, RUNNING: logging.INFO, UNSAFE: logging.ERROR}.get(outcome, logging.WARNING)
+        log.log(level, "self-test: %s", text)
 
     # --- receiving ---
 
@@ -172,6 +180,8 @@ class BoardGateway:
         try:
             device_wire.check_hello(hello, modes=len(self._w_limit_um), w_limit_um=self._w_limit_um)
             device_wire.check_calibration(hello, self._calibration)
+            if self.self_test is not None and self.self_test[0] == UNSAFE:
+                raise DeviceError(self.self_test[1])
         except DeviceError as error:
             if str(error) != self.refused:
                 log.error("board refused: %s", error)

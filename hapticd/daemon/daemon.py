@@ -31,9 +31,11 @@ from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real
 from ..io.host.systemd import Notifier
 from ..values import RawReport
 from ..wire import client as client_wire
+from .board_gateway import RUNNING
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
 from .self_calibration import SelfCalibration
+from .self_test import SelfTest
 
 log = logging.getLogger("hapticd")
 
@@ -74,6 +76,7 @@ class Daemon:
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
+        self._self_test = SelfTest(config.device, board_port) if config.device.self_test else None
         self._trackpad = trackpad
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
@@ -117,17 +120,20 @@ class Daemon:
             also=None if self._calibration_task is None else self._calibration_task.put,
         )
         self._recorders.start(loop)
-        self._link.start(
-            loop,
-            on_bytes=lambda data: self.machine.board_bytes(data, now_ns()),
-            on_link=lambda up, reason: self._on_board_link(Link(up, reason)),
-        )
+        self._open_board()
         self._trackpad.start(
             loop,
             on_reports=self._reports,
             on_link=lambda up, reason: self._on_pad_link(Link(up, reason)),
         )
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
+
+    def _open_board(self) -> None:
+        self._link.start(
+            self._loop,
+            on_bytes=lambda data: self.machine.board_bytes(data, now_ns()),
+            on_link=lambda up, reason: self._on_board_link(Link(up, reason)),
+        )
 
     def _new_machine(self) -> Machine:
         machine = Machine(
@@ -156,6 +162,8 @@ class Daemon:
             machine.status.calibration = self._calibration_task.report
             self._calibration_task.restart()
             self._calibration_task.resume(machine, t_now_ns)
+        if self._self_test is not None and self._self_test.result is not None:
+            machine.self_test(*self._self_test.result, t_now_ns)
         if self._pad_link is not None:
             self._on_pad_link(self._pad_link)
         if self._board_link is not None:
@@ -166,8 +174,20 @@ class Daemon:
         self.machine.trackpad_link(link.is_up, link.reason, now_ns(), model=self._trackpad.model)
 
     def _on_board_link(self, link: Link) -> None:
+        if link.is_up and self._self_test is not None and self._self_test.result is None:
+            self._link.close()  # until the test has ended: it needs the port for itself
+            self._self_test.start(self._loop, self._on_self_test, self._touches)
+            link = Link(False, f"{self._link.port} is left to the self-test")
         self._board_link = link
         self.machine.board_link(link.is_up, link.reason, now_ns())
+
+    def _touches(self) -> tuple[int, int]:
+        return self.machine.newest_finger_id, len(self.machine.pipeline.fingers)
+
+    def _on_self_test(self, outcome: str, text: str) -> None:
+        self.machine.self_test(outcome, text, now_ns())
+        if outcome != RUNNING:
+            self._open_board()
 
     @property
     def tick_period_ns(self) -> int:
@@ -208,6 +228,8 @@ class Daemon:
             self._pauses.close()
         if self._awake is not None:
             self._awake.close()
+        if self._self_test is not None:
+            await self._self_test.close()
         if self._machine is not None:
             self._machine.stop(now_ns())
         await self._trackpad.close()

@@ -306,6 +306,12 @@ class Machine:
             self._observer("board_link", t_now_ns, up, reason)
         self.board.link(up, reason, t_now_ns)
 
+    def self_test(self, outcome: str, text: str, t_now_ns: int) -> None:
+        """Take the state or result of the board's self-test (`daemon.self_test`): the next handshake heeds it."""
+        if self._observer is not None:
+            self._observer("self_test", t_now_ns, outcome, text)
+        self.board.take_self_test(outcome, text)
+
     def board_bytes(self, data: bytes, t_now_ns: int) -> None:
         """Take bytes from the board."""
         if self._observer is not None:

@@ -16,6 +16,7 @@ from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import FrictionCurve, Scene
 from ..values import Perceived, PlateEvent, Tick, TouchPoint
+from ..wire import protocol
 from ..wire.client import FingerState, PlateState, encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
@@ -281,12 +282,15 @@ def _board(board: BoardGateway) -> dict[str, object]:
         "reboots": session.reboots,
         "unsent": board.unsent,
         "held_back": session.held_back,
+        "lost_statuses": session.lost_statuses,
         "dropped": dict(board.dropped),
     }
     if board.refused:
         fields |= {"refused": board.refused}
     if board.lacking:
         fields |= {"lacking": board.lacking}
+    if board.self_test is not None:
+        fields |= {"self_test": dict(zip(("outcome", "text"), board.self_test, strict=True))}
     if hello is not None:
         fields |= {
             "firmware": hello.firmware_version,
@@ -308,6 +312,9 @@ def _board(board: BoardGateway) -> dict[str, object]:
             "late_frames": last.late_frames,
             "measured_um": [[w_um.real, w_um.imag] for w_um in last.measured_um],
         }
+    if last is not None and last.refusal:
+        why = protocol.REFUSALS.get(last.refusal, f"its reason is {last.refusal}")
+        fields |= {"refused_reference": f"reference {last.refused_seq}: {why}"}
     if session.clock.ready:
         fields |= {"round_trip_ms": session.clock.rtt_ns * 1e-6, "clock_rate_ppm": session.clock.rate_ppm}
     return fields

@@ -76,7 +76,7 @@ def _read_hello(payload: bytes) -> BoardHello | None:
     # HELLO only grows: versions append after the limits; what is missing reads as 0, what is unknown is left out.
     w_limit_um = struct.unpack_from(f"<{modes}f", payload, protocol.HELLO.size)
     more = payload[protocol.HELLO.size + 4 * modes :].ljust(protocol.MORE_HELLO.size, b"\0")
-    image_crc, baud_max, features = protocol.MORE_HELLO.unpack_from(more)
+    image_crc, baud_max, features, commands = protocol.MORE_HELLO.unpack_from(more)
     text = name.rstrip(b"\0").decode("ascii", "replace")
     figures = (control_hz, drive_hz, v_limit_v, *w_limit_um)  # 0: a misconfigured board, which does not drive
     if not (modes >= 1 and text.isprintable() and all(0.0 <= figure < 1e9 for figure in figures)):
@@ -95,6 +95,7 @@ def _read_hello(payload: bytes) -> BoardHello | None:
         image_crc=image_crc,
         baud_max=baud_max,
         has_sync=bool(features & protocol.FEATURE_SYNC),
+        commands=commands,
     )
 
 
@@ -102,11 +103,15 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     t_us, state, flags, fault, modes, seq, received_us, applied_us, trips, bad, late = protocol.STATUS.unpack_from(
         payload
     )
-    has_drive = len(payload) > protocol.STATUS.size + 16 * modes
-    values = _floats(payload, protocol.STATUS.size, 4 * modes + has_drive)
-    if not (state in STATES and flags <= 15 and modes >= 1 and all(map(isfinite, values))):
+    values = struct.unpack_from(f"<{4 * modes}f", payload, protocol.STATUS.size)
+    more = payload[protocol.STATUS.size + 16 * modes :]  # which grows, as that of HELLO
+    is_numbered = len(more) >= protocol.MORE_STATUS.size
+    drive_hz, number, refused_seq, refusal = protocol.MORE_STATUS.unpack_from(
+        more.ljust(protocol.MORE_STATUS.size, b"\0")
+    )
+    if not (state in STATES and flags <= 15 and modes >= 1 and all(map(isfinite, (*values, drive_hz)))):
         return None
-    phasors = _phasors(values[: 4 * modes])
+    phasors = _phasors(values)
     return BoardStatus(
         t_board_us=t_us,
         state=STATES[state],
@@ -122,8 +127,11 @@ def _read_status(payload: bytes) -> BoardStatus | None:
         late_frames=late,
         measured_um=tuple(phasors[::2]),
         voltage_v=tuple(phasors[1::2]),
-        drive_hz=values[-1] if has_drive else 0.0,
+        drive_hz=drive_hz,
         pulsed=bool(flags & 8),
+        number=number if is_numbered else None,
+        refused_seq=refused_seq,
+        refusal=refusal,
     )
 
 

@@ -41,6 +41,9 @@ __all__ = [
 ]
 
 
+ALL_COMMANDS = sum(1 << number for name, number in vars(protocol).items() if name.startswith("MSG_") and number < 32)
+
+
 def encode_hello_request() -> bytes:
     """Request the board's identity. The board zeroes its output and resets sequence numbers: a new session."""
     return encode_frame(_typed(protocol.MSG_HELLO_REQUEST))
@@ -179,13 +182,13 @@ def encode_stop() -> bytes:
 
 
 def check_protocol(hello: BoardHello) -> None:
-    """Raise DeviceError if the board has another protocol version or hash."""
+    """Raise DeviceError if the board has another protocol version, or another hash without knowing every command."""
     if hello.protocol_version != protocol.PROTOCOL_VERSION:
         raise DeviceError(
             f"The board has protocol version {hello.protocol_version}, this hapticd {protocol.PROTOCOL_VERSION}: "
             f"flash the firmware that came with this hapticd."
         )
-    if hello.protocol_hash != protocol.PROTOCOL_HASH:
+    if hello.protocol_hash != protocol.PROTOCOL_HASH and hello.commands & ALL_COMMANDS != ALL_COMMANDS:
         raise DeviceError(
             f"The board has protocol hash {hello.protocol_hash:08x}, this hapticd {protocol.PROTOCOL_HASH:08x}: "
             f"flash the firmware that came with this hapticd."

@@ -11,7 +11,7 @@ import struct
 from typing import Final
 
 PROTOCOL_VERSION: Final = 2
-PROTOCOL_HASH: Final = 0xC57857C9
+PROTOCOL_HASH: Final = 0x5B0A791E
 
 KNOTS_MAX: Final = 24
 REFERENCE_PULSE: Final = 0x80  # added to the number of knots: the sync output rises when it takes effect
@@ -56,8 +56,9 @@ SWEEP: Final = struct.Struct("<BffHHf")
 RAW_VOLTAGE: Final = struct.Struct("<BffH")
 SET_TELEMETRY: Final = struct.Struct("<H")
 HELLO: Final = struct.Struct("<HIB16sIffHf")  # then the amplitude limit of each mode, then MORE_HELLO
-MORE_HELLO: Final = struct.Struct("<IIB")
-STATUS: Final = struct.Struct("<IBBBBHIIHII")  # then measured d, q and voltage d, q of each mode; the drive
+MORE_HELLO: Final = struct.Struct("<IIBI")
+STATUS: Final = struct.Struct("<IBBBBHIIHII")  # then measured d, q and voltage d, q of each mode, and MORE_STATUS
+MORE_STATUS: Final = struct.Struct("<fHHB")
 TIME: Final = struct.Struct("<QII")
 CONTROLLER: Final = struct.Struct("<BffB")  # then decay, detuning, gain and loop d, q of each mode
 SWEEP_POINT: Final = struct.Struct("<HHBBff")  # then measured d, q of each mode
@@ -119,6 +120,14 @@ FAULTS: Final = {
     "and `hapticd calibrate resonance` says which",
     9: "a sensor's converter is at its rails: its bias is off, or its range too small",
     10: "the amplifiers were at their limit for 100 s without reaching the reference",
+}
+
+REFUSALS: Final = {
+    1: "its length, modes, knots or values are not valid",
+    2: "it begins more than 1 s from now",
+    3: "it began more than 50 ms ago",
+    4: "it is not newer than the last one taken",
+    5: "a sweep or a raw voltage drives the plate",
 }
 
 EVENTS: Final = {

@@ -144,7 +144,7 @@ def test_half_a_frame_for_ever_is_silence_and_costs_no_frame_behind_it(caplog: p
 
 
 def as_another_firmware(t_from_s: float) -> Way:
-    """From then on hellos say another hash of the protocol."""
+    """From then on hellos say another version of the protocol."""
     splitter = FrameSplitter(1000)
 
     def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
@@ -154,7 +154,7 @@ def as_another_firmware(t_from_s: float) -> Way:
         for message in splitter.feed(data):
             if message[0] == protocol.MSG_HELLO:
                 head = list(protocol.HELLO.unpack_from(message, 1))
-                head[1] ^= 1
+                head[0] += 1
                 message = message[:1] + protocol.HELLO.pack(*head) + message[1 + protocol.HELLO.size :]
             said += encode_frame(message)
         return [(t_ns, said)]

@@ -182,6 +182,22 @@ def test_pulses_enable_the_amplifiers_only_while_ticks_come(board: Board) -> Non
     assert not any(levels), "low without a drive"
 
 
+@pytest.mark.parametrize("is_wired", [False, True])
+def test_wires_of_the_setup_share_a_mode_among_the_amplifiers(is_wired: bool) -> None:
+    """The paper's sum and difference, on a plate that is wired otherwise: the first ticks show what is meant."""
+    sense = "{{{1.0f, 0.0f}, {0.0f, 0.0f}}, {{0.0f, 0.0f}, {1.0f, 0.0f}}}"
+    wires = f'-DWIRING="{{.drive = {{{{0.5f, 0.5f}}, {{0.5f, -0.5f}}}}, .sense = {sense}}}"'
+    bench = Bench(F405, F405.image(2000, wires) if is_wired else None)
+    bench.arm(0.5 + 0j, 0j)
+    bench.run(2)
+    bench.messages.clear()
+    bench.to_board += device.encode_clear_fault()  # which asks for a status
+    bench.run(2)
+    first, second = (abs(volts) for volts in last_status(bench).voltage_v)
+    assert first > 1.0
+    assert (second > 0.3 * first) is is_wired
+
+
 @every_board
 def test_the_mpu_guards_the_end_of_the_stack(board: Board) -> None:
     """32 bytes between the variables and the stack: no access, no execution, all else as without it (PM0214, 4.2)."""

@@ -29,7 +29,7 @@ from hapticd.sim.board import firmware
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import board_messages, device, protocol
-from hapticd.wire.framing import encode_frame
+from hapticd.wire.framing import FrameSplitter, encode_frame
 
 NewBench = Callable[..., Any]
 EXAMPLE_DRIVE = SafeDrive(0, (Knot(0, (1 + 0j, -0.5 + 0j)), Knot(10_000_000, (1.25 + 0j, 0j))), LimitReason.NONE)
@@ -70,6 +70,7 @@ def test_the_hello_tells_versions_limits_and_rates(bench: Any) -> None:
         w_limit_um=(4.0, 4.0),
         v_limit_v=150.0,
         has_sync=True,
+        commands=0x1FFFE,
     )
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
 
@@ -236,6 +237,47 @@ def test_one_frame_after_any_noise_the_board_understands_again(name: str, noise:
     board.receive(noise + TO_BOARD[name][:cut] + TO_BOARD["KEEPALIVE"])
     board.receive(TO_BOARD["HELLO_REQUEST"])
     assert any(isinstance(answer, BoardHello) for answer in device.Decoder().feed(board.transmit()))
+
+
+def test_statuses_are_numbered_so_that_a_lost_one_shows(bench: Any) -> None:
+    first, second = bench.status().number, bench.status().number
+    bench.say(device.encode_hello_request())
+    assert (second, bench.status().number) == (first + 1, first + 2)
+
+
+@pytest.mark.parametrize(
+    ("reason", "late_us", "edit"),
+    [
+        (1, 0, lambda payload: payload[:6] + b"\x02" + payload[7:]),  # two knots, but one is there
+        (1, 0, lambda payload: payload[:-4] + b"\0\0\xc0\x7f"),  # not a number
+        (2, -1_500_000, bytes),
+        (3, 60_000, bytes),
+        (4, 0, lambda payload: b"\x01\0" + payload[2:]),  # the first one again
+    ],
+    ids=["knots", "nan", "ahead", "stale", "order"],
+)
+def test_a_reference_that_is_not_taken_is_named_with_its_reason(
+    bench: Any, reason: int, late_us: int, edit: Callable[[bytes], bytes]
+) -> None:
+    bench.run(200)  # 0.1 s
+    bench.say(bench.constant(0j, 0j))
+    assert (bench.status().refused_seq, bench.status().refusal) == (0, 0)
+    (typed,) = FrameSplitter(512).feed(bench.polyline((0.0, (1 + 0j, 0j)), t_apply_us=bench.board.t_us - late_us))
+    payload = edit(typed[1:])
+    bench.say(encode_frame(typed[:1] + payload))
+    status = bench.status()
+    assert (status.refused_seq, status.refusal) == (payload[0], reason)
+    assert bench.status().refusal == reason, "one lost STATUS loses no reason"
+    assert reason in protocol.REFUSALS
+    bench.say(device.encode_hello_request())
+    assert bench.status().refusal == 0
+
+
+def test_a_reference_during_a_tool_is_named_with_its_reason(bench: Any) -> None:
+    bench.say(device.encode_raw_voltage(RawVoltage(0, 3 + 0j, 100)))
+    bench.run(2)
+    bench.say(bench.constant(0j, 0j))
+    assert (bench.status().refused_seq, bench.status().refusal) == (1, 5)
 
 
 def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Any) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.board_values import BoardState, SetWiring, Verdict
-from hapticd.wire import protocol, reference
+from hapticd.wire import device, protocol, reference
 from hapticd.wire.device import encode_set_wiring
 from hapticd.wire.framing import FrameSplitter
 
@@ -66,6 +66,12 @@ def test_the_hash_in_header_and_host_is_that_of_the_headers_text() -> None:
     assert constant("HD_PROTOCOL_VERSION") == protocol.PROTOCOL_VERSION
 
 
+def test_the_protocols_text_has_the_hash_and_the_commands() -> None:
+    text = (HEADER.parents[1] / "PROTOCOL.md").read_text(encoding="utf-8")
+    assert f"0x{protocol.PROTOCOL_HASH:08x} today" in text
+    assert sum(1 << value for value in enumeration("hd_message").values() if value < 0x20) == device.ALL_COMMANDS
+
+
 def test_the_hash_sees_a_changed_field_but_not_a_changed_comment() -> None:
     text = header_text()
     assert hash_of(text.replace("uint16_t seq", "uint32_t seq")) != hash_of(text)
@@ -97,7 +103,8 @@ def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struc
 @pytest.mark.parametrize("modes", [2, 3])
 def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes: int) -> None:
     assert layout("hd_wire_hello_t", modes) == protocol.HELLO.format[1:] + "f" * modes + protocol.MORE_HELLO.format[1:]
-    assert layout("hd_wire_status_t", modes) == protocol.STATUS.format[1:] + "ffff" * modes + "f"
+    status = protocol.STATUS.format[1:] + "ffff" * modes + protocol.MORE_STATUS.format[1:]
+    assert layout("hd_wire_status_t", modes) == status
     assert layout("hd_wire_controller_t", modes) == protocol.CONTROLLER.format[1:] + "fffff" * modes
     assert layout("hd_wire_sweep_point_t", modes) == protocol.SWEEP_POINT.format[1:] + "ff" * modes
     assert layout("hd_wire_telemetry_t", modes) == protocol.TELEMETRY.format[1:] + "ffffffff" * modes
@@ -122,6 +129,7 @@ def test_message_ids_states_laws_and_flags_agree() -> None:
     assert states == {state.name: state.value for state in BoardState}
     laws = {name.removeprefix("HD_LAW_").lower(): value for name, value in enumeration("hd_law").items()}
     assert laws == protocol.LAWS
+    assert set(enumeration("hd_refusal").values()) == {0, *protocol.REFUSALS}
     assert set(enumeration("hd_fault").values()) == set(protocol.FAULTS)
     assert set(enumeration("hd_event").values()) == set(protocol.EVENTS)
     assert set(enumeration("hd_reset_cause").values()) == set(protocol.RESET_CAUSES)

@@ -38,8 +38,9 @@ def first(process: Process) -> Process:
 class Rig:
     """The simulated rig as a process, in a directory that outlives it."""
 
-    def __init__(self, directory: Path, scenario: str, record: Path | None) -> None:
+    def __init__(self, directory: Path, scenario: str, record: Path | None, *options: str) -> None:
         command = [sys.executable, "-m", "hapticd.sim.rig.program", str(directory), "--scenario", scenario, "--owned"]
+        command += options
         if record is not None:
             command += ["--record", str(record)]
         self._record = record
@@ -111,8 +112,8 @@ class Bench:
         self._clients: list[Client] = []
         self._services = 0
 
-    def rig(self, scenario: str = "circles", *, record: bool = False) -> Rig:
-        rig = Rig(self.rig_dir, scenario, self.folder / "plate.npz" if record else None)
+    def rig(self, scenario: str = "circles", *options: str, record: bool = False) -> Rig:
+        rig = Rig(self.rig_dir, scenario, self.folder / "plate.npz" if record else None, *options)
         self._running.append(rig.process)
         return rig
 

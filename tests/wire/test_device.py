@@ -312,3 +312,26 @@ def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:
     for drive_hz in (31206.0, 27204.0, math.nan):
         with pytest.raises(DeviceError, match="sets the drive to"):
             device.check_calibration(hello(), Calibration((), drive_hz))
+
+
+def test_a_status_may_grow_at_its_end() -> None:
+    for tail, drive_hz, number, refused, refusal in (
+        (b"", 0.0, None, 0, 0),
+        (struct.pack("<f", 29205.0), 29205.0, None, 0, 0),
+        (protocol.MORE_STATUS.pack(29205.0, 9, 712, 3), 29205.0, 9, 712, 3),
+        (protocol.MORE_STATUS.pack(29205.0, 9, 712, 3) + b"of a later version", 29205.0, 9, 712, 3),
+    ):
+        (status,) = device.Decoder().feed(frame(protocol.MSG_STATUS, STATUS + tail))
+        assert isinstance(status, BoardStatus)
+        found = (status.drive_hz, status.number, status.refused_seq, status.refusal)
+        assert found == (drive_hz, number, refused, refusal)
+
+
+def test_a_board_of_another_hash_is_driven_if_it_understands_all_commands() -> None:
+    later = dataclasses.replace(hello(), protocol_hash=1, commands=device.ALL_COMMANDS | 1 << 31)
+    device.check_hello(later, modes=2, w_limit_um=(4.0, 4.0))
+    without_wiring = device.ALL_COMMANDS & ~(1 << protocol.MSG_SET_WIRING)
+    with pytest.raises(DeviceError, match="protocol hash 00000001"):
+        device.check_hello(dataclasses.replace(later, commands=without_wiring), modes=2, w_limit_um=(4.0, 4.0))
+    with pytest.raises(DeviceError, match="protocol version 3"):
+        device.check_hello(dataclasses.replace(later, protocol_version=3), modes=2, w_limit_um=(4.0, 4.0))

@@ -29,7 +29,7 @@ static void set_up_plate(hd_carrier_plate_t *plate, const hd_board_setup_t *setu
     }
 }
 
-static void set_to_mid_rail(uint16_t chunk[HD_CHUNK][HD_MODES])
+void hd_carrier_loop_rest(uint16_t chunk[HD_CHUNK][HD_MODES])
 {
     for (int i = 0; i < HD_CHUNK; i++) {
         for (int k = 0; k < HD_MODES; k++) {
@@ -38,19 +38,25 @@ static void set_to_mid_rail(uint16_t chunk[HD_CHUNK][HD_MODES])
     }
 }
 
-bool hd_carrier_loop_init(hd_carrier_loop_t *loop, const hd_board_setup_t *setup)
+hd_converters_t hd_board_converters(const hd_board_setup_t *setup)
 {
-    memset(loop, 0, sizeof *loop);
-    loop->converters = *setup->converters;
-    loop->random = setup->seed;
     hd_converters_t converters = {.drive_hz = (float)setup->drive_hz, .control_hz = (float)setup->control_hz};
     for (int k = 0; k < HD_MODES; k++) {
         converters.volts_per_lsb[k] = (float)setup->converters->volts_per_lsb;
         converters.um_per_lsb[k] = (float)setup->converters->um_per_lsb;
     }
+    return converters;
+}
+
+bool hd_carrier_loop_init(hd_carrier_loop_t *loop, const hd_board_setup_t *setup)
+{
+    memset(loop, 0, sizeof *loop);
+    loop->converters = *setup->converters;
+    loop->random = setup->seed;
+    hd_converters_t converters = hd_board_converters(setup);
     set_up_plate(&loop->plate, setup);
-    set_to_mid_rail(loop->playing);
-    set_to_mid_rail(loop->next);
+    hd_carrier_loop_rest(loop->playing);
+    hd_carrier_loop_rest(loop->next);
     return converters_valid(setup->converters) && hd_carrier_init(&loop->carrier, &converters);
 }
 
@@ -59,7 +65,7 @@ static void sample(hd_carrier_loop_t *loop, uint16_t in[HD_MODES])
     double sensed_um[HD_MODES];
     hd_carrier_plate_sense(&loop->plate, sensed_um);
     for (int k = 0; k < HD_MODES; k += 2) {
-        double complex noise = hd_random_normal(&loop->random);
+        double complex noise = loop->converters.noise_lsb > 0.0 ? hd_random_normal(&loop->random) : 0.0;
         const double noise_lsb[2] = {creal(noise), cimag(noise)};
         for (int i = 0; i < 2 && k + i < HD_MODES; i++) {
             double steps = sensed_um[k + i] / loop->converters.um_per_lsb + loop->converters.offset_lsb
@@ -70,7 +76,7 @@ static void sample(hd_carrier_loop_t *loop, uint16_t in[HD_MODES])
     }
 }
 
-static void play(hd_carrier_loop_t *loop)
+void hd_carrier_loop_play(hd_carrier_loop_t *loop)
 {
     for (int i = 0; i < HD_CHUNK; i++) {
         double voltage_v[HD_MODES];
@@ -86,10 +92,10 @@ static void play(hd_carrier_loop_t *loop)
 void hd_carrier_loop_listen(hd_carrier_loop_t *loop, const hd_contact_t *contact, hd_phasor_t measured_um[HD_MODES])
 {
     hd_carrier_plate_touch(&loop->plate, contact);
-    play(loop);
+    hd_carrier_loop_play(loop);
     while (!hd_carrier_listen(&loop->carrier, loop->sampled)) {
         hd_carrier_speak(&loop->carrier, loop->next);
-        play(loop);
+        hd_carrier_loop_play(loop);
     }
     hd_carrier_measure(&loop->carrier, measured_um);
 }

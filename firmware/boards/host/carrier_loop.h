@@ -24,8 +24,17 @@ typedef struct {
     uint16_t sampled[HD_CHUNK][HD_MODES];
 } hd_carrier_loop_t;
 
+/* What a board with these converters gives the carrier. */
+hd_converters_t hd_board_converters(const hd_board_setup_t *setup);
+
 /* Returns false if rates and scales make no sense. */
 bool hd_carrier_loop_init(hd_carrier_loop_t *loop, const hd_board_setup_t *setup);
+
+/* A chunk of mid-rail. */
+void hd_carrier_loop_rest(uint16_t chunk[HD_CHUNK][HD_MODES]);
+
+/* Plays `playing` into the plate and samples it into `sampled`; `next` is then played. */
+void hd_carrier_loop_play(hd_carrier_loop_t *loop);
 
 /* Plays and samples up to the end of the tick, and measures it. hd_carrier_loop_answer must follow. */
 void hd_carrier_loop_listen(hd_carrier_loop_t *loop, const hd_contact_t *contact, hd_phasor_t measured_um[HD_MODES]);

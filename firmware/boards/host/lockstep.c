@@ -78,7 +78,7 @@ static void set_up_plate(hd_plate_t *plate, const hd_board_setup_t *setup)
     }
 }
 
-static hd_config_t core_config(const hd_board_setup_t *setup)
+hd_config_t hd_board_config(const hd_board_setup_t *setup)
 {
     hd_config_t config = {
         .boot_id = setup->boot_id,
@@ -125,7 +125,7 @@ hd_board_t *hd_board_new(const hd_board_setup_t *setup)
     if (board == NULL) {
         return NULL;
     }
-    hd_config_t config = core_config(setup);
+    hd_config_t config = hd_board_config(setup);
     bool valid = setup->plate_modes >= 1 && setup->plate_modes <= HD_PLATE_MODES_MAX;
     if (!valid || !hd_init(&board->core, &config, (uint32_t)setup->t_start_us) || !set_up_carrier(board, setup)) {
         hd_board_free(board);

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "protocol.h"
+#include "core.h"
 
 typedef struct hd_board hd_board_t;
 
@@ -70,6 +70,9 @@ typedef struct {
     double *voltage_v;    /* (T, HD_MODES) complex: what the core answered */
     uint8_t *flags;       /* (T,) enum hd_tick_flag */
 } hd_board_trace_t;
+
+/* What the core of such a board is configured with. */
+hd_config_t hd_board_config(const hd_board_setup_t *setup);
 
 int32_t hd_board_modes(void);
 size_t hd_board_setup_size(void); /* for the caller to compare with its own idea of the structure */

@@ -34,6 +34,13 @@
  * the phase of the whole loop: take off the 0.184 rad (10.5 degrees) of the converters, which LAG adds by itself. */
 #define LOOP PER_MODE(LAG(0.0f), LAG(0.0f), LAG(0.0f))
 
+/* The wires, in SET_WIRING's words: rows of drive are amplifiers, of sense (real, imaginary) and feedthrough (um per V)
+ * modes. Empty: amplifier and sensor k belong to mode k. Two amplifiers for sum and difference of two modes, as in the paper:
+ * {.drive = {{0.5f, 0.5f}, {0.5f, -0.5f}}, .sense = {{{1.0f, 0.0f}, {0.0f, 0.0f}}, {{0.0f, 0.0f}, {1.0f, 0.0f}}}} */
+#ifndef WIRING
+#define WIRING {.drive = {{0.0f}}}
+#endif
+
 /* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
  * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
 #define REFERENCE_V 3.3f

@@ -87,6 +87,7 @@ class BoardSession:
         self.latency = LinkLatency(link_start_ns)
         self.ledger = Ledger()
         self.reboots = 0
+        self.lost_statuses = 0
         self.held_back = 0  # references and keep-alives not sent when they were due, since the board did not answer
         self.is_resting = False
         self.ended = ""  # why the last session ended
@@ -231,6 +232,8 @@ class BoardSession:
             self._start_over(DISCONTINUITY)
             return
         self.line.reported(status.bad_frames, is_first=self.status is None)
+        if self.status is not None and self.status.number is not None and status.number is not None:
+            self.lost_statuses += (status.number - self.status.number - 1) & 0xFFFF
         self.status = status
         self._is_reporting = True
         self._window.named(status.seq)

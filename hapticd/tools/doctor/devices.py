@@ -163,6 +163,8 @@ def firmware(system: System) -> Finding:
     """Check the board's firmware: the daemon's report, or a handshake here if no daemon runs."""
     if system.status is not None:
         refused, version = system.reported("board", "refused"), system.reported("board", "firmware")
+        if refused and refused == system.reported("board", "self_test", "text"):
+            return Finding(WARN, "firmware", "not driven after its self-test", "see calibration above")
         if refused:
             return Finding(FAIL, "firmware", str(refused), "make -C firmware flash")
         if version is None or not system.reported("board", "ready"):

@@ -6,7 +6,8 @@ import os
 import shutil
 from pathlib import Path
 
-from ...config.sections import LimitsConfig
+from ...config.sections import SIMULATED, DeviceConfig, LimitsConfig
+from ...daemon.board_gateway import MOVED, UNKNOWN, UNSAFE
 from ...errors import HapticdError
 from ...files import calibration
 from ...io.clients import keys
@@ -36,8 +37,12 @@ def modes(system: System) -> Finding:
 
 
 def calibrated(system: System) -> Finding:
-    """Check the calibration of the modes that is sent to the board."""
+    """Check the calibration of the modes that is sent to the board, and what the daemon's self-test found of it."""
     config = system.config
+    outcome, tested = (system.reported("board", "self_test", name) for name in ("outcome", "text"))
+    if outcome in (MOVED, UNSAFE, UNKNOWN):
+        verdict = FAIL if outcome == UNSAFE else WARN
+        return Finding(verdict, "calibration", f"self-test: {tested}", _selftest_command(config.device))
     path = config.device.calibration_file
     if not path:
         if not system.has_board:
@@ -59,7 +64,14 @@ def calibrated(system: System) -> Finding:
         return Finding(WARN, "calibration", text, f"hapticd firmware sweep --mode N --save {path}")
     hz = ", ".join(f"{one.frequency_hz:.1f}" for one in found.modes)
     drive = "" if found.drive_hz is None else f", a drive of {found.drive_hz:.1f} Hz"
-    return Finding(PASS, "calibration", f"{path}: modes at {hz} Hz{drive}")
+    test = f"; self-test: {tested}" if tested else ""
+    return Finding(PASS, "calibration", f"{path}: modes at {hz} Hz{drive}{test}")
+
+
+def _selftest_command(device: DeviceConfig) -> str:
+    port = "--sim" if device.port == SIMULATED else f"--port {device.port}"
+    known = f" --calibration {device.calibration_file}" if device.calibration_file else ""
+    return f"systemctl stop hapticd, then hapticd firmware selftest {port}{known}"
 
 
 def key_ring(system: System) -> Finding:

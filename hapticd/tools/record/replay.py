@@ -158,7 +158,7 @@ def feed(machine: Machine, record: Record) -> None:
                 machine.targets(fields["payload"], t_ns, fields["user"])
             case "request":
                 machine.request(fields["payload"], t_ns, fields["user"])
-            case kind:  # timer, stop, disconnect, board_bytes, board_link: fields in the order of the arguments
+            case kind:  # of all others the fields are in the order of the arguments
                 getattr(machine, kind)(*(fields[name] for name in KINDS[kind].form), t_ns)
     except Exception as error:  # made-up instants and figures fail in any way that arithmetic can
         raise RecordingError(f"Record {record.seq} ({record.kind}) cannot be replayed: {error!r}.") from error

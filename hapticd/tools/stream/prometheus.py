@@ -86,6 +86,7 @@ COUNTERS = (
     Figure("board.reboots", "board_reboots", "Detected boots of the board"),
     Figure("board.unsent", "board_frames_unsent", "Frames dropped because the serial line was full"),
     Figure("board.held_back", "board_frames_held_back", "Frames withheld from a board that did not answer"),
+    Figure("board.lost_statuses", "board_statuses_lost", "Statuses that the board sent and the line lost"),
     Figure("board.deadman_trips", "board_deadman_trips", "Times that the board's dead-man timeout tripped"),
     Figure("board.bad_frames", "board_bad_frames", "Frames refused by the board"),
     Figure("board.late_frames", "board_late_frames", "Frames that arrived at the board too late"),

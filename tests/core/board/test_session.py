@@ -446,3 +446,14 @@ def test_numbers_wrap_as_on_the_wire() -> None:
     bench.session._seq = 0xFFFE
     seqs = [frame.seq for _ in range(3) for frame in bench.send() if isinstance(frame, ReferenceFrame)]
     assert seqs == [0xFFFF, 0, 1]
+
+
+def test_statuses_that_the_line_loses_are_counted() -> None:
+    session = BoardSession(link_start_ns=LINK_NS, controller="pi")
+    session.link_up(START_NS)
+    for numbers, lost in (((65534, 65535, 0, 3), 2), ((7, 8), 0), ((None, 3, None, 9), 0)):
+        before = session.lost_statuses
+        session.receive_hello(HELLO, START_NS)  # whatever came before it was another session's
+        for number in numbers:
+            session.receive_status(replace(STATUS, number=number), START_NS)
+        assert session.lost_statuses - before == lost

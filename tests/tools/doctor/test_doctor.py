@@ -150,6 +150,19 @@ def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
     assert (found.verdict, found.text) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
 
 
+def test_what_the_self_test_found_is_part_of_the_calibration(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    calibration.save(path, Calibration(tuple(ModeCalibration(k, 29195.0 + k, 500.0, 4.0, 0.0) for k in (0, 1))))
+    section = {"calibration_file": str(path), "port": "/dev/ttyACM0"}
+    real = {"trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}
+    for outcome, verdict in (("passed", PASS), ("running", PASS), ("moved", WARN), ("unknown", WARN), ("unsafe", FAIL)):
+        status = {"board": {"self_test": {"outcome": outcome, "text": "the result"}, "refused": "the result"}}
+        found = files.calibrated(system(tmp_path, status, device=section, **real))
+        assert (found.verdict, "self-test: the result" in found.text) == (verdict, True)
+        assert ("firmware selftest --port /dev/ttyACM0 --calibration" in found.remedy) is (verdict != PASS)
+        assert devices.firmware(system(tmp_path, status)).remedy == "see calibration above"
+
+
 def test_recordings_need_a_folder_and_room(tmp_path: Path) -> None:
     section = {"file": str(tmp_path / "none" / "s.mcap"), "max_mb": 1, "max_files": 1}
     missing = files.recordings(system(tmp_path, record=section))

@@ -238,6 +238,7 @@ def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: Any, type_in: TypeIn
 
 def test_a_board_with_another_protocol_is_refused(link: Any, type_in: TypeIn, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapticd.wire.protocol.PROTOCOL_HASH", 0x1234)
+    monkeypatch.setattr("hapticd.wire.device.ALL_COMMANDS", 1 << 31)  # which a later host sends
     with pytest.raises(DeviceError, match=r"protocol hash [0-9a-f]{8}, this hapticd 00001234: flash"):
         type_in(link, "info")
 

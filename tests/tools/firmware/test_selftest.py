@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.board_values import ModeCalibration
+from hapticd.board_values import Calibration, ModeCalibration
 from hapticd.errors import DeviceError, UsageError
+from hapticd.files import calibration
 from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.tools.firmware import selftest
 
@@ -34,6 +36,24 @@ def moved(new_link: Any, type_in: TypeIn, **changes: Any) -> str:
 def test_a_plate_as_calibrated_has_not_moved(new_link: Any, type_in: TypeIn) -> None:
     assert "Nothing has moved" in moved(new_link, type_in)
     assert "Nothing has moved" in moved(new_link, type_in, noise_um=0.001)
+
+
+@pytest.mark.parametrize(("modes", "most_s"), [(3, 2.2), (4, 2.2), (6, 3.9)])
+def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
+    modes: int, most_s: float, new_link: Any, type_in: TypeIn
+) -> None:
+    offsets_hz = np.array((12.0, -18.0, -91.0, -70.0, 82.0, 169.0))[:modes]
+    config = replace(
+        OWN,
+        w_limit_um=(4.0,) * modes,
+        decay_1_s=(183.0,) * modes,
+        detuning_rad_s=tuple((2 * np.pi * offsets_hz).tolist()),
+        gain_um_per_v_s=(5.0,) * modes,
+        loop_phase_rad=(0.0,) * modes,
+    )
+    link = new_link(config=config)
+    assert "Nothing has moved" in type_in(link, "selftest")
+    assert link.board.t_us < 1e6 * most_s
 
 
 @pytest.mark.parametrize(
@@ -59,9 +79,68 @@ def test_it_says_in_words_what_has_moved(
         assert sentence in said
 
 
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"sensor": np.array([[0.0, 1.0], [1.0, 0.0]])}, "Amplifiers 0 and 1, or their sensors, are swapped"),
+        ({"sensor": np.diag([1.0, -1.0])}, "Amplifier 1 or sensor 1 is inverted"),
+        ({"loop_phase_rad": (0.0, 1.0)}, r"The loop of mode 1 is \+57 degrees off"),
+        ({"sensor": np.diag([2.5, 1.0])}, "The loop of mode 0 has 2.50 times its gain"),
+        ({"sensor": np.diag([0.3, 1.0])}, "The loop of mode 0 has 0.30 times its gain"),
+        ({"detuning_rad_s": np.array(OWN.detuning_rad_s) + 2 * np.pi * 40}, ""),
+        ({"decay_1_s": 1.8 * np.array(OWN.decay_1_s)}, ""),
+        ({"sensor": np.diag([0.5, 1.0])}, ""),
+        ({"through_um_per_v": 0.005 * np.eye(2)}, ""),
+    ],
+    ids=["swapped", "inverted", "phase", "gain", "weak", "drift", "finger", "half", "feedthrough"],
+)
+def test_it_tells_what_the_loop_cannot_bear_from_what_has_only_moved(
+    changes: dict[str, Any], sentence: str, new_link: Any, type_in: TypeIn
+) -> None:
+    link = new_link()
+    link.board = Board(replace(link.board.model, **changes), config=OWN, boot_id=7)
+    found = json.loads(type_in(link, "selftest", "--json"))
+    assert found["moved"] != []
+    assert bool(found["unsafe"]) is bool(sentence)
+    assert re.search(sentence, "\n".join(found["unsafe"]))
+
+
+def test_wires_that_a_calibration_knows_are_safe_however_they_lie(
+    new_link: Any, type_in: TypeIn, tmp_path: Path
+) -> None:
+    def swapped() -> Any:
+        link = new_link()
+        link.board = Board(replace(link.board.model, sensor=np.array([[0.0, 1.0], [1.0, 0.0]])), config=OWN, boot_id=7)
+        return link
+
+    found = json.loads(type_in(swapped(), "selftest", "--json"))
+    assert found["unsafe"] != []
+    saved = tmp_path / "plate.toml"
+    calibration.save(saved, Calibration(tuple(mode_of(one) for one in found["modes"])))
+    assert json.loads(type_in(swapped(), "selftest", "--calibration", str(saved), "--json"))["unsafe"] == []
+
+
+def mode_of(found: dict[str, Any]) -> ModeCalibration:
+    sense, feedthrough = ([complex(*pair) for pair in found[name]] for name in ("sense", "feedthrough_um_per_v"))
+    return ModeCalibration(
+        **{**found, "drive": tuple(found["drive"]), "sense": tuple(sense), "feedthrough_um_per_v": tuple(feedthrough)}
+    )
+
+
 def test_a_dead_sensor_is_one_sentence(new_link: Any, type_in: TypeIn) -> None:
     with pytest.raises(DeviceError, match="may be dead"):
         moved(new_link, type_in, sensor=np.diag([1.0, 0.0]), noise_um=0.0005)
+
+
+def test_a_dead_sensor_is_unsafe_in_the_document_too(
+    new_link: Any, type_in: TypeIn, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = new_link()
+    link.board = Board(replace(link.board.model, sensor=np.diag([1.0, 0.0]), noise_um=0.0005), config=OWN, boot_id=7)
+    with pytest.raises(DeviceError):
+        type_in(link, "selftest", "--json")
+    (sentence,) = json.loads(capsys.readouterr().out)["unsafe"]
+    assert "may be dead" in sentence
 
 
 def test_it_compares_with_a_calibration_file(link: Any, new_link: Any, type_in: TypeIn, tmp_path: Path) -> None:

@@ -88,12 +88,17 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench.machine.watch(None, bench.t_ns)
     bench.board.plugged = False
     bench.machine.board_link(False, "unplugged", bench.t_ns)
+    bench.machine.self_test("running", "measuring", bench.t_ns)
     bench.run(50)
+    bench.machine.self_test("moved", "Mode 0 has moved by +30.0 Hz", bench.t_ns)
     bench.board.plugged = True
     bench.machine.board_link(True, "plugged in", bench.t_ns)
     bench.run(200)
     bench.pad_speaks = False
     bench.run(100)
+    bench.machine.self_test("unsafe", "The wires are swapped", bench.t_ns)
+    bench.machine.board_link(True, "plugged in", bench.t_ns)
+    bench.run(50)
     bench.machine.trackpad_link(False, "unplugged", bench.t_ns)
     bench.machine.trackpad_link(True, "another pad", bench.t_ns + MS, model="mt1")
     bench.machine.stop(bench.t_ns + 2 * MS)

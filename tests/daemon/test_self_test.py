@@ -1,0 +1,195 @@
+"""The board's self-test before it is first driven: the port is the test's meanwhile, and what it found decides."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import pty
+import sys
+import tty
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from machine_bench import PLATE, Bench
+
+from hapticd.config.sections import Config
+from hapticd.daemon import self_test
+from hapticd.daemon.board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
+from hapticd.daemon.daemon import Daemon
+from hapticd.io.devices.socket_trackpad import SocketTrackpad
+from hapticd.wire import device
+
+PATIENCE_S = 20.0
+CONFIG = replace(Config(), device=replace(Config().device, self_test=True))
+SHIFTED = "Mode 0 has moved by +30.0 Hz to 29225.0 Hz."
+SWAPPED = "Amplifiers 0 and 1, or their sensors, are swapped: amplifier 0 moves sensor 1."
+
+
+def document(*, moved: tuple[str, ...] = (), unsafe: tuple[str, ...] = ()) -> str:
+    return json.dumps({"modes": [], "known": [], "moved": moved, "unsafe": unsafe})
+
+
+def prints(text: str, code: int = 0) -> list[str]:
+    return [sys.executable, "-c", f"import sys; print({text!r}, end=''); sys.exit({code} and 'hapticd: No board.')"]
+
+
+@pytest.mark.parametrize(
+    ("found", "outcome", "text"),
+    [
+        (document(), PASSED, "nothing has moved since the calibration."),
+        (
+            document(moved=(SHIFTED, "Mode 1 has turned its loop phase by +9 degrees: calibrate again.")),
+            MOVED,
+            "Mode 0 has moved by +30.0 Hz to 29225.0 Hz; Mode 1 has turned its loop phase by +9 degrees: calibrate "
+            "again: run hapticd calibrate resonance, unless that was meant.",
+        ),
+        (
+            document(moved=(SWAPPED,), unsafe=(SWAPPED,)),
+            UNSAFE,
+            f"{SWAPPED[:-1]}: the plate stays quiet. Check the wires or calibrate again, then restart hapticd.",
+        ),
+    ],
+)
+def test_what_was_found_is_one_sentence_with_what_to_do(found: str, outcome: str, text: str) -> None:
+    assert asyncio.run(self_test._outcome(prints(found, code=1))) == (outcome, text)
+
+
+@pytest.mark.parametrize("said", ["", "no document", "[]", '{"moved": []}', '{"moved": 1, "unsafe": 2}'])
+def test_a_test_that_could_not_be_made_says_why_and_forbids_nothing(said: str) -> None:
+    outcome, text = asyncio.run(self_test._outcome(prints(said, code=1)))
+    assert (outcome, text) == (UNKNOWN, "No board. The board is driven untested.")
+
+
+def test_a_test_that_never_ends_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(self_test, "WITHIN_S", 0.05)
+    outcome, text = asyncio.run(self_test._outcome([sys.executable, "-c", "while True: pass"]))
+    assert (outcome, text) == (UNKNOWN, "not done within 0.05 s: the board is driven untested.")
+    assert asyncio.run(self_test._outcome(["/no/such/program"]))[0] == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("touches", "outcome", "tests"),
+    [
+        ([(5, 0)] * 2, UNSAFE, 1),
+        ([(5, 1), (5, 0), (5, 0), (5, 0)], UNSAFE, 2),  # a finger that lifts
+        ([(5, 0), (6, 0), (6, 0), (6, 1), (6, 1), (6, 1)], UNKNOWN, 3),  # that comes and goes, that lands, that rests
+    ],
+)
+def test_a_test_of_a_touched_plate_is_made_again(touches: list[tuple[int, int]], outcome: str, tests: int) -> None:
+    results: list[tuple[str, str]] = []
+    made = self_test.SelfTest(CONFIG.device, "/dev/none")
+    made._command = prints(document(moved=(SWAPPED,), unsafe=(SWAPPED,)))
+    left = iter(touches)
+
+    async def story() -> None:
+        made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: next(left))
+        await until(lambda: len(results) == 2)
+
+    asyncio.run(story())
+    assert [result[0] for result in results] == [RUNNING, outcome]
+    assert made.result == results[-1]
+    assert len(touches) - len(list(left)) == 2 * tests
+
+
+def board_of(bench: Bench) -> Any:
+    return bench.machine.report_status(bench.t_ns)["board"]
+
+
+@pytest.mark.parametrize("outcome", [PASSED, MOVED, UNKNOWN])
+def test_a_plate_that_has_moved_is_driven_and_the_status_says_what_has(
+    outcome: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    bench = Bench()
+    bench.machine.self_test(outcome, SHIFTED, bench.t_ns)
+    bench.run(500)
+    assert bench.machine.session.ready
+    assert board_of(bench)["self_test"] == {"outcome": outcome, "text": SHIFTED}
+    (record,) = (record for record in caplog.records if SHIFTED in record.getMessage())
+    assert record.levelno == (logging.INFO if outcome == PASSED else logging.WARNING)
+
+
+def test_wires_that_the_loop_cannot_bear_keep_the_plate_quiet_until_a_test_finds_them_sound(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = Bench()
+    assert "self_test" not in board_of(bench)
+    bench.machine.board_link(False, "left to the self-test", bench.t_ns)
+    bench.machine.self_test(UNSAFE, SWAPPED, bench.t_ns)
+    bench.machine.board_link(True, "open", bench.t_ns)
+    bench.run(500)
+    assert not bench.machine.session.ready
+    assert not bench.machine.supervisor.may_drive
+    assert board_of(bench)["refused"] == SWAPPED
+    assert len([record for record in caplog.records if record.levelno == logging.ERROR]) == 2  # test and board
+    bench.machine.self_test(PASSED, "", bench.t_ns)
+    bench.run(500)
+    assert bench.machine.session.ready
+
+
+class Line:
+    """A terminal behind which nothing answers, and a daemon that tests it."""
+
+    def __init__(self, folder: Path, command: list[str]) -> None:
+        self.master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        port, pad = os.ttyname(self._slave), SocketTrackpad(folder / "trackpad")
+        self.daemon = Daemon(CONFIG, folder / "run", board_port=port, trackpad=pad)
+        assert self.daemon._self_test is not None
+        self.test = self.daemon._self_test
+        self.asked, self.test._command = self.test._command, command
+
+    def heard(self) -> bytes:
+        try:
+            return os.read(self.master, 1 << 16)
+        except BlockingIOError:
+            return b""
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self._slave)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path) -> None:
+    async def story() -> None:
+        gate = tmp_path / "gate"
+        os.mkfifo(gate)
+        waits = f"open({str(gate)!r}).read(); print({document(moved=(SHIFTED,))!r})"
+        line = Line(tmp_path, [sys.executable, "-c", waits])
+        port = line.daemon._link.port
+        assert line.asked[3:] == ["hapticd", "firmware", "selftest", "--port", port, "--baud", "921600", "--json"]
+        line.daemon.start(asyncio.get_running_loop(), PLATE)
+        assert line.test.result is not None
+        assert line.test.result[0] == RUNNING
+        await asyncio.to_thread(gate.write_text, "go on")  # opens only once the test reads: the port was free until now
+        assert line.heard() == b""
+        await until(lambda: line.heard() == b"\0" + device.encode_hello_request())
+        assert line.test.result[0] == MOVED
+        await line.daemon.stop()
+        line.close()
+
+    asyncio.run(story())
+
+
+def test_a_daemon_that_ends_ends_its_test(tmp_path: Path) -> None:
+    async def story() -> None:
+        line = Line(tmp_path, [sys.executable, "-c", "while True: pass"])
+        line.daemon.start(asyncio.get_running_loop(), PLATE)
+        await asyncio.sleep(0)
+        await asyncio.wait_for(line.daemon.stop(), PATIENCE_S)
+        assert line.heard() == b""
+        line.close()
+
+    asyncio.run(story())

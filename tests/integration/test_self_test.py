@@ -1,0 +1,35 @@
+"""The board's self-test before the service drives it: a sound plate, and one with swapped wires."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from service import Bench, wait_for
+
+pytestmark = pytest.mark.long
+
+
+def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
+    with bench.config.open("a") as file:
+        file.write("[device]\nself_test = true\n")
+    bench.rig("step")
+    service, client = bench.service(), bench.client()
+    wait_for(lambda: bool(client.status()["board"].get("state") == "LIVE"))
+    assert client.status()["board"]["self_test"] == {
+        "outcome": "passed",
+        "text": "nothing has moved since the calibration.",
+    }
+    assert service.lines_with("self-test: nothing has moved since the calibration.")
+
+
+def test_swapped_wires_keep_the_plate_quiet_and_are_named(bench: Bench) -> None:
+    with bench.config.open("a") as file:
+        file.write("[device]\nself_test = true\n")
+    rig = bench.rig("step", "--wiring", "swapped", record=True)
+    service, client = bench.service(), bench.client()
+    wait_for(lambda: "refused" in client.status()["board"])
+    board = client.status()["board"]
+    assert (board["self_test"]["outcome"], board["ready"]) == ("unsafe", False)
+    assert "are swapped" in board["refused"]
+    assert service.lines_with("self-test:", "are swapped", "restart hapticd")
+    assert np.abs(rig.recording()["modal_um"]).max() < 0.7  # what the test itself does, with a tenth of the voltage
