@@ -19,6 +19,7 @@ from hapticd.core.board.supervisor import State
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.daemon.observer import Observer
+from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import Path, Rest, Touch
 from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
 from hapticd.values import RawReport
@@ -164,7 +165,7 @@ class Bench:
 
     def _sense(self, paths: tuple[Path, ...]) -> Iterator[RawReport]:
         landed = [Touch(path, 0.3) for path in paths]
-        model = SensorModel(SensorSettings(noise_mm=0.0, stamp_jitter_ms=0.0), 1)
+        model = SensorModel(SensorSettings(noise=PadNoise(0.0), stamp_jitter_ms=0.0), 1)
         for report in model.reports(landed, 30.0):
             yield RawReport(START_NS + round(report.t_arrive_s * 1e9), report.data)
 

@@ -35,6 +35,7 @@ class Bench:
         chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": DEFAULT.for_touch, **settings}
         self.pipeline = Pipeline(PLATE, self.scene, PipelineSettings(**chosen))  # type: ignore[arg-type]
         self.t_ns = START_NS
+        self.period_ns = PERIOD_NS
 
     def want(self, targets: dict[int | str, Target], virtuals: dict[str, VirtualPath] | None = None) -> None:
         message = ClientTargets("test", FOREVER_NS, targets, virtuals or {})
@@ -45,7 +46,7 @@ class Bench:
             Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0)
             for index, (x_mm, y_mm) in enumerate(positions_mm)
         )
-        self.t_ns += PERIOD_NS
+        self.t_ns += self.period_ns
         self.pipeline.touch(TouchFrame(self.t_ns - 10 * MS, contacts, False), self.t_ns)
         return self.pipeline.drive(self.t_ns, LINK_NS)
 

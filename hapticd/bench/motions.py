@@ -1,7 +1,7 @@
 """The motions that predictors are measured on, and the simulated pad that samples them.
 
 The pad samples regularly, with white noise on each axis, in steps of 0.02 mm, and stamps that are off by up to 1 ms.
-The firmware of a second pad filters (`sim.fingers.sensor.FILTERED_NOISE`).
+The firmware of a second pad filters (`sim.fingers.pad_noise.FILTERED_NOISE`).
 A motion and a seed always give the same touch; seeds differ in direction, phase, length and noise.
 """
 
@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..sim.fingers.pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from ..sim.fingers.paths import Circle, Line, Path, Reach, Rest, Strokes
-from ..sim.fingers.sensor import FILTERED_NOISE, Firmware, SensorSettings
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,20 +59,20 @@ class Touch(NamedTuple):
 
 def sense(path: Path, seconds: float, seed: int, *, noise_mm: float = NOISE_MM, period_s: float = PERIOD_S) -> Touch:
     """Sample a path as the pad of white noise does."""
-    return _sensed(path, seconds, seed, SensorSettings(noise_mm=noise_mm), period_s)
+    return _sensed(path, seconds, seed, PadNoise(noise_mm), period_s)
 
 
 def filtered_touch(motion: Motion, seed: int) -> Touch:
     """The touch of a motion and seed on the pad whose firmware filters."""
-    return _sensed(motion.path(seed), motion.seconds, seed, SensorSettings(**FILTERED_NOISE), PERIOD_S)  # type: ignore[arg-type]
+    return _sensed(motion.path(seed), motion.seconds, seed, FILTERED_NOISE, PERIOD_S)
 
 
-def _sensed(path: Path, seconds: float, seed: int, settings: SensorSettings, period_s: float) -> Touch:
-    firmware = Firmware(settings)
+def _sensed(path: Path, seconds: float, seed: int, noise: PadNoise, period_s: float) -> Touch:
+    firmware = Firmware(noise)
     rng = np.random.default_rng([seed, 5])
     sampled_s = np.asarray(period_s * (np.arange(round(seconds / period_s)) + rng.uniform()), np.float64)
     sensed_mm = path.position_mm(firmware.sensed_s(sampled_s, rng))
-    noise_mm = settings.noise_mm * firmware.correlated(rng.standard_normal((len(sampled_s), 2)))
+    noise_mm = noise.noise_mm * firmware.correlated(rng.standard_normal((len(sampled_s), 2)))
     noisy_mm = firmware.held_mm(sensed_mm + noise_mm)
     rounded_mm = STEP_MM * np.round(noisy_mm / STEP_MM)
     stamps_s = sampled_s + rng.uniform(-STAMP_ERROR_S, STAMP_ERROR_S, len(sampled_s))

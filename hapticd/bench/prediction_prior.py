@@ -1,4 +1,4 @@
-"""Fit of `core.prediction.prior`: `python -m hapticd.bench.prediction_prior TRACES.npz [--check] > .../prior.py`.
+"""Fit of `core.prediction.prior`: `python -m hapticd.bench.prediction_prior TRACES.npz > .../prior.py`.
 
 The traces (`traces`) are public recordings of real touches: zhaorz/Touch-Calculator, whot/evemu-devices,
 bentiss/hid-devices, interactionlab/MobileHCI17-Touch-Extrapolation and others, 132 000 samples of 40 devices. The
@@ -8,7 +8,8 @@ For each device the normal equations of its corrections are summed as the predic
 distribution of the devices' weights, by expectation maximisation (empirical Bayes; Dempster, Laird, Rubin 1977), where
 CORRELATED neighbouring samples count as one. The spreads are medians over the devices.
 
-`--check` prints what a group of devices gets from the prior of all others instead.
+`--check` prints what a group of devices gets from the prior of all others instead, `--check --kinds` what a kind of
+devices gets, all vendors together.
 """
 
 from __future__ import annotations
@@ -197,16 +198,25 @@ def _device_spreads_mm(traces: list[Trace], ahead_s: float, weights: FloatArray)
     return found
 
 
+def _kind(trace: Trace) -> str:
+    return trace.kind
+
+
+def _group(trace: Trace) -> str:
+    return trace.group
+
+
 def main() -> None:
     """Print the module, or the check."""
     traces = load(Path(sys.argv[1]))
     found = all_sums(traces)
-    groups = {trace.device: trace.group for trace in traces}
+    group_of = _kind if "--kinds" in sys.argv else _group
+    groups = {trace.device: group_of(trace) for trace in traces}
     if "--check" in sys.argv:
         from .prediction_traces import compared, rendered
 
         unseen = {group: priors_without(group, found, groups) for group in sorted(set(groups.values()))}
-        print(rendered(compared(traces, lambda group: memory_of(unseen[group]))))
+        print(rendered(compared(traces, lambda group: memory_of(unseen[group]), group_of)))
         return
     priors = priors_without(None, found, groups)
     print(module_text(priors, spreads_mm(traces, priors)))

@@ -46,16 +46,19 @@ def tables(found: Mapping[str, Mapping[str, Errors]]) -> tuple[Table, Table]:
 
 
 def compared(
-    traces: list[Trace], memory: Callable[[str], PadMemory] = lambda _: PadMemory()
+    traces: list[Trace],
+    memory: Callable[[str], PadMemory] = lambda _: PadMemory(),
+    group_of: Callable[[Trace], str] = lambda trace: trace.group,
 ) -> dict[str, dict[str, Errors]]:
     """Errors by group of devices and predictor; `memory` makes the default's for a device of a group."""
     found: dict[str, dict[str, list[Errors]]] = {}
     for some in by_device(traces).values():
-        group = found.setdefault(some[0].group, {name: [] for name in (DEFAULT, *RIVALS)})
-        kept = memory(some[0].group)
+        name = group_of(some[0])
+        group = found.setdefault(name, {name: [] for name in (DEFAULT, *RIVALS)})
+        kept = memory(name)
         group[DEFAULT].append(errors(lambda kept=kept: FACTORY(memory=kept), some))  # type: ignore[misc]
-        for name in RIVALS:
-            group[name].append(errors(PREDICTORS[name], some))
+        for rival in RIVALS:
+            group[rival].append(errors(PREDICTORS[rival], some))
     return {
         name: {predictor: _joined(parts) for predictor, parts in predictors.items()}
         for name, predictors in sorted(found.items())

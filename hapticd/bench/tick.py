@@ -18,6 +18,7 @@ from ..compiled import why_interpreted
 from ..config.sections import Config
 from ..content_values import AmplitudeTarget, Effect, GratingTarget, Modulation, Polygon, Surface
 from ..daemon.machine import Machine
+from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import Circle, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..sim.lockstep import Settings
@@ -114,7 +115,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     actors = SCENARIOS["strokes"].build(1, SPEED_MM_S)
     strokes = record(actors, seconds=span_s)
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
-    still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise_mm=0.0), seconds=span_s)
+    still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise=PadNoise(0.0)), seconds=span_s)
     no_finger = record((), seconds=span_s, timed="timer")
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes, contacts = _three_modes(), _contacts()

@@ -48,6 +48,9 @@ class PlateConfig:
         low=0,
         high=2000,
     )
+    finger_detuning_hz: float = key(
+        0.0, "frequency that one finger adds at a mode's antinode; for parasitic_modes_file", low=-1000, high=1000
+    )
     friction_curve: tuple[float, ...] = key(
         (),
         "amplitude in um at equally spaced frictions 1 .. 0, rising from 0; empty: the built-in curve",

@@ -47,7 +47,7 @@ class Crossings:
         """`period_ns`: from one frame to the next."""
         self._surfaces: Final = surfaces
         self._fingers: Final = fingers
-        self._period_ns: Final = period_ns
+        self.period_ns = period_ns
         self._layers: list[Layer] = []
         self._known: set[Layer] = set()  # layers at the last pass
         self._new: set[Layer] = set()
@@ -72,7 +72,7 @@ class Crossings:
             self._take_changed_layers(touched, t_now_ns, found)
         finger_id = touched.finger.finger_id
         t_from_ns = max(t_plate_ns, touched.t_checked_ns)
-        t_to_ns = max(t_plate_ns + self._period_ns, t_from_ns + GRAIN_NS)
+        t_to_ns = max(t_plate_ns + self.period_ns, t_from_ns + GRAIN_NS)
         place_mm = self._fingers.predicted_mm(finger_id, t_from_ns)
         to_place_mm = self._fingers.predicted_mm(finger_id, t_to_ns)
         way_mm = abs(to_place_mm[0] - place_mm[0]) + abs(to_place_mm[1] - place_mm[1])

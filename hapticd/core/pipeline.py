@@ -40,6 +40,8 @@ from .triggers import Triggers
 from .ways import Ways, moved_mm
 
 _STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
+_COVER_STEP_NS: Final = 1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
+_LONGEST_COVER_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,9 @@ class PipelineSettings:
     `derating_mm2_um2` is how far amplitude is derated where a limit keeps a slippery finger from its target anyway (see
     `core.solver.derating`; 0 also removes the bound on the reference's slope). `phase_rotation`: two slipping fingers
     change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes still
-    fingers discs. `cover_ns` is how long one frame must last: one and a half report periods, to bridge a lost report.
-    While an effect plays, a frame may have `effect_knots`, and be shorter: 1.1 report periods.
+    fingers discs. `cover_ns` is how long one frame must last: one and a half report periods, to bridge a lost report; a
+    slower pad gets frames of one and a half of its own periods. While an effect plays, a frame may have `effect_knots`,
+    and be shorter: 1.1 report periods.
     `loop_delay_ns` is by how much the plate follows its reference late.
     """
 
@@ -102,6 +105,7 @@ class Pipeline:
         self._surfaces = scene.surfaces
         self._settings = settings
         self._effects = scene.effects
+        self._cover_ns = settings.cover_ns
         self.fit(settings.max_knots, settings.effect_knots)
         self._solver = InstantSolver(
             modes,
@@ -130,7 +134,16 @@ class Pipeline:
         """Set how many knots a frame may have, and while an effect plays: a faster line carries more."""
         self.max_knots = max_knots
         self._effect_knots = max(max_knots, effect_knots)
-        self._effects.fit(self._effect_knots, self._settings.cover_ns * 11 // 15)
+        self._effects.fit(self._effect_knots, self._cover_ns * 11 // 15)
+
+    def _follow_period(self, period_s: float) -> None:
+        """Make frames last one and a half of the pad's periods, in steps of 1.5 ms, where it is slow."""
+        slow_ns = _COVER_STEP_NS * int(period_s * 1e3)
+        cover_ns = max(self._settings.cover_ns, min(slow_ns, _LONGEST_COVER_NS))
+        if cover_ns != self._cover_ns:
+            self._cover_ns = cover_ns
+            self._triggers.set_period(cover_ns * 2 // 3)
+            self.fit(self.max_knots, self._effect_knots)
 
     @property
     def fingers(self) -> tuple[Finger, ...]:
@@ -153,6 +166,7 @@ class Pipeline:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
         tracked = self._fingers.touch(frame, t_read_ns)
+        self._follow_period(self._fingers.period_s)
         self._triggers.take(tracked)
         return tracked
 
@@ -195,7 +209,7 @@ class Pipeline:
         if not is_followed:
             self._is_sent = False
         if self._effects.playing or self._effects.felt:
-            t_end_ns = t_plate_ns + self._settings.cover_ns
+            t_end_ns = t_plate_ns + self._cover_ns
             self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
@@ -239,10 +253,10 @@ class Pipeline:
         self, keys: list[Key], t_plate_ns: int, previous_um: Row
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
-        settings = self._settings
+        tolerance_um = self._settings.tolerance_um
         first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
-        span_ns, most, corners_ns = settings.cover_ns, self.max_knots, list[int]()
+        span_ns, most, corners_ns = self._cover_ns, self.max_knots, list[int]()
         if self._effects.felt:
             most = self._effect_knots
             span_ns, corners_ns = self._effects.frame(t_plate_ns, span_ns, most)
@@ -254,7 +268,7 @@ class Pipeline:
         room = most - len(corners_ns)
         pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, span_ns, room)
         is_plain = pieces == 1 and smooth and not edges_ns
-        is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= settings.tolerance_um
+        is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= tolerance_um
 
         def solve(dt_ns: int, before: Knot) -> Row:
             return self._solve_at(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
@@ -262,7 +276,7 @@ class Pipeline:
         between_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
         for dt_ns in sorted({*between_ns, *edges_ns, *corners_ns}) if edges_ns or corners_ns else between_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
-        return first, last, knots if is_plain else refine(solve, knots, settings.tolerance_um, most, smooth=smooth)
+        return first, last, knots if is_plain else refine(solve, knots, tolerance_um, most, smooth=smooth)
 
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
@@ -308,7 +322,7 @@ class Pipeline:
         if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)
-        ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._settings.cover_ns)]
+        ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._cover_ns)]
         for places in ends:
             for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, standing, strict=True):
                 moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
@@ -317,7 +331,7 @@ class Pipeline:
         if steepness_um_mm > 0.0 and not self._surfaces.layers:
             return ends[0]  # while the plate is silent, fingers may move far: over stripes, to the same target
         ways_mm = moved_mm(ends[0], ends[1])
-        pieces, _, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, self._settings.cover_ns, self.max_knots)
+        pieces, _, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, self._cover_ns, self.max_knots)
         return ends[0] if pieces == 1 and not edges_ns else None
 
     def _tick(

@@ -31,10 +31,14 @@ class Triggers:
         self.events: Final = Events()
         self._effects: Final = scene.effects
         self._fingers: Final = fingers
-        self._period_ns: Final = period_ns
+        self._period_ns = period_ns
         self._crossings: Final = Crossings(scene.surfaces, fingers, period_ns)
         self._touched: dict[int, Touched] = {}
         self._lifted: list[Touched] = []
+
+    def set_period(self, period_ns: int) -> None:
+        """Take the time from one frame to the next to be this from now on."""
+        self._period_ns = self._crossings.period_ns = period_ns
 
     # --- from reports ---
 

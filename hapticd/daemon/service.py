@@ -20,7 +20,7 @@ from pathlib import Path
 
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.loader import load, on_plate
-from ..config.sections import SIMULATED, Config, SimConfig
+from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..errors import ConfigError, HapticdError, ModesError, TrackpadError
@@ -223,7 +223,11 @@ def load_parasitic_modes(config: Config) -> ParasiticModes | None:
     detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.parasitic_detuning_hz]
     modes = _measured(config, "parasitic_modes_file")
     try:
-        return ParasiticModes(modes, plate.parasitic_decay_1_s, detuning_rad_s, plate.finger_decay_1_s)
+        return ParasiticModes(
+            *(modes, plate.parasitic_decay_1_s, detuning_rad_s),
+            plate.finger_decay_1_s,
+            2.0 * math.pi * plate.finger_detuning_hz,
+        )
     except ValueError as error:
         raise ConfigError(f"plate.parasitic_modes_file: {error}") from None
 
@@ -267,6 +271,7 @@ def _on_rig(config: Config, rig_dir: Path) -> Config:
         config = on_plate(config, found.size_mm, described.limits.w_limit_um)
     if config.plate.parasitic_modes_file:
         return config
+    is_usual = config.plate.finger_decay_1_s == PlateConfig().finger_decay_1_s  # else it was learned
     return replace(
         config,
         plate=replace(
@@ -274,7 +279,7 @@ def _on_rig(config: Config, rig_dir: Path) -> Config:
             parasitic_modes_file=found.parasitic_modes_file,
             parasitic_detuning_hz=found.parasitic_detuning_hz,
             parasitic_decay_1_s=found.parasitic_decay_1_s,
-            finger_decay_1_s=found.finger_decay_1_s,
+            finger_decay_1_s=found.finger_decay_1_s if is_usual else config.plate.finger_decay_1_s,
         ),
     )
 

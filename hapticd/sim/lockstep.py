@@ -29,6 +29,7 @@ from ..daemon.settings import pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
+from .fingers.pad_noise import FILTERED_NOISE, PadNoise
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
@@ -45,7 +46,7 @@ TICK_NS = 500_000  # the board's control period
 LEAST_S = 0.01  # a shorter run has no sample to score
 SCHEMES = ("hapticd", "paper")
 _POSITIVE = ("speed_mm_s", "report_period_ms")
-_NOT_NEGATIVE = ("noise_mm", "stamp_jitter_ms", "sensor_latency_ms", "link_ms")
+_NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class Settings:
 
     scheme: str = "hapticd"
     speed_mm_s: float = SPEED_MM_S
-    noise_mm: float = 0.05
+    noise: PadNoise = FILTERED_NOISE
     stamp_jitter_ms: float = 1.0
     report_period_ms: float = 11.25
     sensor_latency_ms: float = 10.0
@@ -181,7 +182,7 @@ class Simulation:
                 model=self.machine.trackpad.model,
                 period_s=settings.report_period_ms * 1e-3,
                 latency_s=settings.sensor_latency_ms * 1e-3,
-                noise_mm=settings.noise_mm,
+                noise=settings.noise,
                 stamp_jitter_ms=settings.stamp_jitter_ms,
             ),
             seed,

@@ -6,7 +6,7 @@ Those of the plate are in `plate.ground_truth`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,13 +34,14 @@ def plate_from_pad(pose: PadPose) -> AffineMap:
 def sensor_settings(world: WorldErrors, **usual: Any) -> SensorSettings:
     """Return the pad's settings in this world; `usual` are those without errors."""
     settings = SensorSettings(**usual)
-    noise = {} if world.noise is None else asdict(world.noise)
     return replace(
         settings,
         latency_s=max(settings.latency_s + 1e-3 * world.latency_ms, 0.0),
         stamp_jitter_ms=settings.stamp_jitter_ms + world.stamp_jitter_ms,
         plate_from_pad=plate_from_pad(world.pad_pose),
-        **noise,
+        noise=settings.noise if world.noise is None else world.noise,
+        period_s=settings.period_s if world.report_period_ms is None else 1e-3 * world.report_period_ms,
+        lost_frac=world.lost_frac,
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import SimulationError
+from .fingers.pad_noise import PadNoise
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,16 +25,6 @@ class PadPose:
     y_mm: float = 0.0
     angle_deg: float = 0.0
     scale_frac: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class PadNoise:
-    """Noise of the pad, as in `fingers.sensor.SensorSettings`."""
-
-    noise_mm: float
-    noise_correlation: float = 0.0
-    time_error_ms: float = 0.0
-    hold_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +87,8 @@ class WorldErrors:
     present when they are scanned. `drift_hz` (P,): each mode's drift, a sine of this size and a period of 40 s.
     `mistuning_hz`: of all modes since the board's calibration. `stop_ramp_s`: in which strokes begin and end; None
     takes the scenario's. `seed` is that of the random functions that the sizes above belong to; no cause.
+    What a laboratory knows is no cause either, and is never drawn: `map_step_mm`, from one point of the scan to the
+    next, and `report_period_ms` of the pad; None takes the settings'. `lost_frac` of the reports do not arrive.
     """
 
     pad_pose: PadPose = field(default_factory=PadPose)
@@ -113,6 +106,9 @@ class WorldErrors:
     mistuning_hz: float = 0.0
     stop_ramp_s: float | None = None
     seed: int = 0
+    map_step_mm: float | None = None
+    report_period_ms: float | None = None
+    lost_frac: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise SimulationError, a ValueError, for values out of bounds."""
@@ -124,8 +120,9 @@ class WorldErrors:
                 raise SimulationError(f"the world's {name} is {value}: give 0 or more.")
             if leaf in _POSITIVE and value <= 0.0:
                 raise SimulationError(f"the world's {name} is {value}: give a number above 0.")
-        if self.finger_load.force_frac >= 1.0:
-            raise SimulationError(f"the world's force_frac is {self.finger_load.force_frac}: give less than 1.")
+        for name, share in (("force_frac", self.finger_load.force_frac), ("lost_frac", self.lost_frac)):
+            if share >= 1.0:
+                raise SimulationError(f"the world's {name} is {share}: give less than 1.")
         if self.pad_pose.scale_frac <= -1.0:
             raise SimulationError(f"the world's pad_pose.scale_frac is {self.pad_pose.scale_frac}: give more than -1.")
 
@@ -145,10 +142,10 @@ class WorldErrors:
 
 
 _NOT_NEGATIVE: Final = {
-    *("noise_mm", "time_error_ms", "hold_mm", "stamp_jitter_ms", "link_jitter_ms", "waves_frac", "local_frac"),
-    *("map_noise_frac", "glue_frac", "force_frac", "seed"),
+    *("stamp_jitter_ms", "link_jitter_ms", "waves_frac", "local_frac"),
+    *("map_noise_frac", "glue_frac", "force_frac", "seed", "lost_frac"),
 }
-_POSITIVE: Final = {"damping_factor", "stop_ramp_s"}
+_POSITIVE: Final = {"damping_factor", "stop_ramp_s", "map_step_mm", "report_period_ms"}
 
 
 def _numbers(nested: object, name: str = "") -> list[tuple[str, float]]:
@@ -197,4 +194,5 @@ def _frozen(value: object) -> object:
 
 
 NEUTRAL: Final = WorldErrors()
-CAUSES: Final = tuple(entry.name for entry in fields(WorldErrors) if entry.name != "seed")
+_NO_CAUSES: Final = {"seed", "map_step_mm", "report_period_ms", "lost_frac"}
+CAUSES: Final = tuple(entry.name for entry in fields(WorldErrors) if entry.name not in _NO_CAUSES)

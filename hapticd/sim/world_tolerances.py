@@ -9,7 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ..errors import SimulationError
-from .world_errors import FingerLoad, MapChange, PadNoise, PadPose, SensorErrors, WorldErrors
+from .fingers.pad_noise import PadNoise
+from .world_errors import FingerLoad, MapChange, PadPose, SensorErrors, WorldErrors
 
 MODES_MOST: Final = 8  # of a plate: errors are drawn for all, whatever plate is played
 SENSORS_MOST: Final = 6

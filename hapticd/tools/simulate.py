@@ -21,6 +21,7 @@ from .arguments import number, whole
 from .progress import Progress
 
 if TYPE_CHECKING:
+    from ..sim.fingers.pad_noise import PadNoise
     from ..sim.world_errors import WorldErrors
 
 WORLD_BYTES = 1 << 20
@@ -44,7 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--speed", type=number(0.0, is_above=True), metavar="MM_S", help="of a scenario's fingers (default 100)"
     )
-    parser.add_argument("--noise", type=number(0.0), default=0.05, metavar="MM", help="of the sensor (default 0.05)")
+    parser.add_argument(
+        "--noise",
+        type=number(0.0),
+        metavar="MM",
+        help="white noise of the pad, RMS on each axis (default: noise that its firmware has filtered)",
+    )
     glass.add_arguments(parser)
     parser.add_argument(
         "--world",
@@ -72,7 +78,7 @@ def _simulate(options: argparse.Namespace) -> None:
     plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
-    settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise_mm=options.noise, plate=plate)
+    settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate)
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
         if options.record is None:
@@ -100,6 +106,12 @@ def _simulate(options: argparse.Namespace) -> None:
         from ..sim import picture
 
         picture.draw_run(result, options.plot)
+
+
+def _noise(options: argparse.Namespace) -> PadNoise:
+    from ..sim.fingers.pad_noise import FILTERED_NOISE, PadNoise
+
+    return FILTERED_NOISE if options.noise is None else PadNoise(options.noise)
 
 
 def _world(options: argparse.Namespace) -> WorldErrors:

@@ -26,8 +26,13 @@ class Trace(NamedTuple):
     xy_mm: FloatArray
 
     @property
-    def group(self) -> str:
+    def kind(self) -> str:
         """The kind of device that it is reported under."""
+        return self.device.partition("/")[0]
+
+    @property
+    def group(self) -> str:
+        """The same, but the vendor where a kind has many."""
         kind, _, name = self.device.partition("/")
         return name.rsplit("_", 2)[0] if kind == _BY_VENDOR else kind
 

@@ -50,6 +50,7 @@ def test_a_file_is_read_as_it_was_written_one_device_after_the_other(file: Path)
     found = traces.load(file)
     assert [trace.device for trace in found] == ["hid/maker_0001_0002", "kind/one", "kind/one"]
     assert [trace.group for trace in found] == ["maker", "kind", "kind"]
+    assert [trace.kind for trace in found] == ["hid", "kind", "kind"]
     assert np.array_equal(found[0].xy_mm, STROKED[2].xy_mm)
     assert {name: len(some) for name, some in traces.by_device(found).items()} == {
         "hid/maker_0001_0002": 1,

@@ -11,6 +11,7 @@ from hapticd.bench import worlds
 from hapticd.bench.tables import Table
 from hapticd.config.sections import Config, PredictionConfig
 from hapticd.sim import lockstep
+from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.lockstep import Settings
 from hapticd.sim.world_errors import CAUSES
 
@@ -74,4 +75,4 @@ def test_stamps_that_jitter_by_3_ms_cost_a_tenth_at_most() -> None:
 
 def test_noise_four_times_the_expected_costs_a_fifth_more_than_if_it_were_configured() -> None:
     known = replace(Config(), prediction=PredictionConfig(noise_mm=0.2))
-    assert strokes_leak_um(noise_mm=0.2) < 1.2 * strokes_leak_um(noise_mm=0.2, config=known)
+    assert strokes_leak_um(noise=PadNoise(0.2)) < 1.2 * strokes_leak_um(noise=PadNoise(0.2), config=known)

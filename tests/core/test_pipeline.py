@@ -48,6 +48,24 @@ def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_
     assert tick.horizon_ns == 10 * MS + LINK_NS + 2 * MS
 
 
+def test_frames_outlast_a_report_that_a_slow_pad_loses_too() -> None:
+    bench = Bench(cover_ns=17 * MS)
+    bench.period_ns = 16_667_000  # 60 Hz
+    bench.report(SLIPPERY)
+    bench.want({1: AmplitudeTarget(1.0)})
+    bench.hold(12, SLIPPERY)
+    slid_mm = SLIPPERY[0] + 1.0, SLIPPERY[1]
+    tick = bench.report(slid_mm)
+    assert tick.drive is not None
+    assert tick.drive.knots[-1].dt_ns == 24 * MS
+
+    bench.period_ns = 4 * MS  # 250 Hz: no shorter than configured
+    for place in range(40):
+        tick = bench.report((slid_mm[0] + 0.2 * place, slid_mm[1]))
+    assert tick.drive is not None
+    assert tick.drive.knots[-1].dt_ns == 17 * MS
+
+
 def test_no_finger_is_one_zero_frame_and_then_nothing() -> None:
     bench = Bench()
     bench.report(SLIPPERY)

@@ -22,6 +22,7 @@ from hapticd.config.sections import Config
 from hapticd.core.board.send_window import MOST_UNREAD
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import TIMER_NS, Machine
+from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import Line, Path, Rest, Touch
 from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
 
@@ -47,7 +48,7 @@ class Stand:
         self._to_board: deque[tuple[int, bytes]] = deque()
         self._to_host: deque[tuple[int, bytes]] = deque()
         self.machine = Machine(Config(), machine_bench.PLATE, write_board=self._write, calibration=calibration)
-        sensor = SensorModel(SensorSettings(noise_mm=0.0, stamp_jitter_ms=0.0), 1)
+        sensor = SensorModel(SensorSettings(noise=PadNoise(0.0), stamp_jitter_ms=0.0), 1)
         self._reports = iter(sensor.reports([Touch(path, 0.3) for path in paths], 10.0))
         self._report = next(self._reports, None)
         self.machine.trackpad_link(True, "a pad", self.t_ns)

@@ -11,6 +11,7 @@ import pytest
 
 from hapticd.errors import SimulationError
 from hapticd.sim import lockstep
+from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import Circle, Strokes, Touch
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import Settings
@@ -22,7 +23,6 @@ from hapticd.sim.world_errors import (
     NEUTRAL,
     FingerLoad,
     MapChange,
-    PadNoise,
     PadPose,
     SensorErrors,
     WorldErrors,
@@ -89,7 +89,11 @@ def test_a_world_of_a_file_is_the_world_that_was_written() -> None:
         ('{"finger_load": {"damping_factor": 0}}', "above 0"),
         ('{"finger_load": {"force_frac": 1}}', "less than 1"),
         ('{"noise": {}}', "give noise_mm"),
+        ('{"noise": {"noise_mm": "white"}}', "noise_mm is 'white': give a number"),
+        ('{"noise": {"noise_mm": 0.1, "noise_correlation": 1}}', "correlation below 1"),
         ('{"pad_pose": {"scale_frac": -1}}', "more than -1"),
+        ('{"lost_frac": 1}', "less than 1"),
+        ('{"map_step_mm": 0}', "above 0"),
     ],
 )
 def test_a_world_that_cannot_be_is_one_sentence(text: str, sentence: str) -> None:
@@ -163,10 +167,22 @@ def test_the_pad_lies_where_its_pose_says() -> None:
 
 def test_the_pad_has_the_noise_and_the_clock_of_its_world() -> None:
     world = WorldErrors(latency_ms=3.0, stamp_jitter_ms=2.0, noise=PadNoise(0.1, 0.5, 0.7, 0.02))
-    pad = sensor_settings(world, latency_s=0.01, noise_mm=0.05, stamp_jitter_ms=1.0)
+    pad = sensor_settings(world, latency_s=0.01, stamp_jitter_ms=1.0)
     assert pad.latency_s == pytest.approx(0.013)
-    assert (pad.stamp_jitter_ms, pad.noise_mm, pad.hold_mm) == (3.0, 0.1, 0.02)
-    assert sensor_settings(NEUTRAL, noise_mm=0.03).noise_mm == 0.03
+    assert (pad.stamp_jitter_ms, pad.noise) == (3.0, world.noise)
+    assert sensor_settings(NEUTRAL, noise=PadNoise(0.03)).noise == PadNoise(0.03)
+
+
+def test_a_slow_pad_that_loses_reports_and_a_coarse_scan_are_a_world_too() -> None:
+    pad = sensor_settings(WorldErrors(report_period_ms=1000 / 60, lost_frac=0.05), period_s=0.01125)
+    assert (pad.period_s, pad.lost_frac) == (pytest.approx(1 / 60), 0.05)
+    coarse, usual = (
+        GroundTruth(PlateSettings(world=world)).measured_mode_map(1)
+        for world in (WorldErrors(map_step_mm=7.0), NEUTRAL)
+    )
+    same = GroundTruth(PlateSettings(map_step_mm=7.0)).measured_mode_map(1)
+    assert np.array_equal(coarse.shapes, same.shapes)
+    assert not np.array_equal(coarse.shapes, usual.shapes)
 
 
 def test_a_centroid_runs_ahead_of_a_moving_finger_and_not_of_one_at_rest() -> None:

@@ -1,19 +1,25 @@
-"""Parasitic (undriven) modes: how fingers excite them by friction, and the modal amplitudes that compensate it.
+"""Parasitic (undriven) modes: how fingers excite them, and the modal amplitudes that compensate it.
 
-A finger that slips on the plate brakes it where it is, and a force at one point drives every mode that moves there. Of
-those near the drive's frequency enough is left to be felt: on the reference plate a pair 84 Hz above gives the still
-finger half as much as all errors of its predicted position do. With the friction's decay c (1/s, per mode with |phi| =
-1 under the finger) a mode n that the amplifiers leave alone follows
+A finger on the plate is a load where it is: friction brakes the plate there, mass and stiffness detune it, and a force
+at one point drives every mode that moves there. Of those near the drive's frequency enough is left to be felt: on the
+reference plate a pair 84 Hz above gives the still finger half as much as all errors of its predicted position do. With
+the load c (1/s: decay less j times detuning, per mode with |phi| = 1 under the finger) and u_i, the whole motion under
+finger i, a mode n that the amplifiers leave alone follows
 
-    dW_n/dt = (-decay_n + j detuning_n) W_n - c sum_i phi_n(P_i) w_i,     w_i = sum_k phi_k(P_i) W_k
+    dW_n/dt = (-decay_n + j detuning_n) W_n - c sum_i phi_n(P_i) u_i
+    u_i = sum_k phi_k(P_i) W_k + sum_n phi_n(P_i) W_n
 
-and settles, fast compared with a finger's motion, at W_n = -c sum_i phi_n(P_i) w_i / (decay_n - j detuning_n).
-The still finger gets sum_n phi_n W_n of it, about a quarter turn behind: so the driven modes are given the least
-change, complex, that brings the whole of what it feels back to zero.
+and settles, fast compared with a finger's motion; k are the driven modes. With r_n = c / (decay_n - j detuning_n) the
+motion under the fingers is the solution of
 
-Left out: what the amplifiers put into those modes, which no map here tells, how they damp each other, and the time in
-which they settle. And contacts (`solver.contacts`): on the simulated plates with four amplifiers nothing of these modes
-at all would raise the contrast by 1 % (fingertip plate) and 0.3 % (reference plate).
+    u_i + sum_j (sum_n r_n phi_n(P_i) phi_n(P_j)) u_j = sum_k phi_k(P_i) W_k
+
+so each finger feels some row of complex shapes of the driven modes. These are given the least change that brings what
+the still finger feels back to zero.
+
+Left out: what the amplifiers put into those modes, which no map here tells, and the time in which they settle. And
+contacts (`solver.contacts`): on the simulated plates with four amplifiers nothing of these modes at all would raise the
+contrast by 1 % (fingertip plate) and 0.3 % (reference plate).
 """
 
 from __future__ import annotations
@@ -28,11 +34,15 @@ from ..phasors import Row, magnitude, re_im
 from .mode_shapes import ModeShapes
 
 Shapes = tuple[float, ...]  # of modes at one point
+Rows = list[list[float]]
 Parts = tuple[list[float], list[float]]  # in phase with the drive, and a quarter turn behind: (M,) each
 
 # Within a third of a millimetre of a common node the driven modes can hardly reach the still finger: less is taken
 # back there than it feels, for the amplitudes to stay small. It is the square of a shape.
 NODE_SHAPE_SQUARED: Final = 1e-3
+
+# Of a unit: so near to a resonance of a parasitic mode with the fingers on it, nothing of it is predictable.
+LEAST_PIVOT_SQUARED: Final = 0.01
 
 WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
 
@@ -40,29 +50,33 @@ WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits 
 class ParasiticModes:
     """Measured modes other than the driven ones: shapes, decay (1/s) and detuning from the drive (rad/s) of each.
 
-    `finger_decay_1_s` is what one finger adds to the decay of a mode with |phi| = 1 under it. Raises ValueError for
-    numbers that are not one for each mode, or not finite.
+    `finger_decay_1_s` and `finger_detuning_rad_s` are what one finger adds to a mode with |phi| = 1 under it. Raises
+    ValueError for numbers that are not one for each mode, or not finite.
     """
 
     def __init__(
-        self, modes: ModeShapes, decay_1_s: Sequence[float], detuning_rad_s: Sequence[float], finger_decay_1_s: float
+        self,
+        modes: ModeShapes,
+        decay_1_s: Sequence[float],
+        detuning_rad_s: Sequence[float],
+        finger_decay_1_s: float,
+        finger_detuning_rad_s: float = 0.0,
     ) -> None:
         if not len(decay_1_s) == len(detuning_rad_s) == modes.M:
             raise ValueError(f"{modes.M} neighbouring modes need as many decays and detunings.")
         if not all(decay > 0.0 for decay in decay_1_s):
             raise ValueError("The neighbouring modes' decays must be above 0.")
-        if not all(map(math.isfinite, (*decay_1_s, *detuning_rad_s, finger_decay_1_s))):
+        if not all(map(math.isfinite, (*decay_1_s, *detuning_rad_s, finger_decay_1_s, finger_detuning_rad_s))):
             raise ValueError("The neighbouring modes' decays and detunings must be finite.")
         self.modes = modes
         self.decay_1_s = tuple(decay_1_s)
         self.detuning_rad_s = tuple(detuning_rad_s)
         self.finger_decay_1_s = finger_decay_1_s
-        um_per_um = [
-            -finger_decay_1_s / complex(decay, -detuning)
-            for decay, detuning in zip(decay_1_s, detuning_rad_s, strict=True)
-        ]
-        self._d_um_per_um: Final = [share.real for share in um_per_um]
-        self._q_um_per_um: Final = [share.imag for share in um_per_um]
+        self.finger_detuning_rad_s = finger_detuning_rad_s
+        load_1_s = complex(finger_decay_1_s, -finger_detuning_rad_s)
+        loads = [load_1_s / complex(*parts) for parts in zip(decay_1_s, [-d for d in detuning_rad_s], strict=True)]
+        self._load_d: Final = [load.real for load in loads]
+        self._load_q: Final = [load.imag for load in loads]
 
     def silenced(
         self,
@@ -80,29 +94,73 @@ class ParasiticModes:
         if not still or len(still) == len(places):
             return modal_um
         shapes = [self.modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
-        felt = [self._felt(index, phi, shapes) for index in still]
+        rows_d, rows_q = self._moved(phi, shapes)
+        felt = [(rows_d[index], rows_q[index]) for index in still]
         changed_um = _zeroed(felt[0], modal_um) if len(felt) == 1 else _all_zeroed(felt, modal_um)
         return _within(changed_um, w_limit_um)
 
-    def _felt(self, finger: int, phi: tuple[Shapes, ...], shapes: list[Shapes]) -> Parts:
-        """What a finger feels of 1 um of each driven mode, by all modes; shapes (N, K): these modes under all fingers.
+    def _moved(self, phi: tuple[Shapes, ...], shapes: list[Shapes]) -> tuple[Rows, Rows]:
+        """How each finger is moved by 1 um of each driven mode, by all modes (N, M); shapes (N, K): of these modes.
 
         In parts: as machine code they are plain floats, where complex numbers would be objects.
         """
-        in_phase, behind = list(phi[finger]), [0.0] * len(phi[finger])
-        own = shapes[finger]
-        for braking in range(len(shapes)):
-            there = shapes[braking]
-            coupled_d = coupled_q = 0.0
-            for mode in range(len(there)):
-                product = own[mode] * there[mode]
-                coupled_d += self._d_um_per_um[mode] * product
-                coupled_q += self._q_um_per_um[mode] * product
-            row = phi[braking]
-            for driven in range(len(row)):
-                in_phase[driven] += coupled_d * row[driven]
-                behind[driven] += coupled_q * row[driven]
-        return in_phase, behind
+        matrix_d, matrix_q = list[list[float]](), list[list[float]]()
+        for own in shapes:
+            row_d, row_q = list[float](), list[float]()
+            for there in shapes:
+                sum_d = sum_q = 0.0
+                for mode in range(len(there)):
+                    product = own[mode] * there[mode]
+                    sum_d += self._load_d[mode] * product
+                    sum_q += self._load_q[mode] * product
+                row_d.append(sum_d)
+                row_q.append(sum_q)
+            row_d[len(matrix_d)] += 1.0
+            matrix_d.append(row_d)
+            matrix_q.append(row_q)
+        moved_d, moved_q = [list(row) for row in phi], [[0.0] * len(row) for row in phi]
+        for column in range(len(matrix_d)):
+            if not _eliminate(column, (matrix_d, matrix_q), (moved_d, moved_q)):
+                return [list(row) for row in phi], [[0.0] * len(row) for row in phi]
+        return moved_d, moved_q
+
+
+def _eliminate(column: int, matrix: tuple[Rows, Rows], right: tuple[Rows, Rows]) -> bool:
+    """One step of Gauss-Jordan elimination in place, with the largest pivot; False if there is none."""
+    matrix_d, matrix_q = matrix
+    pivot, square = column, 0.0
+    for row in range(column, len(matrix_d)):
+        real, imag = matrix_d[row][column], matrix_q[row][column]
+        if real * real + imag * imag > square:
+            pivot, square = row, real * real + imag * imag
+    if not square > LEAST_PIVOT_SQUARED:
+        return False
+    for rows in (*matrix, *right):
+        rows[column], rows[pivot] = rows[pivot], rows[column]
+    inverse_d, inverse_q = matrix_d[column][column] / square, -matrix_q[column][column] / square
+    for rows_d, rows_q in (matrix, right):
+        _scale(rows_d[column], rows_q[column], inverse_d, inverse_q)
+    for row in range(len(matrix_d)):
+        if row != column:
+            share_d, share_q = matrix_d[row][column], matrix_q[row][column]
+            for rows_d, rows_q in (matrix, right):
+                _subtract(rows_d[row], rows_q[row], share_d, share_q, rows_d[column], rows_q[column])
+    return True
+
+
+def _scale(row_d: list[float], row_q: list[float], by_d: float, by_q: float) -> None:
+    for place in range(len(row_d)):
+        d, q = row_d[place], row_q[place]
+        row_d[place], row_q[place] = by_d * d - by_q * q, by_d * q + by_q * d
+
+
+def _subtract(
+    row_d: list[float], row_q: list[float], by_d: float, by_q: float, other_d: list[float], other_q: list[float]
+) -> None:
+    for place in range(len(row_d)):
+        d, q = other_d[place], other_q[place]
+        row_d[place] -= by_d * d - by_q * q
+        row_q[place] -= by_d * q + by_q * d
 
 
 def _zeroed(felt: Parts, modal_um: Row) -> Parts:

@@ -49,6 +49,7 @@ class Fingers:
         self.predictors: dict[int, Predictor] = {}  # of those that are down, by finger id
         self.released: set[int] = set()  # of those: held still unless they have a target
         self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
+        self.period_s = 0.0  # from one report to the next, as stamps show it; 0 before the first
         self.make_predictor = make_predictor
         self._least_silence_ns = self._silence_ns = silence_ns
         self._tracker = Tracker()
@@ -85,6 +86,7 @@ class Fingers:
         self._t_frame_ns = frame.t_ns
         self.t_sample_ns = t_sample_ns
         t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
+        self.period_s = period_s
         slow_ns = min(round(SILENT_PERIODS * period_s * 1e9), LONGEST_SILENCE_NS)
         self._silence_ns = max(self._least_silence_ns, slow_ns)
         for finger_id, _, x_mm, y_mm, is_new, _ in tracked.fingers:

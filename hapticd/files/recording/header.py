@@ -128,12 +128,16 @@ def _packed_modes(modes: ModeShapes) -> dict[str, bytes]:
     return {"x_mm": _packed(modes.x_mm), "y_mm": _packed(modes.y_mm), "shapes_mode_y_x": _packed(modes.shapes)}
 
 
+_LOAD = ("finger_decay_1_s", "finger_detuning_rad_s")
+
+
 def _packed_parasitic_modes(parasitic_modes: ParasiticModes) -> dict[str, object]:
     return {
         "modes_float64_le": _packed_modes(parasitic_modes.modes),
         "decay_1_s": parasitic_modes.decay_1_s,
         "detuning_rad_s": parasitic_modes.detuning_rad_s,
         "finger_decay_1_s": parasitic_modes.finger_decay_1_s,
+        "finger_detuning_rad_s": parasitic_modes.finger_detuning_rad_s,
     }
 
 
@@ -148,9 +152,8 @@ def _parasitic_modes(table: Any) -> ParasiticModes | None:
     if table is None:
         return None
     decay_1_s, detuning_rad_s = ([float(value) for value in table[name]] for name in ("decay_1_s", "detuning_rad_s"))
-    return ParasiticModes(
-        _modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s, float(_typed(table, "finger_decay_1_s", float))
-    )
+    load = [float(_typed({"finger_detuning_rad_s": 0.0} | table, name, float)) for name in _LOAD]  # 0 in earlier ones
+    return ParasiticModes(_modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s, *load)
 
 
 def _calibrated_drive_hz(value: Any) -> float | None:

@@ -8,7 +8,6 @@ index finger in public captures.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count, takewhile
@@ -19,11 +18,10 @@ import numpy.typing as npt
 
 from ...values import AffineMap
 from ...wire.trackpad import GEOMETRY, MAX_RECORDS, RECORD, STAMP_WRAP_MS
+from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
 
 __all__ = [
-    "FILTERED_NOISE",
-    "Firmware",
     "Record",
     "Report",
     "Scan",
@@ -77,22 +75,16 @@ class Scan(NamedTuple):
 class SensorSettings:
     """The pad and its errors.
 
-    `noise_mm` is the standard deviation of the noise on each axis, `noise_correlation` that of one report's with the
-    next one's: 0 is white, firmware that averages gives more. `time_error_ms` is the RMS of a heavy-tailed error along
-    the way (Student's t of three degrees of freedom), as if the position were taken at another instant. A position
-    that has moved by less than `hold_mm` is reported as before. `stamp_jitter_ms` is the half width of the stamp's
-    uniform error before it is rounded to whole milliseconds. `plate_from_pad` is the pad's true placement: the
-    decoder's value if that is calibrated. `t_device_start_ms` is the device's clock at time 0; None takes
-    one from the seed that wraps within the first ten seconds.
+    `noise` is that of the positions. `stamp_jitter_ms` is the half width of the stamp's uniform error before it is
+    rounded to whole milliseconds. `plate_from_pad` is the pad's true placement: the decoder's value if that is
+    calibrated. `t_device_start_ms` is the device's clock at time 0; None takes one from the seed that wraps within the
+    first ten seconds.
     """
 
     model: str = "mt2-usb"
     period_s: float = 0.01125
     latency_s: float = 0.010
-    noise_mm: float = 0.05
-    noise_correlation: float = 0.0
-    time_error_ms: float = 0.0
-    hold_mm: float = 0.0
+    noise: PadNoise = FILTERED_NOISE
     stamp_jitter_ms: float = 1.0
     lost_frac: float = 0.0
     duplicate_frac: float = 0.0
@@ -101,15 +93,6 @@ class SensorSettings:
 
 
 _DEFAULT = SensorSettings()
-
-# As measured on pads whose firmware filters: across the way typically 0.02 .. 0.03 mm, along it 0.5 .. 0.8 ms, and a
-# finger at rest repeats its report.
-FILTERED_NOISE: dict[str, float] = {
-    "noise_mm": 0.025,
-    "noise_correlation": 0.65,
-    "time_error_ms": 0.65,
-    "hold_mm": 0.06,
-}
 
 
 def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool = False) -> bytes:
@@ -192,7 +175,7 @@ class SensorModel:
     def _scan(self, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[Scan]:
         settings = self.settings
         is_mt1 = settings.model == "mt1"
-        firmware = [Firmware(settings) for _ in paths]
+        firmware = [Firmware(settings.noise) for _ in paths]
         contacts = _Contacts([_appearance(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
         start_ms = settings.t_device_start_ms
         if start_ms is None:
@@ -221,7 +204,7 @@ class SensorModel:
         for path, filters in zip(paths, firmware, strict=True):
             pad_mm = (path.position_mm(filters.sensed_s(t_s, rng)) - self._offset_mm) @ self._pad_from_plate.T
             is_sensed = np.all(np.abs(pad_mm) <= half_mm, axis=1)  # False for NaN
-            noise_mm = filters.correlated(rng.normal(0, 1, pad_mm.shape)) * self.settings.noise_mm
+            noise_mm = filters.correlated(rng.normal(0, 1, pad_mm.shape)) * self.settings.noise.noise_mm
             noisy_mm = filters.held_mm(np.nan_to_num(pad_mm) + noise_mm)
             raw = np.clip(np.rint(noisy_mm * pad.units_per_mm + pad.centre_raw), -_MAX_RAW, _MAX_RAW).astype(int)
             points.append([(x, y) if sensed else None for (x, y), sensed in zip(raw.tolist(), is_sensed, strict=True)])
@@ -240,45 +223,6 @@ class SensorModel:
         if self.settings.model == "mt1":
             return encode_mt1(stamp_ms, records)
         return encode_mt2(stamp_ms, records, usb=self.settings.model.endswith("-usb"))
-
-
-class Firmware:
-    """What a pad's firmware makes of one finger's positions, over the blocks of its scans."""
-
-    def __init__(self, settings: SensorSettings) -> None:
-        self._settings = settings
-        self._noise: Array | None = None
-        self._held_mm: Array | None = None
-
-    def sensed_s(self, t_s: Array, rng: np.random.Generator) -> Array:
-        """Return the instants (n,) whose positions are reported for scans at `t_s`."""
-        if self._settings.time_error_ms == 0.0:
-            return t_s
-        deviation_s = 1e-3 * self._settings.time_error_ms / math.sqrt(3.0)  # of Student's t: its variance is 3
-        return np.asarray(t_s + deviation_s * rng.standard_t(3, len(t_s)))
-
-    def correlated(self, white: Array) -> Array:
-        """Return noise (n, 2) of the same deviation as `white`, each correlated with the one before."""
-        correlation = self._settings.noise_correlation
-        if correlation == 0.0:
-            return white
-        noise = white.copy()
-        for row, fresh in zip(noise, white, strict=True):
-            if self._noise is not None:
-                row[:] = correlation * self._noise + math.sqrt(1.0 - correlation**2) * fresh
-            self._noise = row
-        return noise
-
-    def held_mm(self, xy_mm: Array) -> Array:
-        """Return positions (n, 2), each as before until it has moved by `hold_mm`."""
-        if self._settings.hold_mm == 0.0:
-            return xy_mm
-        held_mm = xy_mm.copy()
-        for row in held_mm:
-            if self._held_mm is not None and math.dist(row, self._held_mm) < self._settings.hold_mm:
-                row[:] = self._held_mm
-            self._held_mm = row
-        return held_mm
 
 
 class _Contacts:

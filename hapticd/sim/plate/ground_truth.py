@@ -227,7 +227,8 @@ class GroundTruth:
         settings, world = self.settings, self.settings.world
         noise_frac = noise * (settings.map_noise_frac + world.map_noise_frac)
         glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed)
-        scan = Scan(settings.map_step_mm, noise_frac, seed, first=chosen.start)
+        step_mm = settings.map_step_mm if world.map_step_mm is None else world.map_step_mm
+        scan = Scan(step_mm, noise_frac, seed, first=chosen.start)
         return mode_map(settings.shapes, settings.plate, self._names[chosen], scan, glued)
 
 

@@ -15,13 +15,15 @@ import numpy as np
 
 from ...config.sections import SIMULATED
 from ...core.plate.mode_shapes import ModeShapes
+from ...design import finger_load
 from ...design.touch.judge import Judged
 from ...design.touch.model import CENTROID
+from ...design.touch.observations import in_windows
 from ...errors import CalibrationError
 from ...files import calibration as calibration_file
 from ...files import plotting
 from ...files.recording.mcap_reader import open_recording
-from ..touch_correction import calibration_of, has_sensors, judged_by, mode_map, pad_settings
+from ..touch_correction import MOST_SHIFT_S, calibration_of, has_sensors, judged_by, mode_map, pad_settings
 from ..touch_recording import Touched, read
 from .verdict import PICTURE, Figure, Outcome, Settings, Verdict
 
@@ -33,6 +35,7 @@ _POSE = (  # name, unit's size, unit
     ("scale along x", 100.0, "%"),
     ("scale along y", 100.0, "%"),
 )
+LOAD = "the fingers' load"
 _DRAWN = 0.8  # of the map's extent
 _ENLARGED = 20.0  # magnification of moved positions in the picture
 
@@ -52,26 +55,45 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     touched = read(options.recording)
     judged = judged_by(touched)
-    settings = saved(touched, judged, options.out)
+    load_1_s = learned_load(touched, judged)
+    settings = saved(touched, judged, load_1_s, options.out)
     draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(options.recording.name))
-    return verdict(judged, settings, has_sensors=has_sensors(touched), is_simulated=options.sim)
+    return verdict(judged, settings, load_1_s, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
-def saved(touched: Touched, judged: Judged, directory: Path) -> Settings:
+def learned_load(touched: Touched, judged: Judged) -> complex | None:
+    """Return a finger's load, if parasitic modes are known, touches tell it, and it is not what is configured."""
+    header = touched.header
+    if header.parasitic_modes is None:
+        return None
+    windows = in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S)
+    usual_1_s = float(np.mean(header.parasitic_modes.decay_1_s))  # modes of one plate and nearly one frequency
+    known_1_s = {one.mode: math.pi * one.frequency_hz / one.q_factor for one in header.calibration.modes}
+    decay_1_s = [known_1_s.get(mode, usual_1_s) for mode in range(header.modes.M)]
+    return finger_load.learned_1_s(windows, header.modes, header.parasitic_modes, decay_1_s, judged.calibration)
+
+
+def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory: Path) -> Settings:
     """Write what changes of calibration and map, and return the settings that go with it. Raises HapticdError."""
+    settings: dict[str, dict[str, Any]] = {}
+    if load_1_s is not None:
+        detuning_hz = round(-load_1_s.imag / (2.0 * math.pi), 2)
+        settings["plate"] = {"finger_decay_1_s": round(load_1_s.real, 2), "finger_detuning_hz": detuning_hz}
     if judged.refusal:
-        return {}
-    settings: dict[str, dict[str, Any]] = {"trackpad": pad_settings(touched, judged.calibration)}
+        return settings
+    settings["trackpad"] = pad_settings(touched, judged.calibration)
     if has_sensors(touched):
         calibration_file.save(directory / CALIBRATION_FILE, calibration_of(touched, judged))
         settings["device"] = {"calibration_file": CALIBRATION_FILE}
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
-        settings["plate"] = {"modes_file": MODES_FILE}
+        settings.setdefault("plate", {})["modes_file"] = MODES_FILE
     return settings
 
 
-def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
+def verdict(
+    judged: Judged, settings: Settings, load_1_s: complex | None, *, has_sensors: bool, is_simulated: bool
+) -> Verdict:
     """Return what moved, by how much, one sigma, and whether it is adopted."""
     figures = [Figure("touching", judged.touched_s, "s")]
     for place, (name, unit, text) in enumerate(_POSE):
@@ -84,12 +106,18 @@ def verdict(judged: Judged, settings: Settings, *, has_sensors: bool, is_simulat
         figures += [Figure(f"map of mode {mode}, change RMS", float(rms), "") for mode, rms in enumerate(change)]
     figures.append(Figure("held-out residual falls by", 100.0 * judged.gain_frac, "%"))
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
+    if load_1_s is not None:
+        figures.append(Figure("a finger's damping", load_1_s.real, "1/s"))
+        figures.append(Figure("a finger's detuning", -load_1_s.imag / (2.0 * math.pi), "Hz"))
     if judged.refusal:
-        return Verdict("touch", Outcome.FAIL, f"Nothing is adopted. {judged.refusal}", tuple(figures), {}, is_simulated)
+        outcome = Outcome.FAIL if load_1_s is None else Outcome.PASS
+        adopted_alone = "Nothing is adopted." if load_1_s is None else f"Adopted: {LOAD}."
+        return Verdict("touch", outcome, f"{adopted_alone} {judged.refusal}", tuple(figures), settings, is_simulated)
     is_sense_moved = not np.array_equal(judged.calibration.sense, np.eye(len(judged.calibration.sense)))
     adopted = ["pad"]
     adopted += ["sensors"] if has_sensors and is_sense_moved else []
     adopted += ["map"] if judged.waves is not None else []
+    adopted += [LOAD] if load_1_s is not None else []
     lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
     sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
     return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)

@@ -39,6 +39,7 @@ _OF_THE_PLATE = (
     "parasitic_detuning_hz",
     "parasitic_decay_1_s",
     "finger_decay_1_s",
+    "finger_detuning_hz",
 )
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from hapticd.config.sections import Config
 from hapticd.sim import lockstep
+from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.scenarios import LAND_AGAIN_S, LAND_S, LIFT_S, STEP_S, SWAP_S
 from hapticd.sim.lockstep import Run
 from hapticd.sim.report import step_response
@@ -118,7 +119,7 @@ def test_circles_are_served_as_strokes_are() -> None:
 
 
 def test_at_rest_without_noise_one_frame_serves_for_ever() -> None:
-    run = lockstep.run("rest", settings={"noise_mm": 0.0, "stamp_jitter_ms": 0.0}, seconds=3.0)
+    run = lockstep.run("rest", settings={"noise": PadNoise(0.0), "stamp_jitter_ms": 0.0}, seconds=3.0)
     touch = run.status["touch"]
     after = run.t_s > LAND_S + 0.1
 

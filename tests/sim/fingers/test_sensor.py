@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import Circle, Path, Rest, Touch, Touches, strokes_pair
 from hapticd.sim.fingers.sensor import Record, Report, SensorModel, SensorSettings, encode_mt1, encode_mt2
 from hapticd.values import AffineMap, TouchFrame
 from hapticd.wire.trackpad import GEOMETRY, MODELS, Decoder
 
-QUIET = {"noise_mm": 0.0, "stamp_jitter_ms": 0.0}
+QUIET = {"noise": PadNoise(0.0), "stamp_jitter_ms": 0.0}
 QUANTUM_MM = 0.5 / 44.0  # half a unit of the coarser axis
 
 
@@ -98,7 +99,7 @@ def test_positions_come_back_within_half_a_unit_wherever_the_pad_lies(model: str
 
 
 def test_noise_and_stamp_jitter_are_as_large_as_stated() -> None:
-    settings = SensorSettings()
+    settings = SensorSettings(noise=PadNoise(0.05))
     reports = SensorModel(settings, 1).reports([Rest((10.0, -10.0))], 60.0)
     frames = decoded(reports, settings)
     x_mm, y_mm = np.array([(f.contacts[0].x_mm, f.contacts[0].y_mm) for f in frames]).T
@@ -111,22 +112,22 @@ def test_noise_and_stamp_jitter_are_as_large_as_stated() -> None:
     assert np.ptp(stamp_error_ms) <= 3.0
 
 
-def reported_mm(path: Path, seconds: float, **noise: float) -> np.ndarray:  # type: ignore[type-arg]
-    settings = SensorSettings(stamp_jitter_ms=0.0, **noise)  # type: ignore[arg-type]
+def reported_mm(path: Path, seconds: float, noise: PadNoise) -> np.ndarray:  # type: ignore[type-arg]
+    settings = SensorSettings(stamp_jitter_ms=0.0, noise=noise)
     frames = decoded(SensorModel(settings, 1).reports([path], seconds), settings)
     return np.array([(frame.contacts[0].x_mm, frame.contacts[0].y_mm) for frame in frames])
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.65, 0.9])
 def test_filtered_noise_is_as_large_as_white_noise_and_correlated(correlation: float) -> None:
-    x_mm = reported_mm(Rest((10.0, -10.0)), 60.0, noise_mm=0.1, noise_correlation=correlation)[:, 0] - 10.0
+    x_mm = reported_mm(Rest((10.0, -10.0)), 60.0, PadNoise(0.1, correlation))[:, 0] - 10.0
     assert x_mm.std() == pytest.approx(0.1, rel=0.1)
     assert np.mean(x_mm[1:] * x_mm[:-1]) / np.mean(x_mm**2) == pytest.approx(correlation, abs=0.06)
 
 
 def test_a_time_error_shifts_positions_along_the_way_alone() -> None:
     circle = Circle((0.0, 0.0), 30.0, 200.0)
-    errors_mm = reported_mm(circle, 60.0, noise_mm=0.0, time_error_ms=0.8)
+    errors_mm = reported_mm(circle, 60.0, PadNoise(0.0, time_error_ms=0.8))
     radius_mm = np.hypot(*errors_mm.T)
     angle_rad = np.unwrap(np.arctan2(errors_mm[:, 1], errors_mm[:, 0]))
     places = np.arange(len(angle_rad))
@@ -136,10 +137,10 @@ def test_a_time_error_shifts_positions_along_the_way_alone() -> None:
 
 
 def test_a_pad_that_holds_repeats_the_report_of_a_resting_finger_and_follows_a_moving_one() -> None:
-    resting = reported_mm(Rest((10.0, -10.0)), 20.0, noise_mm=0.01, hold_mm=0.1)
+    resting = reported_mm(Rest((10.0, -10.0)), 20.0, PadNoise(0.01, hold_mm=0.1))
     assert np.mean(np.all(np.diff(resting, axis=0) == 0.0, axis=1)) > 0.95
     circle = Circle((0.0, 0.0), 30.0, 100.0)
-    moving, free = (reported_mm(circle, 5.0, noise_mm=0.0, hold_mm=hold_mm) for hold_mm in (0.1, 0.0))
+    moving, free = (reported_mm(circle, 5.0, PadNoise(0.0, hold_mm=hold_mm)) for hold_mm in (0.1, 0.0))
     assert np.hypot(*(moving - free).T).max() < 0.1 + 2.0 * QUANTUM_MM
 
 

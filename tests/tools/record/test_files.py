@@ -282,7 +282,7 @@ def test_the_header_is_read_back_to_the_last_bit(strokes: Path) -> None:
     assert (again.instance, again.t_start_ns, again.is_whole) == (header.instance, header.t_start_ns, True)
     assert again.parasitic_modes is not None
     assert np.array_equal(again.parasitic_modes.modes.shapes, known.modes.shapes)
-    for name in ("decay_1_s", "detuning_rad_s", "finger_decay_1_s"):
+    for name in ("decay_1_s", "detuning_rad_s", "finger_decay_1_s", "finger_detuning_rad_s"):
         assert getattr(again.parasitic_modes, name) == getattr(known, name)
 
 
