@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Row, Rows, all_finite, clamped
+from .line import solve_line
 from .pair import hold_still, serve_both, serve_one
 from .polytope import RANK, Factored, least_norm_in_polytope
 
@@ -56,7 +57,19 @@ def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = Non
                 x, y, limited, is_solved = serve_both((a, b, c, d), (first, second), box, near)
                 if is_solved:
                     return (x, y), limited
-    return solve_general(rows, targets, limits, previous)
+    line = solve_line(rows, targets, limits)
+    if line is None:
+        return solve_general(rows, targets, limits, previous)
+    modal, limited = line
+    return modal if previous is None or leans_towards(modal, previous) else tuple([-w for w in modal]), limited
+
+
+def leans_towards(modal: Row, previous: Row) -> bool:
+    """Of W and -W, which no finger can distinguish, `modal` is as near to `previous` or nearer."""
+    lean = 0.0
+    for mode in range(len(modal)):
+        lean += modal[mode] * clamped(previous[mode], SAFE)
+    return lean >= 0.0
 
 
 def solve_general(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:

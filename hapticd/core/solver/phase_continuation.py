@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ..phasors import magnitude
 from .arithmetic import MISSED, Phasors, Row, Rows
 from .general import Candidate, FloatArray, Problem, best_solution, is_limited, pose, unscaled, with_signs
+from .line import solve_line
 from .slew_limit import nearer_hand
 
 _REAL_RAD: Final = 1e-6  # fingers this near to one phase, or to the opposite one, vibrate in one real pattern
@@ -34,11 +35,14 @@ class Turn(NamedTuple):
 
 def turn_patterns(rows: Rows, targets: Row, limits: Row, previous: Phasors, turn_rad: float) -> tuple[Phasors, bool]:
     """One step, of `turn_rad` at most, from the pattern that `previous` has, or is leaving, to the best one."""
+    line = solve_line(rows, targets, limits)  # all that can turn is the common phase
+    if line is not None:
+        return in_phase(line[0], limits, previous), line[1]
     problem = pose(rows, targets, limits)
     if problem is None:
         return (0j,) * len(limits), False
     best = best_solution(problem, None)
-    if problem.basis.shape[1] == 1:  # a line: all that can turn is the common phase
+    if problem.basis.shape[1] == 1:  # as above
         return in_phase(unscaled(problem, best.modal, limits), limits, previous), is_limited(problem, best)
     turn = turn_of((problem.phi @ np.array(previous)).tolist())
     if turn.tau_rad < _REAL_RAD:
