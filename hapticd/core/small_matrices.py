@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 Vector = list[float]
+
+INDEPENDENT: Final = 1e-10  # of a row: what the others must leave of it
 
 
 def dot(one: Vector, other: Vector) -> float:
@@ -35,6 +38,35 @@ def remove(vector: Vector, basis: Sequence[Vector]) -> None:
         share = dot(unit, vector)
         for index in range(len(vector)):
             vector[index] -= share * unit[index]
+
+
+def complement(rows: Sequence[Vector], count: int) -> list[Vector] | None:
+    """An orthonormal basis of what `rows`, vectors of `count` entries about 1, do not see; None where rows are nearly
+    dependent. Its vectors are orthogonal to each row by rounding: Gram-Schmidt, first of the rows, then of the axes of
+    which they see the least."""
+    basis: list[Vector] = []
+    seen = [0.0] * count
+    for row in rows:
+        before = length(row)
+        unit = list(row)
+        remove(unit, basis)
+        if not length(unit) > INDEPENDENT * before:
+            return None
+        _add_to_basis(unit, basis, seen)
+    for _ in range(count - len(rows)):
+        axis = [0.0] * count
+        axis[seen.index(min(seen))] = 1.0
+        remove(axis, basis)
+        _add_to_basis(axis, basis, seen)
+    return basis[len(rows) :]
+
+
+def _add_to_basis(vector: Vector, basis: list[Vector], seen: Vector) -> None:
+    remove(vector, basis)
+    normalize(vector)
+    basis.append(vector)
+    for index in range(len(vector)):
+        seen[index] += vector[index] * vector[index]
 
 
 def solved(matrix: Sequence[Vector], right: Vector) -> Vector:

@@ -8,29 +8,25 @@ dependent still fingers, or numbers whose squares leave the range of floats, are
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Final
 
-from ..small_matrices import Vector, length, normalize, remove
+from ..small_matrices import Vector, complement
 from .arithmetic import MISSED, NOISE, SAFE, Row, Rows, clamped
-
-_INDEPENDENT: Final = 1e-10  # of a still finger's row: `general` judges rows of which the others leave less
 
 
 def solve_line(rows: Rows, targets: Row, limits: Row) -> tuple[Row, bool] | None:
     """`general.solve_fast` without `previous`; None where the still fingers leave no single direction."""
-    still: list[Row] = []
+    still: list[Vector] = []
     for finger in range(len(rows)):
         size = _largest(rows[finger])
         if not size < SAFE or (0.0 < size < 1.0 / SAFE) or not targets[finger] < SAFE:
             return None
         if targets[finger] == 0.0 < size:
-            still.append(rows[finger])
+            still.append([shape / size for shape in rows[finger]])
     modes = len(limits)
     if len(still) != modes - 1 or not 1.0 / SAFE < min(limits) <= max(limits) < SAFE:
         return None
-    along = _direction(still, modes)
-    return None if along is None else _served(rows, targets, limits, along)
+    basis = complement(still, modes)
+    return None if basis is None else _served(rows, targets, limits, basis[0])
 
 
 def _served(rows: Rows, targets: Row, limits: Row, along: Vector) -> tuple[Row, bool]:
@@ -68,33 +64,6 @@ def _gain(row: Row, along: Vector) -> float:
         gain += product
         terms += abs(product)
     return abs(gain) if abs(gain) > NOISE * terms else 0.0
-
-
-def _direction(still: Sequence[Row], modes: int) -> Vector | None:
-    """The unit vector that M - 1 rows do not see, orthogonal to each by rounding; None where rows are nearly dependent.
-
-    By Gram-Schmidt, which ends with the axis of which the rows see the least.
-    """
-    basis: list[Vector] = []
-    seen = [0.0] * modes
-    for row in still:
-        size = _largest(row)
-        unit = [value / size for value in row]
-        before = length(unit)
-        remove(unit, basis)
-        if not length(unit) > _INDEPENDENT * before:
-            return None
-        remove(unit, basis)
-        normalize(unit)
-        basis.append(unit)
-        for mode in range(modes):
-            seen[mode] += unit[mode] * unit[mode]
-    along = [0.0] * modes
-    along[seen.index(min(seen))] = 1.0
-    remove(along, basis)
-    remove(along, basis)
-    normalize(along)
-    return along
 
 
 def _largest(row: Row) -> float:
