@@ -28,7 +28,7 @@ def normalize(vector: Vector) -> None:
     """Scale a vector to length 1."""
     size = length(vector)
     for index in range(len(vector)):
-        vector[index] /= size
+        vector[index] = vector[index] / size
 
 
 def remove(vector: Vector, basis: Sequence[Vector]) -> None:
@@ -37,7 +37,7 @@ def remove(vector: Vector, basis: Sequence[Vector]) -> None:
     for unit in basis:
         share = dot(unit, vector)
         for index in range(len(vector)):
-            vector[index] -= share * unit[index]
+            vector[index] = vector[index] - share * unit[index]
 
 
 def complement(rows: Sequence[Vector], count: int) -> list[Vector] | None:
@@ -66,7 +66,7 @@ def _add_to_basis(vector: Vector, basis: list[Vector], seen: Vector) -> None:
     normalize(vector)
     basis.append(vector)
     for index in range(len(vector)):
-        seen[index] += vector[index] * vector[index]
+        seen[index] = seen[index] + vector[index] * vector[index]
 
 
 def solved(matrix: Sequence[Vector], right: Vector) -> Vector:

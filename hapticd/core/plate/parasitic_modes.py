@@ -99,8 +99,8 @@ class ParasiticModes:
                 coupled_q += self._q_um_per_um[mode] * product
             row = phi[braking]
             for driven in range(len(row)):
-                in_phase[driven] += coupled_d * row[driven]
-                behind[driven] += coupled_q * row[driven]
+                in_phase[driven] = in_phase[driven] + coupled_d * row[driven]
+                behind[driven] = behind[driven] + coupled_q * row[driven]
         return in_phase, behind
 
 
@@ -137,11 +137,11 @@ def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
         rows.append(row_q + row_d)
     known = [[dot(row, other) for other in rows[: index + 1]] for index, row in enumerate(rows)]
     for index in range(len(rows)):
-        known[index][index] += NODE_SHAPE_SQUARED
+        known[index][index] = known[index][index] + NODE_SHAPE_SQUARED
     shares_um = solved(known, [dot(row, before_um) for row in rows])
     for row, share_um in zip(rows, shares_um, strict=True):
         for part in range(2 * modes):
-            before_um[part] -= share_um * row[part]
+            before_um[part] = before_um[part] - share_um * row[part]
     return before_um[:modes], before_um[modes:]
 
 

@@ -41,7 +41,7 @@ class Face:
                 share = dot(unit, column)
                 entries.append(share)
                 for index in range(len(column)):
-                    column[index] -= share * unit[index]
+                    column[index] = column[index] - share * unit[index]
             size = math.sqrt(dot(column, column))
             entries.append(size)
             self._triangle.append(entries)
@@ -85,7 +85,7 @@ class Face:
         for index in range(len(y)):
             share, direction = y[index], self._directions[index]
             for mode in range(len(modal)):
-                modal[mode] += share * direction[mode]
+                modal[mode] = modal[mode] + share * direction[mode]
 
     def _projected(self, rest: Vector) -> Vector:
         """Return y of least |rest - A D y|, and subtract that from `rest`."""
@@ -96,12 +96,12 @@ class Face:
             share = dot(unit, rest)
             y[index] = share
             for part in range(len(rest)):
-                rest[part] -= share * unit[part]
+                rest[part] = rest[part] - share * unit[part]
         for index in range(count - 1, -1, -1):
             entries = self._triangle[index]
-            y[index] /= entries[index]
+            y[index] = y[index] / entries[index]
             for before in range(index):
-                y[before] -= entries[before] * y[index]
+                y[before] = y[before] - entries[before] * y[index]
         return y
 
     def _least_at(self, mode: int, limit: float, wanted: Vector, origin: Vector, ceiling: float) -> Least | None:
