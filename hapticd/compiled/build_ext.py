@@ -9,11 +9,14 @@ from __future__ import annotations
 import os
 import tomllib
 from glob import glob
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from threading import Lock
 
 from setuptools import Extension
 from setuptools.command import build_ext
+
+from . import FOLDERS
 
 GROUP = "hapticd.core.compiled"
 # The same bits as the interpreter's; and calls within the group go straight, not by a table that another library could
@@ -42,6 +45,16 @@ class BuildExt(build_ext.build_ext):
             ]
         super().finalize_options()
         self.parallel = os.cpu_count()
+
+    def run(self) -> None:
+        """Build; in a checkout, remove what an earlier build made of modules that are Python now: it fits no other."""
+        super().run()
+        if self.inplace:
+            built = {Path(self.get_ext_fullpath(extension.name)).resolve() for extension in self.extensions}
+            for folder in FOLDERS:
+                for path in Path("hapticd", folder).rglob(f"*{EXTENSION_SUFFIXES[0]}"):
+                    if path.resolve() not in built:
+                        path.unlink()
 
     def build_extension(self, extension: Extension) -> None:
         """Build one of several at a time; but the boards share sources, and so the paths of their object files."""

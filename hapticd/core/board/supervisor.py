@@ -13,90 +13,11 @@ again, which the next trackpad report does.
 from __future__ import annotations
 
 from collections import deque
-from enum import Enum
 from typing import NamedTuple
 
+from .transitions import CONDITIONS, NEEDS, TRANSITIONS, Event, State
 
-class _Singleton(Enum):
-    """Members are unique objects: their identity is hash enough, and looked up in a third of the time."""
-
-    __hash__ = object.__hash__
-
-
-class State(_Singleton):
-    """State of the daemon's output."""
-
-    IDLE = "idle"  # board or trackpad is missing
-    ARMED = "armed"  # both are there, no finger has a target
-    ACTIVE = "active"  # references go out
-    FAULT = "fault"  # latched until a client clears it
-    STOPPED = "stopped"  # shutting down
-
-
-class Event(_Singleton):
-    """Input of the state machine."""
-
-    LINK_UP = "link up"  # the board's handshake is done and its clock known
-    LINK_DOWN = "link down"
-    SENSOR_UP = "sensor up"
-    SENSOR_DOWN = "sensor down"
-    TOUCHED = "touched"  # a finger that has a target is down, or a virtual one moves
-    RELEASED = "released"
-    BOARD_FAULT = "board fault"
-    CLEARED = "cleared"  # a client cleared the fault, and the board agreed
-    STOP = "stop"
-
-
-TRANSITIONS: dict[tuple[State, Event], State] = (
-    {
-        (State.IDLE, Event.LINK_UP): State.ARMED,
-        (State.IDLE, Event.LINK_DOWN): State.IDLE,
-        (State.IDLE, Event.SENSOR_UP): State.ARMED,
-        (State.IDLE, Event.SENSOR_DOWN): State.IDLE,
-        (State.IDLE, Event.TOUCHED): State.IDLE,
-        (State.IDLE, Event.RELEASED): State.IDLE,
-        (State.IDLE, Event.BOARD_FAULT): State.FAULT,
-        (State.IDLE, Event.CLEARED): State.IDLE,
-        (State.IDLE, Event.STOP): State.STOPPED,
-        (State.ARMED, Event.LINK_UP): State.ARMED,
-        (State.ARMED, Event.LINK_DOWN): State.IDLE,
-        (State.ARMED, Event.SENSOR_UP): State.ARMED,
-        (State.ARMED, Event.SENSOR_DOWN): State.IDLE,
-        (State.ARMED, Event.TOUCHED): State.ACTIVE,
-        (State.ARMED, Event.RELEASED): State.ARMED,
-        (State.ARMED, Event.BOARD_FAULT): State.FAULT,
-        (State.ARMED, Event.CLEARED): State.ARMED,
-        (State.ARMED, Event.STOP): State.STOPPED,
-        (State.ACTIVE, Event.LINK_UP): State.ACTIVE,
-        (State.ACTIVE, Event.LINK_DOWN): State.IDLE,
-        (State.ACTIVE, Event.SENSOR_UP): State.ACTIVE,
-        (State.ACTIVE, Event.SENSOR_DOWN): State.IDLE,
-        (State.ACTIVE, Event.TOUCHED): State.ACTIVE,
-        (State.ACTIVE, Event.RELEASED): State.ARMED,
-        (State.ACTIVE, Event.BOARD_FAULT): State.FAULT,
-        (State.ACTIVE, Event.CLEARED): State.ACTIVE,
-        (State.ACTIVE, Event.STOP): State.STOPPED,
-        (State.FAULT, Event.CLEARED): State.ARMED,
-        (State.FAULT, Event.STOP): State.STOPPED,
-    }
-    | {(State.FAULT, event): State.FAULT for event in Event if event not in (Event.CLEARED, Event.STOP)}
-    | {(State.STOPPED, event): State.STOPPED for event in Event}
-)
-
-# The conditions that events set, and those that a state needs.
-CONDITIONS: dict[Event, tuple[str, bool]] = {
-    Event.LINK_UP: ("link", True),
-    Event.LINK_DOWN: ("link", False),
-    Event.SENSOR_UP: ("sensor", True),
-    Event.SENSOR_DOWN: ("sensor", False),
-}
-NEEDS: dict[State, frozenset[str]] = {
-    State.IDLE: frozenset(),
-    State.ARMED: frozenset({"link", "sensor"}),
-    State.ACTIVE: frozenset({"link", "sensor"}),
-    State.FAULT: frozenset(),
-    State.STOPPED: frozenset(),
-}
+__all__ = ["TRANSITIONS", "Event", "State", "Supervisor", "Transition"]
 
 
 class Transition(NamedTuple):

@@ -28,9 +28,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
-
 from ..phasors import Row, magnitude, re_im
+from ..small_matrices import Vector, dot, solved
 from .mode_shapes import ModeShapes
 
 Shapes = tuple[float, ...]  # of modes at one point
@@ -159,8 +158,8 @@ def _subtract(
 ) -> None:
     for place in range(len(row_d)):
         d, q = other_d[place], other_q[place]
-        row_d[place] -= by_d * d - by_q * q
-        row_q[place] -= by_d * q + by_q * d
+        row_d[place] = row_d[place] - (by_d * d - by_q * q)  # `-=` would be Python's own when compiled
+        row_q[place] = row_q[place] - (by_d * q + by_q * d)
 
 
 def _zeroed(felt: Parts, modal_um: Row) -> Parts:
@@ -185,11 +184,23 @@ def _zeroed(felt: Parts, modal_um: Row) -> Parts:
 
 
 def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
-    """The same for several fingers at once."""
-    matrix, before_um = np.array([np.array(row_d) + 1j * np.array(row_q) for row_d, row_q in felt]), np.array(modal_um)
-    known = matrix @ matrix.conj().T + NODE_SHAPE_SQUARED * np.eye(len(felt))
-    changed_um = before_um - matrix.conj().T @ np.linalg.solve(known, matrix @ before_um)
-    return changed_um.real.tolist(), changed_um.imag.tolist()
+    """The same for several fingers at once: W - A' (A A' + s I)^-1 A W, where A gives both parts of what each feels."""
+    modes = len(modal_um)
+    before_um = [0.0] * (2 * modes)
+    for mode in range(modes):
+        before_um[mode], before_um[modes + mode] = re_im(modal_um[mode])
+    rows: list[Vector] = []
+    for row_d, row_q in felt:
+        rows.append(row_d + [-shape for shape in row_q])
+        rows.append(row_q + row_d)
+    known = [[dot(row, other) for other in rows[: index + 1]] for index, row in enumerate(rows)]
+    for index in range(len(rows)):
+        known[index][index] = known[index][index] + NODE_SHAPE_SQUARED
+    shares_um = solved(known, [dot(row, before_um) for row in rows])
+    for row, share_um in zip(rows, shares_um, strict=True):
+        for part in range(2 * modes):
+            before_um[part] = before_um[part] - share_um * row[part]
+    return before_um[:modes], before_um[modes:]
 
 
 def _within(changed_um: Parts, w_limit_um: tuple[float, ...]) -> Row:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 Row = tuple[float, ...]  # shapes of all modes at one finger, or modal amplitudes
@@ -28,6 +29,11 @@ def clamped(value: float, limit: float) -> float:
     if -limit <= value <= limit:
         return value
     return math.copysign(limit, value) if value == value else 0.0
+
+
+def unscaled(reach: float, modal: Sequence[float], limits: Row) -> Row:
+    """Amplitudes in units of `reach`, in um and within the limits to the last bit."""
+    return tuple([clamped(modal[mode] * reach, limits[mode]) for mode in range(len(limits))])
 
 
 def all_finite(rows: Rows) -> bool:

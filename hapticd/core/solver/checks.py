@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .arithmetic import Phasors, Row, Rows
-from .general import FloatArray
+from .sign_patterns import FloatArray
 
 
 def checked_shapes(phi: npt.ArrayLike) -> Rows:

@@ -9,14 +9,18 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
+from operator import mul
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..phasors import magnitude
-from .arithmetic import MISSED, Phasors, Row, Rows
-from .general import Candidate, FloatArray, Problem, best_solution, is_limited, pose, unscaled, with_signs
+from ..small_matrices import dot
+from .arithmetic import MISSED, Phasors, Row, Rows, unscaled
+from .few_modes import Pattern, pose_few
+from .line import solve_line
+from .sign_patterns import Candidate, FloatArray, Problem, best_solution, is_limited, pose, with_signs
 from .slew_limit import nearer_hand
 
 _REAL_RAD: Final = 1e-6  # fingers this near to one phase, or to the opposite one, vibrate in one real pattern
@@ -34,27 +38,68 @@ class Turn(NamedTuple):
 
 def turn_patterns(rows: Rows, targets: Row, limits: Row, previous: Phasors, turn_rad: float) -> tuple[Phasors, bool]:
     """One step, of `turn_rad` at most, from the pattern that `previous` has, or is leaving, to the best one."""
+    line = solve_line(rows, targets, limits)  # all that can turn is the common phase
+    if line is not None:
+        return in_phase(line[0], limits, previous), line[1]
+    few = pose_few(rows, targets, limits)
+    if few is not None:
+        shapes = [row for row, target in zip(rows, targets, strict=True) if target > 0.0]
+        now = _turn_at(shapes, previous)
+        best = few.best(None, now.signs)
+        turn = _next_turn(now, shapes, best.modal)
+        if turn is None:
+            return in_phase(unscaled(few.reach, best.modal, limits), limits, previous), few.is_limited(best)
+        begin, end = few.with_signs(turn.signs), few.with_signs(_flipped(turn))
+        equal = _EQUAL * dot(few.targets, few.targets)
+        tau_rad = _stepped(turn.tau_rad, turn_rad, _serves_better(end, begin, equal))
+        modal = between(np.array(begin.modal), np.array(end.modal), tau_rad)
+        limited = few.is_limited(begin) or few.is_limited(end)
+        return in_phase((modal * few.reach).tolist(), limits, previous), limited
     problem = pose(rows, targets, limits)
     if problem is None:
         return (0j,) * len(limits), False
-    best = best_solution(problem, None)
-    if problem.basis.shape[1] == 1:  # a line: all that can turn is the common phase
-        return in_phase(unscaled(problem, best.modal, limits), limits, previous), is_limited(problem, best)
-    turn = turn_of((problem.phi @ np.array(previous)).tolist())
-    if turn.tau_rad < _REAL_RAD:
-        turn = turn._replace(changes=_changed(turn.signs, np.copysign(1.0, problem.phi @ best.modal).tolist()))
-        if not any(turn.changes):
-            return in_phase(unscaled(problem, best.modal, limits), limits, previous), is_limited(problem, best)
-    flipped = [-sign if change else sign for sign, change in zip(turn.signs, turn.changes, strict=True)]
-    begin, end = with_signs(problem, turn.signs), with_signs(problem, flipped)
-    if _serves_better(problem, end, begin):
-        tau_rad = min(turn.tau_rad + turn_rad, math.pi)
-    else:
-        tau_rad = max(turn.tau_rad - turn_rad, 0.0)
+    return _turn_arrays(problem, limits, previous, turn_rad)
+
+
+def _turn_arrays(problem: Problem, limits: Row, previous: Phasors, turn_rad: float) -> tuple[Phasors, bool]:
+    """The same for any number of fingers and modes."""
+    chosen = best_solution(problem, None)
+    turn = None
+    if problem.basis.shape[1] > 1:
+        shapes = problem.phi.tolist()
+        turn = _next_turn(_turn_at(shapes, previous), shapes, chosen.modal.tolist())
+    if turn is None:
+        modal_um = unscaled(problem.reach, chosen.modal.tolist(), limits)
+        return in_phase(modal_um, limits, previous), is_limited(problem, chosen)
+    begin, end = with_signs(problem, turn.signs), with_signs(problem, _flipped(turn))
+    equal = _EQUAL * float(problem.targets @ problem.targets)
+    tau_rad = _stepped(turn.tau_rad, turn_rad, _serves_better(end, begin, equal))
     modal = between(begin.modal, end.modal, tau_rad)
     got = np.abs(problem.gains @ (modal @ problem.basis))
     missed = not bool(np.all(np.abs(got - problem.targets) <= MISSED * problem.targets))
     return in_phase((modal * problem.reach).tolist(), limits, previous), missed
+
+
+def _turn_at(shapes: Sequence[Sequence[float]], previous: Phasors) -> Turn:
+    return turn_of([sum(map(mul, row, previous)) for row in shapes])
+
+
+def _next_turn(turn: Turn, shapes: Sequence[Sequence[float]], best: Sequence[float]) -> Turn | None:
+    """The turn that goes on, or else the one to the best pattern, `best` (M,); None where the fingers have that."""
+    if turn.tau_rad < _REAL_RAD:
+        signs = [math.copysign(1.0, sum(map(mul, row, best))) for row in shapes]
+        turn = turn._replace(changes=_changed(turn.signs, signs))
+    return turn if any(turn.changes) else None
+
+
+def _flipped(turn: Turn) -> list[float]:
+    """The signs at a turn's end."""
+    return [-sign if change else sign for sign, change in zip(turn.signs, turn.changes, strict=True)]
+
+
+def _stepped(tau_rad: float, turn_rad: float, is_ahead: bool) -> float:
+    """A step towards a turn's end, or back."""
+    return min(tau_rad + turn_rad, math.pi) if is_ahead else max(tau_rad - turn_rad, 0.0)
 
 
 def in_phase(modal: Sequence[complex], limits: Row, previous: Phasors | None) -> Phasors:
@@ -109,9 +154,9 @@ def _changed(signs: Sequence[float], others: Sequence[float]) -> list[bool]:
     return differ if 2 * sum(differ) <= len(differ) else [not one for one in differ]
 
 
-def _serves_better(problem: Problem, one: Candidate, other: Candidate) -> bool:
+def _serves_better(one: Candidate | Pattern, other: Candidate | Pattern, equal: float) -> bool:
     """Rules (3) and (4) of the solver between two patterns."""
     excess = one.error - other.error
-    if abs(excess) > _EQUAL * float(problem.targets @ problem.targets):
+    if abs(excess) > equal:
         return excess < 0.0
     return one.square < other.square

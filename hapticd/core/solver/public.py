@@ -30,9 +30,10 @@ from .checks import (
     checked_track,
 )
 from .contacts import COLD_TURN_RAD, solve_contacts
-from .general import FloatArray, solve_fast
+from .general import solve_fast
 from .pair import condition
 from .phase import TURN_RAD, solve_phased_fast
+from .sign_patterns import FloatArray
 
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere

@@ -140,8 +140,9 @@ class Scene:
     @property
     def next_expiry_ns(self) -> int | None:
         """When the next target, surface or effect expires; None while there is none."""
-        next_ns = min((held.t_expires_ns for held in self._held.values()), default=NEVER_NS)
-        next_ns = min(next_ns, self.surfaces.t_expires_ns, self.effects.t_expires_ns)
+        next_ns = min(self.surfaces.t_expires_ns, self.effects.t_expires_ns)
+        for held in self._held.values():  # no generator: each tick of the timer asks, and mostly there is nothing
+            next_ns = min(next_ns, held.t_expires_ns)
         return None if next_ns == NEVER_NS else next_ns
 
     def target_of(self, key: Key) -> Target | None:
