@@ -20,6 +20,7 @@ from ..wire import protocol
 from ..wire.board_messages import Decoder
 from ..wire.framing import FrameSplitter
 
+COLLECTED = ("board_bytes", "written", "pass")  # the kinds of records that are read
 AFTER_START_S = 0.002  # a frame's start is a step that the control law follows within some ticks
 BEFORE_NEXT_S = 0.001
 _OUTPUT_DELAY_S = 50e-6  # from a tick to its voltage on the plate

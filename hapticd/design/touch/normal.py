@@ -33,7 +33,7 @@ def normal_of(problem: Problem, state: State, noise: FloatArray, mean: complex, 
     from_right, from_step, weights, scores = [], [], [], []
     for start in range(0, len(state.loads), _BLOCK):
         rows = slice(start, start + _BLOCK)
-        point = problem.model.at(state, rows, has_waves=problem.free.waves)
+        point = problem.model.at(state, rows, problem.free)
         weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
         columns = _columns(problem, point, rows) * weight[..., None]
         loads = point.by_loads * weight[..., None]
@@ -59,13 +59,9 @@ def normal_of(problem: Problem, state: State, noise: FloatArray, mean: complex, 
 
 def _columns(problem: Problem, point: Point, rows: slice) -> ComplexArray:
     """Derivatives by all parameters (B, S, M, P), which are real."""
-    free, terms = problem.free, problem.model.terms[rows]
+    terms = problem.model.terms[rows]
     modes = terms.shape[2]
-    parts = [point.by_pad] if free.pad else []
-    if free.sense:
-        parts += [point.by_sense, 1j * point.by_sense]
-    if free.waves:
-        parts += [point.by_waves]
+    parts = point.by_pad, point.by_sense, 1j * point.by_sense, point.by_waves
     rates = np.zeros((*terms.shape[:3], modes, terms.shape[-1]), np.complex128)
     for mode in range(modes):
         rates[:, :, mode, mode] = terms[:, :, mode]

@@ -147,7 +147,7 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
         "points": [
             {"virtual" if isinstance(key, str) else "finger_id": key}
             | dict(zip(_POINT, numbers, strict=True))
-            | perceived[key]._asdict()
+            | (perceived[key]._asdict() if key in perceived else {})  # it is not known without a reader
             for key, *numbers in tick.points
         ],
     }
