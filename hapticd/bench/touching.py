@@ -52,8 +52,9 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> To
     observed = replace(settings, config=replace(config, record=replace(config.record, telemetry_hz=TELEMETRY_HZ)))
     actors = SCENARIOS["strokes"].build(seed + _OTHER_STROKES, settings.speed_mm_s)
     simulation = Simulation(actors, observed, seed, before)
-    machine, collected = simulation.machine, Collected()
+    machine = simulation.machine
     header = header_of(machine, t_ns=T_START_NS, utc="", is_whole=True)
+    collected = Collected.of(header.config)
 
     def put(kind: str, t_ns: int, *values: object) -> None:
         if kind in COLLECTED:

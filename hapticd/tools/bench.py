@@ -54,6 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hours", type=number(0.0, is_above=True), default=1.0, help="endurance, soak: virtual time (default 1)"
     )
     parser.add_argument(
+        "--calibrating",
+        action="store_true",
+        help="soak: the daemon calibrates itself in laboratories that drift; 24 faults in 150 s",
+    )
+    parser.add_argument(
         "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"
     )
     parser.add_argument(
@@ -104,6 +109,7 @@ def _bench(options: argparse.Namespace) -> None:
         traces_file=options.traces,
         recording=options.recording,
         worlds_count=options.worlds,
+        is_calibrating=options.calibrating,
         json_file=options.json,
         plot=options.plot,
     )

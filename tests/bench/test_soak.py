@@ -34,7 +34,7 @@ def test_half_a_minute_of_faults_has_no_failure(findings: Findings) -> None:
 
 
 def test_an_hour_has_two_thousand_faults() -> None:
-    drawn = [len(list(soak._drawn(np.random.default_rng(seed)))) for seed in range(120)]
+    drawn = [len(list(soak._drawn(np.random.default_rng(seed), soak.LIFT_S))) for seed in range(120)]
     assert sum(drawn) >= 2000
 
 

@@ -33,7 +33,7 @@ APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKN
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """The calibration to adopt, which is the nominal one if `refusal` says why; `fitted` is what the fit found.
+    """The calibration to adopt, which is the one in force if `refusal` says why; `fitted` is what the fit found.
 
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
     `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none.
@@ -80,24 +80,32 @@ class _Fitter:
 
 
 def calibrate(
-    windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None, *, has_map: bool = True
+    windows: Windows,
+    modes: ModeShapes,
+    parasitic_modes: ParasiticModes | None = None,
+    *,
+    before: Calibration | None = None,
 ) -> Judged:
-    """Fit and judge, the map last, if `has_map`. Run time: about 5 s for a minute of touching, 30 s with the map."""
-    nominal = Calibration.nominal(modes.M)
+    """Fit and judge, the map last. Run time: about 2 s for a minute of touching, 5 s with the map.
+
+    `before` is the calibration in force, which a found one has to surpass; without, the nominal one. What is found is
+    relative to the nominal one all the same.
+    """
+    before = Calibration.nominal(modes.M) if before is None else before
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
         refusal = (
             f"Only {touched_s:.1f} s of touching while the plate followed its references, {LEAST_TOUCHED_S:g} s are "
             "needed: move two fingers for a minute, one of them slippery."
         )
-        return Judged(nominal, nominal, nominal, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
+        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
     free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
     fitter = _Fitter(modes, parasitic_modes)
     first, second = _halves(few)
-    one = fitter.fit(first, free, nominal)
+    one = fitter.fit(first, free, before)
     other = fitter.fit(second, free, one.calibration)
-    gains = [fitter.gain(part, nominal, found.calibration) for part, found in ((second, one), (first, other))]
+    gains = [fitter.gain(part, before, found.calibration) for part, found in ((second, one), (first, other))]
     found = fitter.fit(few, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusal = (
@@ -106,7 +114,7 @@ def calibrate(
         or _apart(one, other)
         or _unconfirmed(gains)
     )
-    adopted = nominal if refusal else _effective(found.calibration, latency_s)
+    adopted = before if refusal else _effective(found.calibration, latency_s)
     judged = Judged(
         calibration=adopted,
         fitted=found.calibration,
@@ -121,7 +129,7 @@ def calibrate(
         waves=None,
         fit=found,
     )
-    return _with_map(judged, windows, fitter) if has_map else judged
+    return _with_map(judged, windows, fitter)
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
