@@ -29,7 +29,7 @@ PARTS = {
     "recording": Part("what a recording costs the service", 0.5, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
-    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 100.0, has_picture=False),
+    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "endurance": Part("an hour of virtual time of the firmware on random plates", 0.5, has_picture=False),
     "soak": Part("an hour of virtual time with 2000 faults", 7.0, has_picture=False),

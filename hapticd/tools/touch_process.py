@@ -47,7 +47,7 @@ MOST_TICKS = round(4 * FIT_S * CALIBRATION_HZ)  # of all: a plate that is touche
 MOST_FRAMES = MOST_TICKS // 4  # 36 s of the shortest, of 3 ms
 MOST_POSITIONS = 4 * MOST_TICKS  # 96 s of 16 fingers at 125 Hz
 LEAST_NICE = 19
-MOST_BYTES = 1 << 28  # the service may have twice as much
+MOST_BYTES = 3 << 27  # the service may have a third more
 
 
 class Accumulator:

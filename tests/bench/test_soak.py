@@ -60,7 +60,8 @@ def test_the_largest_amplitude_of_every_frame_counts() -> None:
 
 
 def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    def play(found: Findings, seed: int) -> None:
+    def play(found: Findings, seed: int, *, is_calibrating: bool) -> None:
+        assert not is_calibrating
         found.virtual_s += 30.0
         found.faults["trackpad silent"] += 1
         found.latest_quiet_ms["trackpad silent"] = float(seed % 10)

@@ -113,6 +113,7 @@ def _descended(problem: Problem, found: _Settled) -> tuple[_Settled, FloatArray]
             damping = max(10.0 * damping, 1e-3)
             continue
         found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
+        del normal  # two at a time would be the most memory of all
         cost, left, normal = _cost(problem, *found), left - 1, normal_of(problem, *found)
         if gain < _LEAST_GAIN and damping == 0.0:
             break

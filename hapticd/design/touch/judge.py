@@ -19,6 +19,7 @@ from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
 LEAST_FOR_MAP_S = 45.0  # of fitted windows: about a minute of touching
+SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
 MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for those of sensors
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
@@ -205,7 +206,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
     if judged.touched_s < LEAST_FOR_MAP_S:
         refusal = f"The map needs {LEAST_FOR_MAP_S:g} s of touching, not {judged.touched_s:.0f} s."
-        return replace(judged, map_refusal=refusal)
+        return _without_map(judged, refusal)
     waves = Waves(fitter.modes, wave_number(fitter.modes))
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
@@ -216,7 +217,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         gains.append(fitter.gain(held_out, start, fits[-1].calibration))
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if refusal := _unconfirmed(gains):
-        return replace(judged, map_refusal=refusal)
+        return _without_map(judged, refusal)
     found = _mean(*fits)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     return replace(
@@ -230,6 +231,16 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         waves=waves,
         fit=found,
     )
+
+
+def _without_map(judged: Judged, map_refusal: str) -> Judged:
+    """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein)."""
+    sense = judged.calibration.sense
+    away = sense - np.eye(len(sense))
+    sure = np.maximum(0.0, 1.0 - SENSE_OF_MAP**2 / np.maximum(np.abs(away) ** 2, 1e-12))
+    shrunk = sense if judged.refusal else np.eye(len(sense)) + sure * away
+    calibration = replace(judged.calibration, sense=np.asarray(shrunk, np.complex128))
+    return replace(judged, calibration=calibration, map_refusal=map_refusal)
 
 
 def _mean(one: Fit, other: Fit) -> Fit:
