@@ -53,6 +53,7 @@ class Extent(NamedTuple):
     real_time_s: float | None = None
     touches: list[Trace] | None = None
     worlds: int = worlds.WORLDS
+    is_calibrating: bool = False  # the daemon of the soak
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
@@ -76,7 +77,9 @@ PARTS: dict[str, Part] = {
     "firmware": lambda _: (*firmware.run(), firmware_faults.run()),
     "endurance": lambda extent: (endurance.run(extent.hours),),
     "soak": lambda extent: (
-        soak.run(extent.hours) if extent.real_time_s is None else soak_real_time.run(extent.real_time_s)
+        soak.run(extent.hours, is_calibrating=extent.is_calibrating)
+        if extent.real_time_s is None
+        else soak_real_time.run(extent.real_time_s)
     ),
 }
 
@@ -93,6 +96,7 @@ def run(
     traces_file: Path | None = None,
     recording: Path | None = None,
     worlds_count: int = worlds.WORLDS,
+    is_calibrating: bool = False,
 ) -> None:
     """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON and the
     picture if requested.
@@ -104,7 +108,9 @@ def run(
     found: list[Table] = []
     touches = traces.load(traces_file) if traces_file is not None else None
     touches = recorded(recording) if recording is not None else touches
-    for name, tables in _results(minutes, Extent(seconds, steps, hours, real_time_s, touches, worlds_count)):
+    for name, tables in _results(
+        minutes, Extent(seconds, steps, hours, real_time_s, touches, worlds_count, is_calibrating)
+    ):
         figures[name] = {table.name: plain(table) for table in tables}
         found += tables
         _print(tables, out)

@@ -7,19 +7,14 @@ from dataclasses import replace
 
 from ..board_values import Calibration as BoardCalibration
 from ..board_values import ModeCalibration
-from ..core.plate.mode_shapes import ModeShapes
-from ..daemon.machine import Machine
-from ..daemon.observer import Observer
 from ..daemon.recorder import header_of
 from ..design.touch.judge import Judged
-from ..files.recording.header import Header
 from ..files.recording.kinds import record_of
-from ..sim import lockstep
-from ..sim.fingers.scenarios import SCENARIOS, Actor, Scenario
-from ..sim.lockstep import T_START_NS, Measured, Settings
+from ..sim.fingers.scenarios import SCENARIOS
+from ..sim.lockstep import T_START_NS, Measured, Settings, Simulation
 from ..sim.plate.ground_truth import GroundTruth
 from ..tools.touch_correction import calibration_of, has_sensors, mode_map, pad_settings
-from ..tools.touch_recording import Collected, Touched, touched
+from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
 TELEMETRY_HZ = 500
 TOUCHING_S = 60.0
@@ -53,30 +48,21 @@ def measured(settings: Settings, seed: int) -> Measured:
 
 def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> Touched:
     """Touch the plate in strokes other than those of `seed`; return what the daemon would record."""
-    collected = Collected()
-    headers: list[Header] = []
-
-    def observer(machine: Machine, _: ModeShapes) -> Observer:
-        headers.append(header_of(machine, t_ns=T_START_NS, utc="", is_whole=True))
-
-        def put(kind: str, t_ns: int, *values: object) -> None:
-            collected.take(record_of(kind, 0, t_ns, values))
-
-        return put
-
     config = settings.config
     observed = replace(settings, config=replace(config, record=replace(config.record, telemetry_hz=TELEMETRY_HZ)))
-    lockstep.run(_strokes_of(seed), settings=observed, seed=seed, seconds=seconds, observer=observer, measured=before)
-    return touched(collected, headers[0], "touching")
+    actors = SCENARIOS["strokes"].build(seed + _OTHER_STROKES, settings.speed_mm_s)
+    simulation = Simulation(actors, observed, seed, before)
+    machine = simulation.machine
+    header = header_of(machine, t_ns=T_START_NS, utc="", is_whole=True)
+    collected = Collected.of(header.config)
 
+    def put(kind: str, t_ns: int, *values: object) -> None:
+        if kind in COLLECTED:
+            collected.take(record_of(kind, 0, t_ns, values))
 
-def _strokes_of(seed: int) -> Scenario:
-    strokes = SCENARIOS["strokes"]
-
-    def build(_: int, speed_mm_s: float) -> tuple[Actor, ...]:
-        return strokes.build(seed + _OTHER_STROKES, speed_mm_s)
-
-    return replace(strokes, build=build)
+    machine.observer, machine.observer_perceives = put, False
+    simulation.run(seconds)
+    return touched(collected, header, "touching")
 
 
 def corrected(settings: Settings, before: Measured, found: Touched, judged: Judged) -> tuple[Settings, Measured]:

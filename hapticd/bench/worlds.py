@@ -3,7 +3,8 @@
 Each laboratory is drawn with a seed of its own (`sim.world_tolerances`), and its fingers, noise and map have that seed
 too. A laboratory is one job for a process, since its runs share maps.
 
-    run       points on the paper's plate; contacts on the fingertip plate with its four modes
+    run       points on the paper's plate; contacts on the fingertip plate with its four modes; one laboratory in FEW
+              also with one cause made perfect at a time, before touching and after it, and with nothing wrong at all
 """
 
 from __future__ import annotations
@@ -11,19 +12,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..sim import lockstep
-from ..sim.lockstep import Settings
+from ..sim.lockstep import Measured, Settings
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
-from ..sim.world_errors import CAUSES, NEUTRAL, WorldErrors
+from ..sim.world_errors import CAUSES, NEUTRAL
 from ..sim.world_tolerances import LEVELS, draw
 from ..tools.progress import Progress
 from ..tools.touch_correction import judged_by
@@ -35,38 +37,66 @@ LABORATORY = "laboratory"
 SCENARIO = "strokes"
 SECONDS = 10.0
 HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the paper's scheme"
-PERFECT, IDEAL = "perfect knowledge", "hapticd, nothing wrong"
-CONTACT_CAUSES_EVERY = 5  # laboratories: runs with contacts take four times as long
+PERFECT, NOTHING_WRONG = "perfect knowledge", "nothing wrong"
+FEW = 5  # of so many laboratories one is played with each cause made perfect, and one with nothing wrong
+_PAD, _SENSORS = ("pad_pose", "centroid_shift_mm", "latency_ms"), ("sensors",)
+_MAP = ("map_change", "map_noise_frac", "glue_frac")
+# What is made perfect together after touching: causes that are learned together, and each of the others.
+LEFT: dict[str, tuple[str, ...]] = {
+    "pad, sensors and map": (*_PAD, *_SENSORS, *_MAP),
+    "pad's place and latency": _PAD,
+    "sensors": _SENSORS,
+    "map": _MAP,
+    **{cause: (cause,) for cause in CAUSES if cause not in {*_PAD, *_SENSORS, *_MAP}},
+}
 _WORST_TENTH = 0.9
 
 Scores = dict[str, Score]
 
 
-def play(settings: Settings, world: WorldErrors, seed: int, seconds: float, touching_s: float) -> Scores:
-    """Return the scores of each scheme in one world; that of AFTER is on other strokes than its touching."""
-    run_as = partial(lockstep.run, SCENARIO, seed=seed, seconds=seconds)
-    played = lockstep.in_world(settings, world)
-    before = touching.measured(played, seed)
+def play(job: Job) -> Scores:
+    """Return the scores of each scheme in one world; those after touching are on other strokes than its touching."""
+    world = NEUTRAL if job.level == NOTHING_WRONG else draw(job.level, job.seed)
+    run_as = partial(lockstep.run, SCENARIO, seed=job.seed, seconds=job.seconds)
+    played = lockstep.in_world(job.settings, world)
+    before = touching.measured(played, job.seed)
     ours = run_as(settings=played, measured=before)
-    found = touching.touch(played, before, seed, touching_s)
+    found = touching.touch(played, before, job.seed, job.touching_s)
     settled, after = touching.corrected(played, before, found, judged_by(found))
-    return {
+    scores = {
         HAPTICD: ours.score,
         AFTER: run_as(settings=settled, measured=after).score,
         PAPER: run_as(settings=lockstep.paper(ours.settings)).score,
         PERFECT: perfect(ours).score,
-        IDEAL: run_as(settings=lockstep.in_world(settings, NEUTRAL)).score,
     }
+    if job.has_causes:
+        for cause in CAUSES:
+            without = lockstep.in_world(job.settings, world.without(cause))
+            scores[cause] = run_as(settings=without, measured=touching.measured(without, job.seed)).score
+        for name in LEFT:
+            scores[left(name)] = run_as(**_known(name, settled, after, job.settings, job.seed)).score
+    return scores
 
 
-def play_causes(settings: Settings, world: WorldErrors, seed: int, seconds: float) -> Scores:
-    """Return the scores of hapticd with one cause of the world made perfect at a time."""
-    return {
-        cause: lockstep.run(
-            SCENARIO, settings=lockstep.in_world(settings, world.without(cause)), seed=seed, seconds=seconds
-        ).score
-        for cause in CAUSES
-    }
+def left(name: str) -> str:
+    """Return the key of the scores after touching with one of LEFT made perfect."""
+    return f"{AFTER}: {name}"
+
+
+def _known(name: str, settled: Settings, after: Measured, as_configured: Settings, seed: int) -> dict[str, Any]:
+    """Return settings and measurements after touching in a world without some of its causes.
+
+    What was learned about them is replaced by what is then true: what was configured, or would have been measured.
+    """
+    causes, world = LEFT[name], settled.plate.world
+    for cause in causes:
+        world = world.without(cause)
+    config = as_configured.config if _PAD[0] in causes else settled.config
+    settings = replace(lockstep.in_world(settled, world), config=config)
+    exact = touching.measured(settings, seed) if {_SENSORS[0], _MAP[0]} & set(causes) else after
+    modes = exact.modes if _MAP[0] in causes else after.modes
+    calibration = exact.calibration if _SENSORS[0] in causes else after.calibration
+    return {"settings": settings, "measured": Measured(modes, calibration)}
 
 
 def run(
@@ -78,26 +108,30 @@ def run(
 ) -> tuple[Table, ...]:
     """Compare the schemes in `worlds` laboratories of each level, and the causes in those of the middle one."""
     points, contacts = Settings(), Settings(plate=PlateSettings.of(FINGERTIP))
-    seeds = range(1, worlds + 1)
+    seeds, few = range(1, worlds + 1), range(1, worlds + 1, FEW)
     job = partial(Job, seconds=seconds, touching_s=touching_s)
-    jobs = {(name, seed): job(points, name, seed, has_causes=name == LABORATORY) for name in LEVELS for seed in seeds}
-    jobs |= {
-        (FINGERTIP, seed): job(contacts, LABORATORY, seed, has_causes=seed % CONTACT_CAUSES_EVERY == 1)
+    jobs = {
+        (name, seed): job(points, name, seed, has_causes=name == LABORATORY and seed in few)
+        for name in LEVELS
         for seed in seeds
     }
-    done = played(jobs, os.cpu_count() or 1 if workers is None else workers)
-    by_level = {level: [done[level, seed] for seed in seeds] for level in LEVELS}
-    at_contacts = [done[FINGERTIP, seed] for seed in seeds]
+    jobs |= {(NOTHING_WRONG, seed): job(points, NOTHING_WRONG, seed, has_causes=False) for seed in few}
+    jobs |= {(FINGERTIP, seed): job(contacts, LABORATORY, seed, has_causes=seed in few) for seed in seeds}
+    return tables(played(jobs, os.cpu_count() or 1 if workers is None else workers))
+
+
+def tables(done: Mapping[tuple[str, int], Scores]) -> tuple[Table, ...]:
+    """Return the tables of what was played, by level (contacts: by plate) and seed."""
+    by_level: dict[str, list[Scores]] = {}
+    for (level, _), scores in done.items():
+        by_level.setdefault(level, []).append(scores)
+    at_contacts = by_level.pop(FINGERTIP)
+    at_points = by_level[LABORATORY]
     return (
         _levels(by_level),
-        _causes("worlds_causes", "points", by_level[LABORATORY], lambda score: score.leak_um),
+        *_causes("worlds", "points", at_points, lambda score: score.leak_um),
         _contacts(at_contacts),
-        _causes(
-            "worlds_contact_causes",
-            "contacts on the fingertip plate",
-            [scores for scores in at_contacts if CAUSES[0] in scores],
-            lambda score: score.contact_leak_um,
-        ),
+        *_causes("worlds_contact", "contacts on the fingertip plate", at_contacts, lambda score: score.contact_leak_um),
     )
 
 
@@ -112,23 +146,17 @@ class Job(NamedTuple):
     has_causes: bool
 
 
-def _laboratory(job: Job) -> Scores:
-    world = draw(job.level, job.seed)
-    scores = play(job.settings, world, job.seed, job.seconds, job.touching_s)
-    return scores | (play_causes(job.settings, world, job.seed, job.seconds) if job.has_causes else {})
-
-
 def played(jobs: Mapping[tuple[str, int], Job], workers: int) -> dict[tuple[str, int], Scores]:
     """Return each job's scores, from this process or from `workers` others."""
     done: dict[tuple[str, int], Scores] = {}
     with Progress("worlds") as progress:
         if workers == 1:
             for key, job in jobs.items():
-                done[key] = _laboratory(job)
+                done[key] = play(job)
                 progress(len(done) / len(jobs))
             return done
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            waiting = {pool.submit(_laboratory, job): key for key, job in jobs.items()}
+            waiting = {pool.submit(play, job): key for key, job in jobs.items()}
             for finished in as_completed(waiting):
                 done[waiting[finished]] = finished.result()
                 progress(len(done) / len(jobs))
@@ -138,11 +166,14 @@ def played(jobs: Mapping[tuple[str, int], Job], workers: int) -> dict[tuple[str,
 def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
     for level, laboratories in by_level.items():
-        for scheme in (HAPTICD, AFTER, PAPER, PERFECT, IDEAL):
+        for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
             of = [scores[scheme] for scores in laboratories]
             figures = _spread([score.leak_um for score in of], "leak")
             figures["slip_frac"] = _quantile([score.slip_frac for score in of], 0.5)
-            figures["paper_ratio"] = _quantile(_ratios(laboratories, PAPER, scheme), 0.5)
+            if scheme != PERFECT:  # which leaks nothing at points
+                ratios = _ratios(laboratories, PAPER, scheme)
+                figures["paper_ratio"] = _quantile(ratios, 0.5)
+                figures["paper_ratio_least"] = min(ratios, default=float("nan"))
             figures["before_ratio_most"] = max(_ratios(laboratories, scheme, HAPTICD), default=float("nan"))
             rows.append((f"{level}: {scheme}", figures))
     return Table(
@@ -155,6 +186,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
             "leak: median over the laboratories; worst tenth: a tenth of them leaks more",
             "paper ratio: how many times more the paper's scheme leaks in the same laboratory, median; before ratio: "
             "leak over that of hapticd before touching, the most of all laboratories",
+            f"{NOTHING_WRONG}: in {len(by_level[NOTHING_WRONG])} worlds as the daemon is configured for",
         ),
     )
 
@@ -166,7 +198,7 @@ def _ratios(laboratories: Sequence[Scores], over: str, under: str) -> list[float
 
 def _contacts(laboratories: Sequence[Scores]) -> Table:
     rows = []
-    for scheme in (HAPTICD, AFTER, PAPER, PERFECT, IDEAL):
+    for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
         of = [scores[scheme] for scores in laboratories]
         contrasts = [score.contrast for score in of]
         figures = _spread([score.contact_leak_um for score in of], "contact_leak")
@@ -185,20 +217,39 @@ def _contacts(laboratories: Sequence[Scores]) -> Table:
     )
 
 
-def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> Table:
-    """Return the leak with each cause made perfect, largest share first."""
-    all_um = [leak_um(scores[HAPTICD]) for scores in laboratories]
+def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> list[Table]:
+    """Return the leak with each cause made perfect, largest share first: before touching, and after it."""
+    few = [scores for scores in laboratories if CAUSES[0] in scores]
+    causes = {f"{cause} perfect": cause for cause in CAUSES}
+    after = {f"{group} perfect": left(group) for group in LEFT}
+    when = f"made perfect, {len(few)} laboratories, {where}"
+    return [
+        _shares(f"{name}_causes", f"worlds: one cause {when}", HAPTICD, causes, few, leak_um),
+        _shares(f"{name}_left", f"worlds: after touching, what is left {when}", AFTER, after, few, leak_um),
+    ]
+
+
+def _shares(
+    name: str,
+    title: str,
+    scheme: str,
+    keys: Mapping[str, str],
+    laboratories: Sequence[Scores],
+    leak_um: Callable[[Score], float],
+) -> Table:
+    """Return a row of a scheme, and one of each of `keys`, the scores with something made perfect."""
+    all_um = [leak_um(scores[scheme]) for scores in laboratories]
     rows = []
-    for cause in CAUSES if laboratories else ():
-        known_um = [leak_um(scores[cause]) for scores in laboratories]
+    for row, key in keys.items() if laboratories else ():
+        known_um = [leak_um(scores[key]) for scores in laboratories]
         share = 1.0 - np.mean(np.square(known_um)) / np.mean(np.square(all_um))
-        rows.append((f"{cause} perfect", _spread(known_um, "leak") | {"share_frac": float(share)}))
+        rows.append((row, _spread(known_um, "leak") | {"share_frac": float(share)}))
     rows.sort(key=lambda row: -row[1]["share_frac"])
     return Table(
         name=name,
-        title=f"worlds: one cause made perfect, {len(laboratories)} laboratories, {where}",
-        default=HAPTICD,
-        rows=finite_rows([(HAPTICD, _spread(all_um, "leak")), *rows]),
+        title=title,
+        default=scheme,
+        rows=finite_rows([(scheme, _spread(all_um, "leak")), *rows]),
         compared=("leak_um",),
         notes=("share: by how much the mean square of the leak falls",),
     )

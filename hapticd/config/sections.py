@@ -100,7 +100,7 @@ class TrackpadConfig:
         high=1000,
     )
     correct_while_touched: bool = key(
-        False, "correct matrix, offset_mm and latency_ms while running, by what touches do to the plate"
+        False, "correct pad, mode map and sensors while running, by what touches do to the plate"
     )
 
 

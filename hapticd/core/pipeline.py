@@ -36,6 +36,7 @@ from .targets.scene import Scene
 from .touch.fingers import Fingers, Predictor
 from .trajectory.gate import gate, silence
 from .trajectory.knots import refine
+from .trajectory.readings import Matrix, as_read, as_they_are
 from .triggers import Triggers
 from .ways import Ways, moved_mm
 
@@ -100,7 +101,6 @@ class Pipeline:
         parasitic_modes: ParasiticModes | None = None,
     ) -> None:
         self.counters = PipelineCounters()
-        self._modes = modes
         self._scene = scene
         self._surfaces = scene.surfaces
         self._settings = settings
@@ -121,8 +121,8 @@ class Pipeline:
         )
         self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
         self.events = self._triggers.events
-        self._steepness_1_mm = modes.steepest_1_mm()
-        self._ways = Ways(scene, self._fingers, self._steepness_1_mm, settings.tolerance_um)
+        self._readings: Matrix | None = None
+        self.set_modes(modes)
         self._active = silence(0, modes.M)
         self._active_keys: list[Key] = []
         self._active_places: list[Place] = []
@@ -173,6 +173,20 @@ class Pipeline:
     def set_sensor_latency(self, latency_ns: int) -> None:
         """Take the pad's own latency to be this from the next report on."""
         self._fingers.set_latency(latency_ns)
+
+    def set_modes(self, modes: ModeShapes) -> None:
+        """Take the plate to have these shapes from the next pass on."""
+        self._modes = modes
+        self._solver.set_modes(modes)
+        self._steepness_1_mm = modes.steepest_1_mm()
+        self._ways = Ways(self._scene, self._fingers, self._steepness_1_mm, self._settings.tolerance_um)
+
+    def set_readings(self, readings: Sequence[Row]) -> None:
+        """Take the board's sensors to read `readings` (M, M) times the true amplitudes, from the next pass on."""
+        matrix = tuple([tuple(row) for row in readings])
+        self._readings = None if matrix == as_they_are(self._modes.M) else matrix
+        if self._active_keys:
+            self.resend()
 
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
@@ -229,7 +243,7 @@ class Pipeline:
         self._is_sent = True
         self._t_settled_ns = settles_ns(drive, self._settings.tolerance_um)
         self._active_points = points(keys, first, last), limited
-        return self._tick(t_now_ns, t_plate_ns, drive, *self._active_points)
+        return self._tick(t_now_ns, t_plate_ns, self._as_read(drive), *self._active_points)
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
         """Nothing is requested or allowed: send one zero frame, then none."""
@@ -277,6 +291,12 @@ class Pipeline:
         for dt_ns in sorted({*between_ns, *edges_ns, *corners_ns}) if edges_ns or corners_ns else between_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
         return first, last, knots if is_plain else refine(solve, knots, tolerance_um, most, smooth=smooth)
+
+    def _as_read(self, drive: SafeDrive) -> SafeDrive:
+        """Return the drive in what the board's sensors read, within its limits there too."""
+        if self._readings is None:
+            return drive
+        return gate(as_read(drive, self._readings), self._settings.w_limit_um)
 
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""

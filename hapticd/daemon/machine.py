@@ -22,6 +22,7 @@ from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.scene import Scene
 from ..values import AffineMap, Perceived, RawReport, Tick
 from ..wire import trackpad as trackpad_wire
+from .adoption import shapes_of
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observer
@@ -290,6 +291,26 @@ class Machine:
         self._pad = AffineMap(*plate_from_pad)
         self.trackpad.place(self._pad)
         self.pipeline.set_sensor_latency(latency_ns)
+
+    def adopt_readings(self, d: Sequence[float], q: Sequence[float], t_now_ns: int) -> None:
+        """Take the sensors to read so many times the true amplitudes: d + j q of a matrix (M, M), row by row."""
+        if self._observer is not None:
+            self._observer("adopt_readings", t_now_ns, list(d), list(q))
+        modes = self.modes.M
+        flat = [complex(*parts) for parts in zip(d, q, strict=True)]
+        rows = [tuple(flat[start : start + modes]) for start in range(0, len(flat), modes)]
+        if len(flat) != modes * modes:
+            raise ValueError(f"readings have {len(flat)} elements, {modes} modes need {modes * modes}.")
+        self.pipeline.set_readings(rows)
+
+    def adopt_map(self, shapes: bytes, steepest_1_mm: float, t_now_ns: int) -> None:
+        """Take the plate to have these shapes from the next pass on: float32, on the grid of the present map, whose
+        order they have. `steepest_1_mm` is their `ModeShapes.steepest_1_mm`. Takes 5 ms."""
+        if self._observer is not None:
+            self._observer("adopt_map", t_now_ns, shapes, steepest_1_mm)
+        self.modes = self.modes.with_shapes(shapes_of(shapes, self.modes), steepest_1_mm)
+        self.pipeline.set_modes(self.modes)
+        self._perception.modes = self.status.modes = self.modes
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last reference is zero."""

@@ -24,7 +24,7 @@ class Perception:
     """
 
     def __init__(self, modes: ModeShapes, curve: FrictionCurve, radius_mm: float, span_ns: int) -> None:
-        self._modes = modes
+        self.modes = modes
         self._curve = curve
         self._disc = disc_points(radius_mm)
         self._span_s = span_ns * 1e-9
@@ -48,7 +48,7 @@ class Perception:
         friction = 0.0
         for dx_mm, dy_mm, weight in self._disc:
             w_um = 0j
-            for mode_um, shape in zip(modal_um, self._modes.at(point.x_mm + dx_mm, point.y_mm + dy_mm), strict=True):
+            for mode_um, shape in zip(modal_um, self.modes.at(point.x_mm + dx_mm, point.y_mm + dy_mm), strict=True):
                 w_um += mode_um * shape
             friction += weight * self._curve.friction(abs(w_um), sliding_mm_s)
         return friction / self._curve.friction(point.target_um, sliding_mm_s) - 1.0

@@ -1,13 +1,14 @@
 """Calibration while the plate is touched: the rim between the daemon's loop and the process that fits.
 
 What the machine's observer is given goes to the process through a pipe, after the event in which it happened; a pipe
-that is full loses records, never time. A verdict comes back as a line, and what it corrects is adopted in small steps
-(`pad_adoption`), each an input of the machine. If the process ends, nothing more is adopted.
+that is full loses records, never time. A verdict comes back as a line. A pad is adopted in small steps (`adoption`),
+map and sensors while no finger is down; each is an input of the machine. If the process ends, nothing more is adopted.
 """
 
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import logging
 import math
@@ -16,40 +17,55 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import astuple
+from typing import Any, NamedTuple
 
 import msgpack
 
 from ..config.sections import Config
+from ..core.plate.mode_shapes import ModeShapes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
-from ..values import AffineMap
+from .adoption import Adoption, Correction, Pad, PlateChange, configured_pad
 from .machine import Machine
-from .pad_adoption import Adoption, Correction, Pad, configured_pad
 
 log = logging.getLogger("hapticd")
 
 PROCESS = "hapticd.tools.touch_process"
 MOST_WAITING_BYTES = 1 << 20  # for the pipe: some 7 s of touching
 STEP_EVERY_NS = 10_000_000
-_LONGEST_LINE_BYTES = 1 << 12
+_LONGEST_LINE_BYTES = 1 << 21  # the largest map is a megabyte
 _PIECE_BYTES = 1 << 16
 _MOST_REFUSAL_CHARACTERS = 200
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
+KINDS = ("board_bytes", "written", "pass", "adopt", "adopt_readings", "adopt_map")
+_FAR = "far from the configured one: run hapticd calibrate"
+
+
+class Verdict(NamedTuple):
+    """What the process found: to adopt unless `refusal` says why not."""
+
+    refusal: str
+    correction: Correction | None = None
+    change: PlateChange | None = None
 
 
 class SelfCalibration:
     """Feeds the process, and adopts what it finds."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, scanned: ModeShapes) -> None:
+        """`scanned` is the map from which the plate may not be far."""
         self._adoption = Adoption.of(configured_pad(config))
+        self._scanned = scanned
+        self._change: PlateChange | None = None  # the last that was found
+        self._is_due = False  # it waits for the fingers to lift
         self._waiting: deque[tuple[str, int, Sequence[Any]]] = deque()
         self.process: subprocess.Popen[bytes] | None = None
         self._out = bytearray()
         self._line = b""
         self._has_gap = False
         self._t_stepped_ns = 0
-        self._verdicts = self._adopted = self._dropped = self._steps = 0
+        self._verdicts = self._adopted = self._dropped = self._steps = self._maps = 0
         self._last = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, header: Header) -> None:
@@ -76,7 +92,7 @@ class SelfCalibration:
         assert self.process is not None
         assert self.process.stdout is not None
         try:
-            data = os.read(self.process.stdout.fileno(), _LONGEST_LINE_BYTES)
+            data = os.read(self.process.stdout.fileno(), _PIECE_BYTES)
         except BlockingIOError:
             return
         *lines, self._line = (self._line + data).split(b"\n")
@@ -114,7 +130,7 @@ class SelfCalibration:
 
     def put(self, kind: str, t_ns: int, *values: Any) -> None:
         """A machine's observer: encoded when the loop comes back from this event, so that no pass waits for it."""
-        if self.process is None or kind not in ("board_bytes", "written", "pass", "adopt"):
+        if self.process is None or kind not in KINDS:
             return
         if not self._waiting:
             self._loop.call_soon(self._flush)
@@ -147,39 +163,53 @@ class SelfCalibration:
     def take_verdict(self, line: bytes) -> bool:
         """Take one line of the process; one that is no verdict ends the process, and False is returned."""
         try:
-            verdict = json.loads(line)
-            refusal = str(verdict["refusal"])[:_MOST_REFUSAL_CHARACTERS]
-            self._last = refusal if refusal else self._request(_correction(verdict))
+            self._last = self._request(_verdict(line))
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self._refuse(line)
             return False
         self._verdicts += 1
         return True
 
-    def _request(self, correction: Correction) -> str:
-        """Begin to adopt a correction, while no other is adopted; returns why it is refused."""
-        if self._adoption.is_moving:
-            return ""
+    def _request(self, verdict: Verdict) -> str:
+        """Begin to adopt what was found, while nothing else is adopted; returns why it is refused."""
+        correction, change = verdict.correction, verdict.change
+        if correction is None or self._adoption.is_moving or self._is_due:
+            return verdict.refusal
+        if change is not None and not change.is_near(self._scanned):
+            return f"The map found, or the sensors, is {_FAR} scan, and resonance."
         if not self._adoption.request(correction):
-            return "The pad found is far from the configured one: run hapticd calibrate trackpad."
+            return f"The pad found is {_FAR} trackpad."
         self._adopted += 1
         log.info("the touches show the pad elsewhere by %s mm: adopting it", [round(mm, 3) for mm in correction[1]])
+        if change is not None:
+            self._change, self._is_due = change, True
         return ""
 
-    def step(self, machine: Machine, t_now_ns: int) -> None:
-        """Take the next small step, if one is due."""
+    def step(self, machine: Machine, t_now_ns: int) -> bool:
+        """Take the next small step, if one is due; map and sensors, if no finger is down and nothing is requested.
+
+        Returns whether it did either.
+        """
+        is_map = self._is_due and machine.is_idle
+        if is_map:
+            self._is_due = False
+            self._maps += 1
+            adopt_change(machine, self._change, t_now_ns)
         if not self._adoption.is_moving or t_now_ns - self._t_stepped_ns < STEP_EVERY_NS:
-            return
+            return is_map
         self._t_stepped_ns = t_now_ns
         pad = self._adoption.step()
         if pad is not None:
             self._steps += 1
             adopt(machine, pad, t_now_ns)
+        return is_map or pad is not None
 
     def resume(self, machine: Machine, t_now_ns: int) -> None:
-        """Give a machine that begins the pad that the one before had."""
+        """Give a machine that begins what the one before had."""
         if self._adoption.now != self._adoption.configured:
             adopt(machine, self._adoption.now, t_now_ns)
+        if not self._is_due:
+            adopt_change(machine, self._change, t_now_ns)
 
     def report(self) -> dict[str, object]:
         """For `status`."""
@@ -190,6 +220,7 @@ class SelfCalibration:
             "verdicts": self._verdicts,
             "adopted": self._adopted,
             "steps": self._steps,
+            "maps": self._maps,
             "dropped": self._dropped,
             "moved_mm": now.distance_mm(configured),
             "latency_ms": now.latency_ns * 1e-6,
@@ -212,10 +243,14 @@ class SelfCalibration:
 
 def adopt(machine: Machine, pad: Pad, t_now_ns: int) -> None:
     """Give the machine a pad."""
-    place: AffineMap = pad.plate_from_pad
-    machine.adopt(
-        (place.xx, place.xy, place.yx, place.yy, place.offset_x_mm, place.offset_y_mm), pad.latency_ns, t_now_ns
-    )
+    machine.adopt(astuple(pad.plate_from_pad), pad.latency_ns, t_now_ns)
+
+
+def adopt_change(machine: Machine, change: PlateChange | None, t_now_ns: int) -> None:
+    """Give the machine map and sensors, if any were found."""
+    if change is not None:
+        machine.adopt_map(change.shapes, change.steepest_1_mm, t_now_ns)
+        machine.adopt_readings(change.d, change.q, t_now_ns)
 
 
 def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:
@@ -223,11 +258,19 @@ def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:
     return {name: fields[name] for name in _PASS_FIELDS if name in fields} if kind == "pass" else fields
 
 
-def _correction(verdict: Any) -> Correction:
-    """Raise ValueError, KeyError or TypeError for what is no correction."""
-    xx, xy, yx, yy = map(float, verdict["matrix"])
-    x_mm, y_mm = map(float, verdict["offset_mm"])
-    latency_s = float(verdict["latency_s"])
+def _verdict(line: bytes) -> Verdict:
+    """Raise ValueError, KeyError or TypeError for what is no verdict."""
+    found = json.loads(line)
+    refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
+    if refusal:
+        return Verdict(refusal)
+    xx, xy, yx, yy = map(float, found["matrix"])
+    x_mm, y_mm = map(float, found["offset_mm"])
+    latency_s = float(found["latency_s"])
+    change = None
+    if "shapes" in found:
+        shapes, steepest_1_mm = base64.b64decode(found["shapes"], validate=True), float(found["steepest_1_mm"])
+        change = PlateChange(shapes, steepest_1_mm, tuple(map(float, found["d"])), tuple(map(float, found["q"])))
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
-    return Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
+    return Verdict("", Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s), change)

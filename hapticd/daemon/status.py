@@ -55,7 +55,7 @@ class Status:
         self.recording: Callable[[], Mapping[str, object]] = dict
         self.calibration: Callable[[], Mapping[str, object]] = dict
         self._config = config
-        self._modes = modes
+        self.modes = modes
         self._instance = instance
         self._scene = scene
         self._pipeline = pipeline
@@ -118,7 +118,7 @@ class Status:
         `shapes` are float32, little-endian, by mode and then by rows along `y_mm`: (M, ny, nx). They are the map's own
         points, as many as a wave needs: the daemon evaluates no others for a client.
         """
-        config, modes, hello = self._config, self._modes, self._board.session.hello
+        config, modes, hello = self._config, self.modes, self._board.session.hello
         columns, rows = _spread(modes.x_mm.size), _spread(modes.y_mm.size)
         return {
             "size_mm": list(config.plate.size_mm),

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..values import RawReport
 from .fingers.scenarios import Actor
-from .lockstep import T_START_NS, Settings, Simulation
+from .lockstep import T_START_NS, Measured, Settings, Simulation
 
 # Maps bytes that would arrive at t_ns to those that do, with their times.
 Way = Callable[[int, bytes], Iterable[tuple[int, bytes]]]
@@ -28,16 +28,18 @@ class FaultySimulation(Simulation):
     `ways` may hold a Way for "board" (bytes to it), "host" (bytes from it) and "report" (the trackpad's).
     """
 
-    def __init__(self, actors: tuple[Actor, ...], settings: Settings, seed: int) -> None:
+    def __init__(
+        self, actors: tuple[Actor, ...], settings: Settings, seed: int, measured: Measured | None = None
+    ) -> None:
         self.ways: dict[str, Way] = {}
         self.client_lives = True
         self._actions: list[Callable[[int], None]] = []
         self._carries = {"board": True, "trackpad": True}
-        self._daemon_runs = True
+        self.daemon_runs = True
         self._waiting: dict[str, list[bytes]] = {}
         self._host_ahead_ns = 0
         self._resets = 0
-        super().__init__(actors, settings, seed)
+        super().__init__(actors, settings, seed, measured)
 
     @property
     def t_ns(self) -> int:
@@ -93,11 +95,11 @@ class FaultySimulation(Simulation):
     def stop_daemon(self, t_ns: int) -> None:
         """SIGSTOP or SIGKILL: the kernel buffers what arrives."""
         del t_ns
-        self._daemon_runs = False
+        self.daemon_runs = False
 
     def resume_daemon(self, t_ns: int) -> None:
         """SIGCONT: one loop iteration reads what was buffered, each stream at once and the timer once."""
-        self._daemon_runs = True
+        self.daemon_runs = True
         waiting, self._waiting = self._waiting, {}
         self.machine.board_bytes(b"".join(waiting.get("host", ())), t_ns)
         reports = waiting.get("report", ())
@@ -108,11 +110,11 @@ class FaultySimulation(Simulation):
     def end_daemon(self, t_ns: int) -> None:
         """SIGTERM."""
         self.machine.stop(t_ns)
-        self._daemon_runs = False
+        self.daemon_runs = False
 
     def start_daemon(self, t_ns: int) -> None:
         """Start a new daemon process; it finds both devices."""
-        self._daemon_runs = True
+        self.daemon_runs = True
         self._waiting.clear()
         self.machine = self._new_machine()
         self.machine.trackpad_link(True, "open", t_ns)
@@ -142,7 +144,7 @@ class FaultySimulation(Simulation):
             pass  # not connected
         elif kind == "board":
             super()._handle(kind, data, t_ns)
-        elif self._daemon_runs:
+        elif self.daemon_runs:
             super()._handle(kind, data, t_machine_ns)
         else:
             self._waiting.setdefault(kind, []).append(data)

@@ -29,7 +29,7 @@ PARTS = {
     "recording": Part("what a recording costs the service", 0.5, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
-    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 100.0, has_picture=False),
+    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "endurance": Part("an hour of virtual time of the firmware on random plates", 0.5, has_picture=False),
     "soak": Part("an hour of virtual time with 2000 faults", 7.0, has_picture=False),
@@ -52,6 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hours", type=number(0.0, is_above=True), default=1.0, help="endurance, soak: virtual time (default 1)"
+    )
+    parser.add_argument(
+        "--calibrating",
+        action="store_true",
+        help="soak: the daemon calibrates itself in laboratories that drift; 24 faults in 150 s",
     )
     parser.add_argument(
         "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"
@@ -104,6 +109,7 @@ def _bench(options: argparse.Namespace) -> None:
         traces_file=options.traces,
         recording=options.recording,
         worlds_count=options.worlds,
+        is_calibrating=options.calibrating,
         json_file=options.json,
         plot=options.plot,
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..board_values import Calibration as BoardCalibration
 from ..core.plate.mode_shapes import ModeShapes
-from ..daemon.pad_adoption import Correction, configured_pad
+from ..daemon.adoption import Correction, configured_pad
 from ..design.touch.judge import Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import in_windows

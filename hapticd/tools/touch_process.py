@@ -4,53 +4,73 @@
 bounded memory, and fits only while it has used less than DUTY of the time.
 
     {...}               the header of the recording that the daemon could make
-    [kind, t_ns, {..}]  a record: `board_bytes`, `written`, `pass`; `adopt` ends what can be fitted together
+    [kind, t_ns, {..}]  a record: `board_bytes`, `written`, `pass`; `adopt`, `adopt_readings` and `adopt_map`, which say
+                        what is in force: fingers are kept as the configured pad would have them, and sensors report as
+                        they did, so that what was seen before and after is fitted together
     null                records were lost
 """
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import os
 import resource
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, BinaryIO, TextIO
 
 import msgpack
+import numpy as np
 
-from ..design.touch.judge import calibrate
+from ..core.plate.mode_shapes import ModeShapes
+from ..daemon.adoption import shapes_of
+from ..daemon.settings import CALIBRATION_HZ
+from ..design.touch.judge import Judged, calibrate
+from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import in_windows
 from ..errors import HapticdError
 from ..files.recording.header import Header, header_from
 from ..files.recording.kinds import Record
-from .touch_correction import MOST_SHIFT_S
+from .touch_correction import MOST_SHIFT_S, mode_map
 from .touch_recording import Collected, touched
 
 DUTY = 0.1  # of one processor
-FIT_TICKS = 12_000  # while the plate follows references: 24 s at 500 Hz
-MOST_TICKS = 4 * FIT_TICKS  # of all: a plate that is touched so rarely shows little
+FIT_S = 24.0  # of a plate that follows references, after which there is a verdict
+TOGETHER = 3  # such spans are fitted together: the map needs 45 s
+LONGEST_S = 150.0  # since the first of them began: the plate's own rates drift
+APART_US = round(0.95e6 / CALIBRATION_HZ)  # a recording may have the board report more often
+MOST_TICKS = round(4 * FIT_S * CALIBRATION_HZ)  # of all: a plate that is touched so rarely shows little
 MOST_FRAMES = MOST_TICKS // 4  # 36 s of the shortest, of 3 ms
 MOST_POSITIONS = 4 * MOST_TICKS  # 96 s of 16 fingers at 125 Hz
 LEAST_NICE = 19
-MOST_BYTES = 1 << 28  # the service may have twice as much
+MOST_BYTES = 3 << 27  # the service may have a third more
 
 
-@dataclass(slots=True)
 class Accumulator:
-    """Collects records until there are enough to fit, and then no more until the fit."""
+    """Collects records until there are enough to fit, and then no more until the fit. Knows what is in force."""
 
-    header: Header
-    _collected: Collected = field(default_factory=Collected)
+    def __init__(self, header: Header) -> None:
+        self._header = header
+        self._modes = header.modes
+        self._readings = np.eye(header.modes.M, dtype=np.complex128)
+        self._collected = Collected.of(header.config, APART_US)
+        self._earlier: deque[tuple[int, Collected]] = deque(maxlen=TOGETHER - 1)
+        self._t_begin_ns = self._t_ns = header.t_start_ns
 
     def take(self, record: Record) -> None:
         """Take one record, in their order."""
-        if record.kind == "adopt":
-            self.restart()
-        elif not self.is_full:
+        self._t_ns = record.t_ns
+        if record.kind == "adopt_readings":
+            flat = np.array(record.fields["d"]) + 1j * np.array(record.fields["q"])
+            self._readings = flat.reshape(self._readings.shape)
+        elif record.kind == "adopt_map":
+            shapes = shapes_of(record.fields["shapes"], self._modes)
+            self._modes = self._modes.with_shapes(shapes, record.fields["steepest_1_mm"])
+        elif record.kind == "adopt" or not self.is_full:
             try:
                 self._collected.take(record)
             except HapticdError:  # another board took part
@@ -66,33 +86,69 @@ class Accumulator:
 
     def restart(self) -> None:
         """Reset what was collected: it does not belong to what comes."""
-        before = self._collected
-        self._collected = Collected(control_hz=before.control_hz, drive_hz=before.drive_hz)
+        self._earlier.clear()
+        self._begin(self._collected.next())
+
+    def _begin(self, after: Collected) -> None:
+        self._collected, self._t_begin_ns = after, self._t_ns
 
     @property
     def is_full(self) -> bool:
         """There is enough for a verdict."""
-        return self._collected.live_ticks >= FIT_TICKS
+        return self._collected.live_us >= 1e6 * FIT_S
 
     def verdict(self) -> dict[str, Any]:
-        """Fit and judge what was collected, and begin again. A `refusal` comes with no correction."""
-        collected = self._collected
-        self.restart()
+        """Fit and judge what was collected last, and go on. A `refusal` comes with no correction."""
+        oldest_ns = self._t_ns - round(1e9 * LONGEST_S)
+        together = self._collected
+        for t_begin_ns, collected in reversed(self._earlier):
+            if t_begin_ns >= oldest_ns:
+                together = collected.followed_by(together)
+        self._earlier.append((self._t_begin_ns, self._collected))
+        self._begin(self._collected.next())
         try:
-            found = touched(collected, self.header, "the touching")
+            found = touched(together, self._header, "the touching")
             windows = in_windows(found.ticks, found.tracks, MOST_SHIFT_S)
-            judged = calibrate(windows, self.header.modes, self.header.parasitic_modes, has_map=False)
+            judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
         except HapticdError as error:
             return {"refusal": str(error)}
-        if judged.refusal:
-            return {"refusal": judged.refusal, "touched_s": judged.touched_s}
+        verdict = {"refusal": judged.refusal, "touched_s": judged.touched_s}
+        return verdict if judged.refusal else verdict | self._found(judged)
+
+    @property
+    def _in_force(self) -> Calibration:
+        """What the daemon has adopted, relative to what is configured."""
+        now, pad = self._collected.now, self._collected.pad
+        after, before = now.plate_from_pad, pad.plate_from_pad
+        linear = np.array(((after.xx, after.xy), (after.yx, after.yy)))
+        matrix = linear @ np.linalg.inv(np.array(((before.xx, before.xy), (before.yx, before.yy))))
+        offset_mm = np.array((after.offset_x_mm, after.offset_y_mm))
+        offset_mm -= matrix @ np.array((before.offset_x_mm, before.offset_y_mm))
+        late_s = 1e-9 * (now.latency_ns - pad.latency_ns)
+        rotation_rad = (matrix[1, 0] - matrix[0, 1]) / 2.0
+        place = np.array((*offset_mm, rotation_rad, matrix[0, 0] - 1.0, matrix[1, 1] - 1.0, late_s, 0.0))
+        sense = np.asarray(np.linalg.inv(self._readings), np.complex128)
+        return Calibration(place, sense, Calibration.nominal(self._modes.M).waves)
+
+    def _found(self, judged: Judged) -> dict[str, Any]:
         matrix, offset_mm = judged.calibration.affine
-        return {
-            "refusal": "",
-            "touched_s": judged.touched_s,
+        found = {
             "matrix": matrix.ravel().tolist(),
             "offset_mm": offset_mm.tolist(),
-            "latency_s": judged.latency_s,
+            "latency_s": float(judged.calibration.pad[LATENCY]),
+        }
+        return found if judged.waves is None else found | self._plate(judged)
+
+    def _plate(self, judged: Judged) -> dict[str, Any]:
+        """Return map and sensors, which are found together alone: without the map its errors pass for the sensors'."""
+        readings = np.linalg.inv(judged.calibration.sense).ravel()
+        data = mode_map(self._modes, judged).shapes.astype("<f4").tobytes()
+        changed = ModeShapes(self._modes.x_mm, self._modes.y_mm, shapes_of(data, self._modes))
+        return {
+            "d": readings.real.tolist(),
+            "q": readings.imag.tolist(),
+            "shapes": base64.b64encode(data).decode("ascii"),
+            "steepest_1_mm": changed.steepest_1_mm(),
         }
 
 

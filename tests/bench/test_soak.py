@@ -12,6 +12,7 @@ from hapticd.core.trajectory.gate import gate
 from hapticd.errors import HapticdError
 from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.lockstep import Settings
+from hapticd.tools import touch_process
 from hapticd.values import Drive, Knot
 from hapticd.wire import device
 
@@ -34,7 +35,7 @@ def test_half_a_minute_of_faults_has_no_failure(findings: Findings) -> None:
 
 
 def test_an_hour_has_two_thousand_faults() -> None:
-    drawn = [len(list(soak._drawn(np.random.default_rng(seed)))) for seed in range(120)]
+    drawn = [len(list(soak._drawn(np.random.default_rng(seed), soak.LIFT_S))) for seed in range(120)]
     assert sum(drawn) >= 2000
 
 
@@ -60,7 +61,8 @@ def test_the_largest_amplitude_of_every_frame_counts() -> None:
 
 
 def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    def play(found: Findings, seed: int) -> None:
+    def play(found: Findings, seed: int, *, is_calibrating: bool) -> None:
+        assert not is_calibrating
         found.virtual_s += 30.0
         found.faults["trackpad silent"] += 1
         found.latest_quiet_ms["trackpad silent"] = float(seed % 10)
@@ -91,3 +93,15 @@ def test_hours_out_of_bounds_are_one_sentence(hours: float) -> None:
 
 def test_no_two_kinds_have_the_same_name() -> None:
     assert len({kind.name for kind in soak_faults.KINDS}) == len(KINDS)
+
+
+def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(soak, "CALIBRATING_RUN_S", 12.0)
+    monkeypatch.setattr(soak, "PAUSE_S", 0.5)
+    monkeypatch.setattr(touch_process, "FIT_S", 5.0)
+    found = Findings()
+    soak.play(found, 1, is_calibrating=True)
+    assert found.failures == []
+    assert found.faults.total() > 3
+    assert found.adopted["pads"] > 0
+    assert 0.0 < found.peak_adopting_step_um <= soak.STEP_FACTOR * found.peak_step_um

@@ -33,7 +33,7 @@ def leak_um(table: Table, row: str) -> float:
 def test_the_worse_the_world_the_more_leaks_and_less_than_under_the_papers_scheme(tables: dict[str, Table]) -> None:
     table = tables["worlds"]
     ours_um = [leak_um(table, f"{level}: {worlds.HAPTICD}") for level in worlds.LEVELS]
-    assert leak_um(table, f"mild: {worlds.IDEAL}") < ours_um[0] < ours_um[1] < ours_um[2]
+    assert leak_um(table, f"{worlds.NOTHING_WRONG}: {worlds.HAPTICD}") < ours_um[0] < ours_um[1] < ours_um[2]
     for level, of_level_um in zip(worlds.LEVELS, ours_um, strict=True):
         assert leak_um(table, f"{level}: {worlds.PERFECT}") < of_level_um < leak_um(table, f"{level}: {worlds.PAPER}")
 
@@ -45,14 +45,19 @@ def test_touching_leaves_no_level_worse(tables: dict[str, Table]) -> None:
         assert figures["paper_ratio"] > 1.0
 
 
-@pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes"])
+@pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes", "worlds_left", "worlds_contact_left"])
 def test_every_cause_is_made_perfect_once_the_largest_share_first(name: str, tables: dict[str, Table]) -> None:
     ours, *rest = tables[name].rows
-    assert ours.name == worlds.HAPTICD
-    assert {row.name for row in rest} == {f"{cause} perfect" for cause in CAUSES}
+    made_perfect = worlds.LEFT if name.endswith("left") else CAUSES
+    assert ours.name == (worlds.AFTER if name.endswith("left") else worlds.HAPTICD)
+    assert {row.name for row in rest} == {f"{cause} perfect" for cause in made_perfect}
     shares = [row.figures["share_frac"] for row in rest]
     assert shares == sorted(shares, reverse=True)
     assert shares[0] > 0.0
+
+
+def test_what_is_learned_with_others_and_what_is_not_are_all_causes() -> None:
+    assert {cause for causes in worlds.LEFT.values() for cause in causes} == set(CAUSES)
 
 
 def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, Table]) -> None:

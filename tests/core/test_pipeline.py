@@ -290,3 +290,23 @@ def test_fingers_that_all_stick_are_still_shown_where_they_are() -> None:
         tick = bench.report((SLIPPERY[0] + step, SLIPPERY[1]))
     assert tick.drive is None  # nothing to say: the plate stands still
     assert tick.points[0].x_mm == pytest.approx(SLIPPERY[0] + 59 + 1.4, abs=1.0)
+
+
+def test_sensors_that_read_otherwise_get_another_reference_within_the_limits_and_fingers_get_the_same() -> None:
+    readings = np.array(((1.0, 0.02j), (0.01, 0.95 - 0.05j)))
+    bench, right = Bench(), Bench()
+    bench.pipeline.set_readings([tuple(row) for row in readings.tolist()])
+    for one in (bench, right):
+        one.report(SLIPPERY, STICKY)
+        one.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+    read, true = bench.report(SLIPPERY, STICKY), right.report(SLIPPERY, STICKY)
+    assert read.points == true.points
+    assert bench.pipeline.modal_um == right.pipeline.modal_um
+    assert read.drive is not None
+    assert true.drive is not None
+    for of_read, of_true in zip(read.drive.knots, true.drive.knots, strict=True):
+        assert of_read.modal_um == pytest.approx(readings @ of_true.modal_um)
+    bench.pipeline.set_readings(((9.0, 0.0), (0.0, 9.0)))
+    limited = bench.report(SLIPPERY, STICKY)
+    assert limited.drive is not None
+    assert 3.9 < max(abs(w_um) for knot in limited.drive.knots for w_um in knot.modal_um) <= 4.0

@@ -12,6 +12,7 @@ import pytest
 from machine_bench import MS, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
 from hapticd.core.board.supervisor import State
+from hapticd.files.recording.kinds import Record, record_of
 from hapticd.values import RawReport
 
 
@@ -160,3 +161,20 @@ def test_requests_are_answered_with_a_body_or_a_sentence() -> None:
     assert bench.ask("release", client="test", finger=1)["body"] == {"released": False}
     assert bench.ask("release", client="test")["body"] == {"released": True}
     assert not bench.ask("dance")["ok"]
+
+
+def test_readings_of_another_number_of_sensors_are_refused() -> None:
+    bench = Bench(SLIPPERY)
+    with pytest.raises(ValueError, match="2 modes need 4"):
+        bench.machine.adopt_readings([1.0], [0.0], START_NS)
+
+
+def test_a_pass_is_recorded_also_where_nobody_asks_what_fingers_perceive() -> None:
+    records: list[Record] = []
+    bench = Bench(SLIPPERY, STICKY)
+    bench.machine.observer_perceives = False
+    bench.machine.observer = lambda kind, t_ns, *values: records.append(record_of(kind, 0, t_ns, values))
+    bench.driven()
+    points = [point for record in records if record.kind == "pass" for point in record.fields["points"]]
+    assert points
+    assert not any("weber_frac" in point for point in points)

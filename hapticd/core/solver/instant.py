@@ -66,8 +66,7 @@ class InstantSolver:
         contact_radius_mm: float = 0.0,
         solve: PointSolver = solve_fast,
     ) -> None:
-        self._modes = modes
-        self._steepest_1_mm = modes.steepest_1_mm()
+        self.set_modes(modes)
         self._w_limit_um = w_limit_um
         self._contact_limit_um = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
         self._solve = solve
@@ -77,6 +76,11 @@ class InstantSolver:
         self._contact_radius_mm = contact_radius_mm
         self._disc = disc_points(contact_radius_mm) if contact_radius_mm > 0.0 else []
         self._is_turned = False
+
+    def set_modes(self, modes: ModeShapes) -> None:
+        """Solve for this map from now on."""
+        self._modes = modes
+        self._steepest_1_mm = modes.steepest_1_mm()
 
     @property
     def has_contacts(self) -> bool:

@@ -15,10 +15,10 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
-from .model import LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, Model, State
+from .model import LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, Free, Model, State
 from .normal import OUTLIER, Normal, covariance_of, normal_of
 from .observations import ComplexArray, FloatArray, Windows
-from .problem import Free, Problem, complex_of
+from .problem import Problem, complex_of
 from .waves import Waves
 
 _START_LOAD_1_S = 200.0
@@ -65,14 +65,13 @@ def fit(
         np.zeros(windows.track.shape, np.complex128),
     )
     settled = _settled(replace(problem, free=Free()), state)
-    state, noise, mean, spread = _descended(problem, settled) if any(free) else settled
-    normal = normal_of(problem, state, noise, mean, spread)
-    covariance = covariance_of(normal, windows)
+    found, covariance = _descended(problem, settled) if any(free) else (settled, np.zeros((sum(problem.sizes),) * 2))
+    state, noise = found.state, found.noise
     pad = problem.sizes[0]
     return Fit(
         state.calibration,
         _sigma(problem, np.sqrt(np.diag(covariance))),
-        np.asarray(covariance[:pad, :pad], np.float64),
+        covariance[:pad, :pad],
         _window_cost(problem.model, state, noise if judged_by_um_s is None else judged_by_um_s),
         noise,
         state.rates,
@@ -94,38 +93,40 @@ def _settled(problem: Problem, state: State) -> _Settled:
     found = _Settled(state, _noise(problem.model, state), 0.0, _START_LOAD_1_S)
     for _ in range(4):
         problem.model.settle(state)
-        state, normal = _step(problem, *found)
+        normal = normal_of(problem, *found)
+        state = _stepped(problem, state, normal)
         found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
     return found
 
 
-def _descended(problem: Problem, found: _Settled) -> _Settled:
-    """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little."""
+def _descended(problem: Problem, found: _Settled) -> tuple[_Settled, FloatArray]:
+    """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little.
+
+    Returns the parameters' covariance (P, P) too.
+    """
     left = _MOST_WITH_WAVES if problem.free.waves else _MOST_STEPS
-    cost, damping = _cost(problem, *found), 0.0
+    cost, damping, normal = _cost(problem, *found), 0.0, normal_of(problem, *found)
     while left > 0 and damping < _MOST_DAMPING:
-        state, normal = _step(problem, *found, damping)
+        state = _stepped(problem, found.state, normal, damping)
         gain = 1.0 - _cost(problem, state, *found[1:]) / cost
         if gain < 0.0:
             damping = max(10.0 * damping, 1e-3)
             continue
         found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
-        cost, left = _cost(problem, *found), left - 1
+        del normal  # two at a time would be the most memory of all
+        cost, left, normal = _cost(problem, *found), left - 1, normal_of(problem, *found)
         if gain < _LEAST_GAIN and damping == 0.0:
             break
         damping = damping / 10.0 if damping > 1e-3 else 0.0
-    return found
+    return found, covariance_of(normal, problem.model.windows)
 
 
-def _step(
-    problem: Problem, state: State, noise: FloatArray, mean: complex, spread: float, damping: float = 0.0
-) -> tuple[State, Normal]:
-    normal = normal_of(problem, state, noise, mean, spread)
+def _stepped(problem: Problem, state: State, normal: Normal, damping: float = 0.0) -> State:
     scale = np.sqrt(np.diag(normal.matrix))
     scaled = normal.matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step = np.linalg.solve(scaled, normal.right / scale) / scale
     loads = normal.load_from_right - normal.load_from_step @ step
-    return problem.stepped(state, step, complex_of(loads)), normal
+    return problem.stepped(state, step, complex_of(loads))
 
 
 def _noise(model: Model, state: State) -> FloatArray:

@@ -13,13 +13,13 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from .fit import Fit, fit
-from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration
+from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration, Free
 from .observations import WINDOW_S, FloatArray, Windows
-from .problem import Free
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
 LEAST_FOR_MAP_S = 45.0  # of fitted windows: about a minute of touching
+SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
 MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for those of sensors
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
@@ -34,7 +34,7 @@ APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKN
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """The calibration to adopt, which is the nominal one if `refusal` says why; `fitted` is what the fit found.
+    """The calibration to adopt, which is the one in force if `refusal` says why; `fitted` is what the fit found.
 
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
     `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none.
@@ -81,24 +81,32 @@ class _Fitter:
 
 
 def calibrate(
-    windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None, *, has_map: bool = True
+    windows: Windows,
+    modes: ModeShapes,
+    parasitic_modes: ParasiticModes | None = None,
+    *,
+    before: Calibration | None = None,
 ) -> Judged:
-    """Fit and judge, the map last, if `has_map`. Run time: about 5 s for a minute of touching, 30 s with the map."""
-    nominal = Calibration.nominal(modes.M)
+    """Fit and judge, the map last. Run time: about 2 s for a minute of touching, 5 s with the map.
+
+    `before` is the calibration in force, which a found one has to surpass; without, the nominal one. What is found is
+    relative to the nominal one all the same.
+    """
+    before = Calibration.nominal(modes.M) if before is None else before
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
         refusal = (
             f"Only {touched_s:.1f} s of touching while the plate followed its references, {LEAST_TOUCHED_S:g} s are "
             "needed: move two fingers for a minute, one of them slippery."
         )
-        return Judged(nominal, nominal, nominal, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
+        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
     free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
     fitter = _Fitter(modes, parasitic_modes)
     first, second = _halves(few)
-    one = fitter.fit(first, free, nominal)
+    one = fitter.fit(first, free, before)
     other = fitter.fit(second, free, one.calibration)
-    gains = [fitter.gain(part, nominal, found.calibration) for part, found in ((second, one), (first, other))]
+    gains = [fitter.gain(part, before, found.calibration) for part, found in ((second, one), (first, other))]
     found = fitter.fit(few, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusal = (
@@ -107,7 +115,7 @@ def calibrate(
         or _apart(one, other)
         or _unconfirmed(gains)
     )
-    adopted = nominal if refusal else _effective(found.calibration, latency_s)
+    adopted = before if refusal else _effective(found.calibration, latency_s)
     judged = Judged(
         calibration=adopted,
         fitted=found.calibration,
@@ -122,7 +130,7 @@ def calibrate(
         waves=None,
         fit=found,
     )
-    return _with_map(judged, windows, fitter) if has_map else judged
+    return _with_map(judged, windows, fitter)
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
@@ -198,7 +206,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
     if judged.touched_s < LEAST_FOR_MAP_S:
         refusal = f"The map needs {LEAST_FOR_MAP_S:g} s of touching, not {judged.touched_s:.0f} s."
-        return replace(judged, map_refusal=refusal)
+        return _without_map(judged, refusal)
     waves = Waves(fitter.modes, wave_number(fitter.modes))
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
@@ -209,7 +217,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         gains.append(fitter.gain(held_out, start, fits[-1].calibration))
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if refusal := _unconfirmed(gains):
-        return replace(judged, map_refusal=refusal)
+        return _without_map(judged, refusal)
     found = _mean(*fits)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     return replace(
@@ -223,6 +231,16 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         waves=waves,
         fit=found,
     )
+
+
+def _without_map(judged: Judged, map_refusal: str) -> Judged:
+    """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein)."""
+    sense = judged.calibration.sense
+    away = sense - np.eye(len(sense))
+    sure = np.maximum(0.0, 1.0 - SENSE_OF_MAP**2 / np.maximum(np.abs(away) ** 2, 1e-12))
+    shrunk = sense if judged.refusal else np.eye(len(sense)) + sure * away
+    calibration = replace(judged.calibration, sense=np.asarray(shrunk, np.complex128))
+    return replace(judged, calibration=calibration, map_refusal=map_refusal)
 
 
 def _mean(one: Fit, other: Fit) -> Fit:

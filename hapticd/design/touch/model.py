@@ -11,6 +11,7 @@ is where P_i is (pad), C (sensors) and phi (map). C is known up to a factor, whi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +50,14 @@ class Calibration:
         """Return matrix (2, 2) and offset (2,): from where the fingers were taken to be, to where they are."""
         x_mm, y_mm, rotation_rad, scale_x, scale_y = self.pad[:5]
         return np.array(((1.0 + scale_x, -rotation_rad), (rotation_rad, 1.0 + scale_y))), np.array((x_mm, y_mm))
+
+
+class Free(NamedTuple):
+    """Which parts of the calibration are sought."""
+
+    pad: bool = False
+    sense: bool = False
+    waves: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +101,26 @@ class Point:
     by_loads: ComplexArray
 
 
+class Placed(NamedTuple):
+    """Fingers of all windows as a calibration has them: what it makes of positions and velocities (B, S, N, 2).
+
+    `drawn` is the direction in which a centroid is drawn, `phi` (B, S, N, M) the shapes, `seen_um` (B, S, M) what the
+    sensors saw, `under_um` (B, S, N) what the driven modes do under a finger.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    points: FloatArray
+    drawn: FloatArray
+    phi: FloatArray
+    seen_um: ComplexArray
+    under_um: ComplexArray
+
+    def part(self, rows: slice) -> Placed:
+        """Return some windows alone."""
+        return Placed._make(one[rows] for one in self)
+
+
 class Model:
     """Residual and derivatives over some windows.
 
@@ -110,6 +139,8 @@ class Model:
         self.windows, self.modes, self.waves, self._parasitic = windows, modes, waves, parasitic_modes
         self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1]), np.complex128)
         self.terms = regressors(windows)
+        self._placed: tuple[Calibration, Placed] | None = None
+        self._beside: tuple[Placed, FloatArray, ComplexArray] | None = None  # parasitic shapes, and how they yield
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
         points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
         self._shapes = np.zeros((*points.shape[:-1], 0 if waves is None else len(waves)))
@@ -117,13 +148,22 @@ class Model:
             is_down = np.isfinite(points).all(axis=-1)
             self._shapes[is_down] = waves.at(points[is_down])
 
+    def _place(self, found: Calibration) -> Placed:
+        """Return where a calibration has the fingers; kept for the next call, since most have the same one."""
+        if self._placed is None or self._placed[0] is not found:
+            position, velocity = self.windows.fingers_mm(float(found.pad[LATENCY]))
+            points, drawn = _moved(found, position, velocity)
+            phi = self._phi(points, found)
+            seen_um = self.windows.measured_um @ found.sense.T
+            under_um = np.asarray(np.einsum("bsnk,bsk->bsn", phi, seen_um), np.complex128)
+            self._placed = found, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
+        return self._placed[1]
+
     def residual(self, state: State) -> ComplexArray:
         """Return the residual alone, of all windows (B, S, M)."""
-        found, windows = state.calibration, self.windows
-        position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
-        phi = self._phi(_moved(found, position, velocity)[0], found, slice(None))
-        out = phi @ np.linalg.inv(found.sense).T
-        under_um = np.einsum("bsnk,bsk->bsn", phi, windows.measured_um @ found.sense.T) + self._beside_um
+        placed = self._place(state.calibration)
+        out = placed.phi @ np.linalg.inv(state.calibration.sense).T
+        under_um = placed.under_um + self._beside_um
         force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
         return np.asarray(self._known + np.einsum("bskl,kl->bsk", self.terms, state.rates) + force, np.complex128)
 
@@ -132,54 +172,48 @@ class Model:
         parasitic = self._parasitic
         if parasitic is None:
             return
-        found, windows = state.calibration, self.windows
-        position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
-        points = _moved(found, position, velocity)[0]
-        under_um = np.einsum(
-            "bsnk,bsk->bsn", self._phi(points, found, slice(None)), windows.measured_um @ found.sense.T
-        )
-        phi = parasitic.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
-        loads = state.loads[:, None, :, None]
-        driven = (loads * phi * (under_um + self._beside_um)[..., None]).sum(axis=2)
-        own = np.array(parasitic.decay_1_s) - 1j * np.array(parasitic.detuning_rad_s)
-        moved_um = -driven / (own + 1j * windows.turning_rad_s[..., None])
+        placed = self._place(state.calibration)
+        if self._beside is None or self._beside[0] is not placed:
+            points = placed.points
+            phi = parasitic.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
+            own = np.array(parasitic.decay_1_s) - 1j * np.array(parasitic.detuning_rad_s)
+            yielding = np.asarray(1.0 / (own + 1j * self.windows.turning_rad_s[..., None]), np.complex128)
+            self._beside = placed, phi, yielding
+        _, phi, yielding = self._beside
+        under_um = state.loads[:, None, :] * (placed.under_um + self._beside_um)
+        moved_um = -np.einsum("bsnp,bsn->bsp", phi, under_um) * yielding
         self._beside_um = np.einsum("bsnp,bsp->bsn", phi, moved_um)
 
-    def at(self, state: State, rows: slice, *, has_waves: bool) -> Point:
-        """Return the model at `state` for some windows; without derivatives by the waves unless `has_waves`."""
+    def at(self, state: State, rows: slice, free: Free) -> Point:
+        """Return the model at `state` for some windows, with derivatives by what is free."""
         found = state.calibration
-        windows = self.windows.part(rows)
-        position, velocity = windows.fingers_mm(float(found.pad[LATENCY]))
-        points, drawn = _moved(found, position, velocity)
-        phi, slope = self._phi(points, found, rows), self._slope(points)
-        by_place = _by_pad(position, velocity @ found.affine[0].T, drawn)
+        placed = self._place(found).part(rows)
+        phi, loads = placed.phi, state.loads[rows][:, None, :]
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
-        seen_um = windows.measured_um @ found.sense.T  # C y
-        under_um = np.asarray(np.einsum("bsnk,bsk->bsn", phi, seen_um) + self._beside_um[rows], np.complex128)
+        under_um = np.asarray(placed.under_um + self._beside_um[rows], np.complex128)
         by_loads = out * under_um[..., None]
-        loads = state.loads[rows][:, None, :]
         force = np.einsum("bsnk,bn->bsk", by_loads, state.loads[rows])
         residual = self._known[rows] + np.einsum("bskl,kl->bsk", self.terms[rows], state.rates) + force
-        # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
-        by_phi = loads[..., None, None] * (
-            inverse * under_um[..., None, None] + out[..., :, None] * seen_um[:, :, None, None, :]
-        )
-        by_pad = np.einsum("bsnkm,bsnmp->bskp", by_phi, slope @ by_place)
-        shapes = self._shapes[rows] if has_waves else np.zeros((*phi.shape[:3], 0))
-        by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, shapes)
-        return Point(
-            residual,
-            by_pad,
-            _by_sense(windows, loads, phi, out, under_um, inverse),
-            by_waves.reshape(*residual.shape, -1),
-            np.moveaxis(by_loads, 2, 3),
-        )
+        by_pad = by_sense = by_waves = np.zeros((*residual.shape, 0), np.complex128)
+        if free.pad or free.waves:
+            # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
+            by_phi = loads[..., None, None] * (
+                inverse * under_um[..., None, None] + out[..., :, None] * placed.seen_um[:, :, None, None, :]
+            )
+        if free.pad:
+            slope = self._slope(placed.points) @ _by_pad(placed, found)
+            by_pad = np.einsum("bsnkm,bsnmp->bskp", by_phi, slope)
+        if free.sense:
+            by_sense = _by_sense(self.windows.measured_um[rows], loads, phi, out, under_um, inverse)
+        if free.waves:
+            by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, self._shapes[rows]).reshape(*residual.shape, -1)
+        return Point(residual, by_pad, by_sense, by_waves, np.moveaxis(by_loads, 2, 3))
 
-    def _phi(self, points: FloatArray, found: Calibration, rows: slice) -> FloatArray:
+    def _phi(self, points: FloatArray, found: Calibration) -> FloatArray:
         """Return the shapes (B, S, N, M), zero where there is no finger."""
         phi = self.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
-        return phi + self._shapes[rows] @ found.waves.T if self.waves is not None else phi
+        return phi + self._shapes @ found.waves.T if self.waves is not None else phi
 
     def _slope(self, points: FloatArray) -> FloatArray:
         """Return the gradient of the map (B, S, N, M, 2), zero where there is no finger."""
@@ -197,7 +231,7 @@ def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tu
 
 
 def _by_sense(
-    windows: Windows,
+    measured_um: ComplexArray,
     loads: ComplexArray,
     phi: FloatArray,
     out: ComplexArray,
@@ -206,9 +240,7 @@ def _by_sense(
 ) -> ComplexArray:
     """By C[m, l]: -C^-1[:, m] (C^-1 phi)_l phi.Cy + C^-1 phi phi_m y_l, for each finger times its load."""
     turned = -np.einsum("km,bsl->bskml", inverse, ((loads * under_um)[..., None] * out).sum(axis=2))
-    scaled = np.einsum(
-        "bskm,bsl->bskml", np.einsum("bsnk,bsnm->bskm", loads[..., None] * out, phi), windows.measured_um
-    )
+    scaled = np.einsum("bskm,bsl->bskml", np.einsum("bsnk,bsnm->bskm", loads[..., None] * out, phi), measured_um)
     by_sense = turned + scaled
     return np.asarray(by_sense.reshape(*by_sense.shape[:3], -1)[..., 1:], np.complex128)
 
@@ -221,11 +253,12 @@ def stepped(found: Calibration, pad: FloatArray, sense: ComplexArray, waves: Flo
     return replace(found, pad=found.pad + pad, sense=found.sense + step, waves=found.waves + lacking)
 
 
-def _by_pad(position: FloatArray, velocity: FloatArray, drawn: FloatArray) -> FloatArray:
+def _by_pad(placed: Placed, found: Calibration) -> FloatArray:
     """Derivatives of the position (..., 2, 7) by PAD; zero where there is no finger."""
+    position = placed.position
     by_pad = np.zeros((*position.shape, len(PAD)))
     by_pad[..., 0, 0] = by_pad[..., 1, 1] = 1.0
     by_pad[..., 0, 2], by_pad[..., 1, 2] = -position[..., 1], position[..., 0]
     by_pad[..., 0, 3], by_pad[..., 1, 4] = position[..., 0], position[..., 1]
-    by_pad[..., LATENCY], by_pad[..., CENTROID] = velocity, drawn
+    by_pad[..., LATENCY], by_pad[..., CENTROID] = placed.velocity @ found.affine[0].T, placed.drawn
     return np.nan_to_num(by_pad)

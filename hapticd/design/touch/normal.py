@@ -12,7 +12,7 @@ from .problem import Problem
 
 OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 CLUSTER_S = 0.2
-_BLOCK = 256  # windows whose derivatives are in memory at once
+_BLOCK = 128  # windows whose derivatives are in memory at once
 
 
 class Normal(NamedTuple):
@@ -30,10 +30,12 @@ def normal_of(problem: Problem, state: State, noise: FloatArray, mean: complex, 
     prior = problem.priors()
     matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
     fingers = state.loads.shape[1]
-    from_right, from_step, weights, scores = [], [], [], []
-    for start in range(0, len(state.loads), _BLOCK):
+    windows = len(state.loads)
+    solved = np.empty((windows, 2 * fingers, len(prior) + 1))  # the largest array: one part of it each
+    weights, scores = np.empty((windows, fingers)), np.empty((windows, len(prior)))
+    for start in range(0, windows, _BLOCK):
         rows = slice(start, start + _BLOCK)
-        point = problem.model.at(state, rows, has_waves=problem.free.waves)
+        point = problem.model.at(state, rows, problem.free)
         weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
         columns = _columns(problem, point, rows) * weight[..., None]
         loads = point.by_loads * weight[..., None]
@@ -41,31 +43,24 @@ def normal_of(problem: Problem, state: State, noise: FloatArray, mean: complex, 
         own = _stacked(np.concatenate((loads, 1j * loads), axis=-1))
         rest = _stacked((point.residual * weight)[..., None])
         inner = own.transpose(0, 2, 1) @ own
-        weights.append(np.einsum("bii->bi", inner)[:, :fingers])
+        weights[rows] = np.einsum("bii->bi", inner)[:, :fingers]
         inner = inner + np.eye(2 * fingers) / spread**2
         away = state.loads[rows] - mean
         drag = np.concatenate((away.real, away.imag), axis=1) / spread**2
         mixed, pull = own.transpose(0, 2, 1) @ left, -(own.transpose(0, 2, 1) @ rest)[..., 0] - drag
-        back = np.linalg.solve(inner, np.concatenate((mixed, pull[..., None]), axis=-1))
+        back = solved[rows] = np.linalg.solve(inner, np.concatenate((mixed, pull[..., None]), axis=-1))
         flat = left.reshape(-1, left.shape[-1])
         matrix += flat.T @ flat - mixed.reshape(-1, mixed.shape[-1]).T @ back[..., :-1].reshape(-1, mixed.shape[-1])
-        scores.append((left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0])
-        right -= scores[-1].sum(axis=0)
-        from_right.append(back[..., -1])
-        from_step.append(back[..., :-1])
-    parts = (np.concatenate(part) for part in (from_right, from_step, weights, scores))
-    return Normal(matrix, right, *parts)
+        scores[rows] = (left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
+        right -= scores[rows].sum(axis=0)
+    return Normal(matrix, right, solved[..., -1], solved[..., :-1], weights, scores)
 
 
 def _columns(problem: Problem, point: Point, rows: slice) -> ComplexArray:
     """Derivatives by all parameters (B, S, M, P), which are real."""
-    free, terms = problem.free, problem.model.terms[rows]
+    terms = problem.model.terms[rows]
     modes = terms.shape[2]
-    parts = [point.by_pad] if free.pad else []
-    if free.sense:
-        parts += [point.by_sense, 1j * point.by_sense]
-    if free.waves:
-        parts += [point.by_waves]
+    parts = point.by_pad, point.by_sense, 1j * point.by_sense, point.by_waves
     rates = np.zeros((*terms.shape[:3], modes, terms.shape[-1]), np.complex128)
     for mode in range(modes):
         rates[:, :, mode, mode] = terms[:, :, mode]

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, Model, State, stepped
+from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, Free, Model, State, stepped
 from .observations import ComplexArray, FloatArray
 
 MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
 _LOOSE = 1e6  # sigma of what has no prior
-
-
-class Free(NamedTuple):
-    """Which parts of the calibration are sought."""
-
-    pad: bool = False
-    sense: bool = False
-    waves: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +53,9 @@ class Problem:
     def stepped(self, state: State, step: FloatArray, loads: ComplexArray) -> State:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
         pad, sense, waves, rates = np.split(step, np.cumsum(self.sizes)[:-1])
-        found = stepped(
-            state.calibration,
-            pad if pad.size else np.zeros(len(PAD_PRIOR)),
-            complex_of(sense),
-            waves,
-        )
+        found = state.calibration
+        if any(self.free):
+            found = stepped(found, pad if pad.size else np.zeros(len(PAD_PRIOR)), complex_of(sense), waves)
         return State(found, state.rates + complex_of(rates).reshape(state.rates.shape), state.loads + loads)
 
 

@@ -1,7 +1,7 @@
 """Kinds of records: one for each thing that a machine receives, decides or finds, with its topic, form and encoding.
 
-    input   reports timer board_bytes board_link trackpad_link targets request watched adopt self_test stop
-            disconnect: fed by `replay`
+    input   reports timer board_bytes board_link trackpad_link targets request watched adopt adopt_readings
+            adopt_map self_test stop disconnect: fed by `replay`
     output  written                                                                     compared by `replay`
     found   pass event status ledger marker                                             for people and other programs
     added   truth end                                                                   the plate's own; the last record
@@ -58,7 +58,7 @@ class Maybe(NamedTuple):
 
 
 Form: TypeAlias = "str | list[Form] | dict[str, Form | Maybe]"
-AMPLITUDES: Form = {"d": [NUMBER], "q": [NUMBER]}
+AMPLITUDES: dict[str, Form | Maybe] = {"d": [NUMBER], "q": [NUMBER]}
 
 
 def _is_whole(value: object) -> bool:
@@ -147,7 +147,7 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
         "points": [
             {"virtual" if isinstance(key, str) else "finger_id": key}
             | dict(zip(_POINT, numbers, strict=True))
-            | perceived[key]._asdict()
+            | (perceived[key]._asdict() if key in perceived else {})  # it is not known without a reader
             for key, *numbers in tick.points
         ],
     }
@@ -249,6 +249,8 @@ KINDS: dict[str, Kind] = {
     "watched": _kind("/input/watched", {"is_watched": BOOL}),
     "adopt": _kind("/input/adopt", {"plate_from_pad": [NUMBER], "latency_ns": WHOLE}),
     "self_test": _kind("/input/self_test", {"outcome": TEXT, "text": TEXT}),
+    "adopt_readings": _kind("/input/adopt_readings", dict(AMPLITUDES)),
+    "adopt_map": _kind("/input/adopt_map", {"shapes": BYTES, "steepest_1_mm": NUMBER}),
     "stop": _kind("/input/stop", {}),
     "disconnect": _kind("/input/disconnect", {}),
     "written": _kind("/output/written", {"line": BYTES, "is_accepted": BOOL}),

@@ -98,6 +98,7 @@ COUNTERS = (
     Figure("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
     Figure("calibration.adopted", "calibration_adopted", "Of these, adopted"),
     Figure("calibration.steps", "calibration_steps", "Small steps of adoption"),
+    Figure("calibration.maps", "calibration_maps", "Mode maps adopted, with what sensors read"),
     Figure("calibration.dropped", "calibration_records_dropped", "Records that the calibration's process did not get"),
 )
 COUNTED = (  # maps of counters: one metric with a label

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from hapticd.design.touch.fit import fit
-from hapticd.design.touch.model import LATENCY, Calibration, Model, State, stepped
+from hapticd.design.touch.model import LATENCY, Calibration, Free, Model, State, stepped
 from hapticd.design.touch.observations import ComplexArray, FloatArray, Track
-from hapticd.design.touch.problem import Free
 from hapticd.design.touch.waves import Waves
 
 from .synthetic import WAVE_RAD_MM, Touching, mode_map
@@ -84,7 +83,7 @@ def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Mode
     state = replace(state, calibration=found)
     step = np.zeros(7)
     step[place] = 1e-5
-    point = model.at(state, slice(None), has_waves=True)
+    point = model.at(state, slice(None), Free(True, True, True))
     numeric = slope_along(model, state, step, np.zeros(0, np.complex128), np.zeros(0)) / 1e-5
     scale = np.abs(numeric).max()
     # The latency's is by the smoothed velocity, which is not quite the slope of the interpolated positions.
@@ -93,7 +92,7 @@ def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Mode
 
 def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tuple[Model, State]) -> None:
     model, state = linearised
-    point = model.at(state, slice(None), has_waves=True)
+    point = model.at(state, slice(None), Free(True, True, True))
     rng = np.random.default_rng(6)
     sense = 1e-5 * (rng.standard_normal(3) + 1j * rng.standard_normal(3))
     waves = 1e-5 * rng.standard_normal(state.calibration.waves.shape)

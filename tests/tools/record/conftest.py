@@ -80,6 +80,9 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
         bench.run(120)
     bench.machine.targets(b"\xc1 no message", bench.t_ns, "uid 8")
     bench.machine.adopt((1.0, 0.0, 0.0, 1.0, 0.002, 0.0), 10_020_000, bench.t_ns)
+    bench.machine.adopt_readings([1.01, 0.0, 0.001, 0.99], [0.0, 0.002, 0.0, -0.01], bench.t_ns)
+    shapes = 1.001 * bench.machine.modes.shapes
+    bench.machine.adopt_map(shapes.astype("<f4").tobytes(), bench.machine.modes.steepest_1_mm(), bench.t_ns)
     assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
     assert bench.ask("release", client="test", finger=2)["ok"]

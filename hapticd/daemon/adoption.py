@@ -1,15 +1,21 @@
-"""Adoption of a corrected pad in small steps: no finger's position moves by more than STEP_MM at once.
+"""Adoption of what touches show, so that no finger feels a step.
 
-Pure: what is adopted when is the caller's, and each step is an input of the machine.
+The pad's place and latency move in small steps: no finger's position by more than STEP_MM at once. Mode map and sensors
+are replaced together while no finger is down and nothing is driven. Pure: what is adopted when is the caller's, and
+each step is an input of the machine.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from ..config.sections import Config
+from ..core.plate.mode_shapes import ModeShapes
 from ..values import AffineMap
 from .settings import plate_from_pad
 
@@ -17,6 +23,9 @@ STEP_MM = 0.002  # less than a pad resolves; as a filter's noise it moves a refe
 STEP_NS = 20_000  # of latency: 2 um at 10 cm/s
 LATENCY_NS = (0, 50_000_000)  # the bounds of trackpad.latency_ms
 FARTHEST_MM, FARTHEST_NS = 3.0, 10_000_000  # from the configuration: beyond, something else is wrong
+FARTHEST_READING = 0.2  # from sensors as they were calibrated
+FARTHEST_MAP_FRAC = 0.3  # RMS of the change since the scan, as a share of that of the map
+STEEPER = 1.5  # times as steep as at the scan, or as flat: beyond is no map of this plate
 _CORNER_MM = 100.0  # of the largest plate
 
 
@@ -62,7 +71,7 @@ class Correction(NamedTuple):
 
 @dataclass(slots=True)
 class Adoption:
-    """The way from the pad in force to a corrected one. `configured` is what it may not leave far."""
+    """The way from the pad in force to the one that was found. `configured` is what it may not leave far."""
 
     configured: Pad
     now: Pad
@@ -82,14 +91,12 @@ class Adoption:
         return self._target is not None
 
     def request(self, correction: Correction) -> bool:
-        """Begin to move to the pad that a correction makes of the present one; False where that is too far."""
+        """Begin to move to what a correction makes of the configured pad; False where that is too far."""
         if not abs(1e9 * correction.latency_s) <= FARTHEST_NS:
             return False
-        target = correction.of(self.now)
+        target = correction.of(self.configured)
         is_finite = all(map(math.isfinite, astuple(target.plate_from_pad)))
         if not is_finite or not target.distance_mm(self.configured) <= FARTHEST_MM:
-            return False
-        if abs(target.latency_ns - self.configured.latency_ns) > FARTHEST_NS:
             return False
         late_ns = abs(target.latency_ns - self.now.latency_ns)
         self._steps = max(math.ceil(target.distance_mm(self.now) / STEP_MM), math.ceil(late_ns / STEP_NS))
@@ -114,3 +121,32 @@ def _between(start: Pad, target: Pad, share: float) -> Pad:
     parts = ((getattr(start.plate_from_pad, name), getattr(target.plate_from_pad, name)) for name in names)
     moved = AffineMap(*(before + share * (after - before) for before, after in parts))
     return Pad(moved, start.latency_ns + round(share * (target.latency_ns - start.latency_ns)))
+
+
+class PlateChange(NamedTuple):
+    """Shapes and sensors, which were found together: arguments of `Machine.adopt_map` and `adopt_readings`."""
+
+    shapes: bytes
+    steepest_1_mm: float
+    d: tuple[float, ...]
+    q: tuple[float, ...]
+
+    def is_near(self, scanned: ModeShapes) -> bool:
+        """Whether it can be the plate that was scanned. Raises ValueError for shapes on another grid, or readings of
+        another number of sensors."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            away = shapes_of(self.shapes, scanned) - scanned.shapes
+            change_frac = float(np.sqrt(np.mean(away**2) / np.mean(scanned.shapes**2)))
+            readings = np.abs(self.readings(scanned.M) - np.eye(scanned.M)).max()
+        steeper = self.steepest_1_mm / scanned.steepest_1_mm()
+        is_near = change_frac <= FARTHEST_MAP_FRAC and readings <= FARTHEST_READING
+        return bool(is_near and 1.0 / STEEPER <= steeper <= STEEPER)
+
+    def readings(self, modes: int) -> npt.NDArray[np.complex128]:
+        """Return what the sensors read of true amplitudes (M, M)."""
+        return (np.array(self.d) + 1j * np.array(self.q)).reshape(modes, modes)
+
+
+def shapes_of(data: bytes, modes: ModeShapes) -> npt.NDArray[Any]:
+    """Return float32 shapes (M, ny, nx) on the grid of a map. Raises ValueError for another number of them."""
+    return np.frombuffer(data, "<f4").reshape(modes.shapes.shape).astype(np.float64)

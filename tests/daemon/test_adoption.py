@@ -1,14 +1,24 @@
-"""Adoption of a corrected pad: where it ends, and that no step on the way moves a finger noticeably."""
+"""Adoption of what touches show: where it ends, and that no step on the way moves a finger noticeably."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.daemon.pad_adoption import FARTHEST_MM, STEP_MM, STEP_NS, Adoption, Correction, Pad
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.daemon.adoption import (
+    FARTHEST_MM,
+    STEP_MM,
+    STEP_NS,
+    Adoption,
+    Correction,
+    Pad,
+    PlateChange,
+)
 from hapticd.values import AffineMap
 
 CONFIGURED = Pad(AffineMap.from_placement((2.0, -1.0), 90.0, (1.01, 0.99)), 10_000_000)
@@ -69,12 +79,49 @@ def test_a_correction_far_from_the_configured_pad_is_refused(correction: Correct
     assert adoption.now == CONFIGURED
 
 
-def test_many_corrections_do_not_lead_far_away() -> None:
+def test_a_correction_is_of_the_configured_pad_however_often_it_is_found() -> None:
     adoption = Adoption.of(CONFIGURED)
-    while adoption.request(Correction((1.0, 0.0, 0.0, 1.0), (0.5, 0.0), 0.0)):
+    for _ in range(3):
+        assert adoption.request(MISPLACED)
         adopted(adoption)
-    assert FARTHEST_MM - 0.5 <= adoption.now.distance_mm(CONFIGURED) <= FARTHEST_MM
+    assert adoption.now == MISPLACED.of(CONFIGURED)
 
 
 def test_without_a_request_no_step_is_due() -> None:
     assert Adoption.of(CONFIGURED).step() is None
+
+
+GRID_MM = np.linspace(-50.0, 50.0, 12)
+SCANNED = ModeShapes(GRID_MM, GRID_MM, [np.sin(GRID_MM / 9.0)[None, :] * np.cos(GRID_MM / 8.0)[:, None]] * 2)
+
+
+RIGHT = (1.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("factor", "steeper", "d", "is_near"),
+    [
+        (1.0, 1.0, RIGHT, True),
+        (1.2, 1.2, RIGHT, True),
+        (1.4, 1.0, RIGHT, False),
+        (math.nan, 1.0, RIGHT, False),
+        (1.0, 2.0, RIGHT, False),
+        (1.0, 0.0, RIGHT, False),
+        (1.0, math.nan, RIGHT, False),
+        (1.0, 1.0, (1.1, 0.05, 0.0, 1.0), True),
+        (1.0, 1.0, (1.3, 0.0, 0.0, 1.0), False),
+        (1.0, 1.0, (math.nan, 0.0, 0.0, 1.0), False),
+    ],
+)
+def test_only_a_plate_like_the_scanned_one_is_near(
+    factor: float, steeper: float, d: tuple[float, ...], is_near: bool
+) -> None:
+    data = (factor * SCANNED.shapes).astype("<f4").tobytes()
+    assert PlateChange(data, steeper * SCANNED.steepest_1_mm(), d, (0.0,) * 4).is_near(SCANNED) is is_near
+
+
+def test_a_map_on_another_grid_is_none_and_so_are_other_sensors() -> None:
+    data = SCANNED.shapes.astype("<f4").tobytes()
+    for change in (PlateChange(bytes(40), 1.0, RIGHT, (0.0,) * 4), PlateChange(data, 1.0, (1.0,), (0.0,))):
+        with pytest.raises(ValueError, match="reshape"):
+            change.is_near(SCANNED)

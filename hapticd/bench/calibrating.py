@@ -1,0 +1,71 @@
+"""The service's self-calibration in virtual time: its process's part is done between two events of a simulation.
+
+What is fed, judged and adopted is the service's; only the time that a fit takes is left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from ..daemon.machine import Machine
+from ..daemon.observer import Observer
+from ..daemon.recorder import header_of
+from ..daemon.self_calibration import KINDS, SelfCalibration
+from ..files.recording.kinds import record_of
+from ..sim.faulty import FaultySimulation
+from ..sim.fingers.scenarios import Actor
+from ..sim.lockstep import Measured, Settings
+from ..tools.touch_process import Accumulator
+
+
+class InStep:
+    """The self-calibration of one machine. `also` observes the machine too."""
+
+    def __init__(self, machine: Machine, t_ns: int, also: Observer | None = None) -> None:
+        self.machine = machine
+        self.task = SelfCalibration(machine.config, machine.modes)
+        self.verdicts: list[dict[str, Any]] = []
+        self.t_stepped_ns: list[int] = []
+        self._accumulator = Accumulator(header_of(machine, t_ns=t_ns, utc="", is_whole=True))
+        self._also = also
+        machine.observer, machine.observer_perceives = self._observe, also is not None
+
+    def _observe(self, kind: str, t_ns: int, *values: Any) -> None:
+        if self._also is not None:
+            self._also(kind, t_ns, *values)
+        if kind in KINDS:
+            self._accumulator.take(record_of(kind, 0, t_ns, values))
+
+    def look(self, t_ns: int) -> None:
+        """Fit if there is enough, and take the step that is due."""
+        if self._accumulator.is_full:
+            self.verdicts.append(self._accumulator.verdict())
+            self.task.take_verdict(json.dumps(self.verdicts[-1]).encode())
+        if self.task.step(self.machine, t_ns):
+            self.t_stepped_ns.append(t_ns)
+
+
+class CalibratingSimulation(FaultySimulation):
+    """A lock-step run, with faults or without, whose daemon calibrates itself. A daemon that starts begins anew."""
+
+    def __init__(
+        self,
+        actors: tuple[Actor, ...],
+        settings: Settings,
+        seed: int,
+        measured: Measured | None = None,
+        observer: Callable[[Machine], Observer] | None = None,
+    ) -> None:
+        super().__init__(actors, settings, seed, measured)
+        self._make_observer = observer
+        self.calibrations: list[InStep] = []
+
+    def _handle(self, kind: str, data: bytes, t_ns: int) -> None:
+        if not self.calibrations or self.calibrations[-1].machine is not self.machine:
+            also = None if self._make_observer is None else self._make_observer(self.machine)
+            self.calibrations.append(InStep(self.machine, t_ns, also))
+        super()._handle(kind, data, t_ns)
+        if self.daemon_runs:
+            self.calibrations[-1].look(self.t_ns)
