@@ -16,7 +16,7 @@ from ..daemon.self_calibration import KINDS, SelfCalibration
 from ..files.recording.kinds import record_of
 from ..sim.faulty import FaultySimulation
 from ..sim.fingers.scenarios import Actor
-from ..sim.lockstep import Measured, Settings
+from ..sim.lockstep import T_START_NS, Measured, Settings
 from ..tools.touch_process import Accumulator
 
 
@@ -61,11 +61,15 @@ class CalibratingSimulation(FaultySimulation):
         super().__init__(actors, settings, seed, measured)
         self._make_observer = observer
         self.calibrations: list[InStep] = []
+        self._begin(T_START_NS)
+
+    def _begin(self, t_ns: int) -> None:
+        also = None if self._make_observer is None else self._make_observer(self.machine)
+        self.calibrations.append(InStep(self.machine, t_ns, also))
 
     def _handle(self, kind: str, data: bytes, t_ns: int) -> None:
-        if not self.calibrations or self.calibrations[-1].machine is not self.machine:
-            also = None if self._make_observer is None else self._make_observer(self.machine)
-            self.calibrations.append(InStep(self.machine, t_ns, also))
+        if self.calibrations[-1].machine is not self.machine:
+            self._begin(t_ns)
         super()._handle(kind, data, t_ns)
         if self.daemon_runs:
             self.calibrations[-1].look(self.t_ns)

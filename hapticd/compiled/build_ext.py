@@ -16,8 +16,6 @@ from threading import Lock
 from setuptools import Extension
 from setuptools.command import build_ext
 
-from . import FOLDERS
-
 GROUP = "hapticd.core.compiled"
 # The same bits as the interpreter's; and calls within the group go straight, not by a table that another library could
 # change: half as many indirect calls, which a pass on a cold cache notices.
@@ -51,10 +49,9 @@ class BuildExt(build_ext.build_ext):
         super().run()
         if self.inplace:
             built = {Path(self.get_ext_fullpath(extension.name)).resolve() for extension in self.extensions}
-            for folder in FOLDERS:
-                for path in Path("hapticd", folder).rglob(f"*{EXTENSION_SUFFIXES[0]}"):
-                    if path.resolve() not in built:
-                        path.unlink()
+            for path in Path("hapticd").rglob(f"*{EXTENSION_SUFFIXES[0]}"):
+                if path.resolve() not in built:
+                    path.unlink()
 
     def build_extension(self, extension: Extension) -> None:
         """Build one of several at a time; but the boards share sources, and so the paths of their object files."""
