@@ -15,7 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.plate.bicubic import BicubicSurfaces
-from hapticd.core.solver.contacts import COLD_SWEEPS, COLD_TURN_RAD, FRICTION_DECAY_UM, FULL_UM, UNCERTAIN_FRAC
+from hapticd.core.solver.contacts import (
+    COLD_SWEEPS,
+    COLD_TURN_RAD,
+    FRICTION_DECAY_UM,
+    FULL_UM,
+    PAST_FRAC,
+    UNCERTAIN_FRAC,
+)
 
 from .free_plate import ModeShape
 from .legendre import FloatArray
@@ -92,7 +99,7 @@ def settle(
         rms_um = np.sqrt(np.maximum(np.einsum("kp,kp->p", w.conj(), along).real, _TINY_UM**2))
         pull = weight * target_um * along / rms_um
         for k in range(modes):
-            w[k] += (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
+            w[k] += (1.0 + PAST_FRAC) * (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
             w[k] *= np.minimum(1.0, limits_um[k] / np.maximum(np.abs(w[k]), _TINY_UM))
     return w
 
