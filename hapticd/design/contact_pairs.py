@@ -83,11 +83,17 @@ def grams(shapes: Shapes, points_mm: FloatArray, radius_mm: float) -> FloatArray
 
 
 def settle(
-    slipping: FloatArray, still: FloatArray, target_um: float, limits_um: FloatArray, sweeps: int = COLD_SWEEPS
+    slipping: FloatArray,
+    still: FloatArray,
+    target_um: float,
+    limits_um: FloatArray,
+    sweeps: int = COLD_SWEEPS,
+    power: float = 1.0,
 ) -> ComplexArray:
-    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, for P pairs of Gram matrices (M, M, P)."""
+    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, for P pairs of Gram matrices (M, M, P);
+    its weight to a `power`."""
     modes, count = slipping.shape[1:]
-    weight = math.exp(-2.0 * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
+    weight = math.exp(-2.0 * power * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
     curvature = weight * slipping + still
     curvature = curvature + UNCERTAIN_FRAC**2 * curvature * np.eye(modes)[:, :, None]
     own = np.maximum(np.einsum("kkp->kp", curvature), np.finfo(float).tiny)
