@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 from ..config.keys import toml
 from ..design.contact_search import ContactDesign, Drive
 from ..design.free_plate import free_plate_modes
 from ..design.materials import MATERIALS
+from ..errors import CalibrationError
 from ..files import outputs
+from ..sim.plate.glasses import FARTHEST_HZ
 
-PARASITIC, FARTHEST_PARASITIC_HZ = 4, 1000.0  # modes besides the driven ones that a simulated plate has
+PARASITIC = 4  # modes besides the driven ones that a simulated plate has
 
 
 def write_config(design: ContactDesign, drive: Drive, heading: str, path: Path, modes_file: Path) -> None:
@@ -36,14 +39,19 @@ def write_config(design: ContactDesign, drive: Drive, heading: str, path: Path, 
 
 
 def write_glass(design: ContactDesign, drive: Drive, heading: str, path: Path) -> None:
-    """Write what the simulation needs for this plate: `sim.plate.glasses`."""
+    """Write what the simulation needs for this plate: `sim.plate.glasses`. Raises CalibrationError where names of modes
+    are not unique."""
     plate, driven = design.plate, [shape.name for shape in design.shapes]
     of = plate.material
-    band_hz = (design.drive_hz - FARTHEST_PARASITIC_HZ, design.drive_hz + FARTHEST_PARASITIC_HZ)
+    band_hz = (design.drive_hz - FARTHEST_HZ, design.drive_hz + FARTHEST_HZ)
     modes = free_plate_modes(
         plate.size_mm, plate.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=band_hz
     )
-    near = sorted((abs(hz - design.drive_hz), shape.name) for hz, shape in modes if shape.name not in driven)
+    times = Counter(shape.name for _, shape in modes)
+    if any(times[mode] != 1 for mode in driven):
+        raise CalibrationError(f"--glass: a file names modes, and two near the drive are {' or '.join(driven)}.")
+    others = [(abs(hz - design.drive_hz), one.name) for hz, one in modes if times[one.name] == 1]
+    near = sorted(other for other in others if other[1] not in driven)
     name = next((name for name, known in MATERIALS.items() if known == of), None)
     values = {
         "size_mm": plate.size_mm,
