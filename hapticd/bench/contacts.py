@@ -18,9 +18,11 @@ import numpy.typing as npt
 
 from ..core.plate.contact import Gram, contact_grams, disc_points
 from ..core.solver.contacts import FRICTION_DECAY_UM, FULL_UM, UNCERTAIN_FRAC, solve_contacts
+from ..design.contact_pairs import contact_rms_um, grams, settle
+from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ..sim.plate.glasses import FINGERTIP, LEAST_PARASITIC
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from ..sim.score import CONTACT_RADIUS_MM
+from ..sim.score import CONTACT_RADIUS_MM, settled
 from .stability import LAP, closed_way_mm
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, no_garbage_collection, optional
@@ -30,6 +32,7 @@ SIZES = ((2, 4), (2, 5), (2, 6), (3, 6), (5, 6))  # fingers and modes
 REACH_MM, LEAST_GAP_MM = 85.0, 20.0
 STARTS = 5  # of the general minimiser
 SETTLING = 6  # calls until the amplitudes before are settled
+POWERS = (1.0, 1.25, 1.5, 2.0)
 WALKING_MODES = range(2, 9)
 WALKING_LIMIT_UM = 4.0
 
@@ -127,6 +130,44 @@ def _minimised(optimize: object, problem: _Problem, random: np.random.Generator)
         options={"maxiter": 200},
     )
     return float(found.fun)
+
+
+def frontier(modes: int = 4, *, seeds: Sequence[int] = (1, 2, 3, 4, 5), every_s: float = 0.02) -> Table:
+    """Compare what perfect knowledge reaches on strokes with more weight for the still contact, without any delay: the
+    contact rule's own descent from rest at each instant, on the true shapes of the fingertip plate."""
+    plate = GroundTruth(PlateSettings.of(FINGERTIP, modes))
+    touched = [_stroked(plate, seed, every_s) for seed in seeds]
+    rows = []
+    for power in POWERS:
+        figures = []
+        for slipping, still in touched:
+            w_um = settle(slipping, still, 1.0, np.array(plate.w_limit_um), power=power)
+            slip_um, still_um = contact_rms_um(slipping, w_um), contact_rms_um(still, w_um)
+            slip_rms_um, still_rms_um = (math.sqrt(np.mean(each**2)) for each in (slip_um, still_um))
+            figures.append((slip_rms_um, slip_rms_um / still_rms_um, float(np.median(slip_um / still_um))))
+        mean = np.mean(figures, axis=0).tolist()
+        names = ("contact_slip_um", "contrast", "contrast_median")
+        rows.append((f"weight to the power {power:g}", dict(zip(names, mean, strict=True))))
+    return Table(
+        name="contacts_frontier",
+        title=f"contacts: perfect knowledge on strokes at 10 cm/s, {modes} modes of the fingertip plate",
+        default=rows[0][0],
+        rows=finite_rows(rows),
+        compared=("contact_slip_um", "contrast"),
+    )
+
+
+def _stroked(plate: GroundTruth, seed: int, every_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return the Gram matrices (M, M, P) of the slipping and the still contact while both count."""
+    actors = SCENARIOS["strokes"].build(seed, SPEED_MM_S)
+    t_s = np.arange(0.0, SCENARIOS["strokes"].seconds, every_s)
+    target_um = np.stack([actor.target_um(t_s) for actor in actors], axis=1)
+    counts = settled(t_s, target_um).all(axis=1)
+    modes = plate.true_mode_map()
+    order = np.argsort(-target_um[counts][-1])
+    paths = [actors[index].path for index in order]
+    slipping, still = (grams(modes, path.position_mm(t_s[counts]), CONTACT_RADIUS_MM) for path in paths if path)
+    return slipping, still
 
 
 def walk(steps: int) -> Table:

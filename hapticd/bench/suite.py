@@ -71,6 +71,8 @@ PARTS: dict[str, Part] = {
         singular.run(),
         leak.contact(),
         leak.contact_conditions(),
+        contacts.frontier(4),
+        contacts.frontier(5),
         leak_budget.run(),
     ),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),

@@ -207,7 +207,7 @@ class SimConfig:
 
     scenario: str = key("strokes", "scenario of the simulated fingers", choices=SCENARIO_NAMES)
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
-    plate: str = key("reference", "the paper's plate, or one for whole contacts", choices=PLATE_NAMES)
+    plate: str = key("reference", f"one of {', '.join(PLATE_NAMES)}, or a plate's file (.toml)")
     modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=8)
     wiring: str = key("separate", "of amplifiers and sensors to the modes; two are wrong", choices=WIRING_NAMES)
     rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")

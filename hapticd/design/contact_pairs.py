@@ -15,7 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.plate.bicubic import BicubicSurfaces
-from hapticd.core.solver.contacts import COLD_SWEEPS, COLD_TURN_RAD, FRICTION_DECAY_UM, FULL_UM, UNCERTAIN_FRAC
+from hapticd.core.solver.contacts import (
+    COLD_SWEEPS,
+    COLD_TURN_RAD,
+    FRICTION_DECAY_UM,
+    FULL_UM,
+    PAST_FRAC,
+    UNCERTAIN_FRAC,
+)
 
 from .free_plate import ModeShape
 from .legendre import FloatArray
@@ -76,11 +83,17 @@ def grams(shapes: Shapes, points_mm: FloatArray, radius_mm: float) -> FloatArray
 
 
 def settle(
-    slipping: FloatArray, still: FloatArray, target_um: float, limits_um: FloatArray, sweeps: int = COLD_SWEEPS
+    slipping: FloatArray,
+    still: FloatArray,
+    target_um: float,
+    limits_um: FloatArray,
+    sweeps: int = COLD_SWEEPS,
+    power: float = 1.0,
 ) -> ComplexArray:
-    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, for P pairs of Gram matrices (M, M, P)."""
+    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, for P pairs of Gram matrices (M, M, P);
+    its weight to a `power`."""
     modes, count = slipping.shape[1:]
-    weight = math.exp(-2.0 * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
+    weight = math.exp(-2.0 * power * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
     curvature = weight * slipping + still
     curvature = curvature + UNCERTAIN_FRAC**2 * curvature * np.eye(modes)[:, :, None]
     own = np.maximum(np.einsum("kkp->kp", curvature), np.finfo(float).tiny)
@@ -92,7 +105,7 @@ def settle(
         rms_um = np.sqrt(np.maximum(np.einsum("kp,kp->p", w.conj(), along).real, _TINY_UM**2))
         pull = weight * target_um * along / rms_um
         for k in range(modes):
-            w[k] += (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
+            w[k] += (1.0 + PAST_FRAC) * (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
             w[k] *= np.minimum(1.0, limits_um[k] / np.maximum(np.abs(w[k]), _TINY_UM))
     return w
 

@@ -17,7 +17,7 @@ from ..content_values import AmplitudeTarget, ClientTargets, Surface
 from .fingers.paths import Rest, Touch, Touches
 from .fingers.scenarios import Actor
 from .lockstep import Settings, Simulation
-from .plate.glasses import GLASSES
+from .plate.glasses import find_glass
 from .plate.ground_truth import GroundTruth
 
 TARGET_UM = 1.0
@@ -87,7 +87,7 @@ def _spans_ms(settings: Settings, seed: int, count: int, *, with_surface: bool) 
 def _places_mm(settings: Settings, rng: np.random.Generator, count: int) -> list[tuple[float, float]]:
     """Draw places where the plate can do more than the target."""
     plate = GroundTruth(settings.plate)
-    reach_mm = 0.35 * min(GLASSES[settings.plate.plate].size_mm)
+    reach_mm = 0.35 * min(find_glass(settings.plate.plate).size_mm)
     candidates_mm = rng.uniform(-reach_mm, reach_mm, (50 * count, 1, 2))
     phi = plate.shapes(candidates_mm)[:, 0, : plate.settings.driven_modes]
     most_um = np.abs(phi) @ np.asarray(plate.w_limit_um)

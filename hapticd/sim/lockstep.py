@@ -33,7 +33,7 @@ from .fingers.pad_noise import FILTERED_NOISE, PadNoise
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
-from .plate.glasses import GLASSES
+from .plate.glasses import find_glass
 from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score, with_contacts
 from .world import World
@@ -343,7 +343,7 @@ def scheme_config(settings: Settings) -> Config:
     The paper's is its Matlab loop: hold, steps, PI, its formula.
     """
     reach_um = GroundTruth(settings.plate).w_limit_um
-    config = on_plate(settings.config, GLASSES[settings.plate.plate].size_mm, reach_um)
+    config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, reach_um)
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from ..config.keys import toml
 from ..config.sections import PLATE_NAMES, WIRING_NAMES, SimConfig
 from ..errors import UsageError
 from .arguments import whole
@@ -14,7 +16,10 @@ from .arguments import whole
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the plate's name, the number of its driven modes, and their wiring."""
     parser.add_argument(
-        "--plate", choices=PLATE_NAMES, help="the simulated one: the paper's (default), or one for whole contacts"
+        "--plate",
+        metavar="PLATE",
+        help=f"the simulated one: {', '.join(PLATE_NAMES)} (the paper's, the default; for whole contacts), or a "
+        "file that `hapticd plate --contacts --glass F.toml` writes",
     )
     parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
     add_wiring(parser)
@@ -25,6 +30,11 @@ def settings(sim: SimConfig) -> dict[str, dict[str, Any]]:
     named = {name: getattr(sim, name) for name in ("plate", "modes", "wiring")}
     named = {name: value for name, value in named.items() if value != getattr(SimConfig(), name)}
     return {"sim": named} if named else {}
+
+
+def lines(sim: SimConfig) -> str:
+    """Return the lines of a configuration's [sim] table that name the simulated plate."""
+    return "\n".join(f"{name} = {toml(getattr(sim, name))}" for name in ("plate", "modes", "wiring"))
 
 
 def add_wiring(parser: argparse.ArgumentParser) -> None:
@@ -46,10 +56,17 @@ def chosen(options: argparse.Namespace, before: SimConfig | None = None, *, is_s
         return sim
     if not is_simulated:
         raise UsageError("--plate, --modes and --wiring name a simulated plate: give --sim as well.")
-    from ..sim.plate.glasses import driven_modes  # late: `hapticd run` parses its arguments without the simulation
+    # Late: `hapticd run` parses its arguments without the simulation.
+    from ..sim.plate.glasses import SUFFIX, driven_modes, find_glass
     from ..sim.plate.wirings import wiring
 
     plate = sim.plate if options.plate is None else options.plate
+    if plate.endswith(SUFFIX):
+        plate = str(Path(plate).absolute())  # the service and the rig are processes of their own
+    try:
+        find_glass(plate)
+    except ValueError as error:
+        raise UsageError(f"--plate: {error}") from None
     try:
         modes = driven_modes(plate, options.modes or 0)
     except ValueError as error:

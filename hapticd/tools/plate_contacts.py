@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -14,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..config.keys import toml
 from ..design.contact_map import contact_map
 from ..design.contact_pairs import surfaces
 from ..design.contact_search import (
@@ -34,7 +32,7 @@ from ..design.glued_plate import Patch
 from ..design.materials import MATERIALS, find_material
 from ..errors import CalibrationError, UsageError
 from ..files import outputs, plotting
-from . import plate_patches
+from . import plate_files, plate_patches
 from .arguments import number, whole
 from .plate_patches import Placement
 from .progress import Progress
@@ -47,7 +45,20 @@ LEAST_MODES, MOST_MODES = 2, 8
 ROWS = 15
 ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
 CELLS = 61  # per side of the picture's map
-_CONTACTS = ("modes", "drive", "config", "tolerances", "seed", "q", "reach", "radius", "farthest", "patch", "place")
+_CONTACTS = (
+    "modes",
+    "drive",
+    "config",
+    "glass",
+    "tolerances",
+    "seed",
+    "q",
+    "reach",
+    "radius",
+    "farthest",
+    "patch",
+    "place",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,6 +108,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random pairs and plates ({SEED})")
     outputs.add_file(
+        parser, "--glass", TOML, group=group, metavar="F.toml", help="the best plate, for --plate of simulated plates"
+    )
+    outputs.add_file(
         parser, "--config", TOML, group=group, metavar="F.toml", help="configuration for the best plate, with --out"
     )
 
@@ -115,6 +129,10 @@ def run(options: argparse.Namespace) -> ContactDesign:
     """
     if options.config is not None and options.out is None:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
+    if options.glass is not None and (options.patch or options.q is not None):
+        raise UsageError(
+            f"--glass: simulated plates have no glued patches and a quality of {Q_FACTOR:g}: give neither."
+        )
     counts, drive_hz, plates = _modes(options.modes), _drive_hz(options.drive), _plates(options)
     drive = Drive(
         Q_FACTOR if options.q is None else options.q,
@@ -148,7 +166,9 @@ def run(options: argparse.Namespace) -> ContactDesign:
     if options.json is not None:
         _write_json(designs, drive, study, placement, options.json)
     if options.config is not None:
-        _write_config(best, drive, options.config, options.out)
+        plate_files.write_config(best, drive, f"# {verdict(best, drive)}", options.config, options.out)
+    if options.glass is not None:
+        plate_files.write_glass(best, drive, f"# {verdict(best, drive)}", options.glass)
     if options.plot is not None:
         draw(best, drive, options.plot, placement)
     return best
@@ -313,27 +333,6 @@ def _as_json(design: ContactDesign) -> dict[str, Any]:
     names = ("drive_hz", "frequency_hz", "limits_um", "farthest_hz", "slip_um", "still_um", "contrast")
     figures = {name: getattr(design, name) for name in (*names, "contrast_median", "contrast_tenth", "bound", "score")}
     return {**asdict(design.plate), "modes": [shape.name for shape in design.shapes], **figures}
-
-
-def _write_config(design: ContactDesign, drive: Drive, path: Path, modes_file: Path) -> None:
-    """Write what the service needs for this plate; all other keys keep their defaults."""
-    frequencies = ", ".join(f"{hz:.0f}" for hz in design.frequency_hz)
-    named = os.path.relpath(modes_file.absolute(), path.absolute().parent)
-    lines = [
-        f"# {verdict(design, drive)}",
-        f"# Modes by theory, for trials: {frequencies} Hz. A real plate is measured: `hapticd calibrate modes` and",
-        "# `hapticd firmware sweep`. The drive frequency is part of the board's calibration.",
-        "[plate]",
-        f"size_mm = {toml(design.plate.size_mm)}",
-        f"modes_file = {toml(named)}",
-        "",
-        "[limits]",
-        f"w_limit_um = {toml(tuple(round(um, 3) for um in design.limits_um))}",
-        "",
-        "[solver]",
-        f"contact_radius_mm = {toml(drive.radius_mm)}",
-    ]
-    outputs.write_text("\n".join(lines) + "\n", path)
 
 
 def draw(design: ContactDesign, drive: Drive, path: Path, placement: Placement | None = None) -> None:

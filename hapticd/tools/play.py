@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import HapticdError, UsageError, missing_client
+from . import glass
 from .arguments import number
 from .daemon_process import PATIENT, DaemonProcess
 
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"end after so long (default: at its end; a picture never, with --sim after {PICTURE_S:g})",
     )
     parser.add_argument("--sim", action="store_true", help="on a simulated plate, which two simulated fingers stroke")
+    glass.add_arguments(parser)
     parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
     parser.set_defaults(command=run)
 
@@ -62,6 +64,7 @@ def run(options: argparse.Namespace) -> None:
         raise missing_client("Playing") from None
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
+    glass.chosen(options, is_simulated=options.sim)
     try:
         score = _loaded(options)
     except hapticd_client.HapticdError as error:
@@ -103,12 +106,13 @@ def _plate(options: argparse.Namespace) -> Iterator[Client]:
         endpoint, within_s = options.endpoint, ANSWER_S
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            service = DaemonProcess(f'scenario = "{SCENARIO}"', PATIENT, log_level="error")
+            plate = glass.lines(glass.chosen(options))
+            service = DaemonProcess(f'scenario = "{SCENARIO}"\n{plate}', PATIENT, log_level="error")
             endpoint, within_s = held.enter_context(service).runtime_dir, SIMULATED_ANSWER_S
-        plate = held.enter_context(Client(endpoint, timeout_s=within_s))
+        client = held.enter_context(Client(endpoint, timeout_s=within_s))
         if options.sim:
-            next(state for state in plate.states(SIMULATED_ANSWER_S) if state.fingers)
-        yield plate
+            next(state for state in client.states(SIMULATED_ANSWER_S) if state.fingers)
+        yield client
 
 
 def _play(score: Score, plate: Client, options: argparse.Namespace) -> str:

@@ -15,7 +15,7 @@ from ..errors import UsageError, reason
 from ..files import outputs
 from ..regular_file import read_bounded
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
-from ..sim.plate.glasses import GLASSES
+from ..sim.plate.glasses import find_glass
 from . import glass
 from .arguments import number, whole
 from .progress import Progress
@@ -142,4 +142,4 @@ def _scenario(options: argparse.Namespace) -> Scenario:
         raise UsageError("--speed: is that of a scenario's fingers: --fingers has its own.")
     from ..sim.fingers import trajectories
 
-    return trajectories.read(options.fingers, GLASSES[glass.chosen(options).plate].size_mm)
+    return trajectories.read(options.fingers, find_glass(glass.chosen(options).plate).size_mm)

@@ -22,6 +22,7 @@ TABLES: dict[str, Callable[[], Table]] = {
     "situations": lambda: stability.situations(problems=5),
     "walk": lambda: stability.walk(steps=10_000),
     "contacts_walk": lambda: contacts.walk(steps=0),  # three laps
+    "contacts_frontier": lambda: contacts.frontier(seeds=(1,), every_s=0.1),
 }
 
 
@@ -41,7 +42,7 @@ def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) ->
     for row in figures["alternatives"].values():
         for key, value in row.items():
             assert math.isfinite(value), key
-            assert key.endswith((*UNITS, "_ratio")), key
+            assert key.endswith((*UNITS, "_ratio", "contrast", "contrast_median")), key
 
 
 def test_the_solvers_agree_and_never_break_a_limit() -> None:
@@ -119,3 +120,12 @@ def test_one_call_from_a_millimetre_away_is_near_the_best_that_a_general_minimis
     for fingers, modes in contacts.SIZES:
         name = f"{fingers} contacts, {modes} modes"
         assert figure("contacts", name, "cost_um2") < 1.3 * figure("contacts", name, "least_um2") + 0.01
+
+
+def test_more_weight_for_the_still_contact_buys_contrast_with_slip() -> None:
+    figures = [row.figures for row in table("contacts_frontier").rows]
+    slip_um, contrast = ([one[name] for one in figures] for name in ("contact_slip_um", "contrast"))
+    assert slip_um == sorted(slip_um, reverse=True)
+    assert contrast == sorted(contrast)
+    assert 0.7 < slip_um[0] < 0.85
+    assert 12.0 < contrast[0] < 18.0

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import pytest
 
 from hapticd.__main__ import main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config.sections import SimConfig
+from hapticd.sim.plate.glasses import find_glass
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import glass, run
 
 
@@ -24,6 +27,7 @@ def parsed(*words: str) -> argparse.Namespace:
         ("view", "--sim"),
         ("study", "run", "--participant", "P", "--out", "x", "--sim"),
         ("latency", "--sim"),
+        ("play", "sound.wav", "--sim"),
         ("simulate", "strokes"),
     ],
 )
@@ -46,7 +50,9 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
         ("view --plate fingertip", "--plate, --modes and --wiring name a simulated plate: give --sim as well."),
         ("study run --participant P --out x --modes 4", "give --sim as well."),
         ("demo --modes 9", "--modes: 9 modes cannot be driven on the reference plate: give 2 to 4."),
-        ("simulate strokes --plate steel", "--plate: there is no 'steel'"),
+        ("simulate strokes --plate steel", "--plate: there is no plate 'steel': give reference, fingertip, or a file;"),
+        ("simulate strokes --plate none.toml", "none.toml: cannot be read (No such file or directory)"),
+        ("play sound.wav --plate fingertip", "give --sim as well."),
     ],
 )
 def test_a_plate_that_cannot_be_simulated_is_refused(
@@ -54,3 +60,63 @@ def test_a_plate_that_cannot_be_simulated_is_refused(
 ) -> None:
     assert main(command.split()) == 2
     assert sentence in capsys.readouterr().err
+
+
+PLATE = {
+    "size_mm": "[160.0, 160.0]",
+    "thickness_mm": "3.0",
+    "drive_hz": "32370.0",
+    "driven": "2",
+    "reach_um": "4.23",
+    "modes": '["11x0", "0x11", "9x6", "6x9"]',
+    "material": '"glass"',
+}
+
+
+def written(path: Path, **changes: str | None) -> str:
+    table = PLATE | changes
+    path.write_text("".join(f"{key} = {value}\n" for key, value in table.items() if value), encoding="utf-8")
+    return str(path)
+
+
+def test_a_plate_may_be_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "mine.toml")
+    monkeypatch.chdir(tmp_path)
+    assert glass.chosen(parsed("run", "--sim", "--plate", "mine.toml")) == SimConfig(plate=path, modes=2)
+    found = find_glass(path)
+    assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 32370.0, 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"material": None}, "must have size_mm, thickness_mm, drive_hz, driven, reach_um, modes, material, and"),
+        ({"size_mm": "[160.0]"}, "size_mm: [160.0] is not within 10 and 1000."),
+        ({"thickness_mm": "true"}, "thickness_mm: True is not within 0.01 and 100."),
+        ({"drive_hz": "nan"}, "drive_hz: nan is not within 2000 and 1e+06."),
+        ({"driven": "2.5"}, 'modes are texts such as "13x0", and driven is a whole number;'),
+        ({"driven": "3"}, "modes: needs 5 or more, each once; the driven first."),
+        ({"modes": "[1, 2, 3, 4]"}, 'modes are texts such as "13x0", and driven is a whole number;'),
+        ({"modes": '["11x0", "11x0", "9x6", "6x9"]'}, "modes: needs 4 or more, each once; the driven first."),
+        ({"material": '"butter"'}, "there is no material 'butter'; give one of"),
+        ({"modes": '["11x0", "0x11", "9x6", "1x1"]'}, "mine.toml plate has no mode '1x1' near its drive."),
+    ],
+)
+def test_a_file_that_describes_no_plate_is_refused_in_one_sentence(
+    changes: dict[str, str | None], sentence: str, tmp_path: Path
+) -> None:
+    path = written(tmp_path / "mine.toml", **changes)
+    with pytest.raises(ValueError, match=r".*") as caught:
+        GroundTruth(PlateSettings.of(path))
+    assert sentence in str(caught.value)
+
+
+def test_a_designed_plate_is_written_for_the_simulation(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    designed = "plate --contacts --size 200x200 --thickness 3 --modes 4 --drive 29375 --glass"
+    assert main([*designed.split(), str(path)]) == 0
+    found, shipped = find_glass(str(path)), find_glass("fingertip")
+    assert set(found.modes[:4]) == set(shipped.modes[:4])
+    assert found.drive_hz == shipped.drive_hz
+    mine, theirs = GroundTruth(PlateSettings.of(str(path))), GroundTruth(PlateSettings.of("fingertip"))
+    assert sorted(mine.w_limit_um) == pytest.approx(sorted(theirs.w_limit_um))

@@ -48,16 +48,16 @@ def contact_gram(
 ) -> Gram:
     """Return G of the disc about one point, as plain floats. Points beyond the map have its edge's shapes."""
     count = modes.M
+    rows = [modes.at(x_mm + stretched * dx_mm, y_mm + stretched * dy_mm) for dx_mm, dy_mm, _ in disc]
+    weights = [weight for _, _, weight in disc]
     gram = [[0.0] * count for _ in range(count)]
-    for dx_mm, dy_mm, weight in disc:
-        phi = modes.at(x_mm + stretched * dx_mm, y_mm + stretched * dy_mm)
-        for k in range(count):
-            row, share = gram[k], weight * phi[k]
-            for other in range(k, count):
-                row[other] += share * phi[other]
     for k in range(count):
-        for other in range(k):
-            gram[k][other] = gram[other][k]
+        for other in range(k, count):
+            total = 0.0
+            for point in range(len(rows)):
+                phi = rows[point]
+                total += weights[point] * (phi[k] * phi[other])
+            gram[k][other] = gram[other][k] = total
     return gram
 
 

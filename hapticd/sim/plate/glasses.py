@@ -3,20 +3,40 @@
 reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y are driven; the next pair is 84 Hz above them.
 fingertip   200 x 200 x 3 mm, designed for contacts: longer waves, and four modes of different families within
             81 Hz of the drive, so that a whole fingertip can be still (`hapticd plate`).
+
+Another is read from a TOML file, as `hapticd plate --contacts --glass F.toml` writes it: the keys of `FILE_KEYS`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from hapticd.errors import ConfigError, SimulationError
+from hapticd.files.toml_file import read_table, shown
 
 LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
+SUFFIX = ".toml"  # of a file that describes a plate
+FARTHEST_HZ = 1250.0  # from the drive: where the modes of a plate of a file are sought
+WRITES = "`hapticd plate --contacts --glass F.toml` writes one"
+FILE_KEYS = {  # what it must have, and the bounds of each number
+    "size_mm": (10.0, 1000.0),
+    "thickness_mm": (0.01, 100.0),
+    "drive_hz": (2000.0, 1e6),
+    "driven": (2, 6),
+    "reach_um": (0.01, 100.0),
+    "modes": None,
+    "material": None,
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Glass:
     """A free plate of glass. `modes` are named by their nodal lines (`design.free_plate`); the first are driven.
 
-    `reach_um` is what an amplifier reaches at resonance on the plate without fingers.
+    `reach_um` is what an amplifier reaches at resonance on the plate without fingers; `material` is one that
+    `design.materials` finds.
     """
 
     size_mm: tuple[float, float]
@@ -26,10 +46,16 @@ class Glass:
     modes: tuple[str, ...]
     driven: int
     reach_um: float
+    material: str = "glass"
 
     def mass_ratio(self, other: Glass) -> float:
         """Return this plate's mass as a share of another's: a finger damps the heavier one less."""
-        mine, others = (one.size_mm[0] * one.size_mm[1] * one.thickness_mm for one in (self, other))
+        from hapticd.design.materials import find_material  # late: the daemon needs plates' names, and no design
+
+        mine, others = (
+            one.size_mm[0] * one.size_mm[1] * one.thickness_mm * find_material(one.material).density_kg_m3
+            for one in (self, other)
+        )
         return mine / others
 
 
@@ -56,11 +82,58 @@ GLASSES = {
 }
 
 
+def find_glass(name: str) -> Glass:
+    """Return one of GLASSES, or the plate of a file. Raises SimulationError, a ValueError."""
+    if name in GLASSES:
+        return GLASSES[name]
+    if not name.endswith(SUFFIX):
+        raise SimulationError(f"there is no plate {shown(name)}: give {', '.join(GLASSES)}, or a file; {WRITES}.")
+    return _of_file(name)
+
+
 def driven_modes(plate: str, count: int = 0) -> int:
     """Return how many modes of a plate have an amplifier: `count`, for 0 the plate's own. Raises ValueError."""
+    glass = find_glass(plate)
     if count == 0:
-        return GLASSES[plate].driven
-    most = len(GLASSES[plate].modes) - LEAST_PARASITIC
+        return glass.driven
+    most = len(glass.modes) - LEAST_PARASITIC
     if not 2 <= count <= most:
-        raise ValueError(f"{count} modes cannot be driven on the {plate} plate: give 2 to {most}.")
+        raise SimulationError(f"{count} modes cannot be driven on the {plate} plate: give 2 to {most}.")
     return count
+
+
+@lru_cache(maxsize=8)
+def _of_file(path: str) -> Glass:
+    try:
+        table = read_table(Path(path), WRITES)
+    except ConfigError as error:
+        raise SimulationError(str(error)) from None
+    if set(table) != set(FILE_KEYS):
+        raise SimulationError(f"{path}: must have {', '.join(FILE_KEYS)}, and nothing else; {WRITES}.")
+    for key, bounds in FILE_KEYS.items():
+        value = table[key]
+        is_pair = isinstance(value, list) and len(value) == 2
+        numbers = value if key == "size_mm" and is_pair else [value]
+        if bounds is not None and not all(_is_within(number, bounds) for number in numbers):
+            raise SimulationError(f"{path}: {key}: {shown(value)} is not within {bounds[0]:g} and {bounds[1]:g}.")
+    modes, driven = table["modes"], table["driven"]
+    if not (isinstance(modes, list) and all(isinstance(mode, str) for mode in modes) and isinstance(driven, int)):
+        raise SimulationError(f'{path}: modes are texts such as "13x0", and driven is a whole number; {WRITES}.')
+    if len(modes) < driven + LEAST_PARASITIC or len(set(modes)) < len(modes):
+        raise SimulationError(f"{path}: modes: needs {driven + LEAST_PARASITIC} or more, each once; the driven first.")
+    drive_hz = float(table["drive_hz"])
+    return Glass(
+        size_mm=(float(table["size_mm"][0]), float(table["size_mm"][1])),
+        thickness_mm=float(table["thickness_mm"]),
+        band_hz=(drive_hz - FARTHEST_HZ, drive_hz + FARTHEST_HZ),
+        drive_hz=drive_hz,
+        modes=tuple(modes),
+        driven=driven,
+        reach_um=float(table["reach_um"]),
+        material=str(table["material"]),
+    )
+
+
+def _is_within(number: object, bounds: tuple[float, float]) -> bool:
+    is_number = isinstance(number, int | float) and not isinstance(number, bool)
+    return is_number and bounds[0] <= number <= bounds[1]  # type: ignore[operator]

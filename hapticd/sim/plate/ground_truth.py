@@ -29,7 +29,7 @@ from hapticd.core.plate.parasitic_modes import ParasiticModes
 
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
 from . import shapes as plate_shapes
-from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE
+from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass
 from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
 from .wirings import SEPARATE, wiring
 
@@ -97,12 +97,10 @@ class PlateSettings:
 
     @classmethod
     def of(cls, plate: str, driven_modes: int | None = None, wiring: str = SEPARATE) -> PlateSettings:
-        """Return the settings of one of GLASSES with this many amplifiers. Raises ValueError for another name."""
+        """Return the settings of a plate (`find_glass`) with this many amplifiers. Raises ValueError."""
         if plate == REFERENCE:
             return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes, wiring=wiring)
-        if plate not in GLASSES:
-            raise ValueError(f"there is no plate {plate!r}; choose from {', '.join(GLASSES)}.")
-        glass = GLASSES[plate]
+        glass = find_glass(plate)
         return cls(
             plate=plate,
             drive_hz=glass.drive_hz,
@@ -116,9 +114,7 @@ class PlateSettings:
     def __post_init__(self) -> None:
         if self.shapes not in plate_shapes.KINDS:
             raise ValueError(f"PlateSettings.shapes is {self.shapes!r}; choose from {', '.join(plate_shapes.KINDS)}.")
-        if self.plate not in GLASSES:
-            raise ValueError(f"PlateSettings.plate is {self.plate!r}; choose from {', '.join(GLASSES)}.")
-        most = len(GLASSES[self.plate].modes) - LEAST_PARASITIC
+        most = len(find_glass(self.plate).modes) - LEAST_PARASITIC
         if not 2 <= self.driven_modes <= most:
             raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 to {most}.")
         wiring(self.wiring, self.driven_modes)
@@ -172,7 +168,7 @@ class GroundTruth:
         self.finger_decay_1_s = world.finger_load.damping_factor * self._usual_finger_decay_1_s
         mass_ratio = settings.finger_decay_1_s / FINGER_DECAY_1_S  # a finger changes a heavier plate less
         self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * peak**2 * mass_ratio
-        self._names = GLASSES[settings.plate].modes[: len(built_hz)]
+        self._names = find_glass(settings.plate).modes[: len(built_hz)]
         disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
         self._grid = true_grid(settings.shapes, settings.plate, self._names, disturbed)
         self._surfaces = true_surfaces(settings.shapes, settings.plate, self._names, disturbed)
@@ -235,7 +231,7 @@ class GroundTruth:
 def _built_hz(settings: PlateSettings) -> FloatArray:
     """Return the frequencies of all modes as built, before drift."""
     count = _LEAST_MODES if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
-    names = GLASSES[settings.plate].modes[:count]
+    names = find_glass(settings.plate).modes[:count]
     theory_hz = np.array([plate_shapes.theory(name, settings.plate)[0] for name in names])
     if settings.plate != REFERENCE:
         is_pair = np.isclose(theory_hz[:, None], theory_hz, rtol=1e-9)

@@ -19,8 +19,10 @@ from functools import lru_cache
 import numpy as np
 
 from hapticd.design import ModeShape, free_plate_modes, legendre
+from hapticd.design.materials import find_material
+from hapticd.errors import SimulationError
 
-from .glasses import GLASSES, REFERENCE
+from .glasses import REFERENCE, find_glass
 
 FREE_PLATE, PEAK_AT_FINGERS, COSINES = KINDS = ("free plate", "peak at fingers", "cosines")
 BEYOND_REACH_MM = 10.0  # from the edge
@@ -32,7 +34,7 @@ _DEGREE = 60  # of the Legendre series of five waves: their error is rounding
 
 @lru_cache(maxsize=16)
 def shapes(kind: str, names: tuple[str, ...], glass: str = REFERENCE) -> tuple[ModeShape, ...]:
-    """Return a plate's modes with these nodal lines, such as "9x6"; `kind` is one of KINDS, `glass` of GLASSES."""
+    """Return a plate's modes with these nodal lines, such as "9x6", of a kind of KINDS; `glass` is a name or a file."""
     chosen = tuple(theory(name, glass)[1] for name in names)
     if kind == COSINES:
         return tuple(_cosine(shape) for shape in chosen)
@@ -42,8 +44,11 @@ def shapes(kind: str, names: tuple[str, ...], glass: str = REFERENCE) -> tuple[M
 
 
 def theory(name: str, glass: str = REFERENCE) -> tuple[float, ModeShape]:
-    """Return frequency (Hz) and shape of a mode of the free plate. Raises KeyError for an unknown name."""
-    return _by_name(glass)[name]
+    """Return frequency (Hz) and shape of a mode of the free plate. Raises SimulationError for an unknown name."""
+    modes = _by_name(glass)
+    if name not in modes:
+        raise SimulationError(f"the {glass} plate has no mode {name!r} near its drive.")
+    return modes[name]
 
 
 def peak_at_fingers(name: str = _REFERENCE) -> float:
@@ -65,8 +70,11 @@ def _cosine(shape: ModeShape) -> ModeShape:
     return replace(shape, coefficients=np.outer(*across))
 
 
-@lru_cache(maxsize=len(GLASSES))
+@lru_cache(maxsize=4)
 def _by_name(glass: str) -> dict[str, tuple[float, ModeShape]]:
-    plate = GLASSES[glass]
-    modes = free_plate_modes(plate.size_mm, plate.thickness_mm, band_hz=plate.band_hz)
+    plate = find_glass(glass)
+    of = find_material(plate.material)
+    modes = free_plate_modes(
+        plate.size_mm, plate.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=plate.band_hz
+    )
     return {shape.name: (frequency_hz, shape) for frequency_hz, shape in modes}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from ..plate.glasses import GLASSES
+from ..plate.glasses import find_glass
 from ..plate.ground_truth import GroundTruth
 from .process import MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE
 
@@ -15,7 +15,7 @@ def write_measured(plate: GroundTruth, seed: int, directory: Path, *, with_paras
     name, size and limits that names it. Returns the files, in `directory`."""
     modes, shapes, described = (directory / name for name in (MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE))
     plate.measured_mode_map(seed).save(modes)
-    size_mm = list(GLASSES[plate.settings.plate].size_mm)
+    size_mm = list(find_glass(plate.settings.plate).size_mm)
     lines = [f'[sim]\nplate = "{plate.settings.plate}"\nmodes = {plate.settings.driven_modes}\n']
     lines += [f"[limits]\nw_limit_um = {list(plate.w_limit_um)}\n[plate]\nsize_mm = {size_mm}\n"]
     if with_parasitic_modes:

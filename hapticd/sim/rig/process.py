@@ -56,7 +56,7 @@ def end(process: subprocess.Popen[str]) -> None:
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    `plate` is one of `glasses.GLASSES`, `modes` the number of those that are driven, 0 for its own,
+    `plate` is one of `glasses.GLASSES` or a file, `modes` the number of those that are driven, 0 for its own,
     `wiring` one of `wirings.WIRINGS`.
     `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
     the recorded arrays after `close`; until then they lie in `directory`, which the rig deletes if its owner dies.

@@ -41,7 +41,7 @@ from ..fingers.hands import Hands, YieldingPath
 from ..fingers.paths import Path as FingerPath
 from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from ..fingers.sensor import Report, SensorModel, SensorSettings
-from ..plate.glasses import GLASSES, REFERENCE, driven_modes
+from ..plate.glasses import REFERENCE, driven_modes
 from ..plate.ground_truth import GroundTruth, PlateSettings
 from ..plate.wirings import SEPARATE, WIRINGS
 from ..world import World
@@ -228,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("directory", type=Path, help="directory for the endpoints")
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--plate", default=REFERENCE, choices=tuple(GLASSES))
+    parser.add_argument("--plate", default=REFERENCE, help="a name, or a file")
     parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
     parser.add_argument("--wiring", default=SEPARATE, choices=WIRINGS)
     parser.add_argument("--record", type=Path, help="write the history (NPZ) at the end")

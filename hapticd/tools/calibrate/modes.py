@@ -26,7 +26,7 @@ from ...design.contact_pairs import grams, settle
 from ...errors import CalibrationError, ModesError
 from ...files import plotting
 from ...files.mode_map import Scan, read_scan
-from ...sim.plate.glasses import GLASSES
+from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from .. import glass
 from ..progress import Progress
@@ -87,7 +87,7 @@ def check(options: argparse.Namespace) -> None:
 def _size_mm(options: argparse.Namespace) -> tuple[float, float]:
     if options.size is not None:
         return parse_size(options.size)
-    return GLASSES[glass.chosen(options).plate].size_mm if options.sim else REFERENCE_SIZE_MM
+    return find_glass(glass.chosen(options).plate).size_mm if options.sim else REFERENCE_SIZE_MM
 
 
 def _read(path: Path | None) -> Scan:

@@ -18,7 +18,7 @@ from ...core.targets.textures import DEFAULT_FRICTION_CURVE
 from ...design import sample_scan
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
-from ...sim.plate.glasses import GLASSES, driven_modes
+from ...sim.plate.glasses import driven_modes, find_glass
 from ...sim.plate.shapes import theory
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
@@ -42,7 +42,7 @@ def source(options: argparse.Namespace) -> str:
 
 def scan(seed: int, plate: SimConfig) -> tuple[Array, npt.NDArray[np.complex128]]:
     """Return points (N, 2) and complex readings (N, M) of the driven modes."""
-    names = GLASSES[plate.plate].modes[: driven_modes(plate.plate, plate.modes)]
+    names = find_glass(plate.plate).modes[: driven_modes(plate.plate, plate.modes)]
     return sample_scan(
         [theory(name, plate.plate)[1] for name in names],
         noise_frac=SCAN_NOISE_FRAC,

@@ -22,7 +22,7 @@ from . import guard, layers, messages
 from .client import Plate, PlateClient
 from .messages import ClearFault, DrawSurface, Hold, SetTarget, SwitchPlate
 from .rig import PadSender
-from .simulated import CHOICES, SimulatedService
+from .simulated import SimulatedService
 
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 KEYED = ("/", "/shapes", "/layer", "/socket")  # all but the page's own files
@@ -171,7 +171,7 @@ class Viewer:
 
     def _enter(self, page: Page) -> None:
         if self._simulated is not None:
-            page.send("choices", messages.choices(CHOICES))
+            page.send("choices", messages.choices(self._simulated.choices))
         for kind, text in self._last.items():
             page.send(kind, text)
         self._pages.append(page)
@@ -221,7 +221,7 @@ class Viewer:
         service = self._simulated
         if service is None:
             page.send("refused", messages.refused("plate: only `hapticd view --sim` can switch it."))
-        elif to.modes not in CHOICES.get(to.plate, ()):
+        elif to.modes not in service.choices.get(to.plate, ()):
             page.send("refused", messages.refused(f"modes: the plate {to.plate!r} cannot drive {to.modes}."))
         elif self._switching is None or self._switching.done():
             self._publish("gone", messages.gone("Starting the simulated plate ..."), None)

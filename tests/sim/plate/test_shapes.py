@@ -64,5 +64,5 @@ def test_what_there_is_not_is_refused() -> None:
         PlateSettings(shapes="sines")
     with pytest.raises(ValueError, match=r"driven_modes is 5; give 2 to 4"):
         PlateSettings(driven_modes=5)
-    with pytest.raises(KeyError):
+    with pytest.raises(ValueError, match="has no mode"):
         plate_shapes.theory(DRIVEN_MODES[0] + "0")
