@@ -80,6 +80,7 @@ void hd_control_design(hd_design_t *design)
     design->pole = hd_decay(-watch.bandwidth_1_s * plant->tick_s);
     design->integral_frac = plant->tick_s / gains->integral_time_s;
     design->ticks_per_s = 1.0f / plant->tick_s;
+    design->coupling_memory_frac = hd_decay(-plant->tick_s / HD_COUPLING_MEMORY_S);
     hd_phasor_t loop[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
         loop[k] = plant->model[k].loop;
@@ -178,10 +179,8 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
         hd_observer_correct(&control->loop[k].observer, &control->design.observer[k], measured_um[k]);
     }
     hd_loop_t *loop = &control->loop[control->turn];
-    hd_phasor_t before_v_per_um = loop->observer.change_v_per_um;
-    hd_observer_learn(&loop->observer, &control->design.observer[control->turn]);
-    hd_phasor_t learned_v_per_um = hd_sub(loop->observer.change_v_per_um, before_v_per_um);
-    loop->coupling_v_per_um[control->turn] = hd_add(loop->coupling_v_per_um[control->turn], learned_v_per_um);
+    hd_phasor_t *own_v_per_um = &loop->coupling_v_per_um[control->turn];
+    *own_v_per_um = hd_add(*own_v_per_um, hd_observer_learn(&loop->observer, &control->design.observer[control->turn]));
     hd_couple(control);
     bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
     for (int k = 0; k < HD_MODES; k++) {

@@ -38,7 +38,6 @@ typedef struct {
     hd_phasor_t x_um[3];    /* at the end of the coming hold, at its beginning, and one tick earlier */
     hd_phasor_t integral_v;
     hd_phasor_t coupling_v_per_um[HD_MODES]; /* what each mode does to this one, its own change among it (coupling.h) */
-    float coupling_um2;                      /* sum of |W|^2 that this was learned from */
     hd_observer_t observer; /* watches under every law, so that the estimates do not depend on it */
 } hd_loop_t;
 
@@ -50,6 +49,7 @@ typedef struct {
     float integral_frac;   /* ki / kp of a tick */
     float ticks_per_s;
     uint32_t lookahead_us; /* lead of the law's reference before the tick: the end of the voltage hold */
+    float coupling_memory_frac; /* of the couplings' least squares, that a tick leaves */
     hd_wires_t wires;
     hd_observer_design_t observer[HD_MODES];
 } hd_design_t;
@@ -57,6 +57,7 @@ typedef struct {
 typedef struct {
     hd_design_t design;
     hd_loop_t loop[HD_MODES];
+    float coupling_um2;      /* sum of |W|^2 that the couplings were learned from */
     uint8_t turn;            /* the mode and sensor that this tick judges */
 } hd_control_t;
 

@@ -78,8 +78,12 @@ void hd_silence(hd_core_t *core)
     memset(core->asked_um, 0, sizeof core->asked_um);
     memset(core->voltage_v, 0, sizeof core->voltage_v);
     memset(core->previous_v, 0, sizeof core->previous_v);
+    core->taken_um2_s = 0.0f;
     for (int k = 0; k < HD_MODES; k++) {
-        core->doubts[k] = (hd_doubts_t){0}; /* in place, as a call takes longer */
+        hd_doubts_t *doubts = &core->doubts[k]; /* one by one, as a call takes longer */
+        doubts->over_amplitude = doubts->dead = doubts->astray = doubts->clipped = doubts->swings = 0;
+        doubts->answer_um_v = doubts->asked_um = (hd_phasor_t){0.0f, 0.0f};
+        doubts->planned_v2 = 0.0f;
     }
 }
 

@@ -82,9 +82,10 @@ typedef struct {
 
 /* Turns for which a mode or its sensor has not been believed, in a row. */
 typedef struct {
-    uint16_t over_amplitude, dead, astray, clipped;
-    uint16_t against; /* driven hard, while the mode as measured gave power back */
-    uint16_t surprises;
+    uint16_t over_amplitude, dead, astray, clipped, swings;
+    hd_phasor_t answer_um_v; /* recent sum of innovations times the conjugate changes of voltage that followed them */
+    hd_phasor_t asked_um;    /* a turn ago */
+    float planned_v2;        /* recent sum of what the changes of voltage may be for other reasons, squared */
 } hd_doubts_t;
 
 enum hd_tick_flag {
@@ -95,17 +96,9 @@ enum hd_tick_flag {
     HD_TICK_SYNC = 0x10,      /* the sync output is high */
 };
 
+/* What a tick needs comes first: a load reaches 1 KB from the start. */
 typedef struct {
-    hd_config_t config;
-    hd_receiver_t receiver;
-    hd_heard_t heard;
-    hd_timeline_t timeline;
     hd_control_t control;
-    hd_deadman_t deadman;
-    hd_follower_t follower;
-    hd_tool_t tool;
-    hd_telemetry_t telemetry;
-
     float drive_hz; /* what the board's oscillator should run at: the follower's, but for a sweep */
     uint8_t state; /* enum hd_state */
     uint8_t fault; /* enum hd_fault */
@@ -113,7 +106,10 @@ typedef struct {
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     uint16_t ramp_ticks;
     uint16_t distrust_turns;
-    uint16_t against_turns;
+    uint16_t swing_turns;
+    float recent_frac;    /* of the recent sums, that a turn leaves */
+    float least_swing_v2;
+    float taken_um2_s;    /* recent sum of the power that the modes took, as measured */
     hd_doubts_t doubts[HD_MODES];
     hd_phasor_t previous_v[HD_MODES];
 
@@ -147,6 +143,15 @@ typedef struct {
     uint32_t t_heard_us;          /* the last valid frame */
     uint32_t verdicts;            /* commands with a pending verdict, one bit per message type */
     uint8_t verdict[HD_COMMANDS]; /* enum hd_verdict, by message type */
+
+    hd_config_t config;
+    hd_deadman_t deadman;
+    hd_follower_t follower;
+    hd_tool_t tool;
+    hd_telemetry_t telemetry;
+    hd_timeline_t timeline;
+    hd_receiver_t receiver;
+    hd_heard_t heard;
 } hd_core_t;
 
 /* Returns false, with the output disabled permanently, if the configuration is invalid. */

@@ -13,8 +13,9 @@
 
 #define CHANGE_LIMIT_PER_TICK 0.25f
 #define ABSURD_PER_TICK 0.25f /* of all amplitudes, that a disturbance moves a mode by */
-#define SURPRISE 0.3f
-#define NEWEST 3.0f /* times what the observer takes at once: most of it with the tested gains, little with slow ones */
+#define SURPRISE 0.4f /* innovation per change of voltage: of limit cycles at least 0.6 of |b|, on sound plates at most 0.16 */
+#define HURRY 0.5f    /* of the voltage that a change of the reference within a tick would take */
+#define NEWEST 4.0f /* times what the observer takes at once: most of it with the tested gains, little with slow ones */
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};
 static const hd_phasor_t ZERO = {0.0f, 0.0f};
@@ -59,6 +60,8 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
     describe_tick(design, model, tick_s, output_delay_frac);
     design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
     design->surprise_um_per_v = SURPRISE * model->gain_um_per_v_s * tick_s;
+    float hurry_v_per_um = HURRY * design->v_per_um_s / tick_s;
+    design->hurry_v2_per_um2 = hurry_v_per_um * hurry_v_per_um;
     float state_pole = hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s);
     float disturbance_pole = hd_decay(-tick_s / integral_time_s);
     place_poles(design, state_pole, disturbance_pole);
@@ -76,12 +79,12 @@ void hd_observer_rest(hd_observer_t *observer)
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */
-void hd_observer_learn(hd_observer_t *observer, const hd_observer_design_t *design)
+hd_phasor_t hd_observer_learn(hd_observer_t *observer, const hd_observer_design_t *design)
 {
-    hd_phasor_t w_um = observer->before_um;
+    hd_phasor_t w_um = observer->before_um, before_v_per_um = observer->change_v_per_um;
     float power_um2 = hd_dot(w_um, w_um);
     if (!(power_um2 > LEAST_UM * LEAST_UM)) {
-        return;
+        return ZERO;
     }
     hd_phasor_t moment = hd_mul(hd_conj(w_um), observer->disturbance_v);
     power_um2 += design->memory_frac * observer->power_um2;
@@ -92,6 +95,7 @@ void hd_observer_learn(hd_observer_t *observer, const hd_observer_design_t *desi
         observer->learned_turns++;
         observer->change_v_per_um = hd_limit_magnitude(hd_scale(1.0f / power_um2, moment), design->change_limit_v_per_um);
     }
+    return hd_sub(observer->change_v_per_um, before_v_per_um);
 }
 
 void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t measured_um)

@@ -22,7 +22,7 @@ typedef struct {
     hd_phasor_t push_um_per_v;        /* b */
     hd_phasor_t push_v_per_um;        /* 1 / b */
     hd_phasor_t holding_v_per_um;     /* u that holds an amplitude on the plate of the model */
-    float surprise_um_per_v;          /* an innovation above this share of |b| is one (plausibility.c) */
+    float surprise_um_per_v, hurry_v2_per_um2; /* what a swing is judged by (plausibility.c) */
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */
@@ -57,8 +57,8 @@ void hd_observer_rest(hd_observer_t *observer);
 /* Takes the mean over the tick just ended and moves the state on to where the next voltage takes over. */
 void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t measured_um);
 
-/* Learns from the corrected state. */
-void hd_observer_learn(hd_observer_t *observer, const hd_observer_design_t *design);
+/* Learns from the corrected state; by how much that moved what is known. */
+hd_phasor_t hd_observer_learn(hd_observer_t *observer, const hd_observer_design_t *design);
 
 /* Tells what the mode will be driven with: the voltage as limited, so that a limit is never taken for a disturbance. */
 static inline void hd_observer_drive(hd_observer_t *observer, hd_phasor_t u_v)

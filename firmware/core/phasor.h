@@ -62,10 +62,10 @@ static inline bool hd_within(hd_phasor_t a, float limit)
     return hd_dot(a, a) <= limit * limit;
 }
 
-/* (newlib's isfinite is the call of a function.) */
+/* What is infinite or no number leaves something of itself. (newlib's isfinite is the call of a function.) */
 static inline bool hd_finite(hd_phasor_t a)
 {
-    return fabsf(a.d) <= FLT_MAX && fabsf(a.q) <= FLT_MAX;
+    return (a.d - a.d) + (a.q - a.q) == 0.0f;
 }
 
 /* What is sent of a value: the nearest finite one, 0 for NaN. The host refuses a frame with any other. */

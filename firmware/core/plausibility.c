@@ -1,33 +1,39 @@
 #include "plausibility.h"
 
+#include "exponential.h"
+
 #define OVER_AMPLITUDE 1.5f /* of the limit: no controller worth its gains overshoots that far */
 #define OVER_AMPLITUDE_TURNS ((8 + HD_MODES - 1) / HD_MODES)
 
 /* Each tick judges one mode and one sensor, in turn: times are counted in turns.
  *
- * A sensor that cannot be believed, while the output is above half its limit: next to nothing of the reference comes
- * back (dead), or something so far from it that no plate does it (inverted, swapped, of a wrong phase or gain, a limit
- * cycle). A plate that only falls short of its reference, as with drift or a heavy finger, measures less than it. */
+ * While an amplifier is above half its limit: a sensor that reads next to nothing of what is asked (dead), or a mode far from
+ * its reference while all modes together give power back (wires inverted or swapped). A plate that only falls short of its
+ * reference, or that fingers move elsewhere, does neither. */
 #define WATCHED_VOLTAGE 0.5f
 #define DEAD_ASKED 0.0025f /* of the limit */
 #define DEAD_ANSWER 0.1f   /* of what is asked */
+#define DEAD_MOST 0.15f    /* of the limit: no dead sensor reads more */
 #define DEAD_NOISE 0.001f  /* of the limit */
+#define DEAD_ALONE 0.1f    /* of the limit: less of the other modes holds no mode still against half the voltage */
 #define ASTRAY_ANSWER 1.5f /* of what is asked, from it */
 #define ASTRAY_FLOOR 0.05f /* of the limit */
 #define DISTRUST_S 0.05f
 
-/* A limit cycle, or a plate that is not the model's: the observer is surprised at every tick, and not at one of twenty, as
- * by steps and fingers. The count no longer grows below two of five. */
-#define SURPRISE_UP 3
-#define SURPRISE_DOWN 2
-
-#define AGAINST_S 0.01f /* longer than it takes to brake any amplitude; a limit cycle changes sides sooner */
+/* A limit cycle drives itself: its voltage answers what surprises the observer. On a sound plate, however it has drifted and
+ * whatever touches it, the voltage changes mostly because the reference does. Both are sums over the last turns. */
+#define RECENT_S 0.01f
+#define SWINGS_S 0.04f
+#define LEAST_SWING 0.21f /* RMS of the changes of voltage, of its limit: noise and landing fingers cause as much */
 
 void hd_plausibility_init(hd_core_t *core)
 {
     float turns_hz = core->config.control_hz / (float)HD_MODES;
     core->distrust_turns = (uint16_t)(1.0f + turns_hz * DISTRUST_S);
-    core->against_turns = (uint16_t)(1.0f + turns_hz * AGAINST_S);
+    core->swing_turns = (uint16_t)(1.0f + turns_hz * SWINGS_S);
+    core->recent_frac = hd_decay(-1.0f / (turns_hz * RECENT_S));
+    float least_v = LEAST_SWING * core->config.v_limit_v;
+    core->least_swing_v2 = least_v * least_v;
 }
 
 /* Counts the turns in a row for which a condition holds. */
@@ -41,14 +47,28 @@ static bool lasts(bool condition, uint16_t *count, uint16_t limit)
     return *count >= limit;
 }
 
-/* Whether the mode is astray from its model on more ticks than references and fingers explain, for as long as `lasts`. */
-static bool surprises(hd_core_t *core, int k)
+static bool swings(hd_core_t *core, int k)
 {
-    float usual_um = core->config.v_limit_v * core->control.design.observer[k].surprise_um_per_v;
-    bool surprise = !hd_within(core->control.loop[k].observer.innovation_um, usual_um);
-    int count = core->doubts[k].surprises + (surprise ? SURPRISE_UP : -SURPRISE_DOWN);
-    core->doubts[k].surprises = (uint16_t)(count < 0 ? 0 : count);
-    return count >= SURPRISE_UP * core->distrust_turns;
+    hd_doubts_t *doubts = &core->doubts[k];
+    const hd_observer_t *observer = &core->control.loop[k].observer;
+    const hd_observer_design_t *design = &core->control.design.observer[k];
+    hd_phasor_t change_v = hd_sub(observer->new_v, observer->old_v), moved_um = hd_sub(core->asked_um[k], doubts->asked_um);
+    hd_phasor_t answer_um_v = hd_mul(observer->innovation_um, hd_conj(change_v));
+    float planned_v2 = hd_dot(change_v, change_v) + design->hurry_v2_per_um2 * hd_dot(moved_um, moved_um);
+    doubts->asked_um = core->asked_um[k];
+    doubts->answer_um_v = hd_add(hd_scale(core->recent_frac, doubts->answer_um_v), answer_um_v);
+    doubts->planned_v2 = core->recent_frac * doubts->planned_v2 + planned_v2 + core->least_swing_v2;
+    bool own = !hd_within(doubts->answer_um_v, design->surprise_um_per_v * doubts->planned_v2);
+    return lasts(own, &doubts->swings, core->swing_turns);
+}
+
+/* Energy comes from the amplifiers alone: over a few milliseconds no plate gives back more than it takes from them, however
+ * far it is from resonance, however damped, and whatever fingers do to its modes, unless wires are not as the board believes. */
+static bool gives_back(hd_core_t *core, int k)
+{
+    float taken_um_v = hd_dot(core->measured_um[k], core->control.loop[k].observer.new_v);
+    core->taken_um2_s = core->recent_frac * core->taken_um2_s + core->control.design.plant.model[k].gain_um_per_v_s * taken_um_v;
+    return core->taken_um2_s < 0.0f;
 }
 
 /* Whether an amplifier that drives the mode is above half its limit. */
@@ -62,46 +82,51 @@ static bool driven_hard(const hd_core_t *core, int k)
     return hard;
 }
 
-/* The fault, or that of the wires if the mode as measured keeps giving power back: what takes its drive's power, however
- * far it is from resonance and however damped, is wired as the board believes. */
-static enum hd_fault against(const hd_core_t *core, int k, enum hd_fault fault)
+/* Whether a sensor reads nothing of what is asked. While others read much, fingers may hold a mode nearly still. */
+static bool is_dead(const hd_core_t *core, int k)
 {
-    return core->doubts[k].against >= core->against_turns ? HD_FAULT_WIRING : fault;
+    float limit_um = core->config.w_limit_um[k];
+    const hd_wires_t *wires = &core->control.design.wires;
+    float expected = hd_magnitude(wires->has_own_sensors ? core->asked_um[k] : hd_row(wires->sees[k], core->asked_um));
+    if (!(expected > DEAD_ASKED * limit_um && hd_within(core->sensor_um[k], DEAD_ANSWER * expected + DEAD_NOISE * limit_um))) {
+        return false;
+    }
+    bool alone = true;
+    for (int n = 0; n < HD_MODES; n++) {
+        alone = alone && (n == k || hd_within(core->sensor_um[n], DEAD_ALONE * core->config.w_limit_um[n]));
+    }
+    return alone || hd_within(core->sensor_um[k], DEAD_NOISE * limit_um);
 }
 
 /* Judges a mode that is driven hard, and the sensor of its number, by the measurement against the voltage and the
  * reference of the tick before, which caused it. */
-static enum hd_fault hard_driven_fault(hd_core_t *core, int k)
+static enum hd_fault hard_driven_fault(hd_core_t *core, int k, bool backwards)
 {
-    float limit_um = core->config.w_limit_um[k];
-    hd_phasor_t measured_um = core->measured_um[k], asked_um = core->asked_um[k];
-    float asked = hd_magnitude(asked_um);
-    const hd_wires_t *wires = &core->control.design.wires;
-    float expected = wires->has_own_sensors ? asked : hd_magnitude(hd_row(wires->sees[k], core->asked_um));
-    bool dead = expected > DEAD_ASKED * limit_um && hd_within(core->sensor_um[k], DEAD_ANSWER * expected + DEAD_NOISE * limit_um);
-    bool astray = !hd_within(hd_sub(measured_um, asked_um), ASTRAY_ANSWER * asked + ASTRAY_FLOOR * limit_um);
-    float gained_um_v = hd_dot(measured_um, core->control.loop[k].observer.new_v);
-    lasts(gained_um_v < 0.0f, &core->doubts[k].against, core->against_turns);
-    bool is_dead = lasts(dead, &core->doubts[k].dead, core->distrust_turns);
-    bool is_astray = lasts(astray, &core->doubts[k].astray, core->distrust_turns);
-    return is_dead ? HD_FAULT_NO_RESPONSE : is_astray ? against(core, k, HD_FAULT_ASTRAY) : HD_FAULT_NONE;
+    hd_phasor_t asked_um = core->asked_um[k];
+    float usual_um = ASTRAY_ANSWER * hd_magnitude(asked_um) + ASTRAY_FLOOR * core->config.w_limit_um[k];
+    bool astray = backwards && !hd_within(hd_sub(core->measured_um[k], asked_um), usual_um);
+    bool dead = lasts(is_dead(core, k), &core->doubts[k].dead, core->distrust_turns);
+    bool wiring = lasts(astray, &core->doubts[k].astray, core->distrust_turns);
+    return dead ? HD_FAULT_NO_RESPONSE : wiring ? HD_FAULT_WIRING : HD_FAULT_NONE;
 }
 
 enum hd_fault hd_implausible(hd_core_t *core)
 {
     int k = core->control.turn;
     enum hd_fault fault = HD_FAULT_NONE;
-    if (driven_hard(core, k)) {
-        fault = hard_driven_fault(core, k);
+    bool backwards = gives_back(core, k);
+    bool little = hd_within(core->sensor_um[k], DEAD_MOST * core->config.w_limit_um[k]);
+    if ((backwards || little) && driven_hard(core, k)) {
+        fault = hard_driven_fault(core, k, backwards);
     } else {
-        core->doubts[k].dead = core->doubts[k].astray = core->doubts[k].against = 0;
+        core->doubts[k].dead = core->doubts[k].astray = 0;
     }
     bool over = !hd_within(core->measured_um[k], OVER_AMPLITUDE * core->config.w_limit_um[k]);
     if (lasts(over, &core->doubts[k].over_amplitude, OVER_AMPLITUDE_TURNS)) {
-        return against(core, k, HD_FAULT_OVER_AMPLITUDE);
+        return 8 * core->doubts[k].astray >= core->distrust_turns ? HD_FAULT_WIRING : HD_FAULT_OVER_AMPLITUDE;
     }
     if (lasts(core->clips && core->ramp > 0, &core->doubts[k].clipped, core->distrust_turns)) {
         return HD_FAULT_CLIPPED;
     }
-    return surprises(core, k) ? HD_FAULT_ASTRAY : fault;
+    return swings(core, k) ? HD_FAULT_ASTRAY : fault;
 }

@@ -1,10 +1,10 @@
 #include "telemetry.h"
 
-#include <string.h>
-
 void hd_telemetry_start(hd_telemetry_t *telemetry, uint16_t rate_hz, float control_hz)
 {
-    memset(telemetry, 0, sizeof *telemetry);
+    telemetry->first = telemetry->count = 0;
+    telemetry->divisor = telemetry->ticks = 0;
+    telemetry->dropped = 0;
     if (rate_hz > 0) {
         uint32_t whole = (uint32_t)(control_hz / (float)rate_hz);
         bool exact = (float)whole * (float)rate_hz >= control_hz;

@@ -87,8 +87,8 @@ def test_at_5_khz_a_finger_that_couples_the_modes_lets_little_through() -> None:
     """A first step at full voltage, with and without noise of the sensors: 96 nm and 4.2 ms if nothing is learned."""
     for noise_um in (0.0, NOISE_UM):
         fast = coupling_figures(FAST, noise_um=noise_um)
-        assert fast["coupled_um"] <= 0.06
-        assert fast["coupled_ms"] <= 2.0
+        assert fast["coupled_um"] <= 0.04
+        assert fast["coupled_ms"] <= 1.0
     assert coupling_figures(DEADBEAT)["coupled_um"] <= 0.18
 
 

@@ -22,7 +22,7 @@ from hapticd.wire.commands import encode
 
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)
-STATE_BANDWIDTHS, NEWEST, MEMORY_S, LEAST_UM, MODES = 2.0, 3.0, 0.02, 0.1, 2
+STATE_BANDWIDTHS, NEWEST, MEMORY_S, LEAST_UM, MODES = 2.0, 4.0, 0.02, 0.1, 2
 
 
 class Phasor(ctypes.Structure):
@@ -90,20 +90,21 @@ class Double:
         predictor = desired @ np.linalg.solve(np.array([h, h @ f]), np.array([0, 1]))
         self.gains = np.linalg.solve(f, predictor)
         self.newest_1_s = min(1.0, NEWEST * float(np.prod(1 - poles))) / tick_s
-        self.forget = math.exp(-MODES * tick_s / MEMORY_S)
+        self.forget = math.exp(-tick_s / MEMORY_S)
         self.w = self.d = self.x = self.u = self.u_old = self.moment = self.coupling = 0j
         self.power = self.coupling_power = 0.0
         self.ticks = 0
 
     def learn(self, w_um: complex, cause: complex, newest: complex) -> None:
-        """Damping and detuning, and what is left for its own row of the couplings, at this mode's turn."""
+        """Damping and detuning at this mode's turn, and what is left for its own row of the couplings at each tick."""
         self.ticks += 1
-        if abs(w_um) <= LEAST_UM or self.ticks % MODES == 0:
+        if abs(w_um) <= LEAST_UM:
             return
-        before = self.moment / self.power if self.power > 0 else 0j
-        self.moment = self.forget * self.moment + w_um.conjugate() * cause
-        self.power = self.forget * self.power + abs(w_um) ** 2
-        self.coupling += self.moment / self.power - before
+        if self.ticks % MODES != 0:
+            before = self.moment / self.power if self.power > 0 else 0j
+            self.moment = self.forget**MODES * self.moment + w_um.conjugate() * cause
+            self.power = self.forget**MODES * self.power + abs(w_um) ** 2
+            self.coupling += self.moment / self.power - before
         self.coupling_power = self.forget * self.coupling_power + abs(w_um) ** 2
         left = cause + newest - self.coupling * w_um
         self.coupling += left * w_um.conjugate() / self.coupling_power
