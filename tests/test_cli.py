@@ -272,7 +272,7 @@ def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     played: list[Path | None] = []
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setattr(demo, "_play", lambda _options, _program, out: played.append(out))
     code, output, _ = outcome(capsys, "demo")
     assert (code, played) == (0, [None])

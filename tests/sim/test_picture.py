@@ -142,7 +142,7 @@ def test_a_place_that_cannot_be_written_is_a_sentence(run: Run, tmp_path: Path) 
 def test_without_matplotlib_the_error_names_the_package(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
 
     with pytest.raises(HapticdError, match=r'pip install "\.\[plot\]"'):
         picture.draw_run(run, tmp_path / "swap.png")

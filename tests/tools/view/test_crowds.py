@@ -39,6 +39,7 @@ class Recorder(SimulatedService):
     """A service that is not started; it notes what it is switched to, and takes until `done`."""
 
     def __init__(self) -> None:
+        self.choices = {"reference": (2, 3, 4), "fingertip": (2, 3, 4, 5, 6)}
         self.switched: list[SwitchPlate] = []
         self.done = asyncio.Event()
 
