@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..config.sections import Config
+from ..content_values import ClientTargets
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..daemon.machine import Machine
@@ -57,13 +58,16 @@ def record(
     seed: int = 1,
     seconds: float,
     timed: str = "reports",
+    changed: Callable[[ClientTargets], ClientTargets] = lambda message: message,
 ) -> Recording:
-    """Play the actors in virtual time, and keep the machine's inputs."""
+    """Play the actors in virtual time, and keep the machine's inputs; the client's messages as `changed`."""
     settings = Settings() if settings is None else settings
     simulation = Simulation(actors, settings, seed)
     calls: list[Call] = []
     for name in _CALLS:
         setattr(simulation.machine, name, _noted(calls, name, getattr(simulation.machine, name)))
+    want = simulation.machine.want
+    vars(simulation.machine)["want"] = lambda message, t_ns: want(changed(message), t_ns)
     simulation.run(seconds)
     return Recording(tuple(calls), timed, simulation.modes, simulation.parasitic_modes)
 

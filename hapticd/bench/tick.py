@@ -13,10 +13,11 @@ import statistics
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 
 from ..compiled import why_interpreted
 from ..config.sections import Config
-from ..content_values import AmplitudeTarget, Effect, GratingTarget, Modulation, Polygon, Surface
+from ..content_values import AmplitudeTarget, ClientTargets, Effect, GratingTarget, Modulation, Polygon, Surface
 from ..daemon.machine import Machine
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import Circle, Touch
@@ -116,7 +117,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     strokes = record(actors, seconds=span_s)
     both_slip = record(SCENARIOS["both-slip"].build(1, SPEED_MM_S), seconds=span_s)
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise=PadNoise(0.0)), seconds=span_s)
-    no_finger = record((), seconds=span_s, timed="timer")
+    no_finger = partial(record, (), seconds=span_s, timed="timer")
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes, contacts = _three_modes(), _contacts()
     return {
@@ -136,9 +137,11 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
-        "no finger": _Situation(no_finger, config),
-        "no finger, 64 surfaces": _Situation(_on_surfaces(no_finger, 64), config),
-        "no finger, 64 surfaces, 40 Hz": _Situation(_on_surfaces(no_finger, 64, 40.0), config),
+        "no finger": _Situation(no_finger(), config),
+        "no finger, 64 surfaces": _Situation(no_finger(changed=partial(_surfaces, count=64)), config),
+        "no finger, 64 surfaces, 40 Hz": _Situation(
+            no_finger(changed=partial(_surfaces, count=64, modulated_hz=40.0)), config
+        ),
     }
 
 
@@ -181,8 +184,19 @@ def _textured(recording: Recording) -> Recording:
 
 
 def _on_surfaces(recording: Recording, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> Recording:
-    """The same touch without targets on tiles that leave no gap, each a little more or less slippery than the next;
-    one of them moves over the others, and is modulated."""
+    """The same touch without targets on `_surfaces`."""
+    calls = []
+    for call in recording.calls:
+        if call.name == "want":
+            message, *rest = call.arguments
+            call = call._replace(arguments=(_surfaces(message, count, modulated_hz, on), *rest))
+        calls.append(call)
+    return recording._replace(calls=tuple(calls))
+
+
+def _surfaces(message: ClientTargets, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> ClientTargets:
+    """The message with tiles that leave no gap, each a little more or less slippery than the next, for its targets; one
+    of them moves over the others, and is modulated."""
     columns = 2 ** math.ceil(math.log2(count) / 2)
     rows = count // columns
     width_mm, height_mm = 2.0 * _HALF_PLATE_MM / columns, 2.0 * _HALF_PLATE_MM / rows
@@ -199,13 +213,7 @@ def _on_surfaces(recording: Recording, count: int, modulated_hz: float = 0.0, on
     }
     surfaces["0 0"] = replace(surfaces["0 0"], velocity_mm_s=(20.0, 15.0), z=1)
     effects = {"hum": Effect(Modulation(modulated_hz, 0.5), on=on)} if modulated_hz > 0.0 else {}
-    calls = []
-    for call in recording.calls:
-        if call.name == "want":
-            message, *rest = call.arguments
-            call = call._replace(arguments=(replace(message, targets={}, surfaces=surfaces, effects=effects), *rest))
-        calls.append(call)
-    return recording._replace(calls=tuple(calls))
+    return replace(message, targets={}, surfaces=surfaces, effects=effects)
 
 
 def _paced(situation: _Situation, seconds: float, wait_until: WaitUntil) -> dict[str, float]:
