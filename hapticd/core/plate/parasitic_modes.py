@@ -93,10 +93,41 @@ class ParasiticModes:
         if not still or len(still) == len(places):
             return modal_um
         shapes = [self.modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
-        rows_d, rows_q = self._moved(phi, shapes)
-        felt = [(rows_d[index], rows_q[index]) for index in still]
+        if len(places) == 2:
+            felt = [self._moved_of_two(phi, shapes, still[0])]
+        else:
+            rows_d, rows_q = self._moved(phi, shapes)
+            felt = [(rows_d[index], rows_q[index]) for index in still]
         changed_um = _zeroed(felt[0], modal_um) if len(felt) == 1 else _all_zeroed(felt, modal_um)
         return _within(changed_um, w_limit_um)
+
+    def _moved_of_two(self, phi: tuple[Shapes, ...], shapes: list[Shapes], finger: int) -> Parts:
+        """The row of `_moved` for one of two fingers in closed form, which takes a third of the time."""
+        own, there = shapes[finger], shapes[1 - finger]
+        own_d = there_d = 1.0
+        own_q = there_q = both_d = both_q = 0.0
+        for mode in range(len(own)):
+            load_d, load_q, shape, other = self._load_d[mode], self._load_q[mode], own[mode], there[mode]
+            own_d += load_d * shape * shape
+            own_q += load_q * shape * shape
+            there_d += load_d * other * other
+            there_q += load_q * other * other
+            both_d += load_d * shape * other
+            both_q += load_q * shape * other
+        det_d = own_d * there_d - own_q * there_q - (both_d * both_d - both_q * both_q)
+        det_q = own_d * there_q + own_q * there_d - 2.0 * both_d * both_q
+        square = det_d * det_d + det_q * det_q
+        pivot = max(own_d * own_d + own_q * own_q, both_d * both_d + both_q * both_q)
+        in_phase, behind = list(phi[finger]), [0.0] * len(phi[finger])
+        if not (pivot > LEAST_PIVOT_SQUARED and square > LEAST_PIVOT_SQUARED * pivot):
+            return in_phase, behind
+        there_d, there_q = (there_d * det_d + there_q * det_q) / square, (there_q * det_d - there_d * det_q) / square
+        both_d, both_q = (both_d * det_d + both_q * det_q) / square, (both_q * det_d - both_d * det_q) / square
+        for driven in range(len(in_phase)):
+            shape, other = phi[finger][driven], phi[1 - finger][driven]
+            in_phase[driven] = there_d * shape - both_d * other
+            behind[driven] = there_q * shape - both_q * other
+        return in_phase, behind
 
     def _moved(self, phi: tuple[Shapes, ...], shapes: list[Shapes]) -> tuple[Rows, Rows]:
         """How each finger is moved by 1 um of each driven mode, by all modes (N, M); shapes (N, K): of these modes.

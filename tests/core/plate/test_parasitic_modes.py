@@ -74,6 +74,20 @@ def test_a_load_that_puts_a_mode_on_the_drive_is_not_divided_by() -> None:
     assert np.isfinite(modal_um).all()
 
 
+@given(positions_mm, positions_mm, positions_mm, positions_mm, st.floats(0.0, 1500.0), st.floats(-400.0, 400.0))
+def test_two_fingers_are_moved_by_closed_form_as_by_elimination(
+    x_mm: float, y_mm: float, other_x_mm: float, other_y_mm: float, decay_1_s: float, detuning_rad_s: float
+) -> None:
+    modes = ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, decay_1_s, detuning_rad_s)
+    points = ((x_mm, y_mm), (other_x_mm, other_y_mm))
+    phi, near = tuple(DRIVEN.at(*point) for point in points), [OTHERS.at(*point) for point in points]
+    rows_d, rows_q = modes._moved(phi, near)
+    for finger in range(2):
+        in_phase, behind = modes._moved_of_two(phi, near, finger)
+        assert in_phase == pytest.approx(rows_d[finger], abs=1e-12)
+        assert behind == pytest.approx(rows_q[finger], abs=1e-12)
+
+
 def test_several_still_fingers_share_the_least_change() -> None:
     three = ModeShapes.from_grid(
         DRIVEN.x_mm, DRIVEN.y_mm, np.concatenate((DRIVEN.shapes, waves(23.0).shapes[:1] * waves(35.0).shapes[1:] * 2))
