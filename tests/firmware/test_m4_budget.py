@@ -4,8 +4,12 @@ registers that its start writes, one by one.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 pytest.importorskip("unicorn", reason="unicorn is not installed")
@@ -26,7 +30,8 @@ from hapticd.wire.commands import encode
 
 from .m4 import image
 from .m4.bench import Bench
-from .m4.boards import BOARDS, F405, Board
+from .m4.boards import BOARDS, F405, G474, Board
+from .m4.core import CoreBench
 from .m4.timing import INTERRUPT_CYCLES, Count, Meter, cycles
 
 pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
@@ -162,6 +167,63 @@ def test_a_quiet_board_that_is_given_another_controller_or_model_waits_no_longer
     longest = max(sections, key=lambda count: count.cycles)
     print(f"{board}: longest of {len(sections)} locks {longest}")
     assert longest.cycles <= 0.075 * board.modes * CHUNK_S * board.core_hz
+
+
+MODE_HZ = (29195.0, 29215.0, 29205.0, 29255.0, 29155.0, 29105.0)
+HELD_UM = (1.5 + 0.2j, -0.7, 0.3, 0.9, -1.1, 0.4)
+
+
+def figures(counts: list[Count], beside_cycles: float = 0.0) -> npt.NDArray[np.float64]:
+    """Instructions and cycles of a chunk, and of the longest; cycles of the mean, with what comes beside it."""
+    plain, longest = min(counts, key=lambda c: c.cycles), max(counts, key=lambda c: c.cycles)
+    every = mean_cycles(counts) + beside_cycles
+    return np.array([plain.instructions, plain.cycles, longest.instructions, longest.cycles, every])
+
+
+def live_core(modes: int, control_hz: int) -> CoreBench:
+    """As `live_bench`, without the board."""
+    bench = CoreBench(MODE_HZ[:modes], control_hz)
+    for _ in range(3):
+        bench.hold(HELD_UM[:modes])
+    for _ in range(500):
+        bench.chunk()
+    assert np.abs(bench.measured_um() - HELD_UM[:modes]).max() <= 0.005
+    bench.hold(HELD_UM[:modes])
+    return bench
+
+
+def core_figures(modes: int, control_hz: int, chunks: int = 400) -> npt.NDArray[np.float64]:
+    bench = live_core(modes, control_hz)
+    return figures([bench.chunk() for _ in range(chunks)])
+
+
+@cache
+def beside_the_core(control_hz: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """What the STM32G474's images have more: with three modes, and for each further one."""
+    more = []
+    for modes in (2, 3):
+        interrupt, main = chunk_costs(live_bench(replace(G474, modes=modes), control_hz), chunks=400)
+        more.append(figures(interrupt, INTERRUPT_CYCLES + mean_cycles(main)) - core_figures(modes, control_hz))
+    return more[1], more[1] - more[0]
+
+
+@pytest.mark.parametrize(("modes", "load_max"), [(4, 0.45), (5, 0.55), (6, 0.70)])
+def test_of_four_to_six_modes_the_stm32g474_would_have_the_load_but_only_four_in_time(
+    modes: int, load_max: float
+) -> None:
+    """A chunk with a tick has to be done before the next one is over, whatever the control rate."""
+    for control_hz in (2000, 5000):
+        with_three, per_mode = beside_the_core(control_hz)
+        board = with_three + (modes - 3) * per_mode
+        whole = core_figures(modes, control_hz) + board
+        load = whole[-1] / (CHUNK_S * G474.core_hz)
+        print(f"{modes} modes at {control_hz} Hz: {100 * load:.1f} %; chunk; with tick: {np.rint(whole[:-1])}")
+        assert load <= load_max
+    lock = live_core(modes, 2000).obeyed(encode(SelectController("pi_ff"))).cycles
+    trip = core_figures(modes, 2000, chunks=1600)[3] + board[3]
+    room = DEADLINE_S * G474.core_hz - INTERRUPT_CYCLES
+    print(f"of {room:.0f} cycles: tick {whole[3]:.0f}, dead-man's trip {trip:.0f}, either after a lock of {lock}")
+    assert (trip <= room) == (whole[3] + lock <= room) == (modes == 4)
 
 
 @every_board
