@@ -38,7 +38,8 @@ _LONGEST_LINE_BYTES = 1 << 21  # the largest map is a megabyte
 _PIECE_BYTES = 1 << 16
 _MOST_REFUSAL_CHARACTERS = 200
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
-KINDS = ("board_bytes", "written", "pass", "adopt", "adopt_readings", "adopt_map")
+IN_FORCE = ("adopt", "adopt_readings", "adopt_map")  # few, and never lost: all that follows is judged by them
+KINDS = ("board_bytes", "written", "pass", *IN_FORCE)
 _FAR = "far from the configured one: run hapticd calibrate"
 
 
@@ -139,12 +140,12 @@ class SelfCalibration:
     def _flush(self) -> None:
         while self._waiting:
             kind, t_ns, values = self._waiting.popleft()
-            self._send([kind, t_ns, _fields(kind, t_ns, values)])
+            self._send([kind, t_ns, _fields(kind, t_ns, values)], must_arrive=kind in IN_FORCE)
 
-    def _send(self, message: object) -> None:
+    def _send(self, message: object, *, must_arrive: bool = False) -> None:
         if self.process is None:
             return
-        if len(self._out) > MOST_WAITING_BYTES:
+        if len(self._out) > MOST_WAITING_BYTES and not must_arrive:
             self._dropped += 1
             self._has_gap = True
             return

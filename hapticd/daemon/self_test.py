@@ -82,7 +82,7 @@ async def _outcome(command: Sequence[str]) -> tuple[str, str]:
             await process.wait()
     try:
         return judged(json.loads(output))
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         lines = complaint.decode(errors="replace").strip().splitlines()
         reason = lines[-1].removeprefix("hapticd: ") if lines else "It ended without a result."
         return UNKNOWN, f"{reason[:SHOWN_CHARACTERS]} The board is driven untested."

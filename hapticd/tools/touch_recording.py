@@ -179,10 +179,16 @@ def moved_mm(now: Pad, other: Pad, x_mm: float, y_mm: float) -> tuple[float, flo
 def read(path: Path) -> Touched:
     """Read a recording. Raises HapticdError for one that cannot be calibrated by."""
     recording = open_recording(path)
-    collected = Collected.of(recording.header.config)
+    header = recording.header
+    if header.config.trackpad.correct_while_touched and not recording.is_whole:
+        raise CalibrationError(
+            f"{path}: began after its daemon, whose self-calibration may have moved the pad before: record from the "
+            "daemon's start on."
+        )
+    collected = Collected.of(header.config)
     for record in recording.records():
         collected.take(record)
-    return touched(collected, recording.header, str(path))
+    return touched(collected, header, str(path))
 
 
 def touched(collected: Collected, header: Header, source: str) -> Touched:

@@ -59,7 +59,7 @@ def test_what_was_found_is_one_sentence_with_what_to_do(found: str, outcome: str
     assert asyncio.run(self_test._outcome(prints(found, code=1))) == (outcome, text)
 
 
-@pytest.mark.parametrize("said", ["", "no document", "[]", '{"moved": []}', '{"moved": 1, "unsafe": 2}'])
+@pytest.mark.parametrize("said", ["", "no document", "[]", "[" * 50_000, '{"moved": []}', '{"moved": 1, "unsafe": 2}'])
 def test_a_test_that_could_not_be_made_says_why_and_forbids_nothing(said: str) -> None:
     outcome, text = asyncio.run(self_test._outcome(prints(said, code=1)))
     assert (outcome, text) == (UNKNOWN, "No board. The board is driven untested.")

@@ -415,8 +415,8 @@ def test_another_board_begins_a_collection_of_its_own(at_rest: Touching) -> None
     assert not accumulator._collected.samples
 
 
-def test_a_process_that_does_not_read_costs_records_and_no_time(at_rest: Touching) -> None:
-    async def story() -> dict[str, object]:
+def test_a_process_that_does_not_read_costs_records_and_no_time_but_learns_what_is_in_force(at_rest: Touching) -> None:
+    async def story() -> tuple[dict[str, object], bytes]:
         calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
         calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
         assert calibration.process is not None
@@ -425,12 +425,17 @@ def test_a_process_that_does_not_read_costs_records_and_no_time(at_rest: Touchin
             calibration.put("board_bytes", T_START_NS, bytes(1 << 16))
             await asyncio.sleep(0)
         report = calibration.report()
+        calibration.put("adopt_readings", T_START_NS, [1.0, 0.0, 0.0, 1.0], [0.0] * 4)
+        await asyncio.sleep(0)
+        waiting = bytes(calibration._out)
         calibration.close()
-        return report
+        return report, waiting
 
-    report = asyncio.run(story())
+    report, waiting = asyncio.run(story())
     assert report["running"]
     assert 0 < int(str(report["dropped"])) < 40
+    fields = {"d": [1.0, 0.0, 0.0, 1.0], "q": [0.0] * 4}
+    assert waiting.endswith(msgpack.packb(None) + msgpack.packb(["adopt_readings", T_START_NS, fields]))
 
 
 def test_the_process_reads_to_the_end_within_its_memory(at_rest: Touching) -> None:

@@ -71,15 +71,21 @@ class Face:
                 if found is not None:
                     best, ceiling = found, found[1]
         if is_within and len(self._met) == 0:
-            self._undamp(modal, wanted)
+            modal = self._undamped(modal, wanted)
         return (modal, cost, len(self._met) > 0) if is_within else best
 
-    def _undamp(self, modal: Vector, wanted: Vector) -> None:
-        """Give the fingers what the damping took, but for its share of that; limits are left to the caller."""
+    def _undamped(self, damped: Vector, wanted: Vector) -> Vector:
+        """Give the fingers what the damping took, but for its share of that; not where that takes more than a limit,
+        as fingers at all but one place may."""
+        modal = list(damped)
         rest = [0.0] * (len(wanted) + len(modal))
         for finger in range(len(wanted)):
             rest[finger] = wanted[finger] - dot(self._rows[finger], modal)
         self._add(modal, self._projected(rest))
+        for mode in range(len(modal)):
+            if abs(modal[mode]) > self._box[mode]:
+                return damped
+        return modal
 
     def _add(self, modal: Vector, y: Vector) -> None:
         for index in range(len(y)):

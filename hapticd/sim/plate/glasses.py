@@ -9,6 +9,7 @@ Another is read from a TOML file, as `hapticd plate --contacts --glass F.toml` w
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -121,6 +122,7 @@ def _of_file(path: str) -> Glass:
         raise SimulationError(f'{path}: modes are texts such as "13x0", and driven is a whole number; {WRITES}.')
     if len(modes) < driven + LEAST_PARASITIC or len(set(modes)) < len(modes):
         raise SimulationError(f"{path}: modes: needs {driven + LEAST_PARASITIC} or more, each once; the driven first.")
+    _check_material(path, str(table["material"]))
     drive_hz = float(table["drive_hz"])
     return Glass(
         size_mm=(float(table["size_mm"][0]), float(table["size_mm"][1])),
@@ -132,6 +134,17 @@ def _of_file(path: str) -> Glass:
         reach_um=float(table["reach_um"]),
         material=str(table["material"]),
     )
+
+
+def _check_material(path: str, name: str) -> None:
+    from hapticd.design.materials import find_material  # late, as above
+
+    try:
+        of = find_material(name)
+    except ValueError as error:
+        raise SimulationError(f"{path}: material: {error}") from None
+    if not all(0.0 < number < math.inf for number in (of.young_gpa, of.density_kg_m3)):
+        raise SimulationError(f"{path}: material: {shown(name)} is no solid's GPa,Poisson,kg/m3.")
 
 
 def _is_within(number: object, bounds: tuple[float, float]) -> bool:

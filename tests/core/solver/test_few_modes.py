@@ -85,6 +85,17 @@ def test_more_fingers_more_modes_and_numbers_out_of_the_ordinary_are_left_to_the
     assert pose_few((row,), (1.0,), (4.0, 4.0, 1e-6)) is None
 
 
+def test_fingers_at_all_but_one_place_are_not_damped_less_than_the_limits_allow() -> None:
+    """Without damping the difference of their shapes, a millionth, would take more than a limit."""
+    rows = (
+        (-0.3654898331191032, 0.1720563418981811, -0.08072647975597591),
+        (-0.3654914372577771, 0.17205634190059169, -0.08072648166832604),
+    )
+    modal, limited = solve_fast(rows, (1.0, 1.0), (4.0,) * 3)
+    assert [abs(np.dot(row, modal)) for row in rows] == pytest.approx([1.0, 1.0], abs=1e-5)
+    assert not limited
+
+
 @pytest.mark.parametrize("target_um", [(1.0, 1.0, 1.0), (0.0, 1.0, 1.0)])
 def test_along_a_way_a_change_of_pattern_is_a_turn_that_no_finger_feels(target_um: tuple[float, ...]) -> None:
     """Smooth ways past limits: where these bind nothing, no finger gets less midway between two steps."""

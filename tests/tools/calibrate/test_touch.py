@@ -21,7 +21,10 @@ from hapticd.daemon.settings import plate_from_pad
 from hapticd.design.touch.judge import Judged
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.waves import Waves
+from hapticd.errors import CalibrationError
 from hapticd.files import calibration as calibration_file
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.files.recording.mcap_writer import DirectRecording
 from hapticd.sim import lockstep
 from hapticd.sim.lockstep import Settings, in_world
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -151,6 +154,19 @@ def test_a_learned_load_is_adopted_by_itself_too(
     assert verdict.outcome is Outcome.PASS
     assert verdict.sentence == "Adopted: the fingers' load. The held-out touches confirm no change."
     assert touch.verdict(refused, {}, None, has_sensors=False, is_simulated=False).sentence.startswith("Nothing is ad")
+
+
+@pytest.mark.parametrize(("corrects", "sentence"), [(True, "began after its daemon"), (False, "holds 0 control ticks")])
+def test_what_began_while_the_pad_was_corrected_is_refused(
+    corrects: bool, sentence: str, recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
+) -> None:
+    """It does not say where the pad was taken to be."""
+    header = open_recording(recorded(TrackpadConfig(), 500, 2.5)).header
+    config = replace(header.config, trackpad=TrackpadConfig(correct_while_touched=corrects))
+    path = tmp_path / "joined.mcap"
+    DirectRecording(path, replace(header, config=config, is_whole=False)).close(header.t_start_ns, "the test ended")
+    with pytest.raises(CalibrationError, match=sentence):
+        read(path)
 
 
 @pytest.mark.long
