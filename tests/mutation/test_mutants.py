@@ -32,6 +32,7 @@ BOARD_EQUIVALENT = {
     f"{_TOLERANCE} @27 1e-6f -> (0x1.0c6f7c0000000p-20f)": "1 + 1e-6 has the same float",
     "limiter.c if (!(magnitude <= limit_um[k] * (1.0f + HD_LIMIT_TOLERANCE))) {:"
     " @42 1.0f -> (0x1.fffffe0000000p-1f)": "1 + 1e-6 has the same float",
+    "phasor.h return (a.d - a.d) + (a.q - a.q) == 0.0f;: @23 + -> -": "both are 0, or one is NaN",
     "phasor.h return b < a ? b : a;: @13 < -> <=": "of equals either is the smaller",
 }
 
