@@ -1,6 +1,6 @@
 """The vocabulary: every value that crosses a module, in the order of the touch path.
 
-What fingers should feel is in `content_values`, what the board is told and says in `board_values`.
+What fingers should feel is in `content_values`, what goes to and comes from the board in `board_values`.
 
 Units stand in the names. Instants are integer nanoseconds (`t_..._ns`) on the host's monotonic clock, unless the
 name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.board.clock_sync`).

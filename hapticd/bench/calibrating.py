@@ -48,7 +48,7 @@ class InStep:
 
 
 class CalibratingSimulation(FaultySimulation):
-    """A lock-step run, with faults or without, whose daemon calibrates itself. A daemon that starts begins anew."""
+    """A lock-step run, with faults or without, whose daemon calibrates itself. A new one has learned nothing."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""A finger's load, learned from touches: where it is told, and where nothing is adopted."""
+"""A finger's load, learned from touches: where it is found, and where nothing is adopted."""
 
 from __future__ import annotations
 
