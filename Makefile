@@ -23,7 +23,7 @@ test: $(TESTS)
 # A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
 test-all: $(TESTS)
 	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone"
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
 	    || $(BIN)/python -m pytest -p no:xdist -rs -m long --last-failed --last-failed-no-failures none
 	$(BIN)/python -m pytest -p no:xdist -rs -m alone
 
