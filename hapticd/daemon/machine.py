@@ -194,11 +194,13 @@ class Machine:
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
         events = self.pipeline.events.take()
-        is_perceived = self.status.publish is not None or (self.observer is not None and self.observer_perceives)
+        observer = self._observed.observer
+        is_perceived = self.status.publish is not None or (observer is not None and self.observer_perceives)
         perceived = self._perception.judge(tick, self.pipeline.modal_um) if is_perceived else {}
-        self._observed.put("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers, perceived)
-        for event in events:
-            self._observed.put("event", t_now_ns, event)
+        if observer is not None:
+            observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers, perceived)
+            for event in events:
+                observer("event", t_now_ns, event)
         self.status.report_pass(tick, perceived, events)
         return t_written_ns
 
