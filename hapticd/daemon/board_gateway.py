@@ -37,7 +37,7 @@ from ..values import Tick
 from ..wire import device as device_wire
 from ..wire import protocol
 from ..wire.commands import encode
-from .observer import Observer
+from .observer import Observed
 from .settings import telemetry_hz
 
 log = logging.getLogger("hapticd")
@@ -76,11 +76,13 @@ class BoardGateway:
         *,
         write: Callable[[bytes], int | None],
         set_baud: Callable[[int], None] | None = None,
-        on_unsent: Callable[[], None],
+        resend: Callable[[], None],
         supervise: Callable[[Event, str, int], None],
+        observed: Observed,
     ) -> None:
-        """`write` returns when the port took a line, None where it did not: then `on_unsent` is called. `set_baud` sets
-        the port's speed; without it no other is requested. `supervise` receives events, with their reason and instant.
+        """`write` returns when the port took a line, None where it did not. `set_baud` sets the port's speed; without
+        it no other is requested. `resend` lets the next pass send its reference, even if it is the one that stands.
+        `supervise` receives events, with their reason and instant.
         """
         self.session = BoardSession(
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
@@ -97,10 +99,10 @@ class BoardGateway:
         self._first_baud = self._baud = config.device.baud
         self._set_baud = set_baud
         self._t_pulse_ns = -PULSE_EVERY_NS
-        self.observer: Observer | None = None
         self._w_limit_um = config.limits.w_limit_um
         self._calibration = calibration
-        self._on_unsent = on_unsent
+        self._resend = resend
+        self._observed = observed
         self._supervise = supervise
         self._decoder = device_wire.Decoder()
         self._t_clear_until_ns: int | None = None
@@ -195,10 +197,9 @@ class BoardGateway:
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
         booked = self.session.ledger.age.count
         self.session.receive_status(message, t_now_ns)
-        if self.observer is not None:
-            self.observer("status", t_now_ns, message)
-            if self.session.ledger.age.count != booked:
-                self.observer("ledger", t_now_ns, self.session.ledger[-1])
+        self._observed.put("status", t_now_ns, message)
+        if self.session.ledger.age.count != booked:
+            self._observed.put("ledger", t_now_ns, self.session.ledger[-1])
         if self.session.hello is None:
             return  # before the handshake no status counts
         if message.state is BoardState.FAULT:
@@ -295,6 +296,7 @@ class BoardGateway:
         self._t_pulse_ns = t_now_ns
         self.session.must_pulse = True
         self.wake(t_now_ns)
+        self._resend()
 
     def _tune_line(self) -> None:
         """Give the port the speed that the session has come to."""
@@ -320,9 +322,8 @@ class BoardGateway:
         for command in commands:
             line = FRESH_START + encode(command)
             t_written_ns = self.write(line)
-            if self.observer is not None:
-                self.observer("written", t_now_ns, line, t_written_ns is not None)
+            self._observed.put("written", t_now_ns, line, t_written_ns is not None)
             if t_written_ns is None:
                 self.unsent += 1
-                self._on_unsent()  # the board may hold another reference than expected
+                self._resend()  # the board may hold another reference than expected
         return t_written_ns

@@ -18,7 +18,7 @@ from ..errors import RequestError
 from ..wire import client as client_wire
 from ..wire.assets import AssetPart
 from .layers import described
-from .observer import Observer
+from .observer import Observed
 
 MAX_MARKERS = 64  # in one state; more between two passes are dropped
 
@@ -56,16 +56,16 @@ class _Described(NamedTuple):
 class ClientGateway:
     """All clients: each message names its client, and the socket knows its user."""
 
-    def __init__(self, scene: Scene, instance: int, host: Host) -> None:
+    def __init__(self, scene: Scene, instance: int, host: Host, observed: Observed) -> None:
         """`instance` distinguishes one start of the host from the next."""
         self.refused = 0
         self.last_refusal = ""
         self.overtaken = 0
         self.markers: list[client_wire.Marker] = []  # not yet published
-        self.observer: Observer | None = None
         self._scene = scene
         self._instance = instance
         self._host = host
+        self._observed = observed
         self._client_registry = ClientRegistry()
         self._described: dict[tuple[str, str], _Described] = {}  # as last read: maps take time to make small
 
@@ -160,8 +160,7 @@ class ClientGateway:
         return is_newest
 
     def _mark(self, marker: client_wire.Marker) -> Mapping[str, object]:
-        if self.observer is not None:
-            self.observer("marker", marker.t_ns, marker.client, marker.text)
+        self._observed.put("marker", marker.t_ns, marker.client, marker.text)
         if len(self.markers) < MAX_MARKERS:
             self.markers.append(marker)
         return {"t_ns": marker.t_ns}

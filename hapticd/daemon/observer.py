@@ -6,3 +6,15 @@ from collections.abc import Callable
 
 # (kind, t_ns, *values) of each input, output and decision; `files.recording.kinds` has all kinds
 Observer = Callable[..., None]
+
+
+class Observed:
+    """Where a machine, its board and its clients put their records; an observer may come and go at any time."""
+
+    def __init__(self) -> None:
+        self.observer: Observer | None = None
+
+    def put(self, kind: str, t_ns: int, *values: object) -> None:
+        """Pass a record on, if anything observes."""
+        if self.observer is not None:
+            self.observer(kind, t_ns, *values)

@@ -6,6 +6,7 @@ fraction a difference is felt. Computed for subscribers and recordings only.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 
@@ -13,6 +14,8 @@ from ..core.plate.contact import disc_points
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import FrictionCurve
 from ..values import WEBER_FRAC, Perceived, Tick, TouchPoint
+
+log = logging.getLogger("hapticd")
 
 Key = int | str
 
@@ -29,12 +32,24 @@ class Perception:
         self._disc = disc_points(radius_mm)
         self._span_s = span_ns * 1e-9
         self._t_last_ns = 0
+        self._fails = False
         self._changes: dict[Key, float] = {}
         self._spans_ns: dict[Key, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
 
     def judge(self, tick: Tick, modal_um: Sequence[complex]) -> dict[Key, Perceived]:
         """Return what each finger of a pass perceives under a reference (M,); its share of time is that since it came
-        into the solve."""
+        into the solve. A failure costs only that, because the reference was sent: it is logged once."""
+        try:
+            perceived = self._judged(tick, modal_um)
+            self._fails = False
+        except Exception:
+            if not self._fails:
+                log.exception("what fingers perceive is not known until it can be computed again")
+            self._fails = True
+            return {}
+        return perceived
+
+    def _judged(self, tick: Tick, modal_um: Sequence[complex]) -> dict[Key, Perceived]:
         self._count(tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
         self._changes = {point.key: self.change(point, modal_um) for point in tick.points}

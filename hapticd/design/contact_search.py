@@ -132,14 +132,14 @@ class PlateModes:
         order = np.argsort(np.round(away_hz, 6), kind="stable")[:count]
         return tuple(order[away_hz[order] <= self.drive.farthest_hz].tolist())
 
-    def best_drive(self, drives_hz: Iterable[float], count: int, pairs: int = SEARCH_PAIRS) -> Choice | None:
-        """Return the drive of the highest score that has `count` modes near it, or None; judged by the first `pairs`
-        and fewer sweeps."""
+    def best_drive(self, drives_hz: Iterable[float], count: int) -> Choice | None:
+        """Return the drive of the highest score that has `count` modes near it, or None; judged by the first
+        SEARCH_PAIRS and fewer sweeps."""
         best = None
         for drive_hz in drives_hz:
             driven = self.nearest(drive_hz, count)
             if len(driven) == count:
-                slip_um, still_um = self._rms_um(drive_hz, driven, SEARCH_SWEEPS, pairs)
+                slip_um, still_um = self._rms_um(drive_hz, driven, SEARCH_SWEEPS, SEARCH_PAIRS)
                 score = _score(slip_um, still_um, self.drive.target_um)
                 if best is None or score > best.score:
                     best = Choice(score, float(drive_hz), driven)
@@ -241,9 +241,9 @@ def best_near(
     return None if choice is None else modes.judge(choice.drive_hz, choice.driven, measure)
 
 
-def drives_hz(low_hz: float, high_hz: float, step_hz: float = STEP_HZ) -> FloatArray:
+def drives_hz(low_hz: float, high_hz: float) -> FloatArray:
     """Return the searched drives from `low_hz` to `high_hz`."""
-    return low_hz + step_hz * np.arange(math.floor((high_hz - low_hz) / step_hz + 1e-9) + 1, dtype=np.float64)
+    return low_hz + STEP_HZ * np.arange(math.floor((high_hz - low_hz) / STEP_HZ + 1e-9) + 1, dtype=np.float64)
 
 
 def _score(slip_um: FloatArray, still_um: FloatArray, target_um: float) -> float:

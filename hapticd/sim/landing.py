@@ -44,15 +44,14 @@ class _WithSurface(Simulation):
 
 
 def measure(
-    landings: int = LANDINGS, *, settings: Settings | None = None, progress: Callable[[float], None] = lambda _: None
+    landings: int = LANDINGS, *, progress: Callable[[float], None] = lambda _: None
 ) -> Mapping[str, npt.NDArray[np.float64]]:
     """Return by way how long each of the same landings took, in ms; inf where the finger never got its amplitude."""
-    settings = Settings() if settings is None else settings
     found: dict[str, list[npt.NDArray[np.float64]]] = {SURFACE: [], CLIENT: []}
     for first in range(0, landings, PER_RUN):
         count = min(PER_RUN, landings - first)
         for way, spans_ms in found.items():
-            spans_ms.append(_spans_ms(settings, first, count, with_surface=way == SURFACE))
+            spans_ms.append(_spans_ms(Settings(), first, count, with_surface=way == SURFACE))
         progress((first + count) / landings)
     return {way: np.concatenate(spans_ms) for way, spans_ms in found.items()}
 

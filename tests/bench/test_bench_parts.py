@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import firmware, prediction, recording_cost, tick
+from hapticd.bench import firmware, prediction, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -22,7 +22,6 @@ pytestmark = pytest.mark.long
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
-    "recording": lambda: (recording_cost.run(seconds=0.1, rounds=1, wait_until=lambda _: None),),
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
 }
 

@@ -9,14 +9,13 @@ from functools import cache
 
 import pytest
 
-from hapticd.bench import contacts, solver, solver_tracks, stability
+from hapticd.bench import contacts, solver, stability
 from hapticd.bench.tables import UNITS, Table, plain
 
 pytestmark = pytest.mark.long
 
 TABLES: dict[str, Callable[[], Table]] = {
     "solver": lambda: solver.run(problems=120, repeats=1, timed=5),
-    "both_slip": lambda: solver_tracks.run(strokes=6, repeats=1),
     "contacts": lambda: contacts.run(problems=4, repeats=1),
     "sizes": lambda: solver.sizes(calls=1, repeats=1),
     "situations": lambda: stability.situations(problems=5),
@@ -67,20 +66,6 @@ def test_a_general_solver_of_quadratic_programmes_finds_the_same_solution() -> N
     assert figure("solver", "daqp", "slip_error_um") == pytest.approx(ours_um, abs=1e-6)
 
 
-def test_phases_sag_less_often_than_signs_and_miss_less_far_out() -> None:
-    signs, phases = (table("both_slip").row(name).figures for name in ("solve_fast", "solve_phased_fast"))
-    assert phases["sags_count"] < 0.5 * signs["sags_count"]
-    assert phases["far_error_um"] < signs["far_error_um"]
-
-
-def test_a_general_minimiser_finds_nothing_better_for_targets_out_of_reach() -> None:
-    pytest.importorskip("scipy")
-    # Every tenth knot against all of them: the same figure up to the sample.
-    assert figure("both_slip", "solve_phased_fast", "far_error_um") == pytest.approx(
-        figure("both_slip", "L-BFGS-B", "far_error_um"), rel=0.05
-    )
-
-
 def test_nothing_fails_at_the_ends_of_the_solver_s_range() -> None:
     for row in table("situations").rows:
         assert row.figures["failures_count"] == row.figures["limits_broken_count"] == 0, row.name
@@ -105,11 +90,10 @@ def test_contacts_get_the_same_in_each_lap_of_a_walk_without_a_jump_or_a_broken_
 
 
 def test_outside_references_that_are_missing_are_skipped_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (solver, solver_tracks, stability):
+    for module in (solver, stability):
         monkeypatch.setattr(module, "optional", lambda _: None)
     for found in (
         solver.run(problems=5, repeats=1, timed=1),
-        solver_tracks.run(strokes=1, repeats=1),
         stability.situations(1),
     ):
         assert found.skipped

@@ -93,11 +93,7 @@ class ParasiticModes:
         if not still or len(still) == len(places):
             return modal_um
         shapes = [self.modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
-        if len(places) == 2:
-            felt = [self._moved_of_two(phi, shapes, still[0])]
-        else:
-            rows_d, rows_q = self._moved(phi, shapes)
-            felt = [(rows_d[index], rows_q[index]) for index in still]
+        felt = [self._moved_of_two(phi, shapes, still[0])] if len(places) == 2 else self._moved(phi, shapes, still)
         changed_um = _zeroed(felt[0], modal_um) if len(felt) == 1 else _all_zeroed(felt, modal_um)
         return _within(changed_um, w_limit_um)
 
@@ -129,30 +125,41 @@ class ParasiticModes:
             behind[driven] = there_q * shape - both_q * other
         return in_phase, behind
 
-    def _moved(self, phi: tuple[Shapes, ...], shapes: list[Shapes]) -> tuple[Rows, Rows]:
-        """How each finger is moved by 1 um of each driven mode, by all modes (N, M); shapes (N, K): of these modes.
+    def _moved(self, phi: tuple[Shapes, ...], shapes: list[Shapes], fingers: Sequence[int]) -> list[Parts]:
+        """How each of `fingers` is moved by 1 um of each driven mode, by all modes; shapes (N, K): of these modes.
 
-        In parts: as machine code they are plain floats, where complex numbers would be objects.
+        By the amplitudes of these modes, W_n + r_n sum_i phi_n(P_i) sum_m phi_m(P_i) W_m = -r_n sum_i phi_n(P_i)
+        phi_k(P_i), because there are fewer of them than fingers. In parts: as machine code they are plain floats, where
+        complex numbers would be objects.
         """
-        matrix_d, matrix_q = list[list[float]](), list[list[float]]()
-        for own in shapes:
-            row_d, row_q = list[float](), list[float]()
-            for there in shapes:
-                sum_d = sum_q = 0.0
-                for mode in range(len(there)):
-                    product = own[mode] * there[mode]
-                    sum_d += self._load_d[mode] * product
-                    sum_q += self._load_q[mode] * product
-                row_d.append(sum_d)
-                row_q.append(sum_q)
-            row_d[len(matrix_d)] += 1.0
-            matrix_d.append(row_d)
-            matrix_q.append(row_q)
-        moved_d, moved_q = [list(row) for row in phi], [[0.0] * len(row) for row in phi]
-        for column in range(len(matrix_d)):
-            if not _eliminate(column, (matrix_d, matrix_q), (moved_d, moved_q)):
-                return [list(row) for row in phi], [[0.0] * len(row) for row in phi]
-        return moved_d, moved_q
+        matrix: tuple[Rows, Rows] = [], []
+        brought: tuple[Rows, Rows] = [], []
+        for mode in range(len(self._load_d)):
+            own = [there[mode] for there in shapes]
+            products = _weighted(own, shapes)
+            matrix[0].append([self._load_d[mode] * product for product in products])
+            matrix[1].append([self._load_q[mode] * product for product in products])
+            matrix[0][mode][mode] = matrix[0][mode][mode] + 1.0
+            products = _weighted(own, phi)
+            brought[0].append([self._load_d[mode] * product for product in products])
+            brought[1].append([self._load_q[mode] * product for product in products])
+        moved = [(list(phi[finger]), [0.0] * len(phi[finger])) for finger in fingers]
+        for column in range(len(self._load_d)):
+            if not _eliminate(column, matrix, brought):
+                return moved
+        for finger, (row_d, row_q) in zip(fingers, moved, strict=True):
+            for mode, shape in enumerate(shapes[finger]):
+                _subtract(row_d, row_q, shape, 0.0, brought[0][mode], brought[1][mode])
+        return moved
+
+
+def _weighted(weights: list[float], rows: Sequence[Shapes]) -> list[float]:
+    """The sum of rows, each times its weight."""
+    total = [0.0] * len(rows[0])
+    for weight, row in zip(weights, rows, strict=True):
+        for place in range(len(total)):
+            total[place] = total[place] + weight * row[place]
+    return total
 
 
 def _eliminate(column: int, matrix: tuple[Rows, Rows], right: tuple[Rows, Rows]) -> bool:

@@ -25,26 +25,34 @@ _LEAST_LIMIT: Final = 1e-3  # of the largest
 
 
 class Pattern:
-    """The best amplitudes of one sign pattern: `modal` (M,) in units of the problem's reach, `amplitudes` (n,) in those
-    of its targets."""
+    """The best amplitudes of one sign pattern, `modal` (M,) in units of the problem's reach. `is_limited`: a limit bent
+    them, and some finger misses its target by more than rounding."""
 
-    __slots__ = ("amplitudes", "error", "is_bent", "modal", "square")
+    __slots__ = ("error", "is_limited", "modal", "square")
 
-    def __init__(self, modal: Vector, amplitudes: Vector, error: float, is_bent: bool) -> None:
+    def __init__(self, modal: Vector, error: float, is_limited: bool) -> None:
         self.modal: Final = modal
-        self.amplitudes: Final = amplitudes
         self.error: Final = error
         self.square: Final = dot(modal, modal)
-        self.is_bent: Final = is_bent
+        self.is_limited: Final = is_limited
 
 
 class FewModes:
     """A problem: `rows` (n, M) and `targets` (n,) of the slipping fingers, `box` (M,), and the `directions` (r, M) that
-    the still fingers leave."""
+    the still fingers leave; `shapes` are the rows as they were given, before scaling."""
+
+    is_line: Final = False
 
     def __init__(
-        self, directions: list[Vector], rows: list[Vector], targets: Vector, box: Vector, reach: float
+        self,
+        shapes: list[Vector],
+        directions: list[Vector],
+        rows: list[Vector],
+        targets: Vector,
+        box: Vector,
+        reach: float,
     ) -> None:
+        self.shapes: Final = shapes
         self.targets: Final = targets
         self.reach: Final = reach
         self._rows: Final = rows
@@ -85,14 +93,6 @@ class FewModes:
         found = self._solved(signs, math.inf)
         return self._pattern([0.0] * len(self._box), True) if found is None else found
 
-    def is_limited(self, one: Pattern) -> bool:
-        """A limit bent the solution, and some finger misses its target by more than rounding."""
-        if one.is_bent:
-            for finger in range(len(self.targets)):
-                if not abs(one.amplitudes[finger] - self.targets[finger]) <= MISSED * self.targets[finger]:
-                    return True
-        return False
-
     def _solved(self, signs: Vector, ceiling: float) -> Pattern | None:
         """None where the cost is above the ceiling."""
         wanted = [0.0] * len(signs)
@@ -107,12 +107,12 @@ class FewModes:
             beyond = max(beyond, abs(modal[mode]) / self._box[mode])
         if beyond > 1.0:
             modal = [w / beyond for w in modal]
-        amplitudes = [abs(dot(row, modal)) for row in self._rows]
-        error = 0.0
-        for finger in range(len(amplitudes)):
-            missed = amplitudes[finger] - self.targets[finger]
+        error, is_missed = 0.0, False
+        for finger in range(len(self._rows)):
+            missed = abs(dot(self._rows[finger], modal)) - self.targets[finger]
             error += missed * missed
-        return Pattern(modal, amplitudes, error, is_bent)
+            is_missed = is_missed or not abs(missed) <= MISSED * self.targets[finger]
+        return Pattern(modal, error, is_bent and is_missed)
 
 
 def _cost(one: Pattern) -> float:
@@ -120,7 +120,7 @@ def _cost(one: Pattern) -> float:
 
 
 def _mirrored(one: Pattern) -> Pattern:
-    return Pattern([-w for w in one.modal], one.amplitudes, one.error, one.is_bent)
+    return Pattern([-w for w in one.modal], one.error, one.is_limited)
 
 
 # --- the problem ----------------------------------------------------------------------------------------------------
@@ -165,4 +165,4 @@ def _scaled(directions: list[Vector], slipping: list[Vector], wanted: Vector, li
     if not max(wanted) < _MOST_REACH * scale:
         return None
     targets, box = [target / scale for target in wanted], [limit / reach for limit in limits]
-    return FewModes(directions, [[shape / largest for shape in row] for row in slipping], targets, box, reach)
+    return FewModes(slipping, directions, [[shape / largest for shape in row] for row in slipping], targets, box, reach)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from .arithmetic import SAFE, Row, Rows, clamped, unscaled
-from .few_modes import pose_few
+from .few_modes import FewModes, pose_few
 from .line import solve_line
 from .pair import hold_still, serve_both, serve_one
-from .sign_patterns import best_solution, is_limited, pose
+from .sign_patterns import Problem, pose
 
 
 def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
@@ -40,20 +40,25 @@ def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = Non
     if line is not None:
         modal, limited = line
         return modal if previous is None or _leans_towards(modal, previous) else tuple([-w for w in modal]), limited
-    few = pose_few(rows, targets, limits)
-    if few is None:
-        return solve_general(rows, targets, limits, previous)
-    best = few.best(previous)
-    return unscaled(few.reach, best.modal, limits), few.is_limited(best)
+    return _solved(posed(rows, targets, limits), limits, previous)
 
 
 def solve_general(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
     """As `solve_fast`, by the general path alone."""
-    problem = pose(rows, targets, limits)
+    return _solved(pose(rows, targets, limits), limits, previous)
+
+
+def posed(rows: Rows, targets: Row, limits: Row) -> FewModes | Problem | None:
+    """The sign patterns of a problem, on floats where it is small, else on arrays; None where only silence serves."""
+    few = pose_few(rows, targets, limits)
+    return pose(rows, targets, limits) if few is None else few
+
+
+def _solved(problem: FewModes | Problem | None, limits: Row, previous: Row | None) -> tuple[Row, bool]:
     if problem is None:
         return (0.0,) * len(limits), False
-    best = best_solution(problem, previous)
-    return unscaled(problem.reach, best.modal.tolist(), limits), is_limited(problem, best)
+    best = problem.best(previous)
+    return unscaled(problem.reach, best.modal, limits), best.is_limited
 
 
 def _leans_towards(modal: Row, previous: Row) -> bool:

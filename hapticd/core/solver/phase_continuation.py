@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..phasors import magnitude
-from ..small_matrices import dot
-from .arithmetic import MISSED, Phasors, Row, Rows, unscaled
-from .few_modes import Pattern, pose_few
+from .arithmetic import Phasors, Row, Rows, unscaled
+from .few_modes import Pattern
+from .general import posed
 from .line import solve_line
-from .sign_patterns import Candidate, FloatArray, Problem, best_solution, is_limited, pose, with_signs
+from .sign_patterns import FloatArray
 from .slew_limit import nearer_hand
 
 _REAL_RAD: Final = 1e-6  # fingers this near to one phase, or to the opposite one, vibrate in one real pattern
@@ -41,43 +41,19 @@ def turn_patterns(rows: Rows, targets: Row, limits: Row, previous: Phasors, turn
     line = solve_line(rows, targets, limits)  # all that can turn is the common phase
     if line is not None:
         return in_phase(line[0], limits, previous), line[1]
-    few = pose_few(rows, targets, limits)
-    if few is not None:
-        shapes = [row for row, target in zip(rows, targets, strict=True) if target > 0.0]
-        now = _turn_at(shapes, previous)
-        best = few.best(None, now.signs)
-        turn = _next_turn(now, shapes, best.modal)
-        if turn is None:
-            return in_phase(unscaled(few.reach, best.modal, limits), limits, previous), few.is_limited(best)
-        begin, end = few.with_signs(turn.signs), few.with_signs(_flipped(turn))
-        equal = _EQUAL * dot(few.targets, few.targets)
-        tau_rad = _stepped(turn.tau_rad, turn_rad, _serves_better(end, begin, equal))
-        modal = between(np.array(begin.modal), np.array(end.modal), tau_rad)
-        limited = few.is_limited(begin) or few.is_limited(end)
-        return in_phase((modal * few.reach).tolist(), limits, previous), limited
-    problem = pose(rows, targets, limits)
+    problem = posed(rows, targets, limits)
     if problem is None:
         return (0j,) * len(limits), False
-    return _turn_arrays(problem, limits, previous, turn_rad)
-
-
-def _turn_arrays(problem: Problem, limits: Row, previous: Phasors, turn_rad: float) -> tuple[Phasors, bool]:
-    """The same for any number of fingers and modes."""
-    chosen = best_solution(problem, None)
-    turn = None
-    if problem.basis.shape[1] > 1:
-        shapes = problem.phi.tolist()
-        turn = _next_turn(_turn_at(shapes, previous), shapes, chosen.modal.tolist())
+    now = _turn_at(problem.shapes, previous)
+    best = problem.best(None, now.signs)
+    turn = None if problem.is_line else _next_turn(now, problem.shapes, best.modal)
     if turn is None:
-        modal_um = unscaled(problem.reach, chosen.modal.tolist(), limits)
-        return in_phase(modal_um, limits, previous), is_limited(problem, chosen)
-    begin, end = with_signs(problem, turn.signs), with_signs(problem, _flipped(turn))
-    equal = _EQUAL * float(problem.targets @ problem.targets)
+        return in_phase(unscaled(problem.reach, best.modal, limits), limits, previous), best.is_limited
+    begin, end = problem.with_signs(turn.signs), problem.with_signs(_flipped(turn))
+    equal = _EQUAL * sum([target * target for target in problem.targets])
     tau_rad = _stepped(turn.tau_rad, turn_rad, _serves_better(end, begin, equal))
-    modal = between(begin.modal, end.modal, tau_rad)
-    got = np.abs(problem.gains @ (modal @ problem.basis))
-    missed = not bool(np.all(np.abs(got - problem.targets) <= MISSED * problem.targets))
-    return in_phase((modal * problem.reach).tolist(), limits, previous), missed
+    modal = between(np.array(begin.modal), np.array(end.modal), tau_rad)
+    return in_phase((modal * problem.reach).tolist(), limits, previous), begin.is_limited or end.is_limited
 
 
 def _turn_at(shapes: Sequence[Sequence[float]], previous: Phasors) -> Turn:
@@ -154,7 +130,7 @@ def _changed(signs: Sequence[float], others: Sequence[float]) -> list[bool]:
     return differ if 2 * sum(differ) <= len(differ) else [not one for one in differ]
 
 
-def _serves_better(one: Candidate | Pattern, other: Candidate | Pattern, equal: float) -> bool:
+def _serves_better(one: Pattern, other: Pattern, equal: float) -> bool:
     """Rules (3) and (4) of the solver between two patterns."""
     excess = one.error - other.error
     if abs(excess) > equal:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Row, Rows, all_finite, clamped
+from .few_modes import Pattern
 from .polytope import RANK, Factored, least_norm_in_polytope
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,7 +44,24 @@ class Problem(NamedTuple):
     targets: FloatArray  # (n,)
     reach: float
     factored: Factored  # the gains
-    phi: FloatArray  # (n, M): the slipping fingers' rows at a largest entry of 1
+    shapes: list[list[float]]  # (n, M): the slipping fingers' rows at a largest entry of 1
+
+    @property
+    def is_line(self) -> bool:
+        """One direction is left, so there is one pattern."""
+        return len(self.basis.T) == 1
+
+    def best(self, previous: Row | None, _first: Sequence[float] | None = None) -> Pattern:
+        """As `FewModes.best`; in which order the signs are tried makes no difference."""
+        return self._pattern(_best_of_all(self, previous))
+
+    def with_signs(self, signs: Sequence[float]) -> Pattern:
+        """The pattern of given signs of the slipping fingers."""
+        return self._pattern(_solved(self, np.array([signs]))[0])
+
+    def _pattern(self, one: Candidate) -> Pattern:
+        is_missed = not np.all(np.abs(one.amplitudes - self.targets) <= MISSED * self.targets)
+        return Pattern(one.modal.tolist(), one.error, one.is_bent and is_missed)
 
 
 class Candidate(NamedTuple):
@@ -79,7 +97,7 @@ def pose(rows: Rows, targets: Row, limits: Row) -> Problem | None:
     reach, peak = max(limits), max(requested)
     scaled_peak = peak / max(size * largest, sys.float_info.min) / reach
     wanted = np.array(requested) / peak * (scaled_peak if scaled_peak <= _REACH_CAP else _REACH_CAP)
-    return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains), phi)
+    return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains), phi.tolist())
 
 
 def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
@@ -93,15 +111,10 @@ def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
     return np.ascontiguousarray(right[rank:].T)
 
 
-def is_limited(problem: Problem, best: Candidate) -> bool:
-    """A limit bent the solution, and some finger misses its target by more than rounding."""
-    return best.is_bent and not bool(np.all(np.abs(best.amplitudes - problem.targets) <= MISSED * problem.targets))
-
-
 # --- sign patterns --------------------------------------------------------------------------------------------------
 
 
-def best_solution(problem: Problem, previous: Row | None) -> Candidate:
+def _best_of_all(problem: Problem, previous: Row | None) -> Candidate:
     """The candidate with least error, of equals that of least |W|, of equals the one nearest `previous`."""
     modes = len(problem.box)
     near = np.array([0.0 if previous is None else clamped(previous[k] / problem.reach, SAFE) for k in range(modes)])
@@ -115,11 +128,6 @@ def best_solution(problem: Problem, previous: Row | None) -> Candidate:
         candidates += _solved(problem, np.where(np.eye(len(signs), dtype=bool)[moved], -signs, signs))
         best = _best(candidates)
     return _nearest(problem, candidates, near)
-
-
-def with_signs(problem: Problem, signs: Sequence[float]) -> Candidate:
-    """The candidate of given signs of the slipping fingers."""
-    return _solved(problem, np.array([signs]))[0]
 
 
 def _solved(problem: Problem, patterns: FloatArray) -> list[Candidate]:

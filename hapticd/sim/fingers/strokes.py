@@ -78,10 +78,10 @@ class Strokes:
         return np.stack((x_mm, y_mm), axis=-1) + tremor_mm(t_s, self.tremor_mm, self.seed)
 
 
-def strokes_pair(seed: int, *, speed_mm_s: float = 100.0, gap_mm: float = 18.0) -> tuple[Strokes, Strokes]:
-    """Two fingers on independent strokes; the second keeps `gap_mm` from the first where possible."""
+def strokes_pair(seed: int, *, speed_mm_s: float = 100.0) -> tuple[Strokes, Strokes]:
+    """Two fingers on independent strokes; the second avoids the first where possible."""
     first = Strokes(2 * seed, speed_mm_s)
-    return first, Strokes(2 * seed + 1, speed_mm_s, avoid=first, gap_mm=gap_mm)
+    return first, Strokes(2 * seed + 1, speed_mm_s, avoid=first)
 
 
 class _Stroke(NamedTuple):

@@ -263,14 +263,14 @@ def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArr
     return solve_batch(phi, TARGETS_UM, W_LIMIT_UM).astype(np.complex128)
 
 
-def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float], *, seed: int = 1) -> ExpectedLeak:
+def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float]) -> ExpectedLeak:
     """Return the vibration at a sticky finger caused by the map's errors `map_error_rms` (M,), in units of the shapes.
 
     Random pairs of fingers, one slippery, one sticky, are solved on the map. The sticky finger then gets sum_k W_k e_k,
     where the map's error e_k is independent between modes and has the cross-validated RMS everywhere. All other leaks
     are left out, of which prediction is the largest.
     """
-    modal_um = solved_um(modes, finger_pairs_mm(modes, PAIRS, seed))
+    modal_um = solved_um(modes, finger_pairs_mm(modes, PAIRS, seed=1))
     variance_um2 = np.abs(modal_um) ** 2 @ np.asarray(map_error_rms, np.float64) ** 2
     return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
 

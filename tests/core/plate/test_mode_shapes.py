@@ -88,10 +88,7 @@ def test_one_point_and_many_points_agree_on_every_line_of_the_grid(modes: ModeSh
     np.testing.assert_array_equal(modes.evaluate(points), [modes.at(x, y) for x, y in points.tolist()])
 
 
-def test_outside_the_map_shapes_are_the_edge_s_and_inside_is_false(modes: ModeShapes) -> None:
-    points = np.array([[68.75, -68.75], [68.76, 0.0], [0.0, -math.inf], [math.nan, 0.0], [0.0, 0.0]])
-
-    np.testing.assert_array_equal(modes.inside(points), [True, False, False, False, True])
+def test_outside_the_map_shapes_are_the_edge_s(modes: ModeShapes) -> None:
     assert modes.at(100.0, -5.0) == modes.at(68.75, -5.0)
     assert modes.at(3.0, -math.inf) == modes.at(3.0, -68.75)
 
@@ -121,7 +118,6 @@ def test_the_steepest_slope_bounds_all_others(modes: ModeShapes) -> None:
 def test_no_points_give_no_rows(modes: ModeShapes) -> None:
     assert modes.evaluate(np.empty((0, 2))).shape == (0, 2)
     assert modes.gradient(np.empty((0, 2))).shape == (0, 2, 2)
-    assert modes.inside(np.empty((0, 2))).shape == (0,)
 
 
 @pytest.mark.parametrize("points", [np.zeros(2), np.zeros((3, 3)), np.zeros((2, 1, 2))])

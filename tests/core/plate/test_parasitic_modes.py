@@ -81,11 +81,9 @@ def test_two_fingers_are_moved_by_closed_form_as_by_elimination(
     modes = ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, decay_1_s, detuning_rad_s)
     points = ((x_mm, y_mm), (other_x_mm, other_y_mm))
     phi, near = tuple(DRIVEN.at(*point) for point in points), [OTHERS.at(*point) for point in points]
-    rows_d, rows_q = modes._moved(phi, near)
-    for finger in range(2):
-        in_phase, behind = modes._moved_of_two(phi, near, finger)
-        assert in_phase == pytest.approx(rows_d[finger], abs=1e-12)
-        assert behind == pytest.approx(rows_q[finger], abs=1e-12)
+    for finger, moved in enumerate(modes._moved(phi, near, range(2))):
+        for part, eliminated in zip(modes._moved_of_two(phi, near, finger), moved, strict=True):
+            assert part == pytest.approx(eliminated, abs=1e-12)
 
 
 def test_several_still_fingers_share_the_least_change() -> None:
