@@ -184,11 +184,12 @@ class TouchPoint(NamedTuple):
 
 
 class Perceived(NamedTuple):
-    """What a person perceives of a finger's target: the contact's friction relative to the target's, minus 1, and the
-    share of time in which that is beyond WEBER_FRAC either way."""
+    """What a person perceives of a finger's target: the contact's friction relative to the target's, minus 1, the
+    share of time in which that is beyond WEBER_FRAC either way, and the RMS amplitude over the contact."""
 
     friction_change: float
     weber_frac: float
+    contact_um: float
 
 
 class Tick(NamedTuple):

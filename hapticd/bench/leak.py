@@ -5,8 +5,8 @@ is that of the whole way from report to frame, without the board.
 
     run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
     both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
-    contact    the vibration over whole contacts, on two plates with two to five modes; contact_conditions: at 20 cm/s,
-               with a wrong radius, with three fingers
+    contact    the vibration over whole contacts, on two plates with two to five modes, and with calibrated sensors;
+               contact_conditions: at 20 cm/s, with a wrong radius, with three fingers
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from .leak_runs import (
     compared,
     over_seeds,
 )
+from .sweeps import swept
 from .tables import Table, finite_rows
 
 PERFECT = "perfect knowledge"
@@ -46,6 +47,7 @@ WHITE = "white noise of 0.05 mm"
 BOTH_SLIP, THREE = "both-slip", "three"
 WRONG_RADII_MM = (4.0, 6.0)
 SIGNS_ALONE = "signs alone"
+CALIBRATED = "calibrated"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 PERCEIVED = ("still_friction_change", "slip_friction_change", "weber_frac")
@@ -141,13 +143,29 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     plates = {
         f"{name} plate, {modes} modes": Settings(plate=PlateSettings.of(name, modes)) for name, modes in CONTACT_PLATES
     }
-    rows = _contact_rows(plates, SCENARIO, seeds, seconds)
+    calibrated = {
+        f"{name}, {CALIBRATED}": Alternative(settings, measured=swept)
+        for name, settings in plates.items()
+        if name.startswith(FINGERTIP)
+    }
+    rows = [
+        *_contact_rows(plates, SCENARIO, seeds, seconds),
+        *compared(
+            calibrated,
+            lambda finished: _contacts(finished.run.score),
+            seeds=seeds,
+            seconds=seconds,
+            scenario=SCENARIO,
+            timed=False,
+        ),
+    ]
     return _table(
         "leak_contact",
         f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
         rows,
         ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED),
         *PERCEIVED_NOTES,
+        f"{CALIBRATED}: by `hapticd calibrate resonance`; the others' sensors see 1 % of each other's modes, unknown",
     )
 
 

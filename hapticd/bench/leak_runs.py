@@ -13,7 +13,8 @@ import numpy as np
 
 from ..config.sections import Config
 from ..sim.fingers.scenarios import SCENARIOS
-from ..sim.lockstep import Run, Settings, Simulation
+from ..sim.lockstep import Measured, Run, Settings, Simulation
+from ..sim.plate.ground_truth import PlateSettings
 from .timing import least, no_garbage_collection
 
 SCENARIO = "strokes"
@@ -24,10 +25,12 @@ NOTHING_UM = 1e-9  # below it is rounding
 
 
 class Alternative(NamedTuple):
-    """Settings of a run, and another predictor than the default where one is given."""
+    """Settings of a run, and where one is given, another predictor than the default, or what the daemon has measured of
+    the plate built with these settings and a seed."""
 
     settings: Settings
     make_predictor: Callable[[], Any] | None = None
+    measured: Callable[[PlateSettings, int], Measured] | None = None
 
 
 class FinishedRun(NamedTuple):
@@ -88,7 +91,8 @@ def _finished(
 ) -> tuple[FinishedRun, float]:
     """A run, and the mean time of its passes in us."""
     settings = alternative.settings
-    simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed)
+    measured = None if alternative.measured is None else alternative.measured(settings.plate, seed)
+    simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed, measured)
     if alternative.make_predictor is not None:
         use_predictor(simulation, alternative.make_predictor)
     taken_us: list[float] = []

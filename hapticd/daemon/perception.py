@@ -1,7 +1,8 @@
 """What a person perceives: the friction that each finger gets, against the friction that was asked for it.
 
 The friction of a contact is the mean over its disc of the friction curve at the reference's amplitude. Beyond the Weber
-fraction a difference is felt. Computed for subscribers and recordings only.
+fraction a difference is felt. The RMS of that amplitude is contact leak or contact slip. Computed for subscribers and
+recordings only.
 """
 
 from __future__ import annotations
@@ -52,21 +53,24 @@ class Perception:
     def _judged(self, tick: Tick, modal_um: Sequence[complex]) -> dict[Key, Perceived]:
         self._count(tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
-        self._changes = {point.key: self.change(point, modal_um) for point in tick.points}
-        self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
-        return {key: Perceived(change, self._weber_frac(key)) for key, change in self._changes.items()}
+        felt = {point.key: self.felt(point, modal_um) for point in tick.points}
+        self._changes = {key: change for key, (change, _) in felt.items()}
+        self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in felt}
+        return {key: Perceived(change, self._weber_frac(key), rms_um) for key, (change, rms_um) in felt.items()}
 
-    def change(self, point: TouchPoint, modal_um: Sequence[complex]) -> float:
-        """Return the friction of a contact relative to that of its target, minus 1: below 0 it is more slippery."""
+    def felt(self, point: TouchPoint, modal_um: Sequence[complex]) -> tuple[float, float]:
+        """Return the friction of a contact relative to that of its target, minus 1 (below 0 it is more slippery), and
+        the RMS amplitude over it."""
         way_mm = math.hypot(point.end_x_mm - point.x_mm, point.end_y_mm - point.y_mm)
         sliding_mm_s = way_mm / self._span_s
-        friction = 0.0
+        friction = square_um2 = 0.0
         for dx_mm, dy_mm, weight in self._disc:
             w_um = 0j
             for mode_um, shape in zip(modal_um, self.modes.at(point.x_mm + dx_mm, point.y_mm + dy_mm), strict=True):
                 w_um += mode_um * shape
             friction += weight * self._curve.friction(abs(w_um), sliding_mm_s)
-        return friction / self._curve.friction(point.target_um, sliding_mm_s) - 1.0
+            square_um2 += weight * abs(w_um) ** 2
+        return friction / self._curve.friction(point.target_um, sliding_mm_s) - 1.0, math.sqrt(square_um2)
 
     def _count(self, span_ns: int) -> None:
         for key, change in self._changes.items():

@@ -244,6 +244,7 @@ def _finger_state(
         owner=owner,
         friction_change=None if perceived is None else perceived.friction_change,
         weber_frac=None if perceived is None else perceived.weber_frac,
+        contact_um=None if perceived is None else perceived.contact_um,
     )
 
 

@@ -55,7 +55,7 @@ def contact_map(
         progress(done / len(blocks))
         slipping = grams(shapes, places_mm, radius_mm)
         each_still = [np.repeat(one[:, :, None], len(places_mm), axis=2) for one in np.moveaxis(held, 2, 0)]
-        w_um = settle(slipping, np.sum(each_still, axis=0), target_um, limits)
+        w_um = settle(slipping, each_still, target_um, limits)
         still_um = np.max([contact_rms_um(still, w_um) for still in each_still], axis=0)
         solved.append(np.stack((contact_rms_um(slipping, w_um), still_um)))
     slip_um, still_um = np.concatenate(solved, axis=1).reshape(2, cells, cells)

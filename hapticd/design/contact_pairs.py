@@ -16,12 +16,18 @@ import numpy.typing as npt
 
 from hapticd.core.plate.bicubic import BicubicSurfaces
 from hapticd.core.solver.contacts import (
-    COLD_SWEEPS,
+    COLD_CALLS,
     COLD_TURN_RAD,
     FRICTION_DECAY_UM,
+    FULL_FRICTION,
     FULL_UM,
+    JUST_FELT,
+    NEAR_UM,
     PAST_FRAC,
+    STILL_IMPORTANCE,
+    SWEEPS,
     UNCERTAIN_FRAC,
+    importance,
 )
 
 from .free_plate import ModeShape
@@ -84,30 +90,53 @@ def grams(shapes: Shapes, points_mm: FloatArray, radius_mm: float) -> FloatArray
 
 def settle(
     slipping: FloatArray,
-    still: FloatArray,
+    still: Sequence[FloatArray],
     target_um: float,
     limits_um: FloatArray,
-    sweeps: int = COLD_SWEEPS,
-    power: float = 1.0,
+    calls: int = COLD_CALLS,
+    still_importance: float = STILL_IMPORTANCE,
 ) -> ComplexArray:
-    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, for P pairs of Gram matrices (M, M, P);
-    its weight to a `power`."""
+    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, by the Gram matrices (M, M, P) of P slipping
+    contacts and of the still ones beside them."""
     modes, count = slipping.shape[1:]
-    weight = math.exp(-2.0 * power * min(target_um, FULL_UM) / FRICTION_DECAY_UM)
-    curvature = weight * slipping + still
-    curvature = curvature + UNCERTAIN_FRAC**2 * curvature * np.eye(modes)[:, :, None]
-    own = np.maximum(np.einsum("kkp->kp", curvature), np.finfo(float).tiny)
+    certain = 1.0 + UNCERTAIN_FRAC**2 * np.eye(modes)[:, :, None]
+    contacts = [gram * certain for gram in (slipping, *still)]
+    asked = [(target_um, importance(target_um))] + [(0.0, still_importance)] * len(still)
     limits_um = np.asarray(limits_um, np.float64)
     start = np.minimum(limits_um, target_um) * np.exp(1j * COLD_TURN_RAD * np.arange(modes))
     w = np.repeat(start[:, None], count, axis=1)
-    for _ in range(sweeps):
-        along = np.einsum("klp,lp->kp", slipping, w)
-        rms_um = np.sqrt(np.maximum(np.einsum("kp,kp->p", w.conj(), along).real, _TINY_UM**2))
-        pull = weight * target_um * along / rms_um
-        for k in range(modes):
-            w[k] += (1.0 + PAST_FRAC) * (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
-            w[k] *= np.minimum(1.0, limits_um[k] / np.maximum(np.abs(w[k]), _TINY_UM))
+    for _ in range(calls):
+        weights = [
+            weight * _error_weight(contact_rms_um(gram, w), asked_um)
+            for gram, (asked_um, weight) in zip(contacts, asked, strict=True)
+        ]
+        curvature = np.sum([weight * gram for weight, gram in zip(weights, contacts, strict=True)], axis=0)
+        own = np.maximum(np.einsum("kkp->kp", curvature), np.finfo(float).tiny)
+        for _ in range(SWEEPS):
+            along = np.einsum("klp,lp->kp", contacts[0], w)
+            rms_um = np.sqrt(np.maximum(np.einsum("kp,kp->p", w.conj(), along).real, _TINY_UM**2))
+            pull = weights[0] * target_um * along / rms_um
+            for k in range(modes):
+                w[k] += (1.0 + PAST_FRAC) * (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
+                w[k] *= np.minimum(1.0, limits_um[k] / np.maximum(np.abs(w[k]), _TINY_UM))
     return w
+
+
+def _error_weight(rms_um: FloatArray, target_um: float) -> FloatArray:
+    """Return `core.solver.contacts.error_weight` of many contacts, but for the importance."""
+    off_um, error = target_um - rms_um, _friction(rms_um) - _friction(np.array(target_um))
+    slope_1_um = _friction(np.minimum(rms_um, FULL_UM)) / FRICTION_DECAY_UM
+    is_near = np.abs(off_um) <= NEAR_UM
+    secant_1_um = np.where(is_near, slope_1_um, error / np.where(is_near, 1.0, off_um))
+    weight: FloatArray = slope_1_um * secant_1_um / np.hypot(error, JUST_FELT)
+    return weight
+
+
+def _friction(amplitude_um: FloatArray) -> FloatArray:
+    """Return friction relative to bare glass; beyond FULL_UM it goes on straight."""
+    beyond_um = np.maximum(amplitude_um - FULL_UM, 0.0)
+    friction: FloatArray = np.exp(-np.minimum(amplitude_um, FULL_UM) / FRICTION_DECAY_UM)
+    return friction - FULL_FRICTION * beyond_um / FRICTION_DECAY_UM
 
 
 def contact_rms_um(gram: FloatArray, w_um: ComplexArray) -> FloatArray:

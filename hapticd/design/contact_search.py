@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hapticd.core.solver.contacts import COLD_SWEEPS
+from hapticd.core.solver.contacts import COLD_CALLS
 
 from .contact_pairs import Shapes, contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
 from .free_plate import ModeShape, free_plate_modes
@@ -34,7 +34,7 @@ FARTHEST_HZ = 180.0  # of a driven mode from the drive: an amplifier reaches a s
 NEAR_HZ = 150.0  # of a design's drive, for one of its plates, once modulus and thickness are accounted for
 STEP_HZ = 25.0  # of the searched drives, less than a mode's bandwidth of 58 Hz
 SEARCH_PAIRS, JUDGE_PAIRS = 96, 1000
-SEARCH_SWEEPS = 16
+SEARCH_CALLS = 4  # of the descent
 SEED = 1
 
 Progress = Callable[[float], None]
@@ -134,12 +134,12 @@ class PlateModes:
 
     def best_drive(self, drives_hz: Iterable[float], count: int) -> Choice | None:
         """Return the drive of the highest score that has `count` modes near it, or None; judged by the first
-        SEARCH_PAIRS and fewer sweeps."""
+        SEARCH_PAIRS and fewer calls of the descent."""
         best = None
         for drive_hz in drives_hz:
             driven = self.nearest(drive_hz, count)
             if len(driven) == count:
-                slip_um, still_um = self._rms_um(drive_hz, driven, SEARCH_SWEEPS, SEARCH_PAIRS)
+                slip_um, still_um = self._rms_um(drive_hz, driven, SEARCH_CALLS, SEARCH_PAIRS)
                 score = _score(slip_um, still_um, self.drive.target_um)
                 if best is None or score > best.score:
                     best = Choice(score, float(drive_hz), driven)
@@ -173,7 +173,7 @@ class PlateModes:
         self,
         drive_hz: float,
         driven: Sequence[int],
-        sweeps: int = COLD_SWEEPS,
+        calls: int = COLD_CALLS,
         pairs: int | None = None,
         measure: Measure | None = None,
     ) -> tuple[FloatArray, FloatArray]:
@@ -183,7 +183,7 @@ class PlateModes:
             maps = measure([self.shapes[mode] for mode in driven])
             both = grams(maps, self._places_mm, self.drive.radius_mm)
             known = both[..., 0], both[..., 1]
-        w_um = settle(*known, self.drive.target_um, self._limits_um(drive_hz, driven), sweeps)
+        w_um = settle(known[0], known[1:], self.drive.target_um, self._limits_um(drive_hz, driven), calls)
         return contact_rms_um(slipping, w_um), contact_rms_um(still, w_um)
 
     def _grams_of(self, driven: Sequence[int], pairs: int | None = None) -> tuple[FloatArray, FloatArray]:

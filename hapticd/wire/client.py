@@ -105,7 +105,8 @@ class Request:
 class FingerState(NamedTuple):
     """One finger in a telemetry message; None where nothing was computed, as for a finger without a target.
 
-    `owner` is the client that owns it; `friction_change` and `weber_frac` are as in `values.Perceived`.
+    `owner` is the client that owns it; `friction_change`, `weber_frac` and `contact_um` are as in
+    `values.Perceived`.
     """
 
     id: int | str
@@ -119,6 +120,7 @@ class FingerState(NamedTuple):
     owner: str | None = None
     friction_change: float | None = None
     weber_frac: float | None = None
+    contact_um: float | None = None
 
 
 class PlateState(NamedTuple):
@@ -281,6 +283,7 @@ def _finger_fields(finger: FingerState) -> dict[str, object]:
         "owner": finger.owner,
         "friction_change": _finite(finger.friction_change),
         "weber_frac": _finite(finger.weber_frac),
+        "contact_um": _finite(finger.contact_um),
     }
 
 

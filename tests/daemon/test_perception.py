@@ -11,12 +11,13 @@ import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.config.sections import RecordConfig
+from hapticd.core.plate.contact import contact_gram, disc_points
 from hapticd.core.targets.textures import FrictionCurve
 from hapticd.daemon.perception import Perception
 from hapticd.daemon.recorder import Recorders
 from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import record_of
-from hapticd.values import Tick, TouchPoint
+from hapticd.values import Perceived, Tick, TouchPoint
 
 MS = 1_000_000
 CURVE = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2)  # 1 um: 0.6 of bare glass's friction
@@ -36,14 +37,17 @@ def test_a_finger_s_friction_is_that_of_the_reference_relative_to_what_was_asked
 
 def test_over_a_contact_the_friction_is_the_mean_not_that_of_its_centre() -> None:
     at_node = TouchPoint(1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert Perception(PLATE, CURVE, 0.0, MS).change(at_node, (1.0, 0.0)) == pytest.approx(0.0, abs=1e-9)
-    assert Perception(PLATE, CURVE, 5.0, MS).change(at_node, (1.0, 0.0)) < -0.15
+    assert Perception(PLATE, CURVE, 0.0, MS).felt(at_node, (1.0, 0.0)) == pytest.approx((0.0, 0.0), abs=1e-9)
+    change, rms_um = Perception(PLATE, CURVE, 5.0, MS).felt(at_node, (1.0, 0.0))
+    assert change < -0.15
+    gram = contact_gram(PLATE, disc_points(5.0), 0.0, 0.0)
+    assert rms_um == pytest.approx(math.sqrt(gram[0][0]))
 
 
 def test_a_sliding_finger_needs_more_amplitude_where_the_curve_depends_on_speed() -> None:
     curve = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2, speed_mm_s=100.0)
     sliding = tick(0, 0.0, end_x_mm=CREST_MM + 1.0).points[0]  # 1 mm in 10 ms
-    assert Perception(PLATE, curve, 0.0, 10 * MS).change(sliding, (1.0, 0.0)) == pytest.approx(0.8 - 1.0, abs=1e-3)
+    assert Perception(PLATE, curve, 0.0, 10 * MS).felt(sliding, (1.0, 0.0))[0] == pytest.approx(0.8 - 1.0, abs=1e-3)
 
 
 def test_the_share_of_time_beyond_the_weber_fraction_begins_again_with_each_touch() -> None:
@@ -67,7 +71,7 @@ def driven() -> tuple[dict[str, Any], dict[str, Any]]:
     return msgpack.unpackb(sent[-1]), record_of("pass", 1, 0, passes[-1]).fields
 
 
-def test_telemetry_and_recordings_report_the_same_change_of_friction() -> None:
+def test_telemetry_and_recordings_report_the_same_friction_and_amplitude_of_contacts() -> None:
     state, recorded = driven()
     fingers = {finger["id"]: finger for finger in state["fingers"]}
     assert len(fingers) == len(recorded["points"]) == 2
@@ -75,7 +79,10 @@ def test_telemetry_and_recordings_report_the_same_change_of_friction() -> None:
         finger = fingers[point["finger_id"]]
         assert math.isfinite(point["friction_change"])
         assert 0.0 <= point["weber_frac"] <= 1.0
-        assert (point["friction_change"], point["weber_frac"]) == (finger["friction_change"], finger["weber_frac"])
+        for name in Perceived._fields:
+            assert point[name] == finger[name]
+    rms_um = [point["contact_um"] for point in sorted(recorded["points"], key=lambda point: point["target_um"])]
+    assert 0.0 < rms_um[0] < rms_um[1]  # contact leak and contact slip
 
 
 def test_without_a_subscriber_or_a_recording_nothing_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:

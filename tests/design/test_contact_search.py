@@ -44,7 +44,7 @@ def test_pairs_are_apart_within_the_plate_and_the_same_for_the_same_seed() -> No
 
 def test_the_descent_on_arrays_is_the_daemons_own(fingertip: ContactDesign) -> None:
     both = grams(surfaces(fingertip.shapes), random_pairs(FINGERTIP.size_mm, 6, seed=2), 5.0)
-    w_um = settle(both[..., 0], both[..., 1], 1.0, np.array(fingertip.limits_um))
+    w_um = settle(both[..., 0], [both[..., 1]], 1.0, np.array(fingertip.limits_um))
     for pair in range(6):
         pair_grams = [both[:, :, pair, finger].tolist() for finger in (0, 1)]
         d_um, q_um = [0.0] * 4, [0.0] * 4
@@ -68,7 +68,7 @@ def test_the_bounds_of_the_plates_are_those_of_the_table(
 def test_no_pair_exceeds_its_bound(fingertip: ContactDesign) -> None:
     both = grams(surfaces(fingertip.shapes), random_pairs(FINGERTIP.size_mm, 200, seed=2), 5.0)
     slipping, still, limits_um = both[..., 0], both[..., 1], np.array(fingertip.limits_um)
-    w_um = settle(slipping, still, 1.0, limits_um)
+    w_um = settle(slipping, [still], 1.0, limits_um)
     bound, share = contrast_bound(slipping, still, limits_um)
     assert (contact_rms_um(slipping, w_um) <= contact_rms_um(still, w_um) * bound * (1.0 + 1e-9)).all()
     assert (np.abs(w_um) <= limits_um[:, None] * (1.0 + 1e-9)).all()
@@ -107,7 +107,7 @@ def test_contrast_over_the_plate_is_that_of_each_pair(fingertip: ContactDesign) 
     found = contact_map(shapes, [still_mm], 1.0, limits_um, radius_mm=5.0, size_mm=FINGERTIP.size_mm, cells=cells)
     place_mm = found.x_mm[6], found.y_mm[2]
     slipping, still = (grams(shapes, np.array([at]), 5.0) for at in (place_mm, still_mm))
-    w_um = settle(slipping, still, 1.0, np.array(limits_um))
+    w_um = settle(slipping, [still], 1.0, np.array(limits_um))
     assert found.slip_um[2, 6] == pytest.approx(contact_rms_um(slipping, w_um)[0])
     assert found.contrast[2, 6] == pytest.approx(found.slip_um[2, 6] / contact_rms_um(still, w_um)[0])
 

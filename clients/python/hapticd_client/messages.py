@@ -23,8 +23,8 @@ class FingerState:
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
     None: not computed, as for a finger without a target. The id of a `virtual` finger is its name. `owner` is the
     client that owns it. `friction_change` is the friction over the finger's contact relative to what was asked, minus
-    1, and `weber_frac` the share of time in which that was felt, beyond 0.11 either way. An older daemon sends none of
-    the three.
+    1, `weber_frac` the share of time in which that was felt, beyond 0.11 either way, and `contact_um` the RMS amplitude
+    over the contact. An older daemon sends none of the four.
     """
 
     id: int | str
@@ -38,6 +38,7 @@ class FingerState:
     owner: str | None = None
     friction_change: float | None = None
     weber_frac: float | None = None
+    contact_um: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +172,7 @@ def _finger_state(finger: dict[str, Any]) -> FingerState:
         owner=finger.get("owner"),
         friction_change=finger.get("friction_change"),
         weber_frac=finger.get("weber_frac"),
+        contact_um=finger.get("contact_um"),
     )
 
 

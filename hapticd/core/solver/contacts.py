@@ -1,22 +1,29 @@
 """Fingertips as discs: modal amplitudes that give each whole contact its vibration.
 
-With r_i = sqrt(W^H G_i W), the RMS over contact i (`plate.contact`), and its target a_i, this sum is least within the
-limits |W_k| <= L_k:
+What counts is friction as felt, F(r) = exp(-r / FRICTION_DECAY_UM) of bare glass. With r_i the RMS over contact i
+(`plate.contact`) that is to be expected, and its target a_i, this sum is least within the limits |W_k| <= L_k:
 
-    sum_i weight(a_i) (r_i - a_i)^2  +  sum_k uncertainty_k |W_k|^2  +  stay |W - W_before|^2
+    sum_i importance(a_i) sqrt((F(r_i) - F(a_i))^2 + JUST_FELT^2)  +  stay |W - W_before|^2
 
-weight       the error in friction, squared: friction falls as exp(-a / FRICTION_DECAY_UM), so that of two equal errors
-             in um a finger that should stick feels more (17 times, squared, than one at 1 um). Targets between 0 and
-             1 um pass from one to the other without a step.
-uncertainty  what a mode's own relative error, UNCERTAIN_FRAC of its amplitude, leaves under all fingers.
+expected     r_i^2 = W^H G_i W + UNCERTAIN_FRAC^2 sum_k G_i,kk |W_k|^2: each mode errs by a share of its amplitude, by
+             map, gain and sensor together.
+importance   the error of a finger that should stick counts STILL_IMPORTANCE times, that of one at 1 um and above once;
+             targets between pass from one to the other without a step. More would leave the slippery finger less than
+             0.75 um on the fingertip plate with four modes; once would halve the contrast.
+JUST_FELT    the least change that is felt (Weber) where friction is lowest: smaller errors count by their squares.
 stay         keeps the reference from turning faster than the plate follows, where directions are nearly equal.
 
-Phases are free: W is complex, X = Re(W W^H) is any matrix of rank 2, and in X the problem is convex but for the rank.
-That is why a descent from the present amplitudes stays near the best (within 1 % of the best of many starts on four
-modes) and changes continuously with the fingers; it never flips. From r_i >= Re(u_i^H W), with u_i = G_i W / r_i at the
-present W, each r_i a_i is replaced by a linear term, so that a sweep over the modes, each moved to its best, or
-PAST_FRAC past it, and into its limit, never raises the sum (over-relaxation: D. M. Young, Trans. AMS 76, 1954). One
-sweep costs O(N M^2) and is exact within limits at any time.
+Errors count by their size, not by their squares: squares give most to the slippery finger that is farthest from its
+target because the voltage ends, and take it from the sticky one where each step costs most.
+
+Once a call each error is replaced by weight (r - a)^2 of the same slope at the present r (iteratively reweighted least
+squares: P. W. Holland and R. E. Welsch, Communications in Statistics A 6, 1977). Phases are free: W is complex,
+X = Re(W W^H) is any matrix of rank 2, and in X the problem is convex but for the rank. That is why a descent from the
+present amplitudes stays near the best (within 2 % of the best of many starts on four modes) and changes continuously
+with the fingers; it never flips. From r_i >= Re(u_i^H W), with u_i = G_i W / r_i at the present W, each r_i a_i is
+replaced by a linear term, so that a sweep over the modes, each moved to its best, or PAST_FRAC past it, and into its
+limit, never raises the sum (over-relaxation: D. M. Young, Trans. AMS 76, 1954). One sweep costs O(N M^2) and is exact
+within limits at any time.
 """
 
 from __future__ import annotations
@@ -24,15 +31,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from ...values import WEBER_FRAC
 from ..plate.contact import Gram
 from .arithmetic import SAFE, Row
 
 FRICTION_DECAY_UM: Final = 0.7  # Biet, Giraud and Lemaire-Semail 2007; the default friction curve's
-FULL_UM: Final = 1.0  # beyond this the weight stays: friction is nearly as low as it gets
+FULL_UM: Final = 1.0  # beyond this friction is nearly as low as it gets: its slope stays, so that more is still more
+FULL_FRICTION: Final = math.exp(-FULL_UM / FRICTION_DECAY_UM)
+JUST_FELT: Final = WEBER_FRAC * FULL_FRICTION
+STILL_IMPORTANCE: Final = 2.2  # what leaves the other finger 0.75 um
+NEAR_UM: Final = 1e-6  # of a target: the difference of frictions is rounding there
 UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
 STAY_FRAC: Final = 0.03  # of the mean curvature; 0.1 costs 3 % of the slipping finger's share, 0.01 doubles the steps
-WARM_SWEEPS: Final = 6
-COLD_SWEEPS: Final = 64
+SWEEPS: Final = 6  # of a call
+COLD_CALLS: Final = 12  # as many descents from rest
 PAST_FRAC: Final = 0.2  # 6 sweeps then come as near to the least as 8 without; 0.4 turns modes by up to 1.1 um a call
 LEAST_SHARE: Final = 1e-3  # of a target: a finger that gets less has no direction of its own yet
 MISSED_FRAC: Final = 0.01  # of a target: more than this counts as limited
@@ -68,36 +80,62 @@ def solve_contacts(
         for k in range(count):
             start_um, turn_rad = min(limits_um[k], max(targets_um)), COLD_TURN_RAD * k
             d_um[k], q_um[k] = start_um * math.cos(turn_rad), start_um * math.sin(turn_rad)
-    _descend(grams, targets_um, limits_um, d_um, q_um, is_cold)
+    modes = [_Mode(d_um[k], q_um[k], limits_um[k]) for k in range(count)]
+    for _ in range(COLD_CALLS if is_cold else 1):
+        _descend(grams, targets_um, modes, 0.0 if is_cold else STAY_FRAC)
+    for k in range(count):
+        d_um[k], q_um[k] = modes[k].d_um, modes[k].q_um
     achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
     return achieved_um, _is_limited(achieved_um, targets_um, limits_um, d_um, q_um)
 
 
-def _descend(
-    grams: list[Gram], targets_um: Row, limits_um: Row, d_um: list[float], q_um: list[float], is_cold: bool
-) -> None:
-    """Sweep over the modes, from rest as often as it takes, else near where they were."""
-    count = len(limits_um)
-    modes = [_Mode(d_um[k], q_um[k], limits_um[k]) for k in range(count)]
-    weights = [math.exp(-2.0 * min(target_um, FULL_UM) / FRICTION_DECAY_UM) for target_um in targets_um]
+def felt_error(rms_um: float, target_um: float) -> float:
+    """Return what a contact adds to the sum that is least: its error of friction, relative to bare glass."""
+    return importance(target_um) * math.hypot(_friction(rms_um) - _friction(target_um), JUST_FELT)
+
+
+def error_weight(rms_um: float, target_um: float) -> float:
+    """Return the weight of (r - a)^2, in 1/um^2, that has half the slope of `felt_error` at r."""
+    off_um, error = target_um - rms_um, _friction(rms_um) - _friction(target_um)
+    slope_1_um = _friction(min(rms_um, FULL_UM)) / FRICTION_DECAY_UM
+    secant_1_um = error / off_um if abs(off_um) > NEAR_UM else slope_1_um
+    return importance(target_um) * slope_1_um * secant_1_um / math.hypot(error, JUST_FELT)
+
+
+def _friction(amplitude_um: float) -> float:
+    """Return friction relative to bare glass; beyond FULL_UM it goes on straight."""
+    if amplitude_um <= FULL_UM:
+        return math.exp(-amplitude_um / FRICTION_DECAY_UM)
+    return FULL_FRICTION * (1.0 - (amplitude_um - FULL_UM) / FRICTION_DECAY_UM)
+
+
+def importance(target_um: float) -> float:
+    """Return how much a finger's error counts: STILL_IMPORTANCE at 0, 1 from FULL_UM on."""
+    return STILL_IMPORTANCE + (1.0 - STILL_IMPORTANCE) * min(target_um / FULL_UM, 1.0)
+
+
+def _descend(grams: list[Gram], targets_um: Row, modes: list[_Mode], stay_frac: float) -> None:
+    """Weigh the errors as they are, then sweep over the modes."""
+    weights = []
+    for finger in range(len(grams)):
+        rms_um = _along(grams[finger], modes)
+        weights.append(error_weight(rms_um if rms_um < SAFE else SAFE, targets_um[finger]))
     curvature = _curvature(grams, weights)
     mean = 0.0
-    for k in range(count):
-        mean += curvature[k][k] / count
-    stay = 0.0 if is_cold else STAY_FRAC * mean
-    for k in range(count):
+    for k in range(len(modes)):
+        mean += curvature[k][k] / len(modes)
+    stay = stay_frac * mean
+    for k in range(len(modes)):
         curvature[k][k] += UNCERTAIN_FRAC * UNCERTAIN_FRAC * curvature[k][k] + stay
     for mode in modes:
         mode.stay_d, mode.stay_q = stay * mode.d_um, stay * mode.q_um
-    for _ in range(COLD_SWEEPS if is_cold else WARM_SWEEPS):
+    for _ in range(SWEEPS):
         for mode in modes:
             mode.pull_d, mode.pull_q = mode.stay_d, mode.stay_q
         for finger in range(len(grams)):
             if targets_um[finger] > 0.0:
                 _pull(grams[finger], targets_um[finger], weights[finger], modes)
         _sweep(curvature, modes)
-    for k in range(count):
-        d_um[k], q_um[k] = modes[k].d_um, modes[k].q_um
 
 
 def step_towards(
@@ -145,19 +183,25 @@ def _curvature(grams: list[Gram], weights: list[float]) -> Gram:
     return total
 
 
-def _pull(gram: Gram, target_um: float, weight: float, modes: list[_Mode]) -> None:
-    """Add weight a G W / r: the slope of what the finger's target asks for, at the present W."""
+def _along(gram: Gram, modes: list[_Mode]) -> float:
+    """Set each mode's part of G W, with the uncertainty in it, and return the RMS over the contact that is expected."""
     square = 0.0
     for k in range(len(modes)):
         row, mode = gram[k], modes[k]
-        along_d = along_q = 0.0
+        uncertain = UNCERTAIN_FRAC * UNCERTAIN_FRAC * row[k]
+        along_d, along_q = uncertain * mode.d_um, uncertain * mode.q_um
         for index in range(len(modes)):
             share, other = row[index], modes[index]
             along_d += share * other.d_um
             along_q += share * other.q_um
         mode.along_d, mode.along_q = along_d, along_q
         square += mode.d_um * along_d + mode.q_um * along_q
-    rms_um = math.sqrt(max(square, 0.0))
+    return math.sqrt(max(square, 0.0))
+
+
+def _pull(gram: Gram, target_um: float, weight: float, modes: list[_Mode]) -> None:
+    """Add weight a G W / r: the slope of what the finger's target asks for, at the present W."""
+    rms_um = _along(gram, modes)
     if rms_um > LEAST_SHARE * target_um:
         scale = weight * target_um / rms_um
         for mode in modes:

@@ -64,7 +64,7 @@ def test_liblsl_takes_the_outlets_as_they_are() -> None:
     assert (info.name(), info.type(), info.channel_count(), info.nominal_srate()) == (
         "hapticd-fingers",
         "MoCap",
-        9,
+        10,
         0.0,
     )
     assert "<unit>millimeters</unit>" in info.as_xml()

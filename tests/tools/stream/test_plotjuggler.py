@@ -18,7 +18,7 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de001a"  # 26 pairs
+    "de001b"  # 27 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
@@ -45,6 +45,7 @@ GOLDEN = (
     "b466696e6765725f315f61636869657665645f756d" "c0"
     "b866696e6765725f315f6672696374696f6e5f6368616e6765" "c0"  # finger_1_friction_change
     "b366696e6765725f315f77656265725f66726163" "c0"
+    "b366696e6765725f315f636f6e746163745f756d" "c0"  # finger_1_contact_um
 )  # fmt: skip
 
 
