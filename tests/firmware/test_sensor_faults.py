@@ -249,12 +249,14 @@ def test_drift_damping_fingers_and_any_references_are_no_fault() -> None:
 
 
 # Sound plates that earlier rules judged faulty: amplitudes alternate above 100 Hz while the drive is far off, with and
-# without heavy fingers; fingers couple the modes at full voltage; a mode that others hold still.
-ALTERNATING, ALTERNATING_TOUCHED, COUPLED, HELD = (
+# without heavy fingers; fingers couple the modes at full voltage; a mode that others hold still; a texture in
+# step with the modes' turns.
+ALTERNATING, ALTERNATING_TOUCHED, COUPLED, HELD, IN_STEP = (
     (142, 150, 208),
     (688, 870, 1006, 1222, 1240),
     (57, 74, 231),
     (119, 196),
+    (11050,),
 )
 
 
@@ -264,7 +266,7 @@ def test_no_plate_of_two_hundred_is_judged_faulty() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [*ALTERNATING_TOUCHED, *COUPLED, *HELD])
+@pytest.mark.parametrize("seed", [*ALTERNATING_TOUCHED, *COUPLED, *HELD, *IN_STEP])
 def test_a_sound_plate_that_was_judged_faulty_is_not(seed: int) -> None:
     assert endurance.play(seed)[1].failures == []
 
