@@ -78,12 +78,11 @@ void hd_silence(hd_core_t *core)
     memset(core->asked_um, 0, sizeof core->asked_um);
     memset(core->voltage_v, 0, sizeof core->voltage_v);
     memset(core->previous_v, 0, sizeof core->previous_v);
-    core->taken_um2_s = 0.0f;
     for (int k = 0; k < HD_MODES; k++) {
         hd_doubts_t *doubts = &core->doubts[k]; /* one by one, as a call takes longer */
-        doubts->over_amplitude = doubts->dead = doubts->astray = doubts->clipped = doubts->swings = 0;
-        doubts->answer_um_v = doubts->asked_um = (hd_phasor_t){0.0f, 0.0f};
-        doubts->planned_v2 = 0.0f;
+        doubts->over_amplitude = doubts->dead = doubts->backwards = doubts->clipped = doubts->swings = 0;
+        doubts->answer_um_v = doubts->asked_um = doubts->spare_um2_s = (hd_phasor_t){0.0f, 0.0f};
+        doubts->planned_v2 = doubts->w_um2 = 0.0f;
     }
 }
 

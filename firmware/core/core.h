@@ -82,7 +82,9 @@ typedef struct {
 
 /* Turns for which a mode or its sensor has not been believed, in a row. */
 typedef struct {
-    uint16_t over_amplitude, dead, astray, clipped, swings;
+    uint16_t over_amplitude, dead, backwards, clipped, swings;
+    hd_phasor_t spare_um2_s; /* recent sum of the power that the mode took, beyond what any plate damps; q only goes to and fro */
+    float w_um2;             /* recent sum of |W|^2 */
     hd_phasor_t answer_um_v; /* recent sum of innovations times the conjugate changes of voltage that followed them */
     hd_phasor_t asked_um;    /* a turn ago */
     float planned_v2;        /* recent sum of what the changes of voltage may be for other reasons, squared */
@@ -109,7 +111,6 @@ typedef struct {
     uint16_t swing_turns;
     float recent_frac;    /* of the recent sums, that a turn leaves */
     float least_swing_v2;
-    float taken_um2_s;    /* recent sum of the power that the modes took, as measured */
     hd_doubts_t doubts[HD_MODES];
     hd_phasor_t previous_v[HD_MODES];
 

@@ -76,6 +76,8 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
 void hd_observer_rest(hd_observer_t *observer)
 {
     observer->innovation_um = observer->before_um = observer->w_um = observer->disturbance_v = observer->new_v = observer->old_v = ZERO;
+    observer->taken_um_v = ZERO;
+    observer->w_um2 = 0.0f;
 }
 
 /* Nothing is learned from a mode that hardly moves, nor from what is not finite: what is known stays as it is. */
@@ -113,4 +115,7 @@ void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *de
     observer->w_um = hd_add(hd_mul(design->keep, before_um), hd_mul(design->push_um_per_v, driven_v));
     observer->disturbance_v = disturbance_v;
     observer->before_um = before_um;
+
+    observer->taken_um_v = hd_add(observer->taken_um_v, hd_mul(hd_conj(measured_um), observer->new_v));
+    observer->w_um2 += hd_dot(measured_um, measured_um);
 }

@@ -7,18 +7,20 @@
 
 /* Each tick judges one mode and one sensor, in turn: times are counted in turns.
  *
- * While an amplifier is above half its limit: a sensor that reads next to nothing of what is asked (dead), or a mode far from
- * its reference while all modes together give power back (wires inverted or swapped). A plate that only falls short of its
- * reference, or that fingers move elsewhere, does neither. */
+ * While an amplifier is above half its limit: a sensor that reads next to nothing of what is asked (dead), or modes that take
+ * less power than any plate (wires inverted or swapped). A plate that only falls short of its reference, or that fingers move
+ * elsewhere, does neither. */
 #define WATCHED_VOLTAGE 0.5f
 #define DEAD_ASKED 0.0025f /* of the limit */
 #define DEAD_ANSWER 0.1f   /* of what is asked */
 #define DEAD_MOST 0.15f    /* of the limit: no dead sensor reads more */
 #define DEAD_NOISE 0.001f  /* of the limit */
 #define DEAD_ALONE 0.1f    /* of the limit: less of the other modes holds no mode still against half the voltage */
-#define ASTRAY_ANSWER 1.5f /* of what is asked, from it */
-#define ASTRAY_FLOOR 0.05f /* of the limit */
 #define DISTRUST_S 0.05f
+
+#define LEAST_DAMPING 0.4f /* of the model's: plates have half of it at least */
+#define PHASE_RAD 0.2f     /* by which a loop may be off: so much of the power that only goes to and fro may be missing */
+#define FINGERS_1_S 1500.0f /* the most that fingers add to a mode's decay; one moist, pressing fingertip adds 345 */
 
 /* A limit cycle drives itself: its voltage answers what surprises the observer. On a sound plate, however it has drifted and
  * whatever touches it, the voltage changes mostly because the reference does. Both are sums over the last turns. */
@@ -55,20 +57,47 @@ static bool swings(hd_core_t *core, int k)
     hd_phasor_t change_v = hd_sub(observer->new_v, observer->old_v), moved_um = hd_sub(core->asked_um[k], doubts->asked_um);
     hd_phasor_t answer_um_v = hd_mul(observer->innovation_um, hd_conj(change_v));
     float planned_v2 = hd_dot(change_v, change_v) + design->hurry_v2_per_um2 * hd_dot(moved_um, moved_um);
+    answer_um_v = hd_add(hd_scale(core->recent_frac, doubts->answer_um_v), answer_um_v);
+    planned_v2 = core->recent_frac * doubts->planned_v2 + planned_v2 + core->least_swing_v2;
+    bool own = !hd_within(answer_um_v, design->surprise_um_per_v * planned_v2);
     doubts->asked_um = core->asked_um[k];
-    doubts->answer_um_v = hd_add(hd_scale(core->recent_frac, doubts->answer_um_v), answer_um_v);
-    doubts->planned_v2 = core->recent_frac * doubts->planned_v2 + planned_v2 + core->least_swing_v2;
-    bool own = !hd_within(doubts->answer_um_v, design->surprise_um_per_v * doubts->planned_v2);
+    doubts->answer_um_v = answer_um_v;
+    doubts->planned_v2 = planned_v2;
     return lasts(own, &doubts->swings, core->swing_turns);
 }
 
-/* Energy comes from the amplifiers alone: over a few milliseconds no plate gives back more than it takes from them, however
- * far it is from resonance, however damped, and whatever fingers do to its modes, unless wires are not as the board believes. */
+static float surely_taken(hd_phasor_t power_um2_s)
+{
+    return power_um2_s.d + PHASE_RAD * fabsf(power_um2_s.q);
+}
+
+/* Energy comes from the amplifiers alone, and goes into damping: over some milliseconds, all modes together take what any
+ * plate's damping takes at least, however far it is from resonance. Fingers that move a mode from others cost more:
+ *
+ *   conj(W_k) (F W)_k <= sqrt(F_kk |W_k|^2  conj(W) F W)        for their damping F, which is positive semi-definite
+ *
+ * so that a mode to which they feed P makes all modes take P^2 / (F_kk |W_k|^2) besides. Less than that is taken only where
+ * wires are not as the board believes. */
 static bool gives_back(hd_core_t *core, int k)
 {
-    float taken_um_v = hd_dot(core->measured_um[k], core->control.loop[k].observer.new_v);
-    core->taken_um2_s = core->recent_frac * core->taken_um2_s + core->control.design.plant.model[k].gain_um_per_v_s * taken_um_v;
-    return core->taken_um2_s < 0.0f;
+    hd_doubts_t *doubts = &core->doubts[k];
+    const hd_mode_model_t *model = &core->control.design.plant.model[k];
+    hd_observer_t *observer = &core->control.loop[k].observer;
+    hd_phasor_t spare_um2_s = hd_scale(model->gain_um_per_v_s, observer->taken_um_v);
+    spare_um2_s.d -= LEAST_DAMPING * model->decay_1_s * observer->w_um2;
+    spare_um2_s = hd_add(hd_scale(core->recent_frac, doubts->spare_um2_s), spare_um2_s);
+    float w_um2 = core->recent_frac * doubts->w_um2 + observer->w_um2;
+    doubts->spare_um2_s = spare_um2_s;
+    doubts->w_um2 = w_um2;
+    observer->taken_um_v = (hd_phasor_t){0.0f, 0.0f};
+    observer->w_um2 = 0.0f;
+
+    hd_phasor_t all_um2_s = core->doubts[0].spare_um2_s;
+    for (int n = 1; n < HD_MODES; n++) {
+        all_um2_s = hd_add(all_um2_s, core->doubts[n].spare_um2_s);
+    }
+    float fed_um2_s = hd_smaller(0.0f, surely_taken(spare_um2_s));
+    return surely_taken(all_um2_s) * FINGERS_1_S * w_um2 < fed_um2_s * fed_um2_s;
 }
 
 /* Whether an amplifier that drives the mode is above half its limit. */
@@ -98,35 +127,30 @@ static bool is_dead(const hd_core_t *core, int k)
     return alone || hd_within(core->sensor_um[k], DEAD_NOISE * limit_um);
 }
 
-/* Judges a mode that is driven hard, and the sensor of its number, by the measurement against the voltage and the
- * reference of the tick before, which caused it. */
-static enum hd_fault hard_driven_fault(hd_core_t *core, int k, bool backwards)
+/* A sensor that says nothing while nothing is asked of it, or little is driven, is as dead as it was before. */
+static bool stays_dead(hd_core_t *core, int k, bool dead)
 {
-    hd_phasor_t asked_um = core->asked_um[k];
-    float usual_um = ASTRAY_ANSWER * hd_magnitude(asked_um) + ASTRAY_FLOOR * core->config.w_limit_um[k];
-    bool astray = backwards && !hd_within(hd_sub(core->measured_um[k], asked_um), usual_um);
-    bool dead = lasts(is_dead(core, k), &core->doubts[k].dead, core->distrust_turns);
-    bool wiring = lasts(astray, &core->doubts[k].astray, core->distrust_turns);
-    return dead ? HD_FAULT_NO_RESPONSE : wiring ? HD_FAULT_WIRING : HD_FAULT_NONE;
+    bool speaks = !hd_within(core->sensor_um[k], DEAD_NOISE * core->config.w_limit_um[k]);
+    return (dead || speaks) && lasts(dead, &core->doubts[k].dead, core->distrust_turns);
 }
 
 enum hd_fault hd_implausible(hd_core_t *core)
 {
     int k = core->control.turn;
-    enum hd_fault fault = HD_FAULT_NONE;
+    hd_doubts_t *doubts = &core->doubts[k];
+    bool over = !hd_within(core->measured_um[k], OVER_AMPLITUDE * core->config.w_limit_um[k]);
+    if (lasts(over, &doubts->over_amplitude, OVER_AMPLITUDE_TURNS)) {
+        return 8 * doubts->backwards >= core->distrust_turns ? HD_FAULT_WIRING : HD_FAULT_OVER_AMPLITUDE;
+    }
     bool backwards = gives_back(core, k);
     bool little = hd_within(core->sensor_um[k], DEAD_MOST * core->config.w_limit_um[k]);
-    if ((backwards || little) && driven_hard(core, k)) {
-        fault = hard_driven_fault(core, k, backwards);
-    } else {
-        core->doubts[k].dead = core->doubts[k].astray = 0;
+    bool hard = (backwards || little) && driven_hard(core, k);
+    bool wiring = lasts(hard && backwards, &doubts->backwards, core->distrust_turns) && doubts->spare_um2_s.d < 0.0f;
+    if (stays_dead(core, k, hard && is_dead(core, k))) {
+        return HD_FAULT_NO_RESPONSE;
     }
-    bool over = !hd_within(core->measured_um[k], OVER_AMPLITUDE * core->config.w_limit_um[k]);
-    if (lasts(over, &core->doubts[k].over_amplitude, OVER_AMPLITUDE_TURNS)) {
-        return 8 * core->doubts[k].astray >= core->distrust_turns ? HD_FAULT_WIRING : HD_FAULT_OVER_AMPLITUDE;
-    }
-    if (lasts(core->clips && core->ramp > 0, &core->doubts[k].clipped, core->distrust_turns)) {
+    if (lasts(core->clips && core->ramp > 0, &doubts->clipped, core->distrust_turns)) {
         return HD_FAULT_CLIPPED;
     }
-    return swings(core, k) ? HD_FAULT_ASTRAY : fault;
+    return swings(core, k) ? HD_FAULT_ASTRAY : wiring ? HD_FAULT_WIRING : HD_FAULT_NONE;
 }

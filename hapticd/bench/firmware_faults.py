@@ -104,6 +104,7 @@ def causes() -> Mapping[str, Callable[[], list[Run]]]:
         "one sensor dead": any_asked(sensors=ONE_DEAD),
         "sensors inverted": any_asked(sensors=-np.eye(2)),
         "one sensor inverted": any_asked(sensors=INVERT),
+        "one amplifier inverted, both modes": any_asked(MUCH_UM, amplifiers=INVERT, damping=2.0),
         "sensors swapped": any_asked(sensors=SWAP),
         "paper's wiring, sensor dead": any_asked(name=PAPER, sensors=ONE_DEAD),
         "paper's wiring, sensors swapped": any_asked(name=PAPER, sensors=SWAP),

@@ -25,6 +25,7 @@ LATENCY_NS = (0, 50_000_000)  # the bounds of trackpad.latency_ms
 FARTHEST_MM, FARTHEST_NS = 3.0, 10_000_000  # from the configuration: beyond, something else is wrong
 FARTHEST_READING = 0.2  # from sensors as they were calibrated
 FARTHEST_MAP_FRAC = 0.3  # RMS of the change since the scan, as a share of that of the map
+FARTHEST_PLACE_FRAC = 1.0  # the same at any one place, as a share of the map's largest value
 STEEPER = 1.5  # times as steep as at the scan, or as flat: beyond is no map of this plate
 _CORNER_MM = 100.0  # of the largest plate
 
@@ -137,10 +138,11 @@ class PlateChange(NamedTuple):
         with np.errstate(over="ignore", invalid="ignore"):
             away = shapes_of(self.shapes, scanned) - scanned.shapes
             change_frac = float(np.sqrt(np.mean(away**2) / np.mean(scanned.shapes**2)))
+            place_frac = float(np.abs(away).max() / np.abs(scanned.shapes).max())
             readings = np.abs(self.readings(scanned.M) - np.eye(scanned.M)).max()
         steeper = self.steepest_1_mm / scanned.steepest_1_mm()
-        is_near = change_frac <= FARTHEST_MAP_FRAC and readings <= FARTHEST_READING
-        return bool(is_near and 1.0 / STEEPER <= steeper <= STEEPER)
+        is_map = change_frac <= FARTHEST_MAP_FRAC and place_frac <= FARTHEST_PLACE_FRAC
+        return bool(is_map and readings <= FARTHEST_READING and 1.0 / STEEPER <= steeper <= STEEPER)
 
     def readings(self, modes: int) -> npt.NDArray[np.complex128]:
         """Return what the sensors read of true amplitudes (M, M)."""

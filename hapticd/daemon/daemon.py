@@ -174,6 +174,9 @@ class Daemon:
         self.machine.trackpad_link(link.is_up, link.reason, now_ns(), model=self._trackpad.model)
 
     def _on_board_link(self, link: Link) -> None:
+        was_up = self._board_link is not None and self._board_link.is_up
+        if self._self_test is not None and was_up and not link.is_up:
+            self._self_test.forget()
         if link.is_up and self._self_test is not None and self._self_test.result is None:
             self._link.close()  # until the test has ended: it needs the port for itself
             self._self_test.start(self._loop, self._on_self_test, self._touches)

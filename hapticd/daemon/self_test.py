@@ -1,4 +1,5 @@
-"""The board's self-test before it is first driven: `hapticd firmware selftest` as a process, while the port is its own.
+"""The board's self-test before it is first driven, and whenever its port was lost: `hapticd firmware selftest` as a
+process, while the port is its own.
 
 The plate is quiet meanwhile, and touches go on. What was found is a sentence and an input of the machine: a recording
 has it, and replay decides the same.
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -45,16 +47,24 @@ class SelfTest:
             on_result(outcome, text)
 
         async def run() -> None:
-            for _ in range(TRIES):
+            for test in itertools.count(1):
                 before = touches()
                 outcome, text = await _outcome(self._command)
                 if outcome not in (MOVED, UNSAFE) or touches() == (before[0], 0) == before:
                     report(outcome, text)
                     return
-            report(UNKNOWN, f"the plate was touched in {TRIES} tests, so that nothing is known: it is driven untested.")
+                if test >= TRIES and outcome == MOVED:  # which would be driven; what is unsafe waits for a test without
+                    report(UNKNOWN, f"the plate was touched in {test} tests, so that nothing is known: it is driven.")
+                    return
+                if test == TRIES:
+                    report(RUNNING, f"the plate was touched in {test} tests, and stays quiet: take all fingers off.")
 
         report(RUNNING, "measuring modes and wires; the plate stays quiet until that is done")
         self._task = loop.create_task(run())
+
+    def forget(self) -> None:
+        """Discard the result: the port was lost, and who is plugged in next is to be tested again."""
+        self.result = None
 
     async def close(self) -> None:
         """End a test that is under way; the board silences its plate within 60 ms."""
@@ -92,8 +102,8 @@ def judged(found: Any) -> tuple[str, str]:
     """Return outcome and sentence of the test's document. Raises ValueError, KeyError or TypeError for another."""
     moved, unsafe = ([str(line) for line in found[name]] for name in ("moved", "unsafe"))
     if unsafe:
-        remedy = "the plate stays quiet. Check the wires or calibrate again, then restart hapticd."
-        return UNSAFE, f"{_sentence(unsafe)}: {remedy}"
+        remedy = "Check the wires or calibrate again, then plug the board in again or restart hapticd."
+        return UNSAFE, f"{_sentence(unsafe)}: the plate stays quiet. {remedy}"
     if moved:
         return MOVED, f"{_sentence(moved)}: run hapticd calibrate resonance, unless that was meant."
     return PASSED, "nothing has moved since the calibration."

@@ -99,6 +99,9 @@ def _read_hello(payload: bytes) -> BoardHello | None:
     )
 
 
+_ENDS_OF_STATUS: Final = [struct.calcsize(protocol.MORE_STATUS.format[:n]) for n in range(1, 6)]  # between fields
+
+
 def _read_status(payload: bytes) -> BoardStatus | None:
     t_us, state, flags, fault, modes, seq, received_us, applied_us, trips, bad, late = protocol.STATUS.unpack_from(
         payload
@@ -106,6 +109,8 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     values = struct.unpack_from(f"<{4 * modes}f", payload, protocol.STATUS.size)
     more = payload[protocol.STATUS.size + 16 * modes :]  # which grows, as that of HELLO
     is_numbered = len(more) >= protocol.MORE_STATUS.size
+    if not is_numbered and len(more) not in _ENDS_OF_STATUS:
+        return None
     drive_hz, number, refused_seq, refusal = protocol.MORE_STATUS.unpack_from(
         more.ljust(protocol.MORE_STATUS.size, b"\0")
     )

@@ -9,8 +9,10 @@ from hapticd.bench import firmware_faults
 from hapticd.wire.protocol import FAULTS
 
 WITHIN_MS = {"out of reach, 3.9 um": 101e3}
-# A phase of 80 degrees is nearly that of motion against the drive, and either is found first.
-CODES = {"dead": {4}, "inverted": {8}, "swapped": {8}, "50 degrees": {7}, "80 degrees": {7, 8}, "gain": {7}}
+# A phase of 80 degrees is nearly that of motion against the drive, and either is found first; so it is with a dead
+# sensor where each of them sees both modes.
+CODES = {"sensors dead": {4}, "one sensor dead": {4}, "paper's wiring, sensor dead": {4, 8}, "swapped": {8}}
+CODES |= {"inverted": {8}, "50 degrees": {7}, "80 degrees": {7, 8}, "gain": {7}}
 CODES |= {"ADC": {9}, "out of reach": {10}}
 
 

@@ -20,7 +20,7 @@ from machine_bench import PLATE, Bench
 from hapticd.config.sections import Config
 from hapticd.daemon import self_test
 from hapticd.daemon.board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
-from hapticd.daemon.daemon import Daemon
+from hapticd.daemon.daemon import Daemon, Link
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.wire import device
 
@@ -51,7 +51,8 @@ def prints(text: str, code: int = 0) -> list[str]:
         (
             document(moved=(SWAPPED,), unsafe=(SWAPPED,)),
             UNSAFE,
-            f"{SWAPPED[:-1]}: the plate stays quiet. Check the wires or calibrate again, then restart hapticd.",
+            f"{SWAPPED[:-1]}: the plate stays quiet. Check the wires or calibrate again, then plug the board in "
+            "again or restart hapticd.",
         ),
     ],
 )
@@ -73,25 +74,38 @@ def test_a_test_that_never_ends_is_ended(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize(
-    ("touches", "outcome", "tests"),
+    ("touches", "found", "outcomes", "tests"),
     [
-        ([(5, 0)] * 2, UNSAFE, 1),
-        ([(5, 1), (5, 0), (5, 0), (5, 0)], UNSAFE, 2),  # a finger that lifts
-        ([(5, 0), (6, 0), (6, 0), (6, 1), (6, 1), (6, 1)], UNKNOWN, 3),  # that comes and goes, that lands, that rests
+        ([(5, 0)] * 2, UNSAFE, [RUNNING, UNSAFE], 1),
+        ([(5, 1), (5, 0), (5, 0), (5, 0)], UNSAFE, [RUNNING, UNSAFE], 2),  # a finger that lifts
+        (
+            [(5, 0), (6, 0), (6, 0), (6, 1), (6, 1), (6, 1)],
+            MOVED,
+            [RUNNING, UNKNOWN],
+            3,
+        ),  # comes and goes, lands, rests
+        (
+            [(5, 1)] * 10 + [(5, 0)] * 2,
+            UNSAFE,
+            [RUNNING, RUNNING, UNSAFE],
+            6,
+        ),  # the plate stays quiet while it is touched
     ],
 )
-def test_a_test_of_a_touched_plate_is_made_again(touches: list[tuple[int, int]], outcome: str, tests: int) -> None:
+def test_a_test_of_a_touched_plate_is_made_again(
+    touches: list[tuple[int, int]], found: str, outcomes: list[str], tests: int
+) -> None:
     results: list[tuple[str, str]] = []
     made = self_test.SelfTest(CONFIG.device, "/dev/none")
-    made._command = prints(document(moved=(SWAPPED,), unsafe=(SWAPPED,)))
+    made._command = prints(document(moved=(SWAPPED,), unsafe=(SWAPPED,) if found == UNSAFE else ()))
     left = iter(touches)
 
     async def story() -> None:
         made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: next(left))
-        await until(lambda: len(results) == 2)
+        await until(lambda: results[-1][0] != RUNNING)
 
     asyncio.run(story())
-    assert [result[0] for result in results] == [RUNNING, outcome]
+    assert [result[0] for result in results] == outcomes
     assert made.result == results[-1]
     assert len(touches) - len(list(left)) == 2 * tests
 
@@ -177,6 +191,11 @@ def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path) -> No
         assert line.heard() == b""
         await until(lambda: line.heard() == b"\0" + device.encode_hello_request())
         assert line.test.result[0] == MOVED
+        line.test._command = prints(document())
+        line.daemon._on_board_link(Link(False, "unplugged"))
+        assert line.test.result is None
+        line.daemon._on_board_link(Link(True, "plugged in"))
+        await until(lambda: line.test.result is not None and line.test.result[0] == PASSED)
         await line.daemon.stop()
         line.close()
 

@@ -219,13 +219,6 @@ def test_a_dead_sensor_is_a_fault_and_not_full_voltage_for_ever(bench: Any) -> N
     assert bench.messages[-1].fault_code == 4
 
 
-def test_a_mode_that_should_rest_may_need_voltage_without_being_a_fault(bench: Any) -> None:
-    bench.arm(0j, 1 + 0j)
-    bench.board.fake_measurement(np.array([0.004, 1.0]))
-    bench.hold(2000)
-    assert bench.status().state is BoardState.LIVE
-
-
 def test_a_fault_stays_until_it_is_cleared(bench: Any) -> None:
     bench.arm(1 + 0j, 0j)
     bench.board.fake_measurement(np.array([math.nan, 0]))

@@ -327,6 +327,14 @@ def test_a_status_may_grow_at_its_end() -> None:
         assert found == (drive_hz, number, refused, refusal)
 
 
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 7])
+def test_a_status_that_ends_within_a_field_is_refused(size: int) -> None:
+    decoder = device.Decoder()
+    end = protocol.MORE_STATUS.pack(29205.0, 9, 712, 3)[:size]
+    assert list(decoder.feed(frame(protocol.MSG_STATUS, STATUS + end))) == []
+    assert decoder.invalid_types == {protocol.MSG_STATUS}
+
+
 def test_a_board_of_another_hash_is_driven_if_it_understands_all_commands() -> None:
     later = dataclasses.replace(hello(), protocol_hash=1, commands=device.ALL_COMMANDS | 1 << 31)
     device.check_hello(later, modes=2, w_limit_um=(4.0, 4.0))

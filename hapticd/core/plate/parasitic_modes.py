@@ -39,6 +39,7 @@ Parts = tuple[list[float], list[float]]  # in phase with the drive, and a quarte
 # Within a third of a millimetre of a common node the driven modes can hardly reach the still finger: less is taken
 # back there than it feels, for the amplitudes to stay small. It is the square of a shape.
 NODE_SHAPE_SQUARED: Final = 1e-3
+ROUNDING: Final = 1e-12  # a share of large shapes' squares, by which their matrix stays positive definite
 
 # Of a unit: so near to a resonance of a parasitic mode with the fingers on it, nothing of it is predictable.
 LEAST_PIVOT_SQUARED: Final = 0.01
@@ -233,7 +234,8 @@ def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
         rows.append(row_q + row_d)
     known = [[dot(row, other) for other in rows[: index + 1]] for index, row in enumerate(rows)]
     for index in range(len(rows)):
-        known[index][index] = known[index][index] + NODE_SHAPE_SQUARED
+        own = known[index][index]
+        known[index][index] = own + max(NODE_SHAPE_SQUARED, own * ROUNDING)
     shares_um = solved(known, [dot(row, before_um) for row in rows])
     for row, share_um in zip(rows, shares_um, strict=True):
         for part in range(2 * modes):

@@ -105,6 +105,13 @@ def test_several_still_fingers_share_the_least_change() -> None:
     assert of_still(after) < 0.2 * of_still(before)
 
 
+@pytest.mark.parametrize("large", [1e3, 1e8, 1e12, 1e100])
+def test_still_fingers_at_one_place_are_no_exception_however_large_the_shapes(large: float) -> None:
+    places: list[Place] = [PLACES[0], (20.0, 30.0, 0.0), (20.0, 30.0, 0.0), (-9.0, 13.0, 0.0)]
+    phi = tuple(tuple(large * shape for shape in DRIVEN.at(x_mm, y_mm)) for x_mm, y_mm, _ in places)
+    assert np.isfinite(NEIGHBOURS.silenced(places, phi, (1.0, -2.0), LIMIT_UM)).all()
+
+
 def test_nothing_changes_where_all_slip_or_all_are_still() -> None:
     for targets in ((1.0, 1.0), (0.0, 0.0)):
         places = [(x_mm, y_mm, target) for (x_mm, y_mm, _), target in zip(PLACES, targets, strict=True)]
