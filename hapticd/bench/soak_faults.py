@@ -52,6 +52,8 @@ class Watch:
         self, kind: Kind, t_from_s: float, t_until_s: float, recovery_s: float, rng: np.random.Generator
     ) -> None:
         """Inject a fault from `t_from_s` to `t_until_s`, and check that it was detected."""
+        for stream, windows in self._windows.items():
+            self._windows[stream] = [one for one in windows if one[1] > self.simulation.t_ns]
         kind.set_up(self, t_from_s, t_until_s, rng)
         before: list[float] = []
         at = self.simulation.at
