@@ -21,7 +21,7 @@ from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import T_START_NS, Measured, Settings
 from ..tools.touch_process import DUTY, Accumulator
 
-FIT_S, FIT_WITH_MAP_S = 1.5, 5.0  # of the processor's time
+FIT_S, FIT_WITH_MAP_S = 1.5, 6.0  # of the processor's time
 
 
 class InStep:
@@ -29,7 +29,7 @@ class InStep:
 
     def __init__(self, machine: Machine, t_ns: int, also: Observer | None = None) -> None:
         self.machine = machine
-        self.task = SelfCalibration(machine.config, machine.modes)
+        self.task = SelfCalibration(machine.config, machine.modes, machine.parasitic_modes)
         self.verdicts: list[dict[str, Any]] = []
         self.t_stepped_ns: list[int] = []
         self._t_begin_ns = t_ns
