@@ -21,7 +21,7 @@ from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import T_START_NS, Measured, Settings
 from ..tools.touch_process import DUTY, Accumulator
 
-FIT_S, FIT_WITH_MAP_S = 1.5, 6.0  # of the processor's time
+FIT_S, FIT_WITH_MAP_S = 1.5, 5.0  # of the processor's time
 
 
 class InStep:
