@@ -17,6 +17,7 @@ from hapticd.board_values import UNCALIBRATED, Calibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.daemon.observer import Observer
 from hapticd.sim.fingers.pad_noise import PadNoise
@@ -149,13 +150,20 @@ class Bench:
         calibration: Calibration = UNCALIBRATED,
         config: Config | None = None,
         observer: Callable[[Machine], Observer] | None = None,
+        parasitic_modes: ParasiticModes | None = None,
     ) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
         self.published: list[dict[str, Any]] = []
         config = Config() if config is None else config
-        self.machine = Machine(config, PLATE, write_board=self.board.write, instance=4, calibration=calibration)
+        self.machine = Machine(
+            *(config, PLATE),
+            write_board=self.board.write,
+            instance=4,
+            calibration=calibration,
+            parasitic_modes=parasitic_modes,
+        )
         self.machine.observer = None if observer is None else observer(self.machine)
         self.machine.trackpad_link(True, "a pad", self.t_ns)
         self.machine.board_link(True, "a board", self.t_ns)

@@ -1,6 +1,7 @@
 """The service's self-calibration in virtual time: its process's part is done between two events of a simulation.
 
-What is fed, judged and adopted is the service's; only the time that a fit takes is left out.
+What is fed, judged and adopted is the service's. A fit takes no time of the simulation, but counts as a usual one does:
+the next waits until all took their share of it.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ from ..daemon.machine import Machine
 from ..daemon.observer import Observer
 from ..daemon.recorder import header_of
 from ..daemon.self_calibration import KINDS, SelfCalibration
+from ..design.touch.judge import LEAST_FOR_MAP_S
 from ..files.recording.kinds import record_of
 from ..sim.faulty import FaultySimulation
 from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import T_START_NS, Measured, Settings
-from ..tools.touch_process import Accumulator
+from ..tools.touch_process import DUTY, Accumulator
+
+FIT_S, FIT_WITH_MAP_S = 1.5, 5.0  # of the processor's time
 
 
 class InStep:
@@ -25,9 +29,11 @@ class InStep:
 
     def __init__(self, machine: Machine, t_ns: int, also: Observer | None = None) -> None:
         self.machine = machine
-        self.task = SelfCalibration(machine.config, machine.modes)
+        self.task = SelfCalibration(machine.config, machine.modes, machine.parasitic_modes)
         self.verdicts: list[dict[str, Any]] = []
         self.t_stepped_ns: list[int] = []
+        self._t_begin_ns = t_ns
+        self._spent_s = 0.0
         self._accumulator = Accumulator(header_of(machine, t_ns=t_ns, utc="", is_whole=True))
         self._also = also
         machine.observer, machine.observer_perceives = self._observe, also is not None
@@ -40,8 +46,10 @@ class InStep:
 
     def look(self, t_ns: int) -> None:
         """Fit if there is enough, and take the step that is due."""
-        if self._accumulator.is_full:
+        if self._accumulator.is_full and self._spent_s <= DUTY * 1e-9 * (t_ns - self._t_begin_ns):
             self.verdicts.append(self._accumulator.verdict())
+            has_map = self.verdicts[-1].get("touched_s", 0.0) >= LEAST_FOR_MAP_S
+            self._spent_s += FIT_WITH_MAP_S if has_map else FIT_S
             self.task.take_verdict(json.dumps(self.verdicts[-1]).encode())
         if self.task.step(self.machine, t_ns):
             self.t_stepped_ns.append(t_ns)

@@ -13,7 +13,7 @@ from ..files.recording.kinds import record_of
 from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import T_START_NS, Measured, Settings, Simulation
 from ..sim.plate.ground_truth import GroundTruth
-from ..tools.touch_correction import calibration_of, has_sensors, mode_map, pad_settings
+from ..tools.touch_correction import calibration_of, has_sensors, learned_load, mode_map, pad_settings, windows_of
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
 TELEMETRY_HZ = 500
@@ -67,8 +67,9 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> To
 
 def corrected(settings: Settings, before: Measured, found: Touched, judged: Judged) -> tuple[Settings, Measured]:
     """Return settings and measurements with what is adopted."""
+    load_1_s = learned_load(found, windows_of(found), judged)
     if judged.refusal:
-        return settings, before
+        return settings, before._replace(load_1_s=load_1_s)
     pad = pad_settings(found, judged.calibration)
     config = settings.config
     trackpad = replace(
@@ -76,4 +77,4 @@ def corrected(settings: Settings, before: Measured, found: Touched, judged: Judg
     )
     calibration = calibration_of(found, judged) if has_sensors(found) else before.calibration
     modes = before.modes if judged.waves is None else mode_map(before.modes, judged)
-    return replace(settings, config=replace(config, trackpad=trackpad)), Measured(modes, calibration)
+    return replace(settings, config=replace(config, trackpad=trackpad)), Measured(modes, calibration, load_1_s)

@@ -40,6 +40,7 @@ HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the pa
 PERFECT, NOTHING_WRONG = "perfect knowledge", "nothing wrong"
 FEW = 5  # of so many laboratories one is played with each cause made perfect, and one with nothing wrong
 _PAD, _SENSORS = ("pad_pose", "centroid_shift_mm", "latency_ms"), ("sensors",)
+_LOAD = "finger_load"
 _MAP = ("map_change", "map_noise_frac", "glue_frac")
 # What is made perfect together after touching: causes that are learned together, and each of the others.
 LEFT: dict[str, tuple[str, ...]] = {
@@ -96,7 +97,8 @@ def _known(name: str, settled: Settings, after: Measured, as_configured: Setting
     exact = touching.measured(settings, seed) if {_SENSORS[0], _MAP[0]} & set(causes) else after
     modes = exact.modes if _MAP[0] in causes else after.modes
     calibration = exact.calibration if _SENSORS[0] in causes else after.calibration
-    return {"settings": settings, "measured": Measured(modes, calibration)}
+    load_1_s = None if _LOAD in causes else after.load_1_s  # as configured is true then
+    return {"settings": settings, "measured": Measured(modes, calibration, load_1_s)}
 
 
 def run(

@@ -181,6 +181,10 @@ class Pipeline:
         self._steepness_1_mm = modes.steepest_1_mm()
         self._ways = Ways(self._scene, self._fingers, self._steepness_1_mm, self._settings.tolerance_um)
 
+    def set_parasitic_modes(self, parasitic_modes: ParasiticModes) -> None:
+        """Compensate these undriven modes from the next pass on."""
+        self._solver.set_parasitic_modes(parasitic_modes)
+
     def set_readings(self, readings: Sequence[Row]) -> None:
         """Take the board's sensors to read `readings` (M, M) times the true amplitudes, from the next pass on."""
         matrix = tuple([tuple(row) for row in readings])

@@ -1,12 +1,13 @@
 """Adoption of what touches show, so that no finger feels a step.
 
 The pad's place and latency move in small steps: no finger's position by more than STEP_MM at once. Mode map and sensors
-are replaced together while no finger is down and nothing is driven. Pure: what is adopted when is the caller's, and
-each step is an input of the machine.
+are replaced together, as is a finger's load, while no finger is down and nothing is driven. Pure: what is adopted when
+is the caller's, and each step is an input of the machine.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import astuple, dataclass, fields
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
+from ..core.plate.parasitic_modes import ParasiticModes
 from ..values import AffineMap
 from .settings import plate_from_pad
 
@@ -26,6 +28,7 @@ FARTHEST_MM, FARTHEST_NS = 3.0, 10_000_000  # from the configuration: beyond, so
 FARTHEST_READING = 0.2  # from sensors as they were calibrated
 FARTHEST_MAP_FRAC = 0.3  # RMS of the change since the scan, as a share of that of the map
 FARTHEST_PLACE_FRAC = 1.0  # the same at any one place, as a share of the map's largest value
+FARTHEST_LOAD = 20.0  # times what is configured: ten times the damping is a heavy hand
 STEEPER = 1.5  # times as steep as at the scan, or as flat: beyond is no map of this plate
 _CORNER_MM = 100.0  # of the largest plate
 
@@ -147,6 +150,14 @@ class PlateChange(NamedTuple):
     def readings(self, modes: int) -> npt.NDArray[np.complex128]:
         """Return what the sensors read of true amplitudes (M, M)."""
         return (np.array(self.d) + 1j * np.array(self.q)).reshape(modes, modes)
+
+
+def is_load_near(load_1_s: complex, configured: ParasiticModes | None) -> bool:
+    """Whether a finger can have this load on the plate whose parasitic modes are configured."""
+    if configured is None or not cmath.isfinite(load_1_s):
+        return False
+    usual_1_s = abs(complex(configured.finger_decay_1_s, configured.finger_detuning_rad_s))
+    return load_1_s.real > 0.0 and abs(load_1_s) <= FARTHEST_LOAD * usual_1_s
 
 
 def shapes_of(data: bytes, modes: ModeShapes) -> npt.NDArray[Any]:

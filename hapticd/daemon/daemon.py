@@ -109,7 +109,7 @@ class Daemon:
             refusal_of_parts=client_wire.REFUSAL_OF_PARTS,
         )
         if self._config.trackpad.correct_while_touched:
-            self._calibration_task = SelfCalibration(self._config, self._modes)
+            self._calibration_task = SelfCalibration(self._config, self._modes, self._parasitic_modes)
             self._calibration_task.start(loop, _header(self._machine, True))
             self._machine.status.calibration = self._calibration_task.report
         self._recorders = Recorders(

@@ -2,7 +2,8 @@
 
 What the machine's observer is given goes to the process through a pipe, after the event in which it happened; a pipe
 that is full loses records, never time. A verdict comes back as a line. A pad is adopted in small steps (`adoption`),
-map and sensors while no finger is down; each is an input of the machine. If the process ends, nothing more is adopted.
+map, sensors and a finger's load while no finger is down; each is an input of the machine. If the process ends, nothing
+more is adopted.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ import msgpack
 
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
+from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
-from .adoption import Adoption, Correction, Pad, PlateChange, configured_pad
+from .adoption import Adoption, Correction, Pad, PlateChange, configured_pad, is_load_near
 from .machine import Machine
 
 log = logging.getLogger("hapticd")
@@ -38,35 +40,44 @@ _LONGEST_LINE_BYTES = 1 << 21  # the largest map is a megabyte
 _PIECE_BYTES = 1 << 16
 _MOST_REFUSAL_CHARACTERS = 200
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
-IN_FORCE = ("adopt", "adopt_readings", "adopt_map")  # few, and never lost: all that follows is judged by them
+IN_FORCE = (
+    "adopt",
+    "adopt_readings",
+    "adopt_map",
+    "adopt_load",
+)  # few, and never lost: all that follows is judged by them
 KINDS = ("board_bytes", "written", "pass", *IN_FORCE)
 _FAR = "far from the configured one: run hapticd calibrate"
 
 
 class Verdict(NamedTuple):
-    """What the process found: to adopt unless `refusal` says why not."""
+    """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case."""
 
     refusal: str
     correction: Correction | None = None
     change: PlateChange | None = None
+    load_1_s: complex | None = None
 
 
 class SelfCalibration:
     """Feeds the process, and adopts what it finds."""
 
-    def __init__(self, config: Config, scanned: ModeShapes) -> None:
-        """`scanned` is the map from which the plate may not be far."""
+    def __init__(self, config: Config, scanned: ModeShapes, parasitic_modes: ParasiticModes | None) -> None:
+        """`scanned` is the map from which the plate may not be far, nor a finger's load from that of these modes."""
         self._adoption = Adoption.of(configured_pad(config))
         self._scanned = scanned
+        self._parasitic_modes = parasitic_modes
         self._change: PlateChange | None = None  # the last that was found
         self._is_due = False  # it waits for the fingers to lift
+        self._load_1_s: complex | None = None  # the last that was found
+        self._is_load_due = False
         self._waiting: deque[tuple[str, int, Sequence[Any]]] = deque()
         self.process: subprocess.Popen[bytes] | None = None
         self._out = bytearray()
         self._line = b""
         self._has_gap = False
         self._t_stepped_ns = 0
-        self._verdicts = self._adopted = self._dropped = self._steps = self._maps = 0
+        self._verdicts = self._adopted = self._dropped = self._steps = self._maps = self._loads = 0
         self._last = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, header: Header) -> None:
@@ -174,6 +185,8 @@ class SelfCalibration:
     def _request(self, verdict: Verdict) -> str:
         """Begin to adopt what was found, while nothing else is adopted; returns why it is refused."""
         correction, change = verdict.correction, verdict.change
+        if verdict.load_1_s is not None and is_load_near(verdict.load_1_s, self._parasitic_modes):
+            self._load_1_s, self._is_load_due = verdict.load_1_s, True
         if correction is None or self._adoption.is_moving or self._is_due:
             return verdict.refusal
         if change is not None and not change.is_near(self._scanned):
@@ -187,23 +200,31 @@ class SelfCalibration:
         return ""
 
     def step(self, machine: Machine, t_now_ns: int) -> bool:
-        """Take the next small step, if one is due; map and sensors, if no finger is down and nothing is requested.
+        """Take the next small step, if one is due; all else, if no finger is down and nothing is requested.
 
         Returns whether it did either.
         """
-        is_map = self._is_due and machine.is_idle
-        if is_map:
-            self._is_due = False
-            self._maps += 1
-            adopt_change(machine, self._change, t_now_ns)
+        is_plate = (self._is_due or self._is_load_due) and machine.is_idle
+        if is_plate:
+            self._adopt_plate(machine, t_now_ns)
         if not self._adoption.is_moving or t_now_ns - self._t_stepped_ns < STEP_EVERY_NS:
-            return is_map
+            return is_plate
         self._t_stepped_ns = t_now_ns
         pad = self._adoption.step()
         if pad is not None:
             self._steps += 1
             adopt(machine, pad, t_now_ns)
-        return is_map or pad is not None
+        return is_plate or pad is not None
+
+    def _adopt_plate(self, machine: Machine, t_now_ns: int) -> None:
+        if self._is_due:
+            self._is_due = False
+            self._maps += 1
+            adopt_change(machine, self._change, t_now_ns)
+        if self._is_load_due:
+            self._is_load_due = False
+            self._loads += 1
+            adopt_load(machine, self._load_1_s, t_now_ns)
 
     def resume(self, machine: Machine, t_now_ns: int) -> None:
         """Give a machine that begins what the one before had."""
@@ -211,6 +232,8 @@ class SelfCalibration:
             adopt(machine, self._adoption.now, t_now_ns)
         if not self._is_due:
             adopt_change(machine, self._change, t_now_ns)
+        if not self._is_load_due:
+            adopt_load(machine, self._load_1_s, t_now_ns)
 
     def report(self) -> dict[str, object]:
         """For `status`."""
@@ -222,6 +245,7 @@ class SelfCalibration:
             "adopted": self._adopted,
             "steps": self._steps,
             "maps": self._maps,
+            "loads": self._loads,
             "dropped": self._dropped,
             "moved_mm": now.distance_mm(configured),
             "latency_ms": now.latency_ns * 1e-6,
@@ -254,6 +278,12 @@ def adopt_change(machine: Machine, change: PlateChange | None, t_now_ns: int) ->
         machine.adopt_readings(change.d, change.q, t_now_ns)
 
 
+def adopt_load(machine: Machine, load_1_s: complex | None, t_now_ns: int) -> None:
+    """Give the machine a finger's load, if one was found."""
+    if load_1_s is not None:
+        machine.adopt_load(load_1_s.real, -load_1_s.imag, t_now_ns)
+
+
 def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:
     fields = record_of(kind, 0, t_ns, tuple(values)).fields
     return {name: fields[name] for name in _PASS_FIELDS if name in fields} if kind == "pass" else fields
@@ -263,8 +293,9 @@ def _verdict(line: bytes) -> Verdict:
     """Raise ValueError, KeyError or TypeError for what is no verdict."""
     found = json.loads(line)
     refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
+    load_1_s = complex(*map(float, found["load_1_s"])) if "load_1_s" in found else None
     if refusal:
-        return Verdict(refusal)
+        return Verdict(refusal, load_1_s=load_1_s)
     xx, xy, yx, yy = map(float, found["matrix"])
     x_mm, y_mm = map(float, found["offset_mm"])
     latency_s = float(found["latency_s"])
@@ -274,4 +305,4 @@ def _verdict(line: bytes) -> Verdict:
         change = PlateChange(shapes, steepest_1_mm, tuple(map(float, found["d"])), tuple(map(float, found["q"])))
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
-    return Verdict("", Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s), change)
+    return Verdict("", Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s), change, load_1_s)

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,8 @@ from .world_errors import WorldErrors
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
 TICK_NS = 500_000  # the board's control period
+FED_NS = 1_000_000_000  # of reports and timers, pushed at a time
+_NEVER_NS = 1 << 62
 LEAST_S = 0.01  # a shorter run has no sample to score
 SCHEMES = ("hapticd", "paper")
 _POSITIVE = ("speed_mm_s", "report_period_ms")
@@ -146,11 +149,18 @@ def run(
     return replace(simulation.result(played.name), played=played)
 
 
+class _Rank(IntEnum):
+    """The order of events of one instant: those pushed before the run, its reports, its timers, all others."""
+
+    BEFORE, REPORT, TIMER, AFTER = range(4)
+
+
 class Measured(NamedTuple):
-    """What the daemon has measured of the plate: the mode map, and the calibration for the board."""
+    """What the daemon has measured of the plate: the mode map, the calibration for the board, and a finger's load."""
 
     modes: ModeShapes
     calibration: Calibration = UNCALIBRATED
+    load_1_s: complex | None = None  # of a finger on parasitic modes: decay less j times detuning
 
 
 class Simulation:
@@ -175,6 +185,8 @@ class Simulation:
         self.modes = plate.measured_mode_map(seed) if measured is None else measured.modes
         self._calibration = UNCALIBRATED if measured is None else measured.calibration
         self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
+        if self.parasitic_modes is not None and measured is not None and measured.load_1_s is not None:
+            self.parasitic_modes = self.parasitic_modes.with_load(measured.load_1_s)
         self.machine = self._new_machine()
         self._sensor = SensorModel(
             sensor_settings(
@@ -188,7 +200,8 @@ class Simulation:
             seed,
         )
         self._link = JitteryLink(settings.link_ms, settings.plate.world.link_jitter_ms, seed)
-        self._events: list[tuple[int, int, str, bytes]] = []
+        self._events: list[tuple[int, _Rank, int, str, bytes]] = []
+        self._rank = _Rank.BEFORE
         self._pushed = 0
         self._t_ns = T_START_NS
         self._client = ScriptedClient(actors)
@@ -198,25 +211,46 @@ class Simulation:
     def run(self, seconds: float, progress: Callable[[float], None] = lambda _: None) -> None:
         """Run from the start for `seconds`."""
         t_end_ns = T_START_NS + round(seconds * 1e9)
-        paths = sensed_paths(paths_of(self.actors), self.settings.plate.world)
-        for report in self._sensor.reports(paths, seconds):
-            self._push(T_START_NS + round(report.t_arrive_s * 1e9), "report", report.data)
-        for t_ns in range(T_START_NS, t_end_ns, TIMER_NS):
-            self._push(t_ns, "timer", b"")
+        feed = self._feed(seconds)
+        t_fed_ns = next(feed)
         self.machine.trackpad_link(True, "simulated", T_START_NS)
         self.machine.board_link(True, "simulated", T_START_NS)
-        while self._events and self._events[0][0] <= t_end_ns:
+        while True:
+            while t_fed_ns < _NEVER_NS and not (self._events and self._events[0][0] < t_fed_ns):
+                t_fed_ns = next(feed)
+            if not self._events or self._events[0][0] > t_end_ns:
+                break
             output = self.world.advance((self._events[0][0] - T_START_NS) * 1e-9)
             if output:
                 self._push(self._link.to_host_ns(T_START_NS + round(self.world.t_s * 1e9)), "host", output)
                 continue
-            t_ns, _, kind, data = heapq.heappop(self._events)
+            t_ns, _, _, kind, data = heapq.heappop(self._events)
             self._t_ns = t_ns
             if kind == "timer":
                 progress((t_ns - T_START_NS) * 1e-9 / seconds)
             self._handle(kind, data, t_ns)
         while self.world.advance(seconds):
             pass  # the board's output after the end is not used
+
+    def _feed(self, seconds: float) -> Iterator[int]:
+        """Push the run's reports and timers some time ahead; yields the instant up to which that is done."""
+        paths = sensed_paths(paths_of(self.actors), self.settings.plate.world)
+        reports = self._sensor.until(paths, seconds)
+        timers = iter(range(T_START_NS, T_START_NS + round(seconds * 1e9), TIMER_NS))
+        report, t_timer_ns, t_fed_ns = next(reports, None), next(timers, None), T_START_NS
+        while report is not None or t_timer_ns is not None:
+            t_fed_ns += FED_NS
+            self._rank = _Rank.REPORT
+            while report is not None and (t_ns := T_START_NS + round(report.t_arrive_s * 1e9)) < t_fed_ns:
+                self._push(t_ns, "report", report.data)
+                report = next(reports, None)
+            self._rank = _Rank.TIMER
+            while t_timer_ns is not None and t_timer_ns < t_fed_ns:
+                self._push(t_timer_ns, "timer", b"")
+                t_timer_ns = next(timers, None)
+            self._rank = _Rank.AFTER
+            yield t_fed_ns
+        yield _NEVER_NS
 
     def _handle(self, kind: str, data: bytes, t_ns: int) -> None:
         if kind == "board":
@@ -265,7 +299,12 @@ class Simulation:
 
     def _push(self, t_ns: int, kind: str, data: bytes) -> None:
         self._pushed += 1
-        heapq.heappush(self._events, (t_ns, self._pushed, kind, data))
+        heapq.heappush(self._events, (t_ns, self._rank, self._pushed, kind, data))
+
+    def forget(self) -> None:
+        """Drop the history, but for the last part of a second, so that a run of hours fits into memory."""
+        self.world.forget()
+        self._passes = Passes(T_START_NS)
 
     # --- result ---
 

@@ -90,6 +90,7 @@ class World:
         self._keep = keep
         self._chunk_ticks = chunk_ticks
         self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
+        self._forgotten = 0  # ticks
         self._previous = np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128)
         self._start_chunk()
 
@@ -138,17 +139,22 @@ class World:
         self._board_start_us = self.board.unwrapped_us - round(self.t_s * 1e6)
 
     def recording(self) -> Recording:
-        """Return the history so far."""
+        """Return the history so far, without what was forgotten."""
         parts = [(fingers, trace, self._chunk_ticks) for fingers, trace in self._kept[:-1]]
         parts.append((*self._kept[-1], self._done))
         return Recording(
-            t_s=(np.arange(self.ticks) + 1) / CONTROL_HZ,
+            t_s=(np.arange(self._forgotten, self.ticks) + 1) / CONTROL_HZ,
             finger_mm=np.concatenate([fingers[:count] for fingers, _, count in parts]),
             reference_um=np.concatenate([trace.reference_um[:count] for _, trace, count in parts]),
             measured_um=np.concatenate([trace.measured_um[:count] for _, trace, count in parts]),
             plate_um=np.concatenate([trace.plate_um[:count] for _, trace, count in parts]),
             flags=np.concatenate([trace.flags[:count] for _, trace, count in parts]),
         )
+
+    def forget(self) -> None:
+        """Drop the history before the chunk that runs."""
+        del self._kept[:-1]
+        self._forgotten = self.ticks - self._done
 
     def _state_at(self, tick: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]:
         """Return fingers (F, 2) and plate (P,) at a tick of this chunk."""

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibrating",
         action="store_true",
-        help="soak: the daemon calibrates itself in laboratories that drift; 24 faults in 150 s",
+        help="soak: one run in a laboratory that drifts, whose daemon calibrates itself; 16 faults in 150 s",
     )
     parser.add_argument(
         "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -10,18 +11,34 @@ import numpy as np
 from ..board_values import Calibration as BoardCalibration
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import Correction, configured_pad
+from ..design import finger_load
 from ..design.touch.judge import Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
-from ..design.touch.observations import in_windows
+from ..design.touch.observations import Windows, in_windows
 from .touch_recording import Touched
 
 MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
 
 
+def windows_of(touched: Touched) -> Windows:
+    """Return the windows in which a recording shows fingers."""
+    return in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S)
+
+
 def judged_by(touched: Touched) -> Judged:
     """Fit and judge what a recording shows."""
-    windows = in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S)
-    return calibrate(windows, touched.header.modes, touched.header.parasitic_modes)
+    return calibrate(windows_of(touched), touched.header.modes, touched.header.parasitic_modes)
+
+
+def learned_load(touched: Touched, windows: Windows, judged: Judged) -> complex | None:
+    """Return a finger's load, if parasitic modes are known, touches tell it, and it is not that of the header."""
+    header = touched.header
+    if header.parasitic_modes is None:
+        return None
+    usual_1_s = float(np.mean(header.parasitic_modes.decay_1_s))  # modes of one plate and nearly one frequency
+    known_1_s = {one.mode: math.pi * one.frequency_hz / one.q_factor for one in header.calibration.modes}
+    decay_1_s = [known_1_s.get(mode, usual_1_s) for mode in range(header.modes.M)]
+    return finger_load.learned_1_s(windows, header.modes, header.parasitic_modes, decay_1_s, judged.calibration)
 
 
 def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:

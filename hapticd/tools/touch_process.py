@@ -4,9 +4,9 @@
 bounded memory, and fits only while it has used less than DUTY of the time.
 
     {...}               the header of the recording that the daemon could make
-    [kind, t_ns, {..}]  a record: `board_bytes`, `written`, `pass`; `adopt`, `adopt_readings` and `adopt_map`, which say
-                        what is in force: fingers are kept as the configured pad would have them, and sensors report as
-                        they did, so that what was seen before and after is fitted together
+    [kind, t_ns, {..}]  a record: `board_bytes`, `written`, `pass`; `adopt`, `adopt_readings`, `adopt_map` and
+                        `adopt_load`, which say what is in force: fingers are kept as the configured pad would have
+                        them, and sensors report as they did, so that what was seen before and after is fitted together
     null                records were lost
 """
 
@@ -21,6 +21,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, BinaryIO, TextIO
 
 import msgpack
@@ -35,7 +36,7 @@ from ..design.touch.observations import in_windows
 from ..errors import HapticdError
 from ..files.recording.header import Header, header_from
 from ..files.recording.kinds import Record
-from .touch_correction import MOST_SHIFT_S, mode_map
+from .touch_correction import MOST_SHIFT_S, learned_load, mode_map
 from .touch_recording import Collected, touched
 
 DUTY = 0.1  # of one processor
@@ -54,8 +55,7 @@ class Accumulator:
     """Collects records until there are enough to fit, and then no more until the fit. Knows what is in force."""
 
     def __init__(self, header: Header) -> None:
-        self._header = header
-        self._modes = header.modes
+        self._header = header  # its map and parasitic modes are those in force
         self._readings = np.eye(header.modes.M, dtype=np.complex128)
         self._collected = Collected.of(header.config, APART_US)
         self._earlier: deque[tuple[int, Collected]] = deque(maxlen=TOGETHER - 1)
@@ -69,7 +69,12 @@ class Accumulator:
             self._readings = flat.reshape(self._readings.shape)
         elif record.kind == "adopt_map":
             shapes = shapes_of(record.fields["shapes"], self._modes)
-            self._modes = self._modes.with_shapes(shapes, record.fields["steepest_1_mm"])
+            modes = self._modes.with_shapes(shapes, record.fields["steepest_1_mm"])
+            self._header = replace(self._header, modes=modes)
+        elif record.kind == "adopt_load":
+            assert self._header.parasitic_modes is not None
+            load_1_s = complex(record.fields["decay_1_s"], -record.fields["detuning_rad_s"])
+            self._header = replace(self._header, parasitic_modes=self._header.parasitic_modes.with_load(load_1_s))
         elif record.kind == "adopt" or not self.is_full:
             try:
                 self._collected.take(record)
@@ -77,6 +82,10 @@ class Accumulator:
                 self.restart()
             if self._is_too_long:
                 self.restart()
+
+    @property
+    def _modes(self) -> ModeShapes:
+        return self._header.modes
 
     @property
     def _is_too_long(self) -> bool:
@@ -112,7 +121,9 @@ class Accumulator:
             judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
         except HapticdError as error:
             return {"refusal": str(error)}
-        verdict = {"refusal": judged.refusal, "touched_s": judged.touched_s}
+        verdict: dict[str, Any] = {"refusal": judged.refusal, "touched_s": judged.touched_s}
+        if (load_1_s := learned_load(found, windows, judged)) is not None:
+            verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
         return verdict if judged.refusal else verdict | self._found(judged)
 
     @property

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.bench import soak, soak_faults
-from hapticd.bench.soak import Findings
+from hapticd.bench import soak, soak_calibrating, soak_checks, soak_faults
+from hapticd.bench.soak_checks import Findings
 from hapticd.bench.soak_faults import KINDS, Kind, Watch
 from hapticd.core.trajectory.gate import gate
 from hapticd.errors import HapticdError
@@ -35,13 +35,13 @@ def test_half_a_minute_of_faults_has_no_failure(findings: Findings) -> None:
 
 
 def test_an_hour_has_two_thousand_faults() -> None:
-    drawn = [len(list(soak._drawn(np.random.default_rng(seed), soak.LIFT_S))) for seed in range(120)]
+    drawn = [len(list(soak_checks.drawn(np.random.default_rng(seed), 0.0, soak.LIFT_S))) for seed in range(120)]
     assert sum(drawn) >= 2000
 
 
 def test_an_undetected_fault_and_a_plate_that_still_moves_are_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = Kind("nothing", (0.3, 0.4), 5.0, lambda *_: None, lambda _: 0.0)
-    monkeypatch.setattr(soak, "KINDS", (nothing,))
+    monkeypatch.setattr(soak_checks, "KINDS", (nothing,))
     monkeypatch.setattr(soak, "RUN_S", 4.0)
     monkeypatch.setattr(soak, "LIFT_S", 3.0)
     monkeypatch.setattr(soak, "AT_REST_S", 3.4)
@@ -61,8 +61,7 @@ def test_the_largest_amplitude_of_every_frame_counts() -> None:
 
 
 def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    def play(found: Findings, seed: int, *, is_calibrating: bool) -> None:
-        assert not is_calibrating
+    def play(found: Findings, seed: int) -> None:
         found.virtual_s += 30.0
         found.faults["trackpad silent"] += 1
         found.latest_quiet_ms["trackpad silent"] = float(seed % 10)
@@ -96,12 +95,19 @@ def test_no_two_kinds_have_the_same_name() -> None:
 
 
 def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soak, "CALIBRATING_RUN_S", 12.0)
-    monkeypatch.setattr(soak, "PAUSE_S", 0.5)
+    monkeypatch.setattr(soak_calibrating, "SPAN_S", 6.0)
+    monkeypatch.setattr(soak_calibrating, "PAUSE_S", 0.5)
     monkeypatch.setattr(touch_process, "FIT_S", 5.0)
-    found = Findings()
-    soak.play(found, 1, is_calibrating=True)
-    assert found.failures == []
-    assert found.faults.total() > 3
-    assert found.adopted["pads"] > 0
-    assert 0.0 < found.peak_adopting_step_um <= soak.STEP_FACTOR * found.peak_step_um
+    (table,) = soak.run(18.0 / 3600.0, is_calibrating=True)
+    figures = table.row("all").figures
+    assert figures["faults_count"] > 4
+    assert figures["pads_count"] > 0
+    assert 0.0 < figures["peak_adopting_step_um"] <= soak_calibrating.STEP_FACTOR * figures["peak_step_um"]
+    assert 0.0 < figures["leak_last_um"] <= figures["leak_most_um"] < 0.5
+
+
+def test_a_larger_step_while_something_is_adopted_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(soak_calibrating, "SPAN_S", 4.0)
+    found = Findings(peak_adopting_step_um=50.0)
+    soak_calibrating.play(found, 1, 0.001)
+    assert [sentence for sentence in found.failures if "while adopting" in sentence]

@@ -169,6 +169,11 @@ def test_readings_of_another_number_of_sensors_are_refused() -> None:
         bench.machine.adopt_readings([1.0], [0.0], START_NS)
 
 
+def test_a_load_is_refused_where_no_parasitic_modes_are_known() -> None:
+    with pytest.raises(ValueError, match="no parasitic modes are known"):
+        Bench(SLIPPERY).machine.adopt_load(100.0, 0.0, START_NS)
+
+
 def test_a_pass_is_recorded_also_where_nobody_asks_what_fingers_perceive() -> None:
     records: list[Record] = []
     bench = Bench(SLIPPERY, STICKY)

@@ -204,6 +204,17 @@ def test_no_frame_is_late_and_the_board_never_falls_silent(strokes: dict[int, Ru
         assert run.status["state"] == "ACTIVE"
 
 
+def test_a_history_that_was_dropped_leaves_the_rest_as_it_was() -> None:
+    whole, dropped = (lockstep.Simulation(SCENARIOS["strokes"].build(1, 100.0), Settings(), 1) for _ in "ab")
+    whole.run(2.2)
+    dropped.run(2.2, lambda share: dropped.forget() if 0.498 < share < 0.502 else None)
+    t_s, rest = whole.world.recording().t_s, dropped.world.recording()
+    kept = np.flatnonzero(t_s >= rest.t_s[0])
+    assert 0.5 < rest.t_s[0] < 1.1
+    assert np.array_equal(rest.t_s, t_s[kept])
+    assert np.array_equal(rest.plate_um, whole.world.recording().plate_um[kept])
+
+
 def test_the_world_stops_at_the_given_time_and_its_recording_is_continuous() -> None:
     simulation = lockstep.Simulation(SCENARIOS["circles"].build(1, 100.0), Settings(), 1)
     simulation.run(1.2345)

@@ -24,10 +24,12 @@ import pytest
 from hapticd.bench.calibrating import CalibratingSimulation
 from hapticd.config.sections import Config, TrackpadConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
-from hapticd.daemon.self_calibration import KINDS, SelfCalibration
+from hapticd.daemon.self_calibration import IN_FORCE, KINDS, SelfCalibration
+from hapticd.design import finger_load
 from hapticd.design.touch.model import LATENCY
 from hapticd.errors import CalibrationError
 from hapticd.files.recording.header import Header, header_fields
@@ -224,14 +226,14 @@ NO_VERDICTS = {
 
 @pytest.mark.parametrize("line", NO_VERDICTS.values(), ids=NO_VERDICTS)
 def test_what_is_no_verdict_changes_nothing(line: bytes, at_rest: Touching) -> None:
-    calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
+    calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
     assert not calibration.take_verdict(line)
     assert calibration.report()["verdicts"] == 0
     assert not calibration.report()["moving"]
 
 
 def test_a_latency_beyond_all_bounds_is_a_refusal(at_rest: Touching) -> None:
-    calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
+    calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
     assert calibration.take_verdict(json.dumps(RIGHT | {"latency_s": 1e300}).encode())
     assert "far from the configured one" in str(calibration.report()["last_refusal"])
     assert not calibration.report()["moving"]
@@ -239,14 +241,14 @@ def test_a_latency_beyond_all_bounds_is_a_refusal(at_rest: Touching) -> None:
 
 def test_a_map_far_from_the_scanned_one_is_a_refusal(at_rest: Touching) -> None:
     modes = at_rest.headers[0].modes
-    calibration = SelfCalibration(Config(), modes)
+    calibration = SelfCalibration(Config(), modes, None)
     assert calibration.take_verdict(json.dumps(changed(2.0, modes)).encode())
     assert "far from the configured one" in str(calibration.report()["last_refusal"])
 
 
 def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching) -> None:
     modes = at_rest.headers[0].modes
-    calibration = SelfCalibration(Config(), modes)
+    calibration = SelfCalibration(Config(), modes, None)
     assert calibration.take_verdict(json.dumps(changed(1.02, modes)).encode())
     assert not calibration.step(SimpleNamespace(is_idle=False), T_START_NS)  # type: ignore[arg-type]
     machine = Machine(Config(), modes, write_board=lambda _: T_START_NS)
@@ -264,8 +266,54 @@ def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching) -
     assert again.pipeline._readings == machine.pipeline._readings
 
 
+def test_a_finger_s_load_is_adopted_when_no_finger_is_down_also_where_the_pad_stays(at_rest: Touching) -> None:
+    header = at_rest.headers[0]
+    modes, known = header.modes, header.parasitic_modes
+    assert known is not None
+    calibration = SelfCalibration(Config(), modes, known)
+    assert calibration.take_verdict(json.dumps({"refusal": "as it was", "load_1_s": [80.0, -200.0]}).encode())
+    assert calibration.report()["last_refusal"] == "as it was"
+    machine, again = (
+        Machine(Config(), modes, write_board=lambda _: T_START_NS, parasitic_modes=known) for _ in range(2)
+    )
+    calibration.resume(machine, T_START_NS)
+    assert machine.parasitic_modes is known
+    assert not calibration.step(SimpleNamespace(is_idle=False), T_START_NS)  # type: ignore[arg-type]
+    assert calibration.step(machine, T_START_NS)
+    assert not calibration.step(machine, T_START_NS)
+    calibration.resume(again, T_START_NS)
+    for one in (machine, again):
+        assert (one.parasitic_modes.finger_decay_1_s, one.parasitic_modes.finger_detuning_rad_s) == (80.0, 200.0)
+        assert one.pipeline._solver._parasitic_modes is one.parasitic_modes
+    assert calibration.report()["loads"] == 1
+
+
+@pytest.mark.parametrize("load_1_s", [[-1.0, 0.0], [1e5, 0.0], [float("nan"), 0.0]])
+def test_a_load_that_no_finger_has_is_left_out(load_1_s: list[float], at_rest: Touching) -> None:
+    header = at_rest.headers[0]
+    calibration = SelfCalibration(Config(), header.modes, header.parasitic_modes)
+    assert calibration.take_verdict(json.dumps({"refusal": "as it was", "load_1_s": load_1_s}).encode())
+    assert not calibration.step(SimpleNamespace(is_idle=True), T_START_NS)  # type: ignore[arg-type]
+
+
+def test_a_load_is_in_the_verdict_and_the_next_is_judged_against_what_is_in_force(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged_against: list[complex] = []
+
+    def learned(_windows: Any, _modes: Any, parasitic_modes: ParasiticModes, *_: Any) -> complex:
+        judged_against.append(complex(parasitic_modes.finger_decay_1_s, -parasitic_modes.finger_detuning_rad_s))
+        return 80.0 + 200.0j
+
+    monkeypatch.setattr(touch_process, "FIT_S", 1.2)
+    monkeypatch.setattr(finger_load, "learned_1_s", learned)
+    in_force = Record("adopt_load", 0, T_START_NS, {"decay_1_s": 120.0, "detuning_rad_s": -300.0})
+    assert accumulated(at_rest, in_force).verdict()["load_1_s"] == [80.0, 200.0]
+    assert judged_against == [120.0 + 300.0j]
+
+
 def test_a_long_refusal_is_cut(at_rest: Touching) -> None:
-    calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
+    calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
     assert calibration.take_verdict(json.dumps({"refusal": "x" * 5000}).encode())
     assert calibration.report()["last_refusal"] == "x" * 200
 
@@ -297,7 +345,7 @@ class Foreign(SelfCalibration):
 def test_a_process_that_floods_the_daemon_is_ended_with_one_warning(
     at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    calibration = Foreign(Config(), at_rest.headers[0].modes)
+    calibration = Foreign(Config(), at_rest.headers[0].modes, None)
     calibration.run(at_rest.headers[0], monkeypatch, "import os\nwhile 1: os.write(1, b'\\n' * 65536)")
     assert [record.getMessage() for record in caplog.records] == [
         "the self-calibration's process sent no verdict, the pad stays as it is: b''"
@@ -307,7 +355,7 @@ def test_a_process_that_floods_the_daemon_is_ended_with_one_warning(
 def test_a_process_that_reads_no_more_is_ended_with_one_warning(
     at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    calibration = Foreign(Config(), at_rest.headers[0].modes)
+    calibration = Foreign(Config(), at_rest.headers[0].modes, None)
     calibration.run(at_rest.headers[0], monkeypatch, "import os, signal; os.close(0); signal.pause()")
     assert [record.getMessage() for record in caplog.records] == [
         "the self-calibration's process has ended: the pad stays as it is"
@@ -319,7 +367,7 @@ def test_an_output_that_has_nothing_yet_is_read_later(at_rest: Touching, monkeyp
         raise BlockingIOError
 
     async def story() -> bool:
-        calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
+        calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
         calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
         with monkeypatch.context() as patched:
             patched.setattr(os, "read", nothing_yet)
@@ -335,7 +383,7 @@ def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
     at_rest: Touching, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def story() -> SelfCalibration:
-        calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
+        calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
         calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
         process = calibration.process
         assert process is not None
@@ -417,7 +465,7 @@ def test_another_board_begins_a_collection_of_its_own(at_rest: Touching) -> None
 
 def test_a_process_that_does_not_read_costs_records_and_no_time_but_learns_what_is_in_force(at_rest: Touching) -> None:
     async def story() -> tuple[dict[str, object], bytes]:
-        calibration = SelfCalibration(Config(), at_rest.headers[0].modes)
+        calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
         calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
         assert calibration.process is not None
         calibration.process.send_signal(signal.SIGSTOP)
@@ -482,9 +530,7 @@ def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bi
     assert after_um < 0.5 * before_um
 
     adopted_s = [
-        (record.t_ns - T_START_NS) * 1e-9
-        for record in open_recording(path).records()
-        if record.kind in ("adopt", "adopt_map", "adopt_readings")
+        (record.t_ns - T_START_NS) * 1e-9 for record in open_recording(path).records() if record.kind in IN_FORCE
     ]
     assert adopted_s
     since_s = run.t_s[1:] - np.array([0.0, *adopted_s])[np.searchsorted(adopted_s, run.t_s[1:], "right")]

@@ -78,6 +78,10 @@ class ParasiticModes:
         self._load_d: Final = [load.real for load in loads]
         self._load_q: Final = [load.imag for load in loads]
 
+    def with_load(self, load_1_s: complex) -> ParasiticModes:
+        """Return the same modes under fingers of this load: decay less j times detuning (1/s, rad/s)."""
+        return ParasiticModes(self.modes, self.decay_1_s, self.detuning_rad_s, load_1_s.real, -load_1_s.imag)
+
     def silenced(
         self,
         places: list[tuple[float, float, float]],

@@ -82,6 +82,10 @@ class InstantSolver:
         self._modes = modes
         self._steepest_1_mm = modes.steepest_1_mm()
 
+    def set_parasitic_modes(self, parasitic_modes: ParasiticModes) -> None:
+        """Compensate these undriven modes from now on."""
+        self._parasitic_modes = parasitic_modes
+
     @property
     def has_contacts(self) -> bool:
         """Whether fingers are discs, whose places are taken with their variance."""

@@ -158,6 +158,11 @@ class _Gain:
     frac: float
     standard_errors: float
 
+    @property
+    def is_sure(self) -> bool:
+        """Whether this half confirms, for its part."""
+        return self.frac >= WORTH_FRAC and self.standard_errors >= 1.0
+
 
 def _halves(windows: Windows) -> tuple[Windows, Windows]:
     is_first = np.floor(windows.start_s / TURN_S) % 2 == 0
@@ -197,7 +202,7 @@ def _apart(one: Fit, other: Fit) -> str:
 
 def _unconfirmed(gains: list[_Gain]) -> str:
     together = sum(gain.standard_errors for gain in gains) / np.sqrt(len(gains))
-    if together < SURE or any(gain.frac < WORTH_FRAC or gain.standard_errors < 1.0 for gain in gains):
+    if together < SURE or not all(gain.is_sure for gain in gains):
         return "The held-out touches confirm no change: the calibration is as good as this recording can tell."
     return ""
 
@@ -215,6 +220,8 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     for taught, held_out in (halves, halves[::-1]):
         fits.append(fitter.fit(taught, Free(pad=True, sense=True, waves=True), start))
         gains.append(fitter.gain(held_out, start, fits[-1].calibration))
+        if not gains[-1].is_sure:
+            break  # which the other half cannot mend
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if refusal := _unconfirmed(gains):
         return _without_map(judged, refusal)

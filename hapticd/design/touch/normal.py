@@ -48,9 +48,11 @@ def normal_of(problem: Problem, state: State, noise: FloatArray, mean: complex, 
         away = state.loads[rows] - mean
         drag = np.concatenate((away.real, away.imag), axis=1) / spread**2
         mixed, pull = own.transpose(0, 2, 1) @ left, -(own.transpose(0, 2, 1) @ rest)[..., 0] - drag
-        back = solved[rows] = np.linalg.solve(inner, np.concatenate((mixed, pull[..., None]), axis=-1))
-        flat = left.reshape(-1, left.shape[-1])
-        matrix += flat.T @ flat - mixed.reshape(-1, mixed.shape[-1]).T @ back[..., :-1].reshape(-1, mixed.shape[-1])
+        root = np.linalg.inv(np.linalg.cholesky(inner))
+        half = root @ np.concatenate((mixed, pull[..., None]), axis=-1)
+        back = solved[rows] = root.transpose(0, 2, 1) @ half
+        flat, taken = left.reshape(-1, left.shape[-1]), half[..., :-1].reshape(-1, mixed.shape[-1])
+        matrix += flat.T @ flat - taken.T @ taken  # of a matrix by itself: half of the products
         scores[rows] = (left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
         right -= scores[rows].sum(axis=0)
     return Normal(matrix, right, solved[..., -1], solved[..., :-1], weights, scores)

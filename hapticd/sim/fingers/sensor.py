@@ -157,8 +157,12 @@ class SensorModel:
 
     def reports(self, paths: Sequence[Path], t_end_s: float) -> list[Report]:
         """Return all reports sampled before `t_end_s`, in order of arrival."""
+        return list(self.until(paths, t_end_s))
+
+    def until(self, paths: Sequence[Path], t_end_s: float) -> Iterator[Report]:
+        """Return the same, computed as they are taken."""
         scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths))
-        return [report for scan in scans for report in scan.reports]
+        return (report for scan in scans for report in scan.reports)
 
     def stream(self, paths: Sequence[Path]) -> Iterator[Report]:
         """Return an endless stream of reports. It blocks until a finger lands; `scans` does not."""

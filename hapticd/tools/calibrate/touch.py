@@ -15,15 +15,21 @@ import numpy as np
 
 from ...config.sections import SIMULATED
 from ...core.plate.mode_shapes import ModeShapes
-from ...design import finger_load
 from ...design.touch.judge import Judged
 from ...design.touch.model import CENTROID
-from ...design.touch.observations import in_windows
 from ...errors import CalibrationError
 from ...files import calibration as calibration_file
 from ...files import plotting
 from ...files.recording.mcap_reader import open_recording
-from ..touch_correction import MOST_SHIFT_S, calibration_of, has_sensors, judged_by, mode_map, pad_settings
+from ..touch_correction import (
+    calibration_of,
+    has_sensors,
+    judged_by,
+    learned_load,
+    mode_map,
+    pad_settings,
+    windows_of,
+)
 from ..touch_recording import Touched, read
 from .verdict import PICTURE, Figure, Outcome, Settings, Verdict
 
@@ -55,22 +61,10 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     touched = read(options.recording)
     judged = judged_by(touched)
-    load_1_s = learned_load(touched, judged)
+    load_1_s = learned_load(touched, windows_of(touched), judged)
     settings = saved(touched, judged, load_1_s, options.out)
     draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(options.recording.name))
     return verdict(judged, settings, load_1_s, has_sensors=has_sensors(touched), is_simulated=options.sim)
-
-
-def learned_load(touched: Touched, judged: Judged) -> complex | None:
-    """Return a finger's load, if parasitic modes are known, touches tell it, and it is not what is configured."""
-    header = touched.header
-    if header.parasitic_modes is None:
-        return None
-    windows = in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S)
-    usual_1_s = float(np.mean(header.parasitic_modes.decay_1_s))  # modes of one plate and nearly one frequency
-    known_1_s = {one.mode: math.pi * one.frequency_hz / one.q_factor for one in header.calibration.modes}
-    decay_1_s = [known_1_s.get(mode, usual_1_s) for mode in range(header.modes.M)]
-    return finger_load.learned_1_s(windows, header.modes, header.parasitic_modes, decay_1_s, judged.calibration)
 
 
 def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory: Path) -> Settings:

@@ -99,6 +99,7 @@ COUNTERS = (
     Figure("calibration.adopted", "calibration_adopted", "Of these, adopted"),
     Figure("calibration.steps", "calibration_steps", "Small steps of adoption"),
     Figure("calibration.maps", "calibration_maps", "Mode maps adopted, with what sensors read"),
+    Figure("calibration.loads", "calibration_loads", "Loads of a finger adopted"),
     Figure("calibration.dropped", "calibration_records_dropped", "Records that the calibration's process did not get"),
 )
 COUNTED = (  # maps of counters: one metric with a label

@@ -143,7 +143,8 @@ def test_a_learned_load_is_adopted_by_itself_too(
     recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
 ) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))
-    assert touch.learned_load(touched, judged(Calibration.nominal(2))) is None  # too short to tell
+    windows = touch.windows_of(touched)
+    assert touch.learned_load(touched, windows, judged(Calibration.nominal(2))) is None  # too short to tell
     refused = replace(judged(Calibration.nominal(2)), refusal="The held-out touches confirm no change.")
     load_1_s = 300.0 - 2.0j * np.pi * 120.0
     settings = touch.saved(touched, refused, load_1_s, tmp_path)
@@ -182,7 +183,7 @@ def test_heavy_or_detuning_fingers_are_learned_in_nine_seconds_and_leak_little_m
     path = tmp_path / "session.mcap"
     simulated.run("strokes", path, settings=in_world(played(TrackpadConfig()), world), seed=101, seconds=9.0)
     touched = read(path)
-    found_1_s = touch.learned_load(touched, judged(Calibration.nominal(2)))
+    found_1_s = touch.learned_load(touched, touch.windows_of(touched), judged(Calibration.nominal(2)))
     plate = GroundTruth(PlateSettings(world=world))
     truth_1_s = complex(plate.finger_decay_1_s, -plate.finger_detuning_rad_s)
     assert found_1_s is not None

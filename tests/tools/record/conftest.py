@@ -19,6 +19,7 @@ from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording, RecordingFile
 from hapticd.sim.fingers.paths import Path as Finger
 from hapticd.sim.lockstep import Settings
+from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.tools.record import simulated
 
 SECONDS = 1.5
@@ -40,7 +41,7 @@ def recorded(path: Path, *fingers: Finger) -> tuple[Bench, DirectRecording]:
         begun.append(DirectRecording(path, header_of(machine, t_ns=START_NS, utc="", is_whole=True)))
         return begun[0].put
 
-    return Bench(*fingers, observer=observer), begun[0]
+    return Bench(*fingers, observer=observer, parasitic_modes=GroundTruth().parasitic_modes(1)), begun[0]
 
 
 @pytest.fixture(scope="session")
@@ -83,6 +84,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench.machine.adopt_readings([1.01, 0.0, 0.001, 0.99], [0.0, 0.002, 0.0, -0.01], bench.t_ns)
     shapes = 1.001 * bench.machine.modes.shapes
     bench.machine.adopt_map(shapes.astype("<f4").tobytes(), bench.machine.modes.steepest_1_mm(), bench.t_ns)
+    bench.machine.adopt_load(120.0, -300.0, bench.t_ns)
     assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
     assert bench.ask("release", client="test", finger=2)["ok"]

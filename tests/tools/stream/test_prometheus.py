@@ -29,7 +29,7 @@ def reported() -> Any:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(300)
-    bench.machine.status.calibration = SelfCalibration(Config(), bench.machine.modes).report
+    bench.machine.status.calibration = SelfCalibration(Config(), bench.machine.modes, None).report
     return bench.machine.report_status(bench.t_ns)
 
 
