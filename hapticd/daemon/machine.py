@@ -289,8 +289,7 @@ class Machine:
     def adopt_load(self, decay_1_s: float, detuning_rad_s: float, t_now_ns: int) -> None:
         """Take a finger to add this to a mode with |phi| = 1 under it, from the next pass on. Raises ValueError where
         no parasitic modes are known, or for what is not finite."""
-        if self._observer is not None:
-            self._observer("adopt_load", t_now_ns, decay_1_s, detuning_rad_s)
+        self._observed.put("adopt_load", t_now_ns, decay_1_s, detuning_rad_s)
         if self.parasitic_modes is None:
             raise ValueError("no parasitic modes are known, on which a finger's load acts.")
         self.parasitic_modes = self.parasitic_modes.with_load(complex(decay_1_s, -detuning_rad_s))
