@@ -112,7 +112,7 @@ def test_a_pass_goes_on_and_is_reported_where_perception_fails(
     bench = Bench(SLIPPERY, STICKY).driven()
     sent: list[bytes] = []
     bench.machine.watch(sent.append, bench.t_ns)
-    monkeypatch.setattr(Perception, "change", lambda *_: 1 / 0)
+    monkeypatch.setattr(Perception, "felt", lambda *_: 1 / 0)
     heard = bench.run(100)
     assert "reference" in [each.name for each in heard]
     assert len(msgpack.unpackb(sent[-1])["fingers"]) == 2

@@ -12,7 +12,8 @@ from .scenarios import Actor
 
 TTL_NS = 500_000_000
 REFRESH_S = 0.15
-ABSENT_MM = 1e9  # distance assigned to a lifted actor: less than that of a virtual one
+ABSENT_MM = 1e9  # distance added for a lifted actor: less than that of a virtual one
+LANDS_WITHIN_S = 0.05  # of the instant at which the daemon takes the first report to have been sampled
 
 
 def virtual_name(actor: int) -> str:
@@ -63,8 +64,11 @@ class ScriptedClient:
             path = self._actors[index].path
             if path is None:
                 return math.inf
-            position = path.position_mm(np.array([t_s]))[0]
-            distance_from_mm = math.hypot(position[0] - x_mm, position[1] - y_mm)
-            return distance_from_mm if math.isfinite(distance_from_mm) else ABSENT_MM
+            now, soon = path.position_mm(np.array([t_s, t_s + LANDS_WITHIN_S]))
+            for absent_mm, position in ((0.0, now), (ABSENT_MM, soon)):
+                away_mm = math.hypot(position[0] - x_mm, position[1] - y_mm)
+                if math.isfinite(away_mm):
+                    return absent_mm + away_mm
+            return 2.0 * ABSENT_MM
 
         return min(range(len(self._actors)), key=distance_mm)
