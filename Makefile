@@ -61,7 +61,7 @@ install = $(BIN)/python -c '$(LISTED)' $(1) > $(VENV)/$(lastword $(1)).txt && $(
 # Without pip's isolated build, which would download and unpack mypy and numpy a second time; and beside it, on the core
 # that mypyc leaves idle, what the demo imports.
 $(HAPTICD): pyproject.toml clients/python/pyproject.toml $(COMPILED)
-	@echo "Everything goes into $(VENV). Compiling the touch path takes about a minute."
+	@echo "Everything goes into $(VENV). Compiling the touch path takes about half a minute."
 	$(PYTHON) -m venv $(VENV)
 	$(call install,build-system requires)
 	{ $(call install,project dependencies) && $(call install,project optional-dependencies plot); } & imports=$$!; \

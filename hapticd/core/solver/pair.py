@@ -25,7 +25,10 @@ def serve_one(row: Pair, target: float, limits: Pair, previous: Pair) -> Answer:
     if not (1.0 / SAFE < size < SAFE and target < SAFE):
         return _NO_ANSWER
     x, y = x / size, y / size
-    t = target / (size * (x * x + y * y))
+    square = x * x + y * y
+    if not square >= 1.0:  # one of them is no number: `max` heeds the first alone
+        return _NO_ANSWER
+    t = target / (size * square)
     limit_x, limit_y = limits
     w_x, w_y = t * x, t * y
     is_bent = not (abs(w_x) <= limit_x and abs(w_y) <= limit_y)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.solver import solve
@@ -49,12 +49,15 @@ def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) 
 
 @settings(deadline=None, max_examples=100)
 @given(problem=problems(), value=never, where=st.integers(0, 100))
+@example(
+    problem={"rows": ((1.0, 0.0),), "targets": (1.0,), "limits": (4.0, 4.0), "previous": None}, value=math.nan, where=1
+)
 def test_a_phi_that_is_not_finite_gives_silence(problem: dict[str, object], value: float, where: int) -> None:
     rows = [list(row) for row in problem["rows"]]  # type: ignore[attr-defined]
     if not rows:
         return
     rows[where % len(rows)][where % len(rows[0])] = value
-    problem["rows"] = tuple(tuple(row) for row in rows)
+    problem = problem | {"rows": tuple(tuple(row) for row in rows)}
     modal, limited = solve_fast(**problem)  # type: ignore[arg-type]
     assert not any(modal)
     assert not limited
