@@ -84,6 +84,7 @@ void hd_control_design(hd_design_t *design)
     hd_phasor_t loop[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
         loop[k] = plant->model[k].loop;
+        design->doubt_um_per_v[k] = FEEDTHROUGH_DOUBT * feedthrough_um_per_v(&plant->wiring, k);
         hd_observer_design(&design->observer[k], &plant->model[k], plant->tick_s, plant->output_delay_frac,
                            watch.bandwidth_1_s, watch.integral_time_s);
     }

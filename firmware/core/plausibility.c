@@ -18,7 +18,7 @@
 #define DEAD_ALONE 0.1f    /* of the limit: less of the other modes holds no mode still against half the voltage */
 #define DISTRUST_S 0.05f
 
-#define LEAST_DAMPING 0.4f /* of the model's: plates have half of it at least */
+#define LEAST_DAMPING 0.25f /* of the model's: plates have half of it at least, and gains are known to a factor of 2 */
 #define PHASE_RAD 0.2f     /* by which a loop may be off: so much of the power that only goes to and fro may be missing */
 #define FINGERS_1_S 1500.0f /* the most that fingers add to a mode's decay; one moist, pressing fingertip adds 345 */
 
@@ -71,6 +71,31 @@ static float surely_taken(hd_phasor_t power_um2_s)
     return power_um2_s.d + PHASE_RAD * fabsf(power_um2_s.q);
 }
 
+/* All modes together, with what fingers need to feed this one: the next comment has the bound. */
+static bool takes_less(hd_phasor_t all_um2_s, hd_phasor_t own_um2_s, float w_um2)
+{
+    float fed_um2_s = hd_smaller(0.0f, surely_taken(own_um2_s));
+    return surely_taken(all_um2_s) * FINGERS_1_S * w_um2 < fed_um2_s * fed_um2_s;
+}
+
+/* Feedthrough that is known to a tenth may hide c |u|^2 of the power, and |u|^2 is at least |conj(W) u|^2 / |W|^2. */
+static bool is_explained_by_feedthrough(const hd_core_t *core, int k)
+{
+    hd_phasor_t all_um2_s = {0.0f, 0.0f}, own_um2_s = {0.0f, 0.0f};
+    for (int n = 0; n < HD_MODES; n++) {
+        const hd_mode_model_t *model = &core->control.design.plant.model[n];
+        hd_phasor_t spare_um2_s = core->doubts[n].spare_um2_s, taken_um2_s = spare_um2_s;
+        taken_um2_s.d += LEAST_DAMPING * model->decay_1_s * core->doubts[n].w_um2;
+        if (core->doubts[n].w_um2 > 0.0f) {
+            spare_um2_s.d += core->control.design.doubt_um_per_v[n] * hd_dot(taken_um2_s, taken_um2_s)
+                             / (model->gain_um_per_v_s * core->doubts[n].w_um2);
+        }
+        all_um2_s = hd_add(all_um2_s, spare_um2_s);
+        own_um2_s = n == k ? spare_um2_s : own_um2_s;
+    }
+    return !takes_less(all_um2_s, own_um2_s, core->doubts[k].w_um2);
+}
+
 /* Energy comes from the amplifiers alone, and goes into damping: over some milliseconds, all modes together take what any
  * plate's damping takes at least, however far it is from resonance. Fingers that move a mode from others cost more:
  *
@@ -96,8 +121,8 @@ static bool gives_back(hd_core_t *core, int k)
     for (int n = 1; n < HD_MODES; n++) {
         all_um2_s = hd_add(all_um2_s, core->doubts[n].spare_um2_s);
     }
-    float fed_um2_s = hd_smaller(0.0f, surely_taken(spare_um2_s));
-    return surely_taken(all_um2_s) * FINGERS_1_S * w_um2 < fed_um2_s * fed_um2_s;
+    bool less = takes_less(all_um2_s, spare_um2_s, w_um2);
+    return less && (core->control.design.wires.has_own_sensors || !is_explained_by_feedthrough(core, k));
 }
 
 /* Whether an amplifier that drives the mode is above half its limit. */
