@@ -174,12 +174,12 @@ class Daemon:
         self.machine.trackpad_link(link.is_up, link.reason, now_ns(), model=self._trackpad.model)
 
     def _on_board_link(self, link: Link) -> None:
-        was_up = self._board_link is not None and self._board_link.is_up
-        if self._self_test is not None and was_up and not link.is_up:
-            self._self_test.forget()
-        if link.is_up and self._self_test is not None and self._self_test.result is None:
+        test = self._self_test
+        if test is not None and not link.is_up and test.result is not None and test.result[0] != RUNNING:
+            test.forget()
+        if test is not None and link.is_up and test.result is None:
             self._link.close()  # until the test has ended: it needs the port for itself
-            self._self_test.start(self._loop, self._on_self_test, self._touches)
+            test.start(self._loop, self._on_self_test, self._touches)
             link = Link(False, f"{self._link.port} is left to the self-test")
         self._board_link = link
         self.machine.board_link(link.is_up, link.reason, now_ns())

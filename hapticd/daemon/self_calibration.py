@@ -183,12 +183,16 @@ class SelfCalibration:
         return True
 
     def _request(self, verdict: Verdict) -> str:
-        """Begin to adopt what was found, while nothing else is adopted; returns why it is refused."""
+        """Begin to adopt what was found, while nothing else is adopted; returns why it, or the load, is refused."""
         correction, change = verdict.correction, verdict.change
-        if verdict.load_1_s is not None and is_load_near(verdict.load_1_s, self._parasitic_modes):
-            self._load_1_s, self._is_load_due = verdict.load_1_s, True
+        far = ""
+        if verdict.load_1_s is not None:
+            if is_load_near(verdict.load_1_s, self._parasitic_modes):
+                self._load_1_s, self._is_load_due = verdict.load_1_s, True
+            else:
+                far = f"The finger's load found is {_FAR} touch."
         if correction is None or self._adoption.is_moving or self._is_due:
-            return verdict.refusal
+            return verdict.refusal or far
         if change is not None and not change.is_near(self._scanned):
             return f"The map found, or the sensors, is {_FAR} scan, and resonance."
         if not self._adoption.request(correction):
@@ -197,7 +201,7 @@ class SelfCalibration:
         log.info("the touches show the pad elsewhere by %s mm: adopting it", [round(mm, 3) for mm in correction[1]])
         if change is not None:
             self._change, self._is_due = change, True
-        return ""
+        return far
 
     def step(self, machine: Machine, t_now_ns: int) -> bool:
         """Take the next small step, if one is due; all else, if no finger is down and nothing is requested.

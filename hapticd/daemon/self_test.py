@@ -21,6 +21,7 @@ from .board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
 WITHIN_S = 20.0  # six amplifiers take 5 s, and a busy host some more to begin
 SHOWN_CHARACTERS = 600
 TRIES = 3  # while the plate is touched: fingers damp, detune and couple the modes
+LOOK_S = 0.2  # after these, whether fingers have lifted
 
 
 class SelfTest:
@@ -47,17 +48,24 @@ class SelfTest:
             on_result(outcome, text)
 
         async def run() -> None:
+            unsafe = ""
             for test in itertools.count(1):
                 before = touches()
                 outcome, text = await _outcome(self._command)
+                unsafe = text if outcome == UNSAFE else unsafe
+                if outcome == UNKNOWN and unsafe:  # what was found unsafe is not driven untested
+                    report(UNSAFE, unsafe)
+                    return
                 if outcome not in (MOVED, UNSAFE) or touches() == (before[0], 0) == before:
                     report(outcome, text)
                     return
-                if test >= TRIES and outcome == MOVED:  # which would be driven; what is unsafe waits for a test without
+                if test >= TRIES and not unsafe:
                     report(UNKNOWN, f"the plate was touched in {test} tests, so that nothing is known: it is driven.")
                     return
                 if test == TRIES:
                     report(RUNNING, f"the plate was touched in {test} tests, and stays quiet: take all fingers off.")
+                while test >= TRIES and touches()[1] > 0:
+                    await asyncio.sleep(LOOK_S)
 
         report(RUNNING, "measuring modes and wires; the plate stays quiet until that is done")
         self._task = loop.create_task(run())

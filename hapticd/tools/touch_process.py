@@ -30,7 +30,7 @@ import numpy as np
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import shapes_of
 from ..daemon.settings import CALIBRATION_HZ
-from ..design.touch.judge import Judged, calibrate
+from ..design.touch.judge import NO_CHANGE, Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import in_windows
 from ..errors import HapticdError
@@ -122,8 +122,10 @@ class Accumulator:
         except HapticdError as error:
             return {"refusal": str(error)}
         verdict: dict[str, Any] = {"refusal": judged.refusal, "touched_s": judged.touched_s}
-        if (load_1_s := learned_load(found, windows, judged)) is not None:
-            verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
+        if judged.refusal in ("", NO_CHANGE):  # else the fingers may not be where the fit of the load has them
+            load_1_s = learned_load(found, windows, judged)
+            if load_1_s is not None:
+                verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
         return verdict if judged.refusal else verdict | self._found(judged)
 
     @property

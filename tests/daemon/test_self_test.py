@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import logging
 import os
@@ -85,19 +86,24 @@ def test_a_test_that_never_ends_is_ended(monkeypatch: pytest.MonkeyPatch) -> Non
             3,
         ),  # comes and goes, lands, rests
         (
-            [(5, 1)] * 10 + [(5, 0)] * 2,
+            [(5, 1)] * 6 + [(5, 1), (5, 1), (5, 0), (5, 0), (5, 0), (5, 0)],
             UNSAFE,
             [RUNNING, RUNNING, UNSAFE],
-            6,
-        ),  # the plate stays quiet while it is touched
+            4,
+        ),  # after three tests the next one waits until nothing touches the plate
     ],
 )
 def test_a_test_of_a_touched_plate_is_made_again(
-    touches: list[tuple[int, int]], found: str, outcomes: list[str], tests: int
+    touches: list[tuple[int, int]],
+    found: str,
+    outcomes: list[str],
+    tests: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     results: list[tuple[str, str]] = []
     made = self_test.SelfTest(CONFIG.device, "/dev/none")
     made._command = prints(document(moved=(SWAPPED,), unsafe=(SWAPPED,) if found == UNSAFE else ()))
+    monkeypatch.setattr(self_test, "LOOK_S", 0.0)
     left = iter(touches)
 
     async def story() -> None:
@@ -107,7 +113,30 @@ def test_a_test_of_a_touched_plate_is_made_again(
     asyncio.run(story())
     assert [result[0] for result in results] == outcomes
     assert made.result == results[-1]
-    assert len(touches) - len(list(left)) == 2 * tests
+    looks = 3 if tests > self_test.TRIES else 0
+    assert len(touches) - len(list(left)) == 2 * tests + looks
+
+
+@pytest.mark.parametrize("last", [UNKNOWN, MOVED])
+def test_what_a_touched_test_found_unsafe_is_not_driven_untested(last: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when the board is unplugged meanwhile, or a finger rests on it."""
+    results: list[tuple[str, str]] = []
+    found = iter([(UNSAFE, SWAPPED), (UNSAFE, SWAPPED), (last, SHIFTED), (UNSAFE, SWAPPED), (UNKNOWN, "")])
+
+    async def outcome(_: object) -> tuple[str, str]:
+        return next(found)
+
+    monkeypatch.setattr(self_test, "_outcome", outcome)
+    monkeypatch.setattr(self_test, "LOOK_S", 0.0)
+    down = itertools.chain([1] * 7, itertools.repeat(0))
+    made = self_test.SelfTest(CONFIG.device, "/dev/none")
+
+    async def story() -> None:
+        made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: (5, next(down)))
+        await until(lambda: results[-1][0] != RUNNING)
+
+    asyncio.run(story())
+    assert results[-1] == (UNSAFE, SWAPPED)
 
 
 def board_of(bench: Bench) -> Any:

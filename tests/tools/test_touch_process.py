@@ -30,6 +30,7 @@ from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import IN_FORCE, KINDS, SelfCalibration
 from hapticd.design import finger_load
+from hapticd.design.touch.judge import NO_CHANGE
 from hapticd.design.touch.model import LATENCY
 from hapticd.errors import CalibrationError
 from hapticd.files.recording.header import Header, header_fields
@@ -289,10 +290,11 @@ def test_a_finger_s_load_is_adopted_when_no_finger_is_down_also_where_the_pad_st
 
 
 @pytest.mark.parametrize("load_1_s", [[-1.0, 0.0], [1e5, 0.0], [float("nan"), 0.0]])
-def test_a_load_that_no_finger_has_is_left_out(load_1_s: list[float], at_rest: Touching) -> None:
+def test_a_load_that_no_finger_has_is_left_out_and_named(load_1_s: list[float], at_rest: Touching) -> None:
     header = at_rest.headers[0]
     calibration = SelfCalibration(Config(), header.modes, header.parasitic_modes)
-    assert calibration.take_verdict(json.dumps({"refusal": "as it was", "load_1_s": load_1_s}).encode())
+    assert calibration.take_verdict(json.dumps(RIGHT | {"load_1_s": load_1_s}).encode())
+    assert "load found is far from the configured one" in str(calibration.report()["last_refusal"])
     assert not calibration.step(SimpleNamespace(is_idle=True), T_START_NS)  # type: ignore[arg-type]
 
 
@@ -308,6 +310,10 @@ def test_a_load_is_in_the_verdict_and_the_next_is_judged_against_what_is_in_forc
     monkeypatch.setattr(touch_process, "FIT_S", 1.2)
     monkeypatch.setattr(finger_load, "learned_1_s", learned)
     in_force = Record("adopt_load", 0, T_START_NS, {"decay_1_s": 120.0, "detuning_rad_s": -300.0})
+    assert "load_1_s" not in accumulated(at_rest, in_force).verdict()  # for nobody knows where the pad lies
+    fit = touch_process.calibrate
+    known = lambda *given, **named: replace(fit(*given, **named), refusal=NO_CHANGE)  # noqa: E731
+    monkeypatch.setattr(touch_process, "calibrate", known)
     assert accumulated(at_rest, in_force).verdict()["load_1_s"] == [80.0, 200.0]
     assert judged_against == [120.0 + 300.0j]
 

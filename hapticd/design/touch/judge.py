@@ -26,6 +26,7 @@ MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not 
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
 UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
 UNKNOWN_LATENCY_S = 0.0015
+NO_CHANGE = "The held-out touches confirm no change: the calibration is as good as this recording can tell."
 SURE = 3.0  # standard errors of the gain on both halves together, and one on each
 WORTH_FRAC = 0.002  # of the residual's square: less is not felt
 MOST_SIGMAS = 4.0  # of the priors: what is farther off needs another step first
@@ -203,7 +204,7 @@ def _apart(one: Fit, other: Fit) -> str:
 def _unconfirmed(gains: list[_Gain]) -> str:
     together = sum(gain.standard_errors for gain in gains) / np.sqrt(len(gains))
     if together < SURE or not all(gain.is_sure for gain in gains):
-        return "The held-out touches confirm no change: the calibration is as good as this recording can tell."
+        return NO_CHANGE
     return ""
 
 
