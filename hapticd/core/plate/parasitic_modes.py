@@ -134,8 +134,8 @@ class ParasiticModes:
         """How each of `fingers` is moved by 1 um of each driven mode, by all modes; shapes (N, K): of these modes.
 
         By the amplitudes of these modes, W_n + r_n sum_i phi_n(P_i) sum_m phi_m(P_i) W_m = -r_n sum_i phi_n(P_i)
-        phi_k(P_i), because there are fewer of them than fingers. In parts: as machine code they are plain floats, where
-        complex numbers would be objects.
+        phi_k(P_i), because there are usually fewer of them than fingers. In parts: as machine code they are plain
+        floats, where complex numbers would be objects.
         """
         matrix: tuple[Rows, Rows] = [], []
         brought: tuple[Rows, Rows] = [], []

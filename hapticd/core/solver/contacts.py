@@ -16,8 +16,8 @@ stay         keeps the reference from turning faster than the plate follows, whe
 Errors count by their size, not by their squares: squares give most to the slippery finger that is farthest from its
 target because the voltage ends, and take it from the sticky one where each step costs most.
 
-Once a call each error is replaced by weight (r - a)^2 of the same slope at the present r (iteratively reweighted least
-squares: P. W. Holland and R. E. Welsch, Communications in Statistics A 6, 1977). Phases are free: W is complex,
+Once a call each error is replaced by weight (r - a)^2 / 2 of the same slope at the present r (iteratively reweighted
+least squares: P. W. Holland and R. E. Welsch, Communications in Statistics A 6, 1977). Phases are free: W is complex,
 X = Re(W W^H) is any matrix of rank 2, and in X the problem is convex but for the rank. That is why a descent from the
 present amplitudes stays near the best (within 2 % of the best of many starts on four modes) and changes continuously
 with the fingers; it never flips. From r_i >= Re(u_i^H W), with u_i = G_i W / r_i at the present W, each r_i a_i is
@@ -95,7 +95,7 @@ def felt_error(rms_um: float, target_um: float) -> float:
 
 
 def error_weight(rms_um: float, target_um: float) -> float:
-    """Return the weight of (r - a)^2, in 1/um^2, that has half the slope of `felt_error` at r."""
+    """Return the weight, in 1/um^2, with which weight (r - a)^2 / 2 has the slope of `felt_error` at r."""
     off_um, error = target_um - rms_um, _friction(rms_um) - _friction(target_um)
     slope_1_um = _friction(min(rms_um, FULL_UM)) / FRICTION_DECAY_UM
     secant_1_um = error / off_um if abs(off_um) > NEAR_UM else slope_1_um
