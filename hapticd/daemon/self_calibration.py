@@ -40,12 +40,8 @@ _LONGEST_LINE_BYTES = 1 << 21  # the largest map is a megabyte
 _PIECE_BYTES = 1 << 16
 _MOST_REFUSAL_CHARACTERS = 200
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
-IN_FORCE = (
-    "adopt",
-    "adopt_readings",
-    "adopt_map",
-    "adopt_load",
-)  # few, and never lost: all that follows is judged by them
+# Few, and never lost: all that follows is judged by them.
+IN_FORCE = ("adopt", "adopt_readings", "adopt_map", "adopt_load")
 KINDS = ("board_bytes", "written", "pass", *IN_FORCE)
 _FAR = "far from the configured one: run hapticd calibrate"
 
