@@ -40,7 +40,7 @@ typedef struct {
     hd_phasor_t disturbance_v;
     hd_phasor_t new_v, old_v; /* u of the last call, and of the one before */
     hd_phasor_t innovation_um; /* of the last tick */
-    hd_phasor_t taken_um_v;    /* sums of conj(W) u and |W|^2 as measured, of the ticks that nobody has judged yet */
+    hd_phasor_t taken_um_v;    /* sums of conj(W) u and |W|^2 as measured, of the ticks since they were last judged */
     float w_um2;
 
     hd_phasor_t moment_v_um; /* sum of conj(W) d */

@@ -1,8 +1,9 @@
 """Soak of a daemon that calibrates itself, `hapticd bench soak --calibrating`: one run of hours amid faults and drift.
 
 Two fingers stroke all over the plate of a random laboratory, whose modes drift, with a fault every 10 s. What is found
-adds up over the whole run; it is checked in spans of 150 s, after which the history is dropped. Beside the checks of
-each soak: how far a reference moves within a tick while something is adopted and else, and what the still finger gets.
+adds up over the whole run; it is checked in spans of 150 s, after which the history is dropped. In addition to the
+checks of each soak: how far a reference moves within a tick while something is adopted and else, and what the still
+finger gets.
 """
 
 from __future__ import annotations

@@ -234,7 +234,7 @@ class Machine:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,
         make the pass that moves virtual fingers. At rest all that is due every LOOK_EVERY_NS, keep-alives in between.
         """
-        if self._observed.observer is not None:  # an idle tick takes 1.6 us, to call for nobody 0.07
+        if self._observed.observer is not None:  # an idle tick takes 1.6 us, a call without effect 0.07
             self._observed.put("timer", t_now_ns)
         if self._rests(t_now_ns):
             if not self.session.is_resting:

@@ -97,7 +97,7 @@ def settle(
     still_importance: float = STILL_IMPORTANCE,
 ) -> ComplexArray:
     """Return the modal amplitudes (M, P) of `solve_contacts` from rest, by the Gram matrices (M, M, P) of P slipping
-    contacts and of the still ones beside them."""
+    contacts and of the still ones."""
     modes, count = slipping.shape[1:]
     certain = 1.0 + UNCERTAIN_FRAC**2 * np.eye(modes)[:, :, None]
     contacts = [gram * certain for gram in (slipping, *still)]

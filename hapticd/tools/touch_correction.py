@@ -12,7 +12,7 @@ from ..board_values import Calibration as BoardCalibration
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import Correction, configured_pad
 from ..design import finger_load
-from ..design.touch.judge import Judged, calibrate
+from ..design.touch.judge import NO_CHANGE, Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import Windows, in_windows
 from .touch_recording import Touched
@@ -31,9 +31,12 @@ def judged_by(touched: Touched) -> Judged:
 
 
 def learned_load(touched: Touched, windows: Windows, judged: Judged) -> complex | None:
-    """Return a finger's load, if parasitic modes are known, touches tell it, and it is not that of the header."""
+    """Return a finger's load, if parasitic modes are known, touches tell it, and it is not that of the header.
+
+    None also where the fit of the pad was refused: it is unknown then where on the plate the fingers were.
+    """
     header = touched.header
-    if header.parasitic_modes is None:
+    if header.parasitic_modes is None or judged.refusal not in ("", NO_CHANGE):
         return None
     usual_1_s = float(np.mean(header.parasitic_modes.decay_1_s))  # modes of one plate and nearly one frequency
     known_1_s = {one.mode: math.pi * one.frequency_hz / one.q_factor for one in header.calibration.modes}

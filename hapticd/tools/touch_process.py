@@ -30,13 +30,12 @@ import numpy as np
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import shapes_of
 from ..daemon.settings import CALIBRATION_HZ
-from ..design.touch.judge import NO_CHANGE, Judged, calibrate
+from ..design.touch.judge import Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
-from ..design.touch.observations import in_windows
 from ..errors import HapticdError
 from ..files.recording.header import Header, header_from
 from ..files.recording.kinds import Record
-from .touch_correction import MOST_SHIFT_S, learned_load, mode_map
+from .touch_correction import learned_load, mode_map, windows_of
 from .touch_recording import Collected, touched
 
 DUTY = 0.1  # of one processor
@@ -117,15 +116,13 @@ class Accumulator:
         self._begin(self._collected.next())
         try:
             found = touched(together, self._header, "the touching")
-            windows = in_windows(found.ticks, found.tracks, MOST_SHIFT_S)
+            windows = windows_of(found)
             judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
         except HapticdError as error:
             return {"refusal": str(error)}
         verdict: dict[str, Any] = {"refusal": judged.refusal, "touched_s": judged.touched_s}
-        if judged.refusal in ("", NO_CHANGE):  # else the fingers may not be where the fit of the load has them
-            load_1_s = learned_load(found, windows, judged)
-            if load_1_s is not None:
-                verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
+        if (load_1_s := learned_load(found, windows, judged)) is not None:
+            verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
         return verdict if judged.refusal else verdict | self._found(judged)
 
     @property

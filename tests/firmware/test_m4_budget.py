@@ -174,7 +174,7 @@ HELD_UM = (1.5 + 0.2j, -0.7, 0.3, 0.9, -1.1, 0.4)
 
 
 def figures(counts: list[Count], beside_cycles: float = 0.0) -> npt.NDArray[np.float64]:
-    """Instructions and cycles of a chunk, and of the longest; cycles of the mean, with what comes beside it."""
+    """Instructions and cycles of a chunk, and of the longest; cycles of the mean, with what is added to it."""
     plain, longest = min(counts, key=lambda c: c.cycles), max(counts, key=lambda c: c.cycles)
     every = mean_cycles(counts) + beside_cycles
     return np.array([plain.instructions, plain.cycles, longest.instructions, longest.cycles, every])

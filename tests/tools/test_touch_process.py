@@ -310,7 +310,7 @@ def test_a_load_is_in_the_verdict_and_the_next_is_judged_against_what_is_in_forc
     monkeypatch.setattr(touch_process, "FIT_S", 1.2)
     monkeypatch.setattr(finger_load, "learned_1_s", learned)
     in_force = Record("adopt_load", 0, T_START_NS, {"decay_1_s": 120.0, "detuning_rad_s": -300.0})
-    assert "load_1_s" not in accumulated(at_rest, in_force).verdict()  # for nobody knows where the pad lies
+    assert "load_1_s" not in accumulated(at_rest, in_force).verdict()  # where the pad lies is unknown
     fit = touch_process.calibrate
     known = lambda *given, **named: replace(fit(*given, **named), refusal=NO_CHANGE)  # noqa: E731
     monkeypatch.setattr(touch_process, "calibrate", known)
