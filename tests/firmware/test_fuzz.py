@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "tests" / "data" / "board-golden.jsonl"
 SEEDS = ROOT / "tests" / "data" / "fuzz-board"
 RAW, FRAME, RUN, SENSE, LISTEN = range(5)
-FUZZ_RUNS = 8_000  # a second or two
+FUZZ_RUNS = 4_000  # a second
 
 
 def seeds() -> dict[str, bytes]:

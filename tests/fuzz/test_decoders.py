@@ -16,7 +16,7 @@ from fuzz.explore import MISSING
 from fuzz.target import Target, measured
 from fuzz.targets import TARGETS
 
-NEW_INPUTS = 1500  # to each decoder, a second or two: `make fuzz` tries as many as it has time for
+NEW_INPUTS = 500  # to each decoder, a second at most: `make fuzz` tries as many as it has time for
 DAMAGES = 60
 
 KEPT = [

@@ -132,7 +132,7 @@ def _command(words: str, results: Path) -> list[str]:
     return [
         QEMU, "-accel", "tcg", "-cpu", PROCESSOR, "-m", "1024", "-nodefaults", "-no-reboot",
         "-display", "none", "-monitor", "none", "-serial", "stdio",
-        "-kernel", str(KERNEL), "-initrd", str(INITRAMFS), "-append", f"console=ttyS0 quiet panic=-1 {words}",
+        "-kernel", str(KERNEL), "-initrd", str(INITRAMFS), "-append", f"console=ttyS0 quiet panic=-1 mitigations=off {words}",
         *_share("/", "host", "readonly=on,multidevs=remap"),
         *_share(results, "results"),
     ]  # fmt: skip
