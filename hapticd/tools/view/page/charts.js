@@ -8,6 +8,7 @@ const NAMES = ["X", "Y", "Z"];
 const SPANS = { age: "sample's age", compute: "compute", link: "link", horizon: "horizon" };
 const FULL_UM = 2;
 const GAP_S = 0.5;
+const NARROW = 90; // pixels of a mode's cell
 
 /** Draw the colours of the field, which end at `full_um`; with null the grey of a layer over it. */
 export function drawScale(canvas, full_um, colours) {
@@ -55,10 +56,17 @@ export function drawModes(canvas, modes, limits_um, colours) {
     context.lineTo(x, y + radius);
     context.stroke();
     context.fillStyle = colours.quiet;
-    context.textAlign = "left";
-    context.fillText(`W${limits_um.length > NAMES.length ? mode + 1 : NAMES[mode]}`, cell * mode + 4, 12);
-    context.textAlign = "right";
-    context.fillText(`${Number(limits_um[mode].toFixed(2))} µm`, cell * (mode + 1) - 4, 12);
+    const [name, limit] = [`W${limits_um.length > NAMES.length ? mode + 1 : NAMES[mode]}`, `${Number(limits_um[mode].toFixed(2))} µm`];
+    if (cell < NARROW) {
+      context.textAlign = "center";
+      context.fillText(name, x, y - radius - 6);
+      context.fillText(limit, x, y + radius + 15);
+    } else {
+      context.textAlign = "left";
+      context.fillText(name, cell * mode + 4, 12);
+      context.textAlign = "right";
+      context.fillText(limit, cell * (mode + 1) - 4, 12);
+    }
     for (const { phasors, colour, wide } of modes) {
       const w_um = phasors[mode];
       if (!w_um) continue;

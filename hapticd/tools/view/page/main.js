@@ -61,9 +61,10 @@ const link = new Link({
     const shapes = await link.shapes();
     if (plate !== message) return;
     picture.field = new Field(shapes, message.size_mm, message.w_limit_um);
-    picture.radius_mm = message.contact_radius_mm;
-    const { name, modes, has_contacts } = message;
-    write($("what"), `${name} plate, ${modes} modes${has_contacts ? ", whole contacts" : ""}`.trim());
+    const { name, modes, has_contacts, contact_radius_mm } = message;
+    picture.radius_mm = contact_radius_mm;
+    const contacts = has_contacts ? `, contacts of ${contact_radius_mm} mm` : "";
+    write($("what"), `${name} plate, ${modes} modes${contacts}`.trim());
     hands.allow(message.simulated ? message.size_mm : null);
     write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
     $("new-box").hidden = !message.simulated;
