@@ -25,12 +25,15 @@ export function drawScale(canvas, full_um, colours) {
     : [0, 0.1, 0.5, 1, 2, 4, 8, 16].filter((um) => um <= full_um).map((um) => [brightness(um, full_um), `${um}`]);
   context.font = "11px system-ui, sans-serif";
   context.fillStyle = colours.quiet;
+  let end = 0;
   for (const [part, text] of ticks) {
-    context.textAlign = part === 0 ? "left" : part > 0.98 ? "right" : "center";
+    const wide = context.measureText(text).width;
+    const begin = Math.min(Math.max(part * width - wide / 2, 0), width - wide);
     context.fillRect(Math.min(Math.round(part * width), width - 1), tall, 1, 4);
-    context.fillText(text, part * width, tall + 15);
+    if (begin < end) continue; // the one before leaves no room
+    context.fillText(text, begin, tall + 15);
+    end = begin + wide + 3;
   }
-  context.textAlign = "left";
 }
 
 /** Draw each mode's phasor against its limit: reference and best known value. */
