@@ -21,11 +21,13 @@ test: $(TESTS)
 # What `make test` leaves out: new property examples, emulated machines, browsers, mutants, real time alone.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 # A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
+# $(call of,word): the files of tests with it, for pytest takes seconds to import all.
+of = $$(grep -rl --include='test_*.py' '$(1)' tests)
 test-all: $(TESTS)
-	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone"
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
-	    || $(BIN)/python -m pytest -p no:xdist -rs -m long --last-failed --last-failed-no-failures none
-	$(BIN)/python -m pytest -p no:xdist -rs -m alone
+	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone" $(call of,hypothesis)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
+	    $(call of,mark.long) || $(BIN)/python -m pytest -p no:xdist -rs -m long --last-failed --last-failed-no-failures none
+	$(BIN)/python -m pytest -p no:xdist -rs -m alone $(call of,mark.alone)
 
 # Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.
 coverage: $(TESTS)
@@ -68,8 +70,10 @@ $(HAPTICD): pyproject.toml clients/python/pyproject.toml $(COMPILED)
 	$(PIP) --no-build-isolation --no-deps --editable . --editable clients/python && wait $$imports
 	touch $@
 
+# The first collection rewrites the assertions of 350 files and keeps them: one process does that, not three at a time.
 $(TESTS): $(HAPTICD)
 	$(call install,project optional-dependencies test)
+	$(BIN)/python -m pytest -p no:xdist --collect-only -q >/dev/null || true
 	touch $@
 
 $(LINT): $(TESTS)

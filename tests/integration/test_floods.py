@@ -16,7 +16,7 @@ from service import Bench, drive, wait_for
 
 from hapticd.io.clients import keys
 
-FLOOD_S = 4.0
+FLOOD_S = 3.0
 MAX_RSS_MB = 150.0
 MIN_STATES_HZ = 30.0  # of ninety: they do not stop
 PORT = 27610
