@@ -18,11 +18,12 @@ demo: $(HAPTICD)
 test: $(TESTS)
 	$(BIN)/python -m pytest -n 3 -m "not long and not alone"
 
+# $(call of,word): the files of tests with it, for pytest takes seconds to import all.
+of = $$(grep -rl --include='test_*.py' '$(1)' tests)
+
 # What `make test` leaves out: new property examples, emulated machines, browsers, mutants, real time alone.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 # A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
-# $(call of,word): the files of tests with it, for pytest takes seconds to import all.
-of = $$(grep -rl --include='test_*.py' '$(1)' tests)
 test-all: $(TESTS)
 	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone" $(call of,hypothesis)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
