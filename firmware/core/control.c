@@ -69,6 +69,28 @@ static hd_gains_t bearable(const hd_gains_t *gains, const hd_plant_t *plant)
     return (hd_gains_t){gains->law, slower * gains->bandwidth_1_s, gains->integral_time_s / slower};
 }
 
+/* Fingers and the plate's drift, as far as the drive follows it, may make a mode so much duller. */
+#define DULLER 3.0f
+#define ADRIFT_RAD_S 754.0f
+
+static float held_um_per_v(const hd_mode_model_t *model)
+{
+    hd_phasor_t rate_1_s = {DULLER * model->decay_1_s, fabsf(model->detuning_rad_s) + ADRIFT_RAD_S};
+    return model->gain_um_per_v_s / hd_magnitude(rate_1_s);
+}
+
+static float shown_um_per_v(const hd_design_t *design, int sensor)
+{
+    float least_um_per_v = FLT_MAX;
+    for (int k = 0; k < HD_MODES; k++) {
+        if (k == sensor || !design->wires.has_own_sensors) {
+            float sees = hd_magnitude(design->wires.sees[sensor][k]);
+            least_um_per_v = hd_smaller(least_um_per_v, sees * held_um_per_v(&design->plant.model[k]));
+        }
+    }
+    return least_um_per_v;
+}
+
 void hd_control_design(hd_design_t *design)
 {
     const hd_plant_t *plant = &design->plant;
@@ -89,6 +111,9 @@ void hd_control_design(hd_design_t *design)
                            watch.bandwidth_1_s, watch.integral_time_s);
     }
     hd_wiring_design(&design->wires, &plant->wiring, loop);
+    for (int k = 0; k < HD_MODES; k++) {
+        design->shown_um_per_v[k] = shown_um_per_v(design, k);
+    }
 }
 
 #define TRIAL_TICKS 200

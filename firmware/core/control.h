@@ -49,6 +49,7 @@ typedef struct {
     float integral_frac;   /* ki / kp of a tick */
     float ticks_per_s;
     uint32_t lookahead_us; /* lead of the law's reference before the tick: the end of the voltage hold */
+    float shown_um_per_v[HD_MODES]; /* what a volt of a mode that is held shows at least, by sensor (plausibility.c) */
     float doubt_um_per_v[HD_MODES]; /* of the feedthrough: what a volt may add to its mode's measurement all the same */
     float coupling_memory_frac; /* of the couplings' least squares, that a tick leaves */
     hd_wires_t wires;

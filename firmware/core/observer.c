@@ -15,6 +15,9 @@
 #define ABSURD_PER_TICK 0.25f /* of all amplitudes, that a disturbance moves a mode by */
 #define SURPRISE 0.4f /* innovation per change of voltage: of limit cycles at least 0.6 of |b|, on sound plates at most 0.16 */
 #define HURRY 0.5f    /* of the voltage that a change of the reference within a tick would take */
+#define LEAST_DAMPING 0.25f /* of the model's: plates have half of it at least, and gains are known to a factor of 2 */
+#define FAR_DECAYS 2.0f     /* of detuning; what is beyond hides power where the loops of two modes are off by */
+#define PHASES_APART_RAD 0.2f
 #define NEWEST 4.0f /* times what the observer takes at once: most of it with the tested gains, little with slow ones */
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};
@@ -58,6 +61,8 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
     design->v_per_um_s = 1.0f / model->gain_um_per_v_s;
     design->holding_v_per_um = hd_scale(design->v_per_um_s, (hd_phasor_t){model->decay_1_s, -model->detuning_rad_s});
     describe_tick(design, model, tick_s, output_delay_frac);
+    float far_rad_s = fabsf(model->detuning_rad_s) - FAR_DECAYS * model->decay_1_s;
+    design->least_taken_1_s = LEAST_DAMPING * model->decay_1_s - (far_rad_s > 0.0f ? PHASES_APART_RAD * far_rad_s : 0.0f);
     design->push_v_per_um = hd_div(ONE, design->push_um_per_v);
     design->surprise_um_per_v = SURPRISE * model->gain_um_per_v_s * tick_s;
     float hurry_v_per_um = HURRY * design->v_per_um_s / tick_s;

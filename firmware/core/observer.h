@@ -23,6 +23,7 @@ typedef struct {
     hd_phasor_t push_v_per_um;        /* 1 / b */
     hd_phasor_t holding_v_per_um;     /* u that holds an amplitude on the plate of the model */
     float surprise_um_per_v, hurry_v2_per_um2; /* what a swing is judged by (plausibility.c) */
+    float least_taken_1_s; /* power per |W|^2 that its damping takes, and phases may not hide (plausibility.c) */
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */

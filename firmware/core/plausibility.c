@@ -12,13 +12,12 @@
  * elsewhere, does neither. */
 #define WATCHED_VOLTAGE 0.5f
 #define DEAD_ASKED 0.0025f /* of the limit */
-#define DEAD_ANSWER 0.1f   /* of what is asked */
+#define DEAD_ANSWER 0.1f   /* of what is asked, or of what the limit's voltage holds of it */
 #define DEAD_MOST 0.15f    /* of the limit: no dead sensor reads more */
 #define DEAD_NOISE 0.001f  /* of the limit */
 #define DEAD_ALONE 0.1f    /* of the limit: less of the other modes holds no mode still against half the voltage */
 #define DISTRUST_S 0.05f
 
-#define LEAST_DAMPING 0.25f /* of the model's: plates have half of it at least, and gains are known to a factor of 2 */
 #define PHASE_RAD 0.2f     /* by which a loop may be off: so much of the power that only goes to and fro may be missing */
 #define FINGERS_1_S 1500.0f /* the most that fingers add to a mode's decay; one moist, pressing fingertip adds 345 */
 
@@ -85,7 +84,7 @@ static bool is_explained_by_feedthrough(const hd_core_t *core, int k)
     for (int n = 0; n < HD_MODES; n++) {
         const hd_mode_model_t *model = &core->control.design.plant.model[n];
         hd_phasor_t spare_um2_s = core->doubts[n].spare_um2_s, taken_um2_s = spare_um2_s;
-        taken_um2_s.d += LEAST_DAMPING * model->decay_1_s * core->doubts[n].w_um2;
+        taken_um2_s.d += core->control.design.observer[n].least_taken_1_s * core->doubts[n].w_um2;
         if (core->doubts[n].w_um2 > 0.0f) {
             spare_um2_s.d += core->control.design.doubt_um_per_v[n] * hd_dot(taken_um2_s, taken_um2_s)
                              / (model->gain_um_per_v_s * core->doubts[n].w_um2);
@@ -109,7 +108,7 @@ static bool gives_back(hd_core_t *core, int k)
     const hd_mode_model_t *model = &core->control.design.plant.model[k];
     hd_observer_t *observer = &core->control.loop[k].observer;
     hd_phasor_t spare_um2_s = hd_scale(model->gain_um_per_v_s, observer->taken_um_v);
-    spare_um2_s.d -= LEAST_DAMPING * model->decay_1_s * observer->w_um2;
+    spare_um2_s.d -= core->control.design.observer[k].least_taken_1_s * observer->w_um2;
     spare_um2_s = hd_add(hd_scale(core->recent_frac, doubts->spare_um2_s), spare_um2_s);
     float w_um2 = core->recent_frac * doubts->w_um2 + observer->w_um2;
     doubts->spare_um2_s = spare_um2_s;
@@ -142,7 +141,9 @@ static bool is_dead(const hd_core_t *core, int k)
     float limit_um = core->config.w_limit_um[k];
     const hd_wires_t *wires = &core->control.design.wires;
     float expected = hd_magnitude(wires->has_own_sensors ? core->asked_um[k] : hd_row(wires->sees[k], core->asked_um));
-    if (!(expected > DEAD_ASKED * limit_um && hd_within(core->sensor_um[k], DEAD_ANSWER * expected + DEAD_NOISE * limit_um))) {
+    float held_um = core->control.design.shown_um_per_v[k] * core->config.v_limit_v;
+    float dead_um = DEAD_ANSWER * hd_smaller(expected, held_um) + DEAD_NOISE * limit_um;
+    if (!(expected > DEAD_ASKED * limit_um && hd_within(core->sensor_um[k], dead_um))) {
         return false;
     }
     bool alone = true;

@@ -20,6 +20,8 @@ KINDS = tuple(
     for modes, name in ((2, SEPARATE), (2, PAPER), (3, SEPARATE))
     for control_hz in (2000.0, 5000.0)
 )
+FAR_KINDS = tuple((modes, SEPARATE, control_hz) for modes in range(2, 7) for control_hz in (2000.0, 5000.0))
+FAR_HZ = 300.0  # from the drive, that their modes may be
 W_LIMIT_UM = 4.0
 SCALES_UM = (0.05, 0.5, 2.0, 4.0, 6.0)  # the largest is beyond the limit, for the limiter to scale
 FRAMES_S = (0.01, 0.02, 0.05)
@@ -49,18 +51,25 @@ class World:
     detuning_at: Callable[[float], Floats]
 
 
-def draw(seed: int, seconds: float = RUN_S) -> World:
-    """Return the world of this run: its kind goes by the seed, all else is random."""
+def draw(seed: int, seconds: float = RUN_S, *, far: bool = False) -> World:
+    """Return the world of this run: its kind goes by the seed, all else is random.
+
+    Modes far from the drive have loop phases of their own, each off by up to LOOP_PHASE_RAD; near ones share one.
+    """
     random = np.random.default_rng(seed)
-    modes, name, control_hz = KINDS[seed % len(KINDS)]
+    kinds = FAR_KINDS if far else KINDS
+    modes, name, control_hz = kinds[seed % len(kinds)]
     wires, reference = wiring(name, modes), BoardConfig()
     gain_um_per_v_s = np.full(modes, reference.gain_um_per_v_s[0])
+    nominal_rad_s = np.linspace(reference.detuning_rad_s[0], reference.detuning_rad_s[1], modes)
+    if far:
+        nominal_rad_s = 2.0 * np.pi * random.uniform(-FAR_HZ, FAR_HZ, modes)
     config = BoardConfig(
         w_limit_um=(W_LIMIT_UM,) * modes,
         v_limit_v=LIMIT_V,
         control_hz=control_hz,
         decay_1_s=(reference.decay_1_s[0],) * modes,
-        detuning_rad_s=tuple(np.linspace(reference.detuning_rad_s[0], reference.detuning_rad_s[1], modes)),
+        detuning_rad_s=tuple(nominal_rad_s),
         gain_um_per_v_s=tuple(wires.gain * gain_um_per_v_s),
         drive=wires.drive,
         sense=wires.sense,
@@ -73,12 +82,17 @@ def draw(seed: int, seconds: float = RUN_S) -> World:
         sensor=wires.senses @ (np.eye(modes) + random.uniform(-CROSSTALK, CROSSTALK, (modes, modes))),
         noise_um=NOISE_UM,
         amplifier_limit_v=LIMIT_V,
-        loop_phase_rad=(random.uniform(-LOOP_PHASE_RAD, LOOP_PHASE_RAD),) * modes,
+        loop_phase_rad=_loop_phases(random, modes, own=far),
     )
     frame_s = float(random.choice(FRAMES_S))
     touch = _touch(random, round(seconds * control_hz), control_hz, modes)
-    kind = f"{modes} modes, {name}, {control_hz / 1e3:g} kHz"
+    kind = f"{modes} modes, {'far' if far else name}, {control_hz / 1e3:g} kHz"
     return World(kind, plate, config, touch, frame_s, _references(random, modes, frame_s), detuning_at)
+
+
+def _loop_phases(random: np.random.Generator, modes: int, *, own: bool) -> tuple[float, ...]:
+    drawn = random.uniform(-LOOP_PHASE_RAD, LOOP_PHASE_RAD, modes if own else 1)
+    return tuple(np.broadcast_to(drawn, modes).tolist())
 
 
 def _drift(random: np.random.Generator, nominal_rad_s: Floats) -> Callable[[float], Floats]:

@@ -34,6 +34,12 @@ def test_every_kind_of_board_is_driven_to_its_limits_without_a_failure() -> None
     assert whole.peak_measured_um > 0.5
 
 
+def test_so_is_one_with_modes_300_hz_from_the_drive() -> None:
+    found = [endurance.play(seed, 2.0, far=True) for seed in range(len(endurance_worlds.FAR_KINDS))]
+    assert {kind for kind, _ in found} == {f"{n} modes, far, {rate} kHz" for n in range(2, 7) for rate in (2, 5)}
+    assert endurance.total(one for _, one in found).failures == []
+
+
 def test_a_run_is_the_same_again() -> None:
     once, again = (replace(endurance.play(5, 1.0)[1], elapsed_s=0.0) for _ in range(2))
     assert once == again
@@ -68,16 +74,17 @@ def test_a_limit_passed_is_a_failure(name: str, sentence: str, frac: float) -> N
 
 def test_hours_become_runs_and_a_table_of_their_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
     play = endurance.play
-    monkeypatch.setattr(endurance, "play", lambda seed: play(seed, 0.1))
+    monkeypatch.setattr(endurance, "play", lambda seed, far: play(seed, 0.1, far=far))
     table = endurance.run(12 * endurance_worlds.RUN_S / 3600.0)
     assert [row.name for row in table.rows][-1] == "all"
-    assert len(table.rows) == len(endurance_worlds.KINDS) + 1
+    assert [row.name for row in table.rows][-3:-1] == ["2 modes, far, 2 kHz", "2 modes, far, 5 kHz"]
+    assert len(table.rows) == len(endurance_worlds.KINDS) + 2 + 1
     assert table.row("all").figures["runs_count"] == 12
     assert table.row("all").figures["faults_count"] == 0
 
 
 def test_failures_are_an_error_that_names_their_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(endurance, "draw", lambda seed, _: dead(seed, 2.0))
+    monkeypatch.setattr(endurance, "draw", lambda seed, *_, **__: dead(seed, 2.0))
     with pytest.raises(HapticdError, match=r"(?s)1 failures, faults by code \{4: 1\}.*\nrun 0 .*peak voltage"):
         endurance.run(0.001)
 

@@ -56,7 +56,7 @@ def _array(value: object) -> Any:
     return np.asarray(value, float) if isinstance(value, list) else value
 
 
-def held_ms(broken: Board, asked_um: tuple[float, float]) -> float:
+def held_ms(broken: Board, asked_um: tuple[float, ...]) -> float:
     """How long there is any voltage, in a run of 0.4 s that asks for these amplitudes; infinite if to its end."""
     trace = follow(broken, lambda _: [(0.0, np.array(asked_um, complex))], 800, 100)
     driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
@@ -220,6 +220,25 @@ def test_a_dead_sensor_that_sees_both_modes_quietens_the_plate(asked_um: tuple[f
         plate = replace(board().model, gain_um_per_v_s=gain, sensor=alive @ wires.senses)
         held = held_ms(Board(plate, config=config), asked_um)
         assert held <= QUIET_WITHIN_MS or abs(wires.senses[dead] @ asked_um) < 0.01
+
+
+@pytest.mark.parametrize("modes", [2, 4, 6])
+@pytest.mark.parametrize("scale", [0.1, 1.0])
+def test_a_dead_sensor_of_a_mode_far_from_the_drive_quietens_the_plate(modes: int, scale: float) -> None:
+    """Whose amplifier reaches a tenth of what is asked at most."""
+    detuning_rad_s = 2.0 * np.pi * np.linspace(-300.0, 300.0, modes)
+    decay_1_s, gain_um_per_v_s = (np.full(modes, value[0]) for value in (CONFIG.decay_1_s, CONFIG.gain_um_per_v_s))
+    config = BoardConfig(
+        w_limit_um=(4.0,) * modes,
+        decay_1_s=tuple(decay_1_s),
+        detuning_rad_s=tuple(detuning_rad_s),
+        gain_um_per_v_s=tuple(gain_um_per_v_s),
+        loop_phase_rad=(0.0,) * modes,
+    )
+    for dead in range(modes):
+        alive = np.diag([float(k != dead) for k in range(modes)])
+        plate = PlateModel(decay_1_s, detuning_rad_s, np.diag(gain_um_per_v_s), alive, NOISE_UM, LIMIT_V)
+        assert held_ms(Board(plate, config=config), (3.9 * scale,) * modes) <= QUIET_WITHIN_MS
 
 
 @pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 8)])

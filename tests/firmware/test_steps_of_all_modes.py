@@ -8,14 +8,18 @@ import pytest
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, Phasors, step
 from hapticd.sim.board.board import Board, BoardConfig, PlateModel
 
-CONTROL_HZ, DECAY_1_S, REACH_HZ = 5000.0, 183.0, 150.0
+CONTROL_HZ, DECAY_1_S = 5000.0, 183.0
+OFF_THE_WAY_UM = {150.0: 0.01, 300.0: 0.035}  # by how far modes may be from the drive, Hz
 MOST_MS, SHARE = 6.0, 0.5  # of what the voltage holds of each mode
 
 
-def random_step(modes: int, seed: int) -> tuple[Phasors, Phasors, Phasors]:
+def random_step(modes: int, farthest_hz: float, seed: int) -> tuple[Phasors, Phasors, Phasors]:
     """References before and after, and the amplitudes (ticks, modes) from the tick of the step on."""
     random = np.random.default_rng(seed)
-    detuning_rad_s, held_um = 2 * np.pi * random.uniform(-REACH_HZ, REACH_HZ, modes), random.uniform(1.5, 3.0, modes)
+    detuning_rad_s, held_um = (
+        2 * np.pi * random.uniform(-farthest_hz, farthest_hz, modes),
+        random.uniform(1.5, 3.0, modes),
+    )
     decay_1_s = np.full(modes, DECAY_1_S)
     gain = held_um * np.hypot(decay_1_s, detuning_rad_s) / LIMIT_V
     config = BoardConfig(
@@ -31,14 +35,15 @@ def random_step(modes: int, seed: int) -> tuple[Phasors, Phasors, Phasors]:
     return before, after, step(Board(model, config=config), before, after)
 
 
+@pytest.mark.parametrize("farthest_hz", OFF_THE_WAY_UM)
 @pytest.mark.parametrize("modes", [2, 3, 4, 5, 6])
-def test_all_modes_settle_within_6_ms_on_a_straight_way(modes: int) -> None:
+def test_all_modes_settle_within_6_ms_on_a_straight_way(modes: int, farthest_hz: float) -> None:
     """What a still contact feels of a step that leaves it still is the distance from that way."""
     for seed in range(40):
-        before, after, w_um = random_step(modes, seed)
+        before, after, w_um = random_step(modes, farthest_hz, seed)
         way, scale_um = after - before, float(np.abs(after - before).max())
         outside = np.flatnonzero(np.abs(w_um - after).max(axis=1) > SETTLED_FRAC * scale_um)
         assert 1e3 / CONTROL_HZ * (outside[-1] + 2) <= MOST_MS
         along = (w_um - before) @ way.conj() / np.vdot(way, way).real
         beside_um = np.abs(w_um - before - along[:, np.newaxis].real * way).max()
-        assert beside_um <= 0.01
+        assert beside_um <= OFF_THE_WAY_UM[farthest_hz]
