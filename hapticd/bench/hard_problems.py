@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.solver.arithmetic import Rows
+from ..core.solver.points.arithmetic import Rows
 from ..sim.plate.ground_truth import GroundTruth
 
 FloatArray = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compiled import why_interpreted
-from ..core.solver.arithmetic import Rows
+from ..core.solver.points.arithmetic import Rows
 from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from .baselines.paper_scheme import invert

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.solver.arithmetic import Rows
+from ..core.solver.points.arithmetic import Rows
 from ..core.solver.public import solve, solve_fast, solve_phased_fast
 from ..core.trajectory.gate import gate
 from ..sim.plate.ground_truth import GroundTruth

@@ -20,7 +20,6 @@ from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, T
 from .phasors import Row
 from .plate.mode_shapes import ModeShapes
 from .plate.parasitic_modes import ParasiticModes
-from .solver.general import solve_fast
 from .solver.instant import (
     InstantSolver,
     Key,
@@ -32,6 +31,7 @@ from .solver.instant import (
     points,
     settles_ns,
 )
+from .solver.points.general import solve_fast
 from .targets.scene import Scene
 from .touch.fingers import Fingers, Predictor
 from .trajectory.gate import gate, silence

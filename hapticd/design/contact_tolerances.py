@@ -77,7 +77,7 @@ def tolerance_study(
     for index in range(count):
         progress(index / count)
         measure = partial(_scanned, seed=[seed, count, index]) if are_scanned else None
-        judged = best_near(design, _drawn(design.plate, tolerances, random), drive, pairs, measure)
+        judged = best_near(design, random_plate(design.plate, tolerances, random), drive, pairs, measure)
         found[index] = (0.0, 0.0) if judged is None else (judged.contrast, judged.slip_um)
     return ToleranceStudy(found[:, 0] / design.contrast, found[:, 1] / design.slip_um)
 
@@ -91,21 +91,26 @@ def _scanned(shapes: Sequence[ModeShape], seed: Sequence[int]) -> ModeShapes:
     return ModeShapes.from_grid(maps.x_mm, maps.y_mm, maps.shapes * signs[:, None, None])
 
 
-def _drawn(plate: Plate, tolerances: Tolerances, random: np.random.Generator) -> Plate:
+def random_plate(plate: Plate, tolerances: Tolerances, random: np.random.Generator) -> Plate:
+    """Return a plate as it may be made; its patches are on it."""
     x, y, young, thickness = random.uniform(-1.0, 1.0, 4)
     width_mm, depth_mm = plate.size_mm
+    size_mm = (width_mm + x * tolerances.size_mm, depth_mm + y * tolerances.size_mm)
     young_gpa = plate.material.young_gpa * (1.0 + young * tolerances.young_frac)
     return Plate(
-        (width_mm + x * tolerances.size_mm, depth_mm + y * tolerances.size_mm),
+        size_mm,
         plate.thickness_mm * (1.0 + thickness * tolerances.thickness_frac),
         replace(plate.material, young_gpa=young_gpa),
-        tuple(_moved(patch, tolerances.patch_mm, random) for patch in plate.patches),
+        tuple(_moved(patch, size_mm, tolerances.patch_mm, random) for patch in plate.patches),
     )
 
 
-def _moved(patch: Patch, most_mm: float, random: np.random.Generator) -> Patch:
-    """Return the patch moved at random, away from the edges it is near."""
-    x_mm, y_mm = random.uniform(0.0, most_mm, 2)
-    return replace(
-        patch, x_mm=patch.x_mm - math.copysign(x_mm, patch.x_mm), y_mm=patch.y_mm - math.copysign(y_mm, patch.y_mm)
+def _moved(patch: Patch, size_mm: tuple[float, float], most_mm: float, random: np.random.Generator) -> Patch:
+    """Return the patch moved at random, away from the edges it is near, to a place on a plate of this size."""
+    x_mm, y_mm = (
+        math.copysign(min(abs(middle_mm) - off_mm, (edge_mm - width_mm) / 2.0), middle_mm)
+        for middle_mm, off_mm, edge_mm, width_mm in zip(
+            (patch.x_mm, patch.y_mm), random.uniform(0.0, most_mm, 2), size_mm, patch.size_mm, strict=True
+        )
     )
+    return replace(patch, x_mm=x_mm, y_mm=y_mm)

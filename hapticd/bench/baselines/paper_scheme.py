@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from ...config import Config
 from ...core.pipeline import PipelineSettings
-from ...core.solver.arithmetic import Row, Rows, within
-from ...core.solver.general import solve_fast
+from ...core.solver.points.arithmetic import Row, Rows, within
+from ...core.solver.points.general import solve_fast
 from ...daemon.settings import pipeline_settings
 from .predictors import PREDICTORS
 

@@ -33,7 +33,7 @@ from typing import Final
 
 from ...values import WEBER_FRAC
 from ..plate.contact import Gram
-from .arithmetic import SAFE, Row
+from .points.arithmetic import SAFE, Row
 
 FRICTION_DECAY_UM: Final = 0.7  # Biet, Giraud and Lemaire-Semail 2007; the default friction curve's
 FULL_UM: Final = 1.0  # beyond this friction is nearly as low as it gets: its slope stays, so that more is still more

@@ -16,11 +16,11 @@ from ..plate.contact import contact_gram, disc_points, stretch
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
-from .arithmetic import Rows
 from .contacts import contact_rms_um, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
-from .general import solve_fast
-from .phase import solve_phased_fast
+from .points.arithmetic import Rows
+from .points.general import solve_fast
+from .points.phase import solve_phased_fast
 
 Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there

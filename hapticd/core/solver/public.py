@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import Solution
-from .arithmetic import Row, Rows, clamped
 from .checks import (
     check_turn,
     checked_grams,
@@ -30,10 +29,11 @@ from .checks import (
     checked_track,
 )
 from .contacts import COLD_TURN_RAD, solve_contacts
-from .general import solve_fast
-from .pair import condition
-from .phase import TURN_RAD, solve_phased_fast
-from .sign_patterns import FloatArray
+from .points.arithmetic import Row, Rows, clamped
+from .points.general import solve_fast
+from .points.pair import condition
+from .points.phase import TURN_RAD, solve_phased_fast
+from .points.sign_patterns import FloatArray
 
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere

@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.solver import solve
-from hapticd.core.solver.general import solve_fast, solve_general
-from hapticd.core.solver.phase import solve_phased_fast
+from hapticd.core.solver.points.general import solve_fast, solve_general
+from hapticd.core.solver.points.phase import solve_phased_fast
 
 awkward = st.sampled_from(
     [0.0, -0.0, 1.0, 0.3, 5e-324, -1e-320, 1e-308, 1e-300, 1e-160, 1e17, 1e160, 1e300, -1.7e308, 1 + 2**-52]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from hapticd.core.solver import solve, solve_batch
-from hapticd.core.solver.general import solve_fast, solve_general
+from hapticd.core.solver.points.general import solve_fast, solve_general
 
 Array = npt.NDArray[np.float64]
 LIMIT_UM = 4.0

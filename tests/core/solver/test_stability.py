@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.solver import solve_batch
-from hapticd.core.solver.general import solve_fast
-from hapticd.core.solver.phase import solve_phased_fast
+from hapticd.core.solver.points.general import solve_fast
+from hapticd.core.solver.points.phase import solve_phased_fast
 from hapticd.core.trajectory.gate import gate
 from hapticd.values import Drive, Knot
 from hapticd.wire.board_messages import FRAME_MAX

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ..small_matrices import Vector, complement, dot
+from ...small_matrices import Vector, complement, dot
 from .arithmetic import NOISE
 
 DAMPING: Final = 1e-6  # weight of |W|: amplitudes err by a share of its square over the gain's

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ..small_matrices import Vector, complement
+from ...small_matrices import Vector, complement
 from .arithmetic import MISSED, NOISE, SAFE, Row, Rows, clamped
 
 

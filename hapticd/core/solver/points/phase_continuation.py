@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..phasors import magnitude
+from ...phasors import magnitude
 from .arithmetic import Phasors, Row, Rows, unscaled
 from .few_modes import Pattern
 from .general import posed

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from hapticd.core.solver import solve, solve_phased
-from hapticd.core.solver.phase import TURN_RAD, solve_phased_fast
-from hapticd.core.solver.phase_continuation import between, turn_of
+from hapticd.core.solver.points.phase import TURN_RAD, solve_phased_fast
+from hapticd.core.solver.points.phase_continuation import between, turn_of
 
 Array = npt.NDArray[np.float64]
 Phasors = npt.NDArray[np.complex128]

@@ -10,7 +10,7 @@ from hypothesis import given as drawn
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from hapticd.core.solver.slew_limit import Phasors2, between, eased, given, nearer_hand, squares
+from hapticd.core.solver.points.slew_limit import Phasors2, between, eased, given, nearer_hand, squares
 
 LIMITS = (4.0, 3.0)
 KEEP, UNFELT_UM = math.cos(math.pi / 16), (0.02, 0.01)

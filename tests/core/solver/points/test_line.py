@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.solver.general import solve_fast, solve_general
-from hapticd.core.solver.line import solve_line
-from hapticd.core.solver.phase import solve_phased_fast
+from hapticd.core.solver.points.general import solve_fast, solve_general
+from hapticd.core.solver.points.line import solve_line
+from hapticd.core.solver.points.phase import solve_phased_fast
 
 Rows = tuple[tuple[float, ...], ...]
 

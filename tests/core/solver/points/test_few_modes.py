@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.solver.few_modes import MOST_SLIPPING, pose_few
-from hapticd.core.solver.general import solve_fast, solve_general
-from hapticd.core.solver.phase import solve_phased_fast
+from hapticd.core.solver.points.few_modes import MOST_SLIPPING, pose_few
+from hapticd.core.solver.points.general import solve_fast, solve_general
+from hapticd.core.solver.points.phase import solve_phased_fast
 
 Rows = tuple[tuple[float, ...], ...]
 SMALL_UM2 = 1e-10

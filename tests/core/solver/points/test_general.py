@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
 from hapticd.core.solver import solve
-from hapticd.core.solver.polytope import Factored, least_norm_in_polytope
+from hapticd.core.solver.points.polytope import Factored, least_norm_in_polytope
 
 Array = npt.NDArray[np.float64]
 

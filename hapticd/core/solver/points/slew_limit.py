@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ..phasors import magnitude
+from ...phasors import magnitude
 from .arithmetic import Pair, Row, Shapes2
 
 Phasors2 = tuple[float, float, float, float]  # of two modes or two fingers: real, imaginary, real, imaginary

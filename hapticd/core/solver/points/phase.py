@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ..phasors import magnitude
+from ...phasors import magnitude
 from .arithmetic import SAFE, Pair, Phasors, Row, Rows, Shapes2, all_finite
 from .general import solve_fast
 from .pair import amplitudes, excess_error, in_range, meeting, misses_either, serve_both

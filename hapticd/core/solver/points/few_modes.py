@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ..small_matrices import Vector, complement, dot
+from ...small_matrices import Vector, complement, dot
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, SAFE, Row, Rows, clamped
 from .faces import DAMPING, Face
 
