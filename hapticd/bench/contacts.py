@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.plate.contact import Gram, contact_grams, disc_points
-from ..core.solver.contacts import STILL_IMPORTANCE, UNCERTAIN_FRAC, felt_error, solve_contacts
+from ..core.solver.contacts import FULL_FRICTION, STILL_IMPORTANCE, UNCERTAIN_FRAC, felt_error, solve_contacts
 from ..design.contact_pairs import contact_rms_um, grams, settle
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ..sim.plate.glasses import FINGERTIP, LEAST_PARASITIC
@@ -32,7 +32,7 @@ SIZES = ((2, 4), (2, 5), (2, 6), (3, 6), (5, 6))  # fingers and modes
 REACH_MM, LEAST_GAP_MM = 85.0, 20.0
 STARTS = 5  # of the general minimiser
 SETTLING = 6  # calls until the amplitudes before are settled
-IMPORTANCES = (1.0, 1.5, STILL_IMPORTANCE, 3.0)  # of a still contact
+IMPORTANCES = (FULL_FRICTION, 1.0, 1.5, STILL_IMPORTANCE, 3.0)  # of a still contact; the first is Weber's law
 WALKING_MODES = range(2, 9)
 WALKING_LIMIT_UM = 4.0
 
@@ -149,7 +149,7 @@ def frontier(modes: int = 4, *, seeds: Sequence[int] = (1, 2, 3, 4, 5), every_s:
             figures.append((slip_rms_um, slip_rms_um / still_rms_um, float(np.median(slip_um / still_um))))
         mean = np.mean(figures, axis=0).tolist()
         names = ("contact_slip_um", "contrast", "contrast_median")
-        rows.append((f"importance {importance:g}", dict(zip(names, mean, strict=True))))
+        rows.append((f"importance {importance:.2g}", dict(zip(names, mean, strict=True))))
     return Table(
         name="contacts_frontier",
         title=f"contacts: perfect knowledge on strokes at 10 cm/s, {modes} modes of the fingertip plate",

@@ -8,8 +8,10 @@ What counts is friction as felt, F(r) = exp(-r / FRICTION_DECAY_UM) of bare glas
 expected     r_i^2 = W^H G_i W + UNCERTAIN_FRAC^2 sum_k G_i,kk |W_k|^2: each mode errs by a share of its amplitude, by
              map, gain and sensor together.
 importance   the error of a finger that should stick counts STILL_IMPORTANCE times, that of one at 1 um and above once;
-             targets between pass from one to the other without a step. More would leave the slippery finger less than
-             0.75 um on the fingertip plate with four modes; once would halve the contrast.
+             targets between pass from one to the other without a step. What is asked of the plate sets it: the
+             slippery finger keeps 0.75 um on the fingertip plate with four modes, and the sticky one gets the rest.
+             By Weber's law, in differences that are just felt, the slippery one's error would count 4 times; perfect
+             knowledge then has a contrast of 4.4, and of 8.7 where both count alike (`hapticd bench leak`).
 JUST_FELT    the least change that is felt (Weber) where friction is lowest: smaller errors count by their squares.
 stay         keeps the reference from turning faster than the plate follows, where directions are nearly equal.
 
