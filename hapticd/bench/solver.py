@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compiled import why_interpreted
-from ..core.solver.points.arithmetic import Rows
+from ..core.solver.points.arithmetic import Row, Rows
 from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
-from .baselines.paper_scheme import invert
+from .baselines.solver import POLICIES, solve_rows
 from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
@@ -43,7 +43,7 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
         "solve_phased_fast": partial(_each, lambda *problem: solve_phased_fast(*problem)[0]),
         "solve": lambda phi, target_um: np.array([solve(one, target_um, W_LIMIT_UM).modal_um for one in phi]),
         "solve_batch": lambda phi, target_um: solve_batch(phi, target_um, W_LIMIT_UM),
-        "paper": partial(_each, lambda *problem: invert(*problem)[0]),
+        **{name: partial(_each, partial(_by_policy, name)) for name in POLICIES if name != "keep_zero"},
         "numpy solve + clip": _numpy_clip,
     }
     daqp = optional("daqp")
@@ -82,6 +82,10 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
 
 def _each(call: Callable[..., Sequence[complex]], phi: FloatArray, target_um: tuple[float, float]) -> Any:
     return np.array([call((tuple(one), tuple(other)), target_um, W_LIMIT_UM) for one, other in phi.tolist()])
+
+
+def _by_policy(policy: str, rows: Rows, targets: Row, limits: Row) -> Row:
+    return solve_rows(rows, targets, limits, policy=policy)[0]
 
 
 def _numpy_clip(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:

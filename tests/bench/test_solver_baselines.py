@@ -1,0 +1,66 @@
+"""Rules for points that lost: each against what defines it, and within the limits everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+import hapticd.core.solver as core_solver
+from hapticd.bench.baselines import solve
+from hapticd.bench.baselines.paper_scheme import invert
+from hapticd.bench.baselines.solver import POLICIES
+
+LIMIT_UM = 4.0
+NEARLY_PARALLEL = np.array([[0.8, 0.75], [0.8, 0.7]])
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize("reach_um", [1.0, 1e12])
+def test_every_policy_breaks_no_limit_and_makes_no_exception_of_singular_positions(
+    policy: str, reach_um: float
+) -> None:
+    random = np.random.default_rng(7)
+    for phi in (np.full((2, 2), 0.5), np.zeros((2, 3)), random.uniform(-1, 1, (3, 2)), random.uniform(-1, 1, (4, 4))):
+        target_um = reach_um * np.arange(float(len(phi)))
+        solution = solve(phi, target_um, LIMIT_UM, policy=policy, previous_um=np.ones(phi.shape[1]))
+        assert np.all(np.abs(solution.modal_um) <= LIMIT_UM)
+        assert solution.achieved_um == pytest.approx(np.abs(phi @ solution.modal_um))
+
+
+def test_keep_zero_is_the_cores_own() -> None:
+    phi = np.random.default_rng(1).uniform(-1, 1, (3, 3))
+    ours = core_solver.solve(phi, [1.0, 0.5, 0.0], LIMIT_UM)
+    assert solve(phi, [1.0, 0.5, 0.0], LIMIT_UM).modal_um.tolist() == ours.modal_um.tolist()
+
+
+def test_keep_ratio_scales_all_fingers_alike() -> None:
+    solution = solve([[1.0, 0.3], [0.2, 0.9]], [9.0, 3.0], LIMIT_UM, policy="keep_ratio")
+    assert solution.limited
+    assert solution.achieved_um[0] == pytest.approx(3 * solution.achieved_um[1])
+    assert np.max(np.abs(solution.modal_um)) == pytest.approx(LIMIT_UM)
+
+
+def test_least_squares_leaks_where_that_serves_the_others_better() -> None:
+    traded = solve(NEARLY_PARALLEL, [1.0, 0.0], LIMIT_UM, policy="least_squares")
+    assert traded.achieved_um[1] > 0.1
+    found = lsq_linear(NEARLY_PARALLEL, [1.0, 0.0], (-LIMIT_UM, LIMIT_UM), method="bvls").x
+    assert np.abs(traded.modal_um) == pytest.approx(np.abs(found))
+
+
+def test_the_papers_is_the_inverse_scaled_into_the_limits() -> None:
+    inverse = np.linalg.solve(NEARLY_PARALLEL, [1.0, 0.0])
+    solution = solve(NEARLY_PARALLEL, [1.0, 0.0], LIMIT_UM, policy="paper")
+    assert solution.modal_um == pytest.approx(inverse * LIMIT_UM / np.max(np.abs(inverse)))
+    assert solution.limited
+
+
+def test_the_papers_formula_takes_any_shapes() -> None:
+    for rows in (((0.5, 0.5), (0.5, 0.5)), ((0.0, 0.0), (0.0, 0.0)), ((0.3, -0.2), (0.1, 0.9)), ((0.4, -0.7),)):
+        modal_um, _ = invert(rows, (0.0, 1e12)[: len(rows)], (LIMIT_UM, LIMIT_UM))
+        assert np.all(np.abs(modal_um) <= LIMIT_UM)
+
+
+def test_an_unknown_policy_is_one_sentence() -> None:
+    with pytest.raises(ValueError, match=r"^policy: 'best' is unknown; choose one of keep_zero, [^\n]*\.$"):
+        solve([[0.5]], [1.0], LIMIT_UM, policy="best")
