@@ -164,6 +164,12 @@ class ModeShapes:
         other._steepest_1_mm = steepest_1_mm
         return other
 
+    def inside(self, points_mm: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Return whether each of `points_mm` (N, 2) lies on the map or its edge; shapes outside are clamped."""
+        x, y = _points(points_mm).T
+        on_x = (x >= self.x_mm[0]) & (x <= self.x_mm[-1])
+        return np.asarray(on_x & (y >= self.y_mm[0]) & (y <= self.y_mm[-1]), np.bool_)
+
 
 def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:
     """Index of the knot interval of a position within the knots: computed on an even grid, else by bisection."""

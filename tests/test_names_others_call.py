@@ -1,0 +1,71 @@
+"""Names that programs outside the project call: they stay, with their parameters."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hapticd.sim
+from hapticd.bench import baselines
+from hapticd.core import prediction, solver
+from hapticd.core.plate import ModeShapes
+from hapticd.design import free_plate_modes
+from hapticd.values import Contact, TouchFrame
+from hapticd.wire import device, trackpad
+from hapticd_client import Client
+
+
+@pytest.mark.parametrize(
+    ("function", "names"),
+    [
+        (ModeShapes.from_grid, "x_mm y_mm shapes"),
+        (ModeShapes.load, "path"),
+        (ModeShapes.save, "path"),
+        (ModeShapes.evaluate, "points_mm"),
+        (ModeShapes.gradient, "points_mm"),
+        (ModeShapes.inside, "points_mm"),
+        (solver.solve, "phi target_um limit_um previous_um gram"),
+        (solver.solve_batch, "phi target_um limit_um previous_um"),
+        (baselines.solve, "phi target_um limit_um policy previous_um"),
+        (prediction.make_predictor, "name settings"),
+        (trackpad.Decoder, "model"),
+        (trackpad.Decoder.decode, "report t_host_ns"),
+        (device.Decoder.feed, "data"),
+        (free_plate_modes, "size_mm thickness_mm young_gpa poisson density_kg_m3 band_hz"),
+        (hapticd.sim.run, "scenario settings seed seconds"),
+        (TouchFrame, "t_ns contacts button"),
+        (Contact, "contact_id x_mm y_mm major_mm minor_mm angle_rad pressure_frac touching state raw_x raw_y"),
+        (Client, "endpoint"),
+        (Client.set, "finger friction amplitude_um grating map ttl_s"),
+        (Client.virtual, "name position_mm path"),
+    ],
+)
+def test_a_function_takes_these_parameters(function: Callable[..., Any], names: str) -> None:
+    assert set(names.split()) <= set(inspect.signature(function).parameters)
+
+
+def test_references_predictors_and_clients_have_these_functions() -> None:
+    assert callable(device.encode_reference)
+    predictors = [prediction.make_predictor(), *(baselines.make_predictor(name) for name in baselines.PREDICTORS)]
+    for predictor in predictors:
+        assert all(callable(getattr(predictor, name)) for name in ("update", "predict", "reset", "covariance"))
+    assert all(callable(getattr(Client, name)) for name in ("fingers", "states", "status", "__enter__"))
+
+
+def test_inside_says_which_points_lie_on_the_map() -> None:
+    axis_mm = np.linspace(-10.0, 10.0, 5)
+    modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 5, 5)))
+    points_mm = [[10.0, -10.0], [10.01, 0.0], [0.0, -math.inf], [math.nan, 0.0], [0.0, 0.0]]
+    assert modes.M == 2
+    assert modes.inside(points_mm).tolist() == [True, False, False, False, True]
+
+
+def test_a_run_has_its_arrays_by_name() -> None:
+    run = hapticd.sim.run("strokes", seed=1, seconds=0.2)
+    names = ("t_s", "finger_true_mm", "finger_predicted_mm", "target_um", "reference_um", "modal_um", "truth_um")
+    assert {len(getattr(run, name)) for name in (*names, "limited")} == {len(run.t_s)}
