@@ -13,6 +13,7 @@ import logging
 import secrets
 import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,6 @@ from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
-from ..files.recording.dates import utc_now
 from ..files.recording.header import Header
 from ..io.clients.server import ClientServer
 from ..io.clients.sockets import Remote
@@ -185,18 +185,12 @@ class Daemon:
         self.machine.board_link(link.is_up, link.reason, now_ns())
 
     def _touches(self) -> tuple[int, int]:
-        return self.machine.newest_finger_id, len(self.machine.pipeline.fingers)
+        return self.machine.pipeline.newest_finger_id, len(self.machine.pipeline.fingers)
 
     def _on_self_test(self, outcome: str, text: str) -> None:
         self.machine.self_test(outcome, text, now_ns())
         if outcome != RUNNING:
             self._open_board()
-
-    @property
-    def tick_period_ns(self) -> int:
-        """Present period of the timer; available from `start` on."""
-        assert self._timer is not None, "start() comes first"
-        return self._timer.period_ns
 
     def go_real_time(self) -> None:
         """Request the configured real-time settings from the kernel, and log what it refuses."""
@@ -354,7 +348,8 @@ class Daemon:
 
 
 def _header(machine: Machine, is_whole: bool) -> Header:
-    return header_of(machine, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
+    utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # for people: nothing is decided by the wall clock
+    return header_of(machine, t_ns=now_ns(), utc=utc, is_whole=is_whole)
 
 
 def now_ns() -> int:

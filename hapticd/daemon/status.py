@@ -25,6 +25,8 @@ from .settings import pipeline_settings
 
 RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5
+LOOP_PARTS = ("read_age", "wait", "compute", "wire", "tick_late", "pause")
+LINK_PARTS = ("age", "link", "horizon", "late")
 MAP_POINTS = 64  # per axis: a dozen for each wave of the reference plate
 
 
@@ -200,18 +202,8 @@ class Status:
     def _timing(self) -> dict[str, object]:
         """Every report and every frame since the start: histograms of the parts of the path, and what was late."""
         ledger, loop = self._board.session.ledger, self.loop
-        histograms: Mapping[str, Histogram] = {
-            "read_age": loop.read_age,
-            "wait": loop.wait,
-            "compute": loop.compute,
-            "wire": loop.wire,
-            "tick_late": loop.tick_late,
-            "pause": loop.pause,
-            "age": ledger.age,
-            "link": ledger.link,
-            "horizon": ledger.horizon,
-            "late": ledger.late,
-        }
+        histograms: dict[str, Histogram] = {name: getattr(loop, name) for name in LOOP_PARTS}
+        histograms |= {name: getattr(ledger, name) for name in LINK_PARTS}
         return {
             "joined_reports": loop.joined_reports,
             "missed_ticks": loop.missed_ticks,
@@ -339,10 +331,7 @@ def _latency(ledger: Sequence[LedgerLine]) -> dict[str, object]:
     return {
         "frames": len(ledger),
         "frames_hz": (len(ledger) - 1) / seconds if seconds > 0 else 0.0,
-        "age": _percentiles([line.age_ns for line in ledger]),
-        "link": _percentiles([line.link_ns for line in ledger]),
-        "horizon": _percentiles([line.horizon_ns for line in ledger]),
-        "late": _percentiles([line.late_ns for line in ledger]),
+        **{part: _percentiles([getattr(line, f"{part}_ns") for line in ledger]) for part in LINK_PARTS},
     }
 
 

@@ -72,14 +72,10 @@ class FreePlateModes:
     def __len__(self) -> int:
         return len(self._shapes)
 
-    def tables(self) -> FloatArray:
-        """Return the modes as coefficients of Legendre products, (modes, nx, ny); see `free_plate.ModeShape`."""
-        return np.stack([shape.coefficients for shape in self._shapes])
-
     def at(self, points_mm: FloatArray, order: Order = (0, 0)) -> FloatArray:
         """Return a partial derivative, per mm, of all modes at `points_mm` (N, 2), clamped to the plate: (N, modes)."""
         x, y = np.clip(points_mm / self._half_mm, -1.0, 1.0).T
-        coefficients = self.tables()
+        coefficients = np.stack([shape.coefficients for shape in self._shapes])  # (modes, nx, ny)
         along_x, along_y = (
             legendre.values(position, degrees - 1, derivative) / half_mm**derivative
             for position, degrees, derivative, half_mm in zip(

@@ -42,10 +42,6 @@ class ModeShape:
     nodal_lines: tuple[int, int]
     name: str
 
-    def __call__(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """Same as `evaluate`."""
-        return self.evaluate(points_mm)
-
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
         x, y = _on_plate(points_mm, self.size_mm)

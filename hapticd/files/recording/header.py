@@ -132,13 +132,8 @@ _LOAD = ("finger_decay_1_s", "finger_detuning_rad_s")
 
 
 def _packed_parasitic_modes(parasitic_modes: ParasiticModes) -> dict[str, object]:
-    return {
-        "modes_float64_le": _packed_modes(parasitic_modes.modes),
-        "decay_1_s": parasitic_modes.decay_1_s,
-        "detuning_rad_s": parasitic_modes.detuning_rad_s,
-        "finger_decay_1_s": parasitic_modes.finger_decay_1_s,
-        "finger_detuning_rad_s": parasitic_modes.finger_detuning_rad_s,
-    }
+    figures = {name: getattr(parasitic_modes, name) for name in ("decay_1_s", "detuning_rad_s", *_LOAD)}
+    return {"modes_float64_le": _packed_modes(parasitic_modes.modes), **figures}
 
 
 def _modes(table: Any) -> ModeShapes:
