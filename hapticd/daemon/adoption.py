@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,8 +121,7 @@ class Adoption:
 def _between(start: Pad, target: Pad, share: float) -> Pad:
     if share >= 1.0:
         return target
-    names = [one.name for one in fields(AffineMap)]
-    parts = ((getattr(start.plate_from_pad, name), getattr(target.plate_from_pad, name)) for name in names)
+    parts = zip(astuple(start.plate_from_pad), astuple(target.plate_from_pad), strict=True)
     moved = AffineMap(*(before + share * (after - before) for before, after in parts))
     return Pad(moved, start.latency_ns + round(share * (target.latency_ns - start.latency_ns)))
 

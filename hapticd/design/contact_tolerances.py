@@ -13,7 +13,7 @@ Left out: wires, supports and the glue's own layer, uneven thickness, and errors
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,7 +22,7 @@ import numpy as np
 from hapticd.core.plate.mode_shapes import ModeShapes
 
 from .cartography import fit_scan
-from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, best_near
+from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, Progress, best_near
 from .free_plate import ModeShape
 from .glued_plate import Patch
 from .legendre import FloatArray
@@ -32,8 +32,6 @@ from .scan import sample_scan
 SIZE_MM, YOUNG_FRAC, THICKNESS_FRAC, PATCH_MM = 0.1, 0.02, 0.01, 0.5
 ENOUGH_FRAC = 2.0 / 3.0  # of the design's contrast
 SCAN_STEP_MM = 6.0
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
