@@ -219,12 +219,9 @@ class Daemon:
 
     async def stop(self) -> None:
         """Silence the plate, then close clients and trackpad, and the board last."""
-        if self._timer is not None:
-            self._timer.close()
-        if self._pauses is not None:
-            self._pauses.close()
-        if self._awake is not None:
-            self._awake.close()
+        for one in (self._timer, self._pauses, self._awake):
+            if one is not None:
+                one.close()
         if self._self_test is not None:
             await self._self_test.close()
         if self._machine is not None:

@@ -52,12 +52,9 @@ class Plate:
 
     def modes(self, band_hz: tuple[float, float]) -> list[tuple[float, ModeShape]]:
         """Return the modes in the band, lowest first. Raises ValueError."""
-        of = self.material
         if self.patches:
-            return glued_plate_modes(self.size_mm, self.thickness_mm, of, self.patches, band_hz)
-        return free_plate_modes(
-            self.size_mm, self.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=band_hz
-        )
+            return glued_plate_modes(self.size_mm, self.thickness_mm, self.material, self.patches, band_hz)
+        return free_plate_modes(self.size_mm, self.thickness_mm, self.material, band_hz)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from functools import partial
 from ..content_values import Cause, Effect, Envelope, Form, Modulation, Pulse, Start, Wave
 from ..errors import RequestError
 from .contents import MAX_AMPLITUDE_UM
-from .fields import Fields, bounded, items, label, whole
+from .fields import Fields, bounded, items
 from .surfaces import MAX_INSTANT_NS
 
 MAX_EFFECTS = 16
@@ -123,12 +123,12 @@ def _scope(fields: Fields, surfaces: Container[str]) -> int | str | None:
     if "finger" in fields and "surface" in fields:
         raise RequestError(f"{fields.where}: is on a finger or on a surface, not on both.")
     if "finger" in fields:
-        return whole(fields.take("finger"), 1, MAX_FINGER_ID, fields.place("finger"))
+        return fields.whole("finger", 1, MAX_FINGER_ID)
     return _surface(fields, surfaces) if "surface" in fields else None
 
 
 def _surface(fields: Fields, surfaces: Container[str]) -> str:
-    name = label(fields.take("surface"), fields.place("surface"))
+    name = fields.label("surface")
     if name not in surfaces:
         raise RequestError(f"{fields.place('surface')}: this message defines no surface {name!r}.")
     return name
