@@ -48,11 +48,11 @@ class Judged:
     latency_s: float
     latency_sigma_s: float
     gain_frac: float
-    map_gain_frac: float
-    refusal: str
-    map_refusal: str
-    waves: Waves | None
-    fit: Fit | None
+    map_gain_frac: float = 0.0
+    refusal: str = ""
+    map_refusal: str = ""
+    waves: Waves | None = None
+    fit: Fit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def calibrate(
             f"Only {touched_s:.1f} s of touching while the plate followed its references, {LEAST_TOUCHED_S:g} s are "
             "needed: move two fingers for a minute, one of them slippery."
         )
-        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
+        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
     free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
     fitter = _Fitter(modes, parasitic_modes)
@@ -125,10 +125,7 @@ def calibrate(
         latency_s=latency_s,
         latency_sigma_s=latency_sigma_s,
         gain_frac=float(np.mean([gain.frac for gain in gains])),
-        map_gain_frac=0.0,
         refusal=refusal,
-        map_refusal="",
-        waves=None,
         fit=found,
     )
     return _with_map(judged, windows, fitter)
