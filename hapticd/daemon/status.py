@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..config.sections import SIMULATED, Config
+from ..config.sections import Config
 from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
 from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
@@ -133,7 +133,7 @@ class Status:
             "y_mm": modes.y_mm[rows].tolist(),
             "modes": modes.M,
             "shapes": modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
-            "simulated": self._rig_directory(),
+            "simulated": config.rig_dir or None,
         }
 
     def collect(self, trackpad: Decoder, t_reports_ns: int | None, t_now_ns: int) -> dict[str, object]:
@@ -150,7 +150,7 @@ class Status:
             "assets": self._scene.assets.report(),
             "effects": self._effects(t_now_ns),
             "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
-            "simulated": self._rig_directory(),
+            "simulated": self._config.rig_dir or None,
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
             "trackpad": {
@@ -194,10 +194,6 @@ class Status:
             "begun": effects.begun,
             "skipped": effects.skipped,
         }
-
-    def _rig_directory(self) -> str | None:
-        """The directory of the simulated rig, if the trackpad is simulated."""
-        return self._config.sim.rig_dir or None if self._config.trackpad.source == SIMULATED else None
 
     def _timing(self) -> dict[str, object]:
         """Every report and every frame since the start: histograms of the parts of the path, and what was late."""
