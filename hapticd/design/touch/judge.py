@@ -252,15 +252,7 @@ def _mean(one: Fit, other: Fit) -> Fit:
     """The mean of both halves' fits, as good as a fit of all, whose cost it spares."""
     found, twin = one.calibration, other.calibration
     mean = Calibration((found.pad + twin.pad) / 2.0, (found.sense + twin.sense) / 2.0, (found.waves + twin.waves) / 2.0)
-    sigma = Calibration(
-        *(
-            np.hypot(getattr(one.sigma, name).real, getattr(other.sigma, name).real) / 2.0
-            + (
-                1j * np.hypot(getattr(one.sigma, name).imag, getattr(other.sigma, name).imag) / 2.0
-                if name == "sense"
-                else 0.0
-            )
-            for name in ("pad", "sense", "waves")
-        )
-    )
+    a, b = one.sigma, other.sigma
+    sense = np.hypot(a.sense.real, b.sense.real) / 2.0 + 1j * np.hypot(a.sense.imag, b.sense.imag) / 2.0
+    sigma = Calibration(np.hypot(a.pad, b.pad) / 2.0, sense, np.hypot(a.waves, b.waves) / 2.0)
     return replace(one, calibration=mean, sigma=sigma, covariance=(one.covariance + other.covariance) / 4.0)
