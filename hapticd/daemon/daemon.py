@@ -13,13 +13,13 @@ import logging
 import secrets
 import time
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
+from ..files.recording.dates import utc_now
 from ..files.recording.header import Header
 from ..io.clients.server import ClientServer
 from ..io.clients.sockets import Remote
@@ -337,8 +337,7 @@ class Daemon:
 
 
 def _header(machine: Machine, is_whole: bool) -> Header:
-    utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # for people: nothing is decided by the wall clock
-    return header_of(machine, t_ns=now_ns(), utc=utc, is_whole=is_whole)
+    return header_of(machine, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
 
 
 def now_ns() -> int:
