@@ -101,17 +101,16 @@ def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
 
 def _check_together(config: Config, where: str) -> None:
     """Check constraints between keys. Raises ConfigError."""
+    weights = config.prediction.pad_weights
     for name, value, length in (
         ("plate.size_mm", config.plate.size_mm, 2),
         ("trackpad.offset_mm", config.trackpad.offset_mm, 2),
         ("trackpad.scale", config.trackpad.scale, 2),
+        ("prediction.pad_weights", weights, 10 if weights else 0),
     ):
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
     _check_matrix(config.trackpad.matrix, where)
-    weights = config.prediction.pad_weights
-    if len(weights) not in (0, 10):
-        raise ConfigError(f"{where}: prediction.pad_weights: needs 10 numbers, not {len(weights)}.")
     if not 1 <= len(config.limits.w_limit_um) <= 8:
         raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. 8).")
     curve = config.plate.friction_curve

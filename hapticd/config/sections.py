@@ -260,3 +260,8 @@ class Config:
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     log: LogConfig = field(default_factory=LogConfig)
+
+    @property
+    def rig_dir(self) -> str:
+        """The directory of the simulated rig if the trackpad is simulated, else empty."""
+        return self.sim.rig_dir if self.trackpad.source == SIMULATED else ""

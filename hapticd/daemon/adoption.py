@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,16 +59,10 @@ class Correction(NamedTuple):
 
     def of(self, pad: Pad) -> Pad:
         """Return the corrected pad."""
-        xx, xy, yx, yy = self.matrix
-        before = pad.plate_from_pad
-        after = AffineMap(
-            xx * before.xx + xy * before.yx,
-            xx * before.xy + xy * before.yy,
-            yx * before.xx + yy * before.yx,
-            yx * before.xy + yy * before.yy,
-            xx * before.offset_x_mm + xy * before.offset_y_mm + self.offset_mm[0],
-            yx * before.offset_x_mm + yy * before.offset_y_mm + self.offset_mm[1],
-        )
+        linear, before = AffineMap(*self.matrix), pad.plate_from_pad
+        (xx, yx), (xy, yy) = linear.apply(before.xx, before.yx), linear.apply(before.xy, before.yy)
+        place_mm = AffineMap(*self.matrix, *self.offset_mm).apply(before.offset_x_mm, before.offset_y_mm)
+        after = AffineMap(xx, xy, yx, yy, *place_mm)
         low_ns, high_ns = LATENCY_NS
         return Pad(after, round(min(max(pad.latency_ns + 1e9 * self.latency_s, low_ns), high_ns)))
 
@@ -121,8 +115,7 @@ class Adoption:
 def _between(start: Pad, target: Pad, share: float) -> Pad:
     if share >= 1.0:
         return target
-    names = [one.name for one in fields(AffineMap)]
-    parts = ((getattr(start.plate_from_pad, name), getattr(target.plate_from_pad, name)) for name in names)
+    parts = zip(astuple(start.plate_from_pad), astuple(target.plate_from_pad), strict=True)
     moved = AffineMap(*(before + share * (after - before) for before, after in parts))
     return Pad(moved, start.latency_ns + round(share * (target.latency_ns - start.latency_ns)))
 

@@ -96,7 +96,7 @@ class BoardGateway:
         self.lacking = ""  # what a handshake lacks that should be complete
         self.self_test: tuple[str, str] | None = None  # outcome and sentence; None: none was requested
         self.write = write
-        self._first_baud = self._baud = config.device.baud
+        self._first_baud = self.baud = config.device.baud
         self._set_baud = set_baud
         self._t_pulse_ns = -PULSE_EVERY_NS
         self._w_limit_um = config.limits.w_limit_um
@@ -110,11 +110,6 @@ class BoardGateway:
         self._t_complete_ns: int | None = None  # when the handshake was last complete, or began; None: no port
         self._t_tended_ns = 0
         self._reported = ""  # the message that a logged handshake lacked
-
-    @property
-    def baud(self) -> int:
-        """The line's speed."""
-        return self._baud
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -135,7 +130,7 @@ class BoardGateway:
         self._decoder = device_wire.Decoder()
         self.refused = self.lacking = self._reported = ""
         self._t_complete_ns = t_now_ns if up else None
-        self._baud = self._first_baud  # of a port that was opened again
+        self.baud = self._first_baud  # of a port that was opened again
         if up:
             self._send(self.session.link_up(t_now_ns), t_now_ns)
         else:
@@ -301,8 +296,8 @@ class BoardGateway:
     def _tune_line(self) -> None:
         """Give the port the speed that the session has come to."""
         baud = self.session.line.baud or self._first_baud
-        if self._set_baud is not None and baud != self._baud:
-            self._baud = baud
+        if self._set_baud is not None and baud != self.baud:
+            self.baud = baud
             self._set_baud(baud)
             log.info("board: the line goes on at %d baud", baud)
 

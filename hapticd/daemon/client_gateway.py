@@ -12,11 +12,13 @@ from typing import NamedTuple, Protocol
 
 from .. import __version__
 from ..content_values import ClientTargets, Surface
+from ..core.pipeline import Pipeline
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..wire import client as client_wire
 from ..wire.assets import AssetPart
+from .board_gateway import BoardGateway
 from .layers import described
 from .observer import Observed
 
@@ -26,15 +28,8 @@ MAX_MARKERS = 64  # in one state; more between two passes are dropped
 class Host(Protocol):
     """What the gateway needs of the machine."""
 
-    @property
-    def newest_finger_id(self) -> int:
-        """The largest finger id so far; 0 before the first finger."""
-
     def wake_if_resting(self, t_now_ns: int) -> None:
         """Arm a resting board: targets are in force."""
-
-    def pulse(self, t_now_ns: int) -> None:
-        """Let the sync output rise with the next reference. Raises RequestError where it cannot."""
 
     def clear_fault(self, t_now_ns: int) -> None:
         """Clear the board's fault. Raises RequestError where the board cannot be asked."""
@@ -56,13 +51,17 @@ class _Described(NamedTuple):
 class ClientGateway:
     """All clients: each message names its client, and the socket knows its user."""
 
-    def __init__(self, scene: Scene, instance: int, host: Host, observed: Observed) -> None:
+    def __init__(
+        self, scene: Scene, pipeline: Pipeline, board: BoardGateway, instance: int, host: Host, observed: Observed
+    ) -> None:
         """`instance` distinguishes one start of the host from the next."""
         self.refused = 0
         self.last_refusal = ""
         self.overtaken = 0
         self.markers: list[client_wire.Marker] = []  # not yet published
         self._scene = scene
+        self._pipeline = pipeline
+        self._board = board
         self._instance = instance
         self._host = host
         self._observed = observed
@@ -92,7 +91,7 @@ class ClientGateway:
 
         Ids count up, so a client could otherwise own each finger before it touches.
         """
-        newest = self._host.newest_finger_id
+        newest = self._pipeline.newest_finger_id
         reached = [*message.targets, *[effect.on for effect in message.effects.values()]]
         unseen = [key for key in dict.fromkeys(reached) if isinstance(key, int) and key > newest]
         if unseen:
@@ -111,7 +110,7 @@ class ClientGateway:
             case client_wire.Marker() as marker:
                 self._client_registry.is_newest(marker.client, user, None, 0, t_now_ns)
                 if marker.has_pulse:
-                    self._host.pulse(t_now_ns)
+                    self._board.pulse(t_now_ns)
                 return self._mark(replace(marker, t_ns=t_now_ns))
             case AssetPart() as one:
                 self._client_registry.is_newest(one.client, user, None, 0, t_now_ns)

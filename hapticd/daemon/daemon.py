@@ -14,7 +14,6 @@ import secrets
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
@@ -47,13 +46,6 @@ LOG_MISSED_EVERY_NS = 10_000_000_000
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
 
 
-class Link(NamedTuple):
-    """Last known state of a device's connection."""
-
-    is_up: bool
-    reason: str
-
-
 class Daemon:
     """Everything that `hapticd run` opens, from `start` to `stop`."""
 
@@ -84,8 +76,8 @@ class Daemon:
         self._t_awake_ns: int | None = None
         self._logged_missed = 0
         self._machine: Machine | None = None
-        self._pad_link: Link | None = None
-        self._board_link: Link | None = None
+        self._pad_link: tuple[bool, str] | None = None  # whether it is connected, and why
+        self._board_link: tuple[bool, str] | None = None
         self._recorders: Recorders | None = None
         self._calibration_task: SelfCalibration | None = None
         self._awake: awake.CpuLatencyHold | None = None
@@ -124,7 +116,7 @@ class Daemon:
         self._trackpad.start(
             loop,
             on_reports=self._reports,
-            on_link=lambda up, reason: self._on_pad_link(Link(up, reason)),
+            on_link=self._on_pad_link,
         )
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
 
@@ -132,7 +124,7 @@ class Daemon:
         self._link.start(
             self._loop,
             on_bytes=lambda data: self.machine.board_bytes(data, now_ns()),
-            on_link=lambda up, reason: self._on_board_link(Link(up, reason)),
+            on_link=self._on_board_link,
         )
 
     def _new_machine(self) -> Machine:
@@ -165,38 +157,32 @@ class Daemon:
         if self._self_test is not None and self._self_test.result is not None:
             machine.self_test(*self._self_test.result, t_now_ns)
         if self._pad_link is not None:
-            self._on_pad_link(self._pad_link)
+            self._on_pad_link(*self._pad_link)
         if self._board_link is not None:
-            self._on_board_link(self._board_link)
+            self._on_board_link(*self._board_link)
 
-    def _on_pad_link(self, link: Link) -> None:
-        self._pad_link = link
-        self.machine.trackpad_link(link.is_up, link.reason, now_ns(), model=self._trackpad.model)
+    def _on_pad_link(self, is_up: bool, reason: str) -> None:
+        self._pad_link = is_up, reason
+        self.machine.trackpad_link(is_up, reason, now_ns(), model=self._trackpad.model)
 
-    def _on_board_link(self, link: Link) -> None:
+    def _on_board_link(self, is_up: bool, reason: str) -> None:
         test = self._self_test
-        if test is not None and not link.is_up and test.result is not None and test.result[0] != RUNNING:
+        if test is not None and not is_up and test.result is not None and test.result[0] != RUNNING:
             test.forget()
-        if test is not None and link.is_up and test.result is None:
+        if test is not None and is_up and test.result is None:
             self._link.close()  # until the test has ended: it needs the port for itself
             test.start(self._loop, self._on_self_test, self._touches)
-            link = Link(False, f"{self._link.port} is left to the self-test")
-        self._board_link = link
-        self.machine.board_link(link.is_up, link.reason, now_ns())
+            is_up, reason = False, f"{self._link.port} is left to the self-test"
+        self._board_link = is_up, reason
+        self.machine.board_link(is_up, reason, now_ns())
 
     def _touches(self) -> tuple[int, int]:
-        return self.machine.newest_finger_id, len(self.machine.pipeline.fingers)
+        return self.machine.pipeline.newest_finger_id, len(self.machine.pipeline.fingers)
 
     def _on_self_test(self, outcome: str, text: str) -> None:
         self.machine.self_test(outcome, text, now_ns())
         if outcome != RUNNING:
             self._open_board()
-
-    @property
-    def tick_period_ns(self) -> int:
-        """Present period of the timer; available from `start` on."""
-        assert self._timer is not None, "start() comes first"
-        return self._timer.period_ns
 
     def go_real_time(self) -> None:
         """Request the configured real-time settings from the kernel, and log what it refuses."""
@@ -225,12 +211,9 @@ class Daemon:
 
     async def stop(self) -> None:
         """Silence the plate, then close clients and trackpad, and the board last."""
-        if self._timer is not None:
-            self._timer.close()
-        if self._pauses is not None:
-            self._pauses.close()
-        if self._awake is not None:
-            self._awake.close()
+        for one in (self._timer, self._pauses, self._awake):
+            if one is not None:
+                one.close()
         if self._self_test is not None:
             await self._self_test.close()
         if self._machine is not None:

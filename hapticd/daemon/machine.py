@@ -90,7 +90,9 @@ class Machine:
         )
         self.session = self.board.session
         # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
-        self.clients = ClientGateway(self.scene, instance, weakref.proxy(self), self._observed)
+        self.clients = ClientGateway(
+            self.scene, self.pipeline, self.board, instance, weakref.proxy(self), self._observed
+        )
         self.status = Status(
             config,
             modes,
@@ -348,11 +350,6 @@ class Machine:
         self._observed.put("request", t_now_ns, payload, user)
         return self.clients.request(payload, t_now_ns, user)
 
-    @property
-    def newest_finger_id(self) -> int:
-        """The largest finger id so far; 0 before the first finger."""
-        return self.pipeline.newest_finger_id
-
     def wake_if_resting(self, t_now_ns: int) -> None:
         """Arm a board that rests: targets are in force."""
         if self.session.is_resting:
@@ -363,10 +360,6 @@ class Machine:
         assert self._set_baud is not None
         self._set_baud(baud)
         self.pipeline.fit(max_knots(self.config, baud), effect_knots(self.config, baud))
-
-    def pulse(self, t_now_ns: int) -> None:
-        """Let the board's sync output rise with the next reference that takes effect. Raises RequestError."""
-        self.board.pulse(t_now_ns)
 
     def clear_fault(self, t_now_ns: int) -> None:
         """Clear the board's fault, if it has one. Raises RequestError."""

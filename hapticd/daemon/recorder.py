@@ -20,7 +20,7 @@ import msgpack
 import zmq
 
 from .. import __version__
-from ..config.sections import SIMULATED, RecordConfig
+from ..config.sections import RecordConfig
 from ..errors import RecordingError
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import HEADER, Fields, Record, record_of
@@ -176,15 +176,10 @@ class Recorders:
             return
         self._requests.add(request)
         if self.waits and request == WHOLE:
-            self._socket.send(WAITS + self._rig_directory())
+            self._socket.send(WAITS + self._machine.config.rig_dir.encode())  # whose fingers a recorder can lift
             return
         self._join(is_whole=False)
         self._choose_observer()
-
-    def _rig_directory(self) -> bytes:
-        """The directory of the simulated rig, whose fingers a recorder can lift."""
-        config = self._machine.config
-        return config.sim.rig_dir.encode() if config.trackpad.source == SIMULATED else b""
 
     def _join(self, *, is_whole: bool) -> None:
         """Send the header: of the recording that runs, or of one that begins now."""

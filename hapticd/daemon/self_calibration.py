@@ -28,7 +28,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
-from .adoption import Adoption, Correction, Pad, PlateChange, configured_pad, is_load_near
+from .adoption import Adoption, Correction, PlateChange, configured_pad, is_load_near
 from .machine import Machine
 
 log = logging.getLogger("hapticd")
@@ -213,27 +213,37 @@ class SelfCalibration:
         pad = self._adoption.step()
         if pad is not None:
             self._steps += 1
-            adopt(machine, pad, t_now_ns)
+            machine.adopt(astuple(pad.plate_from_pad), pad.latency_ns, t_now_ns)
         return is_plate or pad is not None
 
     def _adopt_plate(self, machine: Machine, t_now_ns: int) -> None:
         if self._is_due:
             self._is_due = False
             self._maps += 1
-            adopt_change(machine, self._change, t_now_ns)
+            self._give_change(machine, t_now_ns)
         if self._is_load_due:
             self._is_load_due = False
             self._loads += 1
-            adopt_load(machine, self._load_1_s, t_now_ns)
+            self._give_load(machine, t_now_ns)
+
+    def _give_change(self, machine: Machine, t_now_ns: int) -> None:
+        if self._change is not None:
+            machine.adopt_map(self._change.shapes, self._change.steepest_1_mm, t_now_ns)
+            machine.adopt_readings(self._change.d, self._change.q, t_now_ns)
+
+    def _give_load(self, machine: Machine, t_now_ns: int) -> None:
+        if self._load_1_s is not None:
+            machine.adopt_load(self._load_1_s.real, -self._load_1_s.imag, t_now_ns)
 
     def resume(self, machine: Machine, t_now_ns: int) -> None:
         """Give a machine that begins what the one before had."""
-        if self._adoption.now != self._adoption.configured:
-            adopt(machine, self._adoption.now, t_now_ns)
+        pad = self._adoption.now
+        if pad != self._adoption.configured:
+            machine.adopt(astuple(pad.plate_from_pad), pad.latency_ns, t_now_ns)
         if not self._is_due:
-            adopt_change(machine, self._change, t_now_ns)
+            self._give_change(machine, t_now_ns)
         if not self._is_load_due:
-            adopt_load(machine, self._load_1_s, t_now_ns)
+            self._give_load(machine, t_now_ns)
 
     def report(self) -> dict[str, object]:
         """For `status`."""
@@ -264,24 +274,6 @@ class SelfCalibration:
             remove(pipe)
             pipe.close()
         process.wait()
-
-
-def adopt(machine: Machine, pad: Pad, t_now_ns: int) -> None:
-    """Give the machine a pad."""
-    machine.adopt(astuple(pad.plate_from_pad), pad.latency_ns, t_now_ns)
-
-
-def adopt_change(machine: Machine, change: PlateChange | None, t_now_ns: int) -> None:
-    """Give the machine map and sensors, if any were found."""
-    if change is not None:
-        machine.adopt_map(change.shapes, change.steepest_1_mm, t_now_ns)
-        machine.adopt_readings(change.d, change.q, t_now_ns)
-
-
-def adopt_load(machine: Machine, load_1_s: complex | None, t_now_ns: int) -> None:
-    """Give the machine a finger's load, if one was found."""
-    if load_1_s is not None:
-        machine.adopt_load(load_1_s.real, -load_1_s.imag, t_now_ns)
 
 
 def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:

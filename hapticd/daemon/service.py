@@ -292,7 +292,7 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
             return ReplayTrackpad(config.trackpad.replay_file)
         except TrackpadError as error:
             raise ConfigError(f"trackpad.replay_file: {error}") from None
-    return SocketTrackpad(rig_dir / "trackpad", "mt2-usb")
+    return SocketTrackpad(rig_dir / "trackpad")
 
 
 def _remote(config: Config) -> Remote | None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..config.sections import SIMULATED, Config
+from ..config.sections import Config
 from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
 from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
@@ -25,6 +25,8 @@ from .settings import pipeline_settings
 
 RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5
+LOOP_PARTS = ("read_age", "wait", "compute", "wire", "tick_late", "pause")
+LINK_PARTS = ("age", "link", "horizon", "late")
 MAP_POINTS = 64  # per axis: a dozen for each wave of the reference plate
 
 
@@ -131,7 +133,7 @@ class Status:
             "y_mm": modes.y_mm[rows].tolist(),
             "modes": modes.M,
             "shapes": modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
-            "simulated": self._rig_directory(),
+            "simulated": config.rig_dir or None,
         }
 
     def collect(self, trackpad: Decoder, t_reports_ns: int | None, t_now_ns: int) -> dict[str, object]:
@@ -148,7 +150,7 @@ class Status:
             "assets": self._scene.assets.report(),
             "effects": self._effects(t_now_ns),
             "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
-            "simulated": self._rig_directory(),
+            "simulated": self._config.rig_dir or None,
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
             "trackpad": {
@@ -193,25 +195,11 @@ class Status:
             "skipped": effects.skipped,
         }
 
-    def _rig_directory(self) -> str | None:
-        """The directory of the simulated rig, if the trackpad is simulated."""
-        return self._config.sim.rig_dir or None if self._config.trackpad.source == SIMULATED else None
-
     def _timing(self) -> dict[str, object]:
         """Every report and every frame since the start: histograms of the parts of the path, and what was late."""
         ledger, loop = self._board.session.ledger, self.loop
-        histograms: Mapping[str, Histogram] = {
-            "read_age": loop.read_age,
-            "wait": loop.wait,
-            "compute": loop.compute,
-            "wire": loop.wire,
-            "tick_late": loop.tick_late,
-            "pause": loop.pause,
-            "age": ledger.age,
-            "link": ledger.link,
-            "horizon": ledger.horizon,
-            "late": ledger.late,
-        }
+        histograms: dict[str, Histogram] = {name: getattr(loop, name) for name in LOOP_PARTS}
+        histograms |= {name: getattr(ledger, name) for name in LINK_PARTS}
         return {
             "joined_reports": loop.joined_reports,
             "missed_ticks": loop.missed_ticks,
@@ -339,10 +327,7 @@ def _latency(ledger: Sequence[LedgerLine]) -> dict[str, object]:
     return {
         "frames": len(ledger),
         "frames_hz": (len(ledger) - 1) / seconds if seconds > 0 else 0.0,
-        "age": _percentiles([line.age_ns for line in ledger]),
-        "link": _percentiles([line.link_ns for line in ledger]),
-        "horizon": _percentiles([line.horizon_ns for line in ledger]),
-        "late": _percentiles([line.late_ns for line in ledger]),
+        **{part: _percentiles([getattr(line, f"{part}_ns") for line in ledger]) for part in LINK_PARTS},
     }
 
 

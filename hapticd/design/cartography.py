@@ -30,7 +30,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ModesError
 
 from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step
-from .free_fit import FreeFit, FreePlateModes
+from .free_fit import FreePlateModes
 from .legendre import FloatArray
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
@@ -201,16 +201,13 @@ def _fit(start: Start, points_mm: FloatArray, values: FloatArray, by: str) -> _B
         smooth = scan.smooth(plate_wave(basis, wave_rad_mm))
         found.append(_Best(basis, smooth, wave_rad_mm, NOMINAL))
     if by != "plate_equation" and (free := _free_plate_fit(basis, wave_rad_mm, points_mm, values)) is not None:
-        modes, (fit, pose) = free
-        found.append(_Best(modes, fit, wave_rad_mm, pose))
+        found.append(free)
     if not found:
         raise ModesError("theory has no usable free-plate modes for this scan; fit it by the plate equation.")
     return min(found, key=lambda one: float((one.fit.prediction_rms**2).sum()))
 
 
-def _free_plate_fit(
-    basis: PlateBasis, wave_rad_mm: float, points_mm: FloatArray, values: FloatArray
-) -> tuple[FreePlateModes, FreeFit] | None:
+def _free_plate_fit(basis: PlateBasis, wave_rad_mm: float, points_mm: FloatArray, values: FloatArray) -> _Best | None:
     """Return None if theory has no modes for this plate, takes too long, or has more modes than the scan resolves."""
     size_mm = (2.0 * basis.half_mm[0], 2.0 * basis.half_mm[1])
     if wave_rad_mm * max(size_mm) > _MOST_THEORY_RAD:
@@ -221,7 +218,8 @@ def _free_plate_fit(
         return None
     if not 0 < len(modes) < len(values) // 4:
         return None
-    return modes, modes.fit(points_mm, values)
+    fit, pose = modes.fit(points_mm, values)
+    return _Best(modes, fit, wave_rad_mm, pose)
 
 
 def _map_axis(edge_mm: float, step_mm: float) -> FloatArray:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .achievability import cell_centres
+from .achievability import Progress, cell_centres
 from .contact_pairs import Shapes, contact_rms_um, grams, settle
 from .legendre import FloatArray
 
 _BLOCK = 2000  # positions solved at a time
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)

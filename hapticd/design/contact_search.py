@@ -12,7 +12,7 @@ although a lighter one moves more per volt.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,12 +52,9 @@ class Plate:
 
     def modes(self, band_hz: tuple[float, float]) -> list[tuple[float, ModeShape]]:
         """Return the modes in the band, lowest first. Raises ValueError."""
-        of = self.material
         if self.patches:
-            return glued_plate_modes(self.size_mm, self.thickness_mm, of, self.patches, band_hz)
-        return free_plate_modes(
-            self.size_mm, self.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=band_hz
-        )
+            return glued_plate_modes(self.size_mm, self.thickness_mm, self.material, self.patches, band_hz)
+        return free_plate_modes(self.size_mm, self.thickness_mm, self.material, band_hz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,15 +101,6 @@ class ContactDesign:
         return max(abs(hz - self.drive_hz) for hz in self.frequency_hz)
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """A drive frequency and the modes it drives, as indices in order of distance, with its score."""
-
-    score: float
-    drive_hz: float
-    driven: tuple[int, ...]
-
-
 class PlateModes:
     """A plate's modes in a band, with the Gram matrices of pairs of contacts. Raises ValueError."""
 
@@ -132,18 +120,16 @@ class PlateModes:
         order = np.argsort(np.round(away_hz, 6), kind="stable")[:count]
         return tuple(order[away_hz[order] <= self.drive.farthest_hz].tolist())
 
-    def best_drive(self, drives_hz: Iterable[float], count: int) -> Choice | None:
-        """Return the drive of the highest score that has `count` modes near it, or None; judged by the first
-        SEARCH_PAIRS and fewer calls of the descent."""
-        best = None
-        for drive_hz in drives_hz:
+    def best(self, band_hz: tuple[float, float], count: int, measure: Measure | None = None) -> ContactDesign | None:
+        """Return all figures of the drive of the highest score that has `count` modes near it, or None; the drives are
+        compared by the first SEARCH_PAIRS and fewer calls of the descent."""
+        scores: dict[tuple[float, tuple[int, ...]], float] = {}
+        for drive_hz in drives_hz(*band_hz).tolist():
             driven = self.nearest(drive_hz, count)
             if len(driven) == count:
                 slip_um, still_um = self._rms_um(drive_hz, driven, SEARCH_CALLS, SEARCH_PAIRS)
-                score = _score(slip_um, still_um, self.drive.target_um)
-                if best is None or score > best.score:
-                    best = Choice(score, float(drive_hz), driven)
-        return best
+                scores[drive_hz, driven] = _score(slip_um, still_um, self.drive.target_um)
+        return self.judge(*max(scores, key=scores.__getitem__), measure) if scores else None
 
     def judge(self, drive_hz: float, driven: Sequence[int], measure: Measure | None = None) -> ContactDesign:
         """Return all figures of one drive and its modes, solved to the end on the maps that `measure` makes of them,
@@ -212,18 +198,10 @@ def search(
     designs = []
     for done, plate in enumerate(plates):
         progress(done / len(plates))
-        designs += list(_designs(plate, counts, drive_hz, drive, pairs, seed))
+        modes = PlateModes(plate, drive_hz, drive, pairs, seed)
+        found = [modes.best(drive_hz, count) for count in counts]
+        designs += [design for design in found if design is not None]
     return sorted(designs, key=lambda design: -design.score)
-
-
-def _designs(
-    plate: Plate, counts: Sequence[int], drive_hz: tuple[float, float], drive: Drive, pairs: int, seed: int
-) -> Iterator[ContactDesign]:
-    modes = PlateModes(plate, drive_hz, drive, pairs, seed)
-    for count in counts:
-        choice = modes.best_drive(drives_hz(*drive_hz), count)
-        if choice is not None:
-            yield modes.judge(choice.drive_hz, choice.driven)
 
 
 def best_near(
@@ -236,9 +214,7 @@ def best_near(
     scale = plate.thickness_mm / design.plate.thickness_mm
     scale *= math.sqrt(plate.material.young_gpa / design.plate.material.young_gpa)
     band_hz = (design.drive_hz * scale - NEAR_HZ, design.drive_hz * scale + NEAR_HZ)
-    modes = PlateModes(plate, band_hz, drive, pairs)
-    choice = modes.best_drive(drives_hz(*band_hz), len(design.shapes))
-    return None if choice is None else modes.judge(choice.drive_hz, choice.driven, measure)
+    return PlateModes(plate, band_hz, drive, pairs).best(band_hz, len(design.shapes), measure)
 
 
 def drives_hz(low_hz: float, high_hz: float) -> FloatArray:

@@ -13,7 +13,7 @@ Left out: wires, supports and the glue's own layer, uneven thickness, and errors
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,26 +22,16 @@ import numpy as np
 from hapticd.core.plate.mode_shapes import ModeShapes
 
 from .cartography import fit_scan
-from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, best_near
+from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, Progress, best_near
 from .free_plate import ModeShape
 from .glued_plate import Patch
 from .legendre import FloatArray
 from .scan import sample_scan
 
+# Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, a float sheet, a patch's place.
+SIZE_MM, YOUNG_FRAC, THICKNESS_FRAC, PATCH_MM = 0.1, 0.02, 0.01, 0.5
 ENOUGH_FRAC = 2.0 / 3.0  # of the design's contrast
 SCAN_STEP_MM = 6.0
-
-Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerances:
-    """Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, a float sheet."""
-
-    size_mm: float = 0.1
-    young_frac: float = 0.02
-    thickness_frac: float = 0.01
-    patch_mm: float = 0.5  # of each patch's position
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +52,6 @@ def tolerance_study(
     drive: Drive,
     count: int,
     *,
-    tolerances: Tolerances = Tolerances(),
     are_scanned: bool = True,
     pairs: int = JUDGE_PAIRS,
     seed: int = SEED,
@@ -77,7 +66,7 @@ def tolerance_study(
     for index in range(count):
         progress(index / count)
         measure = partial(_scanned, seed=[seed, count, index]) if are_scanned else None
-        judged = best_near(design, random_plate(design.plate, tolerances, random), drive, pairs, measure)
+        judged = best_near(design, random_plate(design.plate, random), drive, pairs, measure)
         found[index] = (0.0, 0.0) if judged is None else (judged.contrast, judged.slip_um)
     return ToleranceStudy(found[:, 0] / design.contrast, found[:, 1] / design.slip_um)
 
@@ -91,26 +80,26 @@ def _scanned(shapes: Sequence[ModeShape], seed: Sequence[int]) -> ModeShapes:
     return ModeShapes.from_grid(maps.x_mm, maps.y_mm, maps.shapes * signs[:, None, None])
 
 
-def random_plate(plate: Plate, tolerances: Tolerances, random: np.random.Generator) -> Plate:
+def random_plate(plate: Plate, random: np.random.Generator) -> Plate:
     """Return a plate as it may be made; its patches are on it."""
     x, y, young, thickness = random.uniform(-1.0, 1.0, 4)
     width_mm, depth_mm = plate.size_mm
-    size_mm = (width_mm + x * tolerances.size_mm, depth_mm + y * tolerances.size_mm)
-    young_gpa = plate.material.young_gpa * (1.0 + young * tolerances.young_frac)
+    size_mm = (width_mm + x * SIZE_MM, depth_mm + y * SIZE_MM)
+    young_gpa = plate.material.young_gpa * (1.0 + young * YOUNG_FRAC)
     return Plate(
         size_mm,
-        plate.thickness_mm * (1.0 + thickness * tolerances.thickness_frac),
+        plate.thickness_mm * (1.0 + thickness * THICKNESS_FRAC),
         replace(plate.material, young_gpa=young_gpa),
-        tuple(_moved(patch, size_mm, tolerances.patch_mm, random) for patch in plate.patches),
+        tuple(_moved(patch, size_mm, random) for patch in plate.patches),
     )
 
 
-def _moved(patch: Patch, size_mm: tuple[float, float], most_mm: float, random: np.random.Generator) -> Patch:
+def _moved(patch: Patch, size_mm: tuple[float, float], random: np.random.Generator) -> Patch:
     """Return the patch moved at random, away from the edges it is near, to a place on a plate of this size."""
     x_mm, y_mm = (
         math.copysign(min(abs(middle_mm) - off_mm, (edge_mm - width_mm) / 2.0), middle_mm)
         for middle_mm, off_mm, edge_mm, width_mm in zip(
-            (patch.x_mm, patch.y_mm), random.uniform(0.0, most_mm, 2), size_mm, patch.size_mm, strict=True
+            (patch.x_mm, patch.y_mm), random.uniform(0.0, PATCH_MM, 2), size_mm, patch.size_mm, strict=True
         )
     )
     return replace(patch, x_mm=x_mm, y_mm=y_mm)

@@ -16,8 +16,9 @@ import numpy as np
 from hapticd.core.plate.mode_shapes import ModeShapes
 
 from . import legendre
-from .free_plate import free_plate_modes
+from .free_plate import free_plate_modes, wave_speed_m2_s
 from .legendre import FloatArray
+from .materials import MATERIALS
 from .pose import NOMINAL, Pose, find_pose
 from .smoothing import Order, Smoothed
 
@@ -25,9 +26,7 @@ _EXACT = 1e-20  # share of the data's square: a smaller misfit is rounding, whic
 _BAND_FRAC = 0.08  # of the frequency: covers modes that the real plate mixes in, and the error of the wave number
 
 # Frequencies of these only label the modes: any thin plate of the same Poisson's ratio has the same shapes.
-_THICKNESS_MM, _YOUNG_GPA, _POISSON, _DENSITY_KG_M3 = 2.0, 72.5, 0.22, 2500.0
-_STIFFNESS_NM = _YOUNG_GPA * 1e9 * (_THICKNESS_MM * 1e-3) ** 3 / (12.0 * (1.0 - _POISSON**2))
-_WAVE_SPEED_M2_S = math.sqrt(_STIFFNESS_NM / (_DENSITY_KG_M3 * _THICKNESS_MM * 1e-3))
+_THICKNESS_MM, _MATERIAL = 2.0, MATERIALS["glass"]
 
 
 def nearest_free_modes(
@@ -62,9 +61,9 @@ class FreePlateModes:
     """Basis of the free-plate modes with wave numbers near `wave_rad_mm`, on a plate of `size_mm`."""
 
     def __init__(self, size_mm: tuple[float, float], wave_rad_mm: float) -> None:
-        frequency_hz = _WAVE_SPEED_M2_S * (wave_rad_mm * 1e3) ** 2 / (2.0 * math.pi)
+        frequency_hz = wave_speed_m2_s(_THICKNESS_MM, _MATERIAL) * (wave_rad_mm * 1e3) ** 2 / (2.0 * math.pi)
         band_hz = (frequency_hz * (1.0 - _BAND_FRAC), frequency_hz * (1.0 + _BAND_FRAC))
-        found = free_plate_modes(size_mm, _THICKNESS_MM, _YOUNG_GPA, _POISSON, _DENSITY_KG_M3, band_hz)
+        found = free_plate_modes(size_mm, _THICKNESS_MM, _MATERIAL, band_hz)
         self._half_mm = np.array(size_mm) / 2.0
         self._shapes = [shape for _, shape in found]
         self.names = tuple(shape.name for shape in self._shapes)
@@ -72,14 +71,10 @@ class FreePlateModes:
     def __len__(self) -> int:
         return len(self._shapes)
 
-    def tables(self) -> FloatArray:
-        """Return the modes as coefficients of Legendre products, (modes, nx, ny); see `free_plate.ModeShape`."""
-        return np.stack([shape.coefficients for shape in self._shapes])
-
     def at(self, points_mm: FloatArray, order: Order = (0, 0)) -> FloatArray:
         """Return a partial derivative, per mm, of all modes at `points_mm` (N, 2), clamped to the plate: (N, modes)."""
         x, y = np.clip(points_mm / self._half_mm, -1.0, 1.0).T
-        coefficients = self.tables()
+        coefficients = np.stack([shape.coefficients for shape in self._shapes])  # (modes, nx, ny)
         along_x, along_y = (
             legendre.values(position, degrees - 1, derivative) / half_mm**derivative
             for position, degrees, derivative, half_mm in zip(

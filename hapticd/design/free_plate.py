@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from . import legendre
 from .legendre import FloatArray
+from .materials import MATERIALS, Material
 
 _TERMS_PER_RADIAN = 1.4  # Legendre degrees per radian of the shortest wave over half an edge: 1e-7 in frequency
 _TERMS_FOR_EDGES = 10  # and some more for the edge's decaying waves
@@ -41,10 +42,6 @@ class ModeShape:
     coefficients: FloatArray
     nodal_lines: tuple[int, int]
     name: str
-
-    def __call__(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """Same as `evaluate`."""
-        return self.evaluate(points_mm)
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
@@ -74,9 +71,7 @@ class ModeShape:
 def free_plate_modes(
     size_mm: tuple[float, float] = (137.5, 137.5),
     thickness_mm: float = 2.0,
-    young_gpa: float = 72.5,
-    poisson: float = 0.22,
-    density_kg_m3: float = 2500.0,
+    material: Material = MATERIALS["glass"],
     band_hz: tuple[float, float] = (28000.0, 30500.0),
 ) -> list[tuple[float, ModeShape]]:
     """Return the modes with frequencies in `band_hz` as (frequency_hz, shape), lowest first.
@@ -87,14 +82,18 @@ def free_plate_modes(
     f(x, y) + f(y, x) and f(x, y) - f(y, x) differ in frequency and are returned as they are, named "12x2+2x12".
     Raises ValueError for an impossible plate, or a band beyond what the theory resolves.
     """
-    _require_plate(size_mm, thickness_mm, young_gpa, poisson, density_kg_m3)
+    _require_plate(size_mm, thickness_mm, material)
     low_hz, high_hz = (float(edge) for edge in band_hz)
     if not 0.0 <= low_hz <= high_hz < math.inf:
         raise ValueError(f"band_hz is {band_hz}; give two frequencies, the lower one first.")
     size = (float(size_mm[0]), float(size_mm[1]))
-    stiffness_nm = young_gpa * 1e9 * (thickness_mm * 1e-3) ** 3 / (12.0 * (1.0 - poisson**2))
-    wave_speed = math.sqrt(stiffness_nm / (density_kg_m3 * thickness_mm * 1e-3))  # omega = wave_speed * k^2, m^2/s
-    return list(_modes_in_band(size, poisson, wave_speed, low_hz, high_hz))
+    return list(_modes_in_band(size, material.poisson, wave_speed_m2_s(thickness_mm, material), low_hz, high_hz))
+
+
+def wave_speed_m2_s(thickness_mm: float, material: Material) -> float:
+    """Return omega / k^2 of a plate's bending waves."""
+    stiffness_nm = material.young_gpa * 1e9 * (thickness_mm * 1e-3) ** 3 / (12.0 * (1.0 - material.poisson**2))
+    return math.sqrt(stiffness_nm / (material.density_kg_m3 * thickness_mm * 1e-3))
 
 
 @lru_cache(maxsize=16)
@@ -226,18 +225,16 @@ def _on_plate(points_mm: npt.ArrayLike, size_mm: tuple[float, float]) -> tuple[F
     return plate[:, 0], plate[:, 1]
 
 
-def _require_plate(
-    size_mm: tuple[float, float], thickness_mm: float, young_gpa: float, poisson: float, density_kg_m3: float
-) -> None:
+def _require_plate(size_mm: tuple[float, float], thickness_mm: float, material: Material) -> None:
     positive = {
         "size_mm[0]": size_mm[0],
         "size_mm[1]": size_mm[1],
         "thickness_mm": thickness_mm,
-        "young_gpa": young_gpa,
-        "density_kg_m3": density_kg_m3,
+        "young_gpa": material.young_gpa,
+        "density_kg_m3": material.density_kg_m3,
     }
     for name, value in positive.items():
         if not 0.0 < value < math.inf:
             raise ValueError(f"{name} is {value}; give a positive number.")
-    if not -1.0 < poisson <= 0.5:
-        raise ValueError(f"poisson is {poisson}; an isotropic solid's lies above -1 and up to 0.5.")
+    if not -1.0 < material.poisson <= 0.5:
+        raise ValueError(f"poisson is {material.poisson}; an isotropic solid's lies above -1 and up to 0.5.")

@@ -29,7 +29,7 @@ WIRES = {
     "sense": protocol.SENSE,
     "feedthrough_um_per_v": protocol.FEEDTHROUGH_UM_PER_V,
 }
-DRIVE_KEY = "drive_hz"
+DRIVE_KEY, DRIVE_HZ = "drive_hz", KEYS["frequency_hz"]
 HEADER = """\
 # Modes of the plate, measured by `hapticd firmware sweep`. The plate moves by gain_um_per_v_s for each volt and second;
 # loop_phase_deg is what amplifier, electrodes and sensor add to the loop. The wiring, measured by `hapticd calibrate
@@ -42,7 +42,7 @@ HEADER = """\
 def load(path: Path, modes: int) -> Calibration:
     """Read the calibrated modes, at most one for each of `modes`, and the drive. Raises ConfigError."""
     table = read_table(path, "check device.calibration_file")
-    drive_hz = _drive_hz(table.pop(DRIVE_KEY, None), path)
+    drive_hz = _bounded(table.pop(DRIVE_KEY), DRIVE_HZ, f"{path}: {DRIVE_KEY}") if DRIVE_KEY in table else None
     entries = table.pop("mode", None)
     if table or not isinstance(entries, list):
         raise ConfigError(
@@ -57,12 +57,10 @@ def load(path: Path, modes: int) -> Calibration:
     return Calibration(tuple(found), drive_hz)
 
 
-def _drive_hz(value: Any, path: Path) -> float | None:
-    low, high = KEYS["frequency_hz"]
-    if value is None:
-        return None
+def _bounded(value: Any, bounds: tuple[float, float], where: str) -> float:
+    low, high = bounds
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-        raise ConfigError(f"{path}: drive_hz: {shown(value)} is out of bounds: it must be {low:g} .. {high:g}.")
+        raise ConfigError(f"{where}: {shown(value)} is out of bounds: it must be {low:g} .. {high:g}.")
     return float(value)
 
 
@@ -97,19 +95,17 @@ def _mode(entry: Any, where: str, modes: int) -> ModeCalibration:
     mode = entry["mode"]
     if isinstance(mode, bool) or not isinstance(mode, int):
         raise ConfigError(f"{where}.mode: must be a whole number, 0 for the first mode, not {shown(mode)}.")
-    for key, (low, high) in KEYS.items():
-        value = entry[key]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-            raise ConfigError(f"{where}.{key}: {shown(value)} is out of bounds: it must be {low:g} .. {high:g}.")
-    decay_1_s = math.pi * entry["frequency_hz"] / entry["q_factor"]
-    if not protocol.is_within(decay_1_s, protocol.DECAY_1_S):
-        raise ConfigError(f"{where}.q_factor: {entry['q_factor']:g} does not describe a resonance: measure again.")
+    frequency_hz, q_factor, gain_um_per_v_s, loop_phase_deg = (
+        _bounded(entry[key], bounds, f"{where}.{key}") for key, bounds in KEYS.items()
+    )
+    if not protocol.is_within(math.pi * frequency_hz / q_factor, protocol.DECAY_1_S):
+        raise ConfigError(f"{where}.q_factor: {q_factor:g} does not describe a resonance: measure again.")
     return ModeCalibration(
-        mode=mode,
-        frequency_hz=float(entry["frequency_hz"]),
-        q_factor=float(entry["q_factor"]),
-        gain_um_per_v_s=float(entry["gain_um_per_v_s"]),
-        loop_phase_rad=math.radians(entry["loop_phase_deg"]),
+        mode,
+        frequency_hz,
+        q_factor,
+        gain_um_per_v_s,
+        math.radians(loop_phase_deg),
         drive=tuple(wire.real for wire in _wires(entry, "drive", where, modes)),
         sense=_wires(entry, "sense", where, modes),
         feedthrough_um_per_v=_wires(entry, "feedthrough_um_per_v", where, modes),

@@ -24,17 +24,12 @@ STDOUT = "-"
 Suffixes = tuple[str, ...]
 
 
-def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add --force, once."""
-    if "--force" not in parser._option_string_actions:
-        parser.add_argument("--force", action="store_true", help="overwrite existing output files")
-
-
 def add_file(
     parser: argparse.ArgumentParser, name: str, suffixes: Suffixes, *, group: Any = None, **options: Any
 ) -> None:
     """Add an argument that names an output file with one of `suffixes`, and --force; `options` as `add_argument`."""
-    add_force(parser)
+    if "--force" not in parser._option_string_actions:
+        parser.add_argument("--force", action="store_true", help="overwrite existing output files")
     argument = (group or parser).add_argument(name, **{"type": Path, **options})
     parser.set_defaults(outputs={**(parser.get_default("outputs") or {}), argument.dest: suffixes})
 

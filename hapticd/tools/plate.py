@@ -116,7 +116,7 @@ def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Materi
         thickness_mm = number(0.01, 100.0)(options.thickness)
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"--thickness: {error}.") from None
-    modes = free_plate_modes(size_mm, thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz)
+    modes = free_plate_modes(size_mm, thickness_mm, of, band_hz)
     return mode_pairs(modes, options.near_hz, options.splitting_hz)
 
 

@@ -44,9 +44,7 @@ def write_glass(design: ContactDesign, drive: Drive, heading: str, path: Path) -
     plate, driven = design.plate, [shape.name for shape in design.shapes]
     of = plate.material
     band_hz = (design.drive_hz - FARTHEST_HZ, design.drive_hz + FARTHEST_HZ)
-    modes = free_plate_modes(
-        plate.size_mm, plate.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=band_hz
-    )
+    modes = free_plate_modes(plate.size_mm, plate.thickness_mm, of, band_hz)
     times = Counter(shape.name for _, shape in modes)
     if any(times[mode] != 1 for mode in driven):
         raise CalibrationError(f"--glass: a file names modes, and two near the drive are {' or '.join(driven)}.")

@@ -36,5 +36,4 @@ def read_asset_part(fields: Fields) -> AssetPart:
         part = fields.some_binary("part", MAX_BINARY_BYTES)
         if offset + len(part) > size:
             raise RequestError(f"{fields.place('part')}: ends at byte {offset + len(part)}, the asset has {size}.")
-    fields.end()
     return AssetPart(client, digest, size, offset, part)

@@ -92,6 +92,9 @@ class Marker:
     has_pulse: bool = False
 
 
+Body = ClientTargets | Release | Marker | AssetPart | None
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", AssetPart for
@@ -99,7 +102,7 @@ class Request:
 
     op: str
     id: int
-    body: ClientTargets | Release | Marker | AssetPart | None
+    body: Body
 
 
 class FingerState(NamedTuple):
@@ -207,36 +210,29 @@ def _request(fields: Fields, request_id: int) -> Request:
     op = fields.label("op")
     if op not in OPS:
         raise RequestError(f"op: {op!r} is not one of {', '.join(OPS)}.")
-    body: ClientTargets | Release | Marker | AssetPart | None = None
-    if op == "set":
-        body = read_targets(Fields(fields.take("body"), "body"))
-    elif op == "release":
-        body = _release(Fields(fields.take("body"), "body"))
-    elif op == "marker":
-        body = _marker(Fields(fields.take("body"), "body"))
-    elif op == "asset":
-        body = read_asset_part(Fields(fields.take("body"), "body"))
-    elif "body" in fields:
-        Fields(fields.take("body"), "body").end()
+    body = None
+    if op in _BODIES or "body" in fields:
+        body = fields.inner("body", _BODIES.get(op, lambda _: None))
     fields.end()
     return Request(op, request_id, body)
 
 
 def _release(fields: Fields) -> Release:
     client = fields.label("client")
-    release = Release(client, read_finger_key(fields) if "finger" in fields else None, read_stamp(fields))
-    fields.end()
-    return release
+    return Release(client, read_finger_key(fields) if "finger" in fields else None, read_stamp(fields))
 
 
 def _marker(fields: Fields) -> Marker:
-    marker = Marker(
-        fields.label("client"),
-        fields.text("text", MAX_MARKER_CHARACTERS),
-        has_pulse=fields.boolean("pulse", default=False),
-    )
-    fields.end()
-    return marker
+    client, text = fields.label("client"), fields.text("text", MAX_MARKER_CHARACTERS)
+    return Marker(client, text, has_pulse=fields.boolean("pulse", default=False))
+
+
+_BODIES: dict[str, Callable[[Fields], Body]] = {
+    "set": read_targets,
+    "release": _release,
+    "marker": _marker,
+    "asset": read_asset_part,
+}
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------
@@ -252,7 +248,7 @@ def encode_state(state: PlateState) -> bytes:
                 "seq": state.seq,
                 "t_ns": state.t_ns,
                 "state": state.state,
-                "fingers": [_finger_fields(finger) for finger in state.fingers],
+                "fingers": [_finite_fields(finger) for finger in state.fingers],
                 "modal_um": [_finite(w_um.real) for w_um in state.modal_um],
                 "modal_q_um": [_finite(w_um.imag) for w_um in state.modal_um],
                 "measured_um": [[_finite(w_um.real), _finite(w_um.imag)] for w_um in state.measured_um],
@@ -270,21 +266,9 @@ def encode_state(state: PlateState) -> bytes:
     )
 
 
-def _finger_fields(finger: FingerState) -> dict[str, object]:
-    return {
-        "id": finger.id,
-        "x_mm": _finite(finger.x_mm),
-        "y_mm": _finite(finger.y_mm),
-        "predicted_x_mm": _finite(finger.predicted_x_mm),
-        "predicted_y_mm": _finite(finger.predicted_y_mm),
-        "target_um": _finite(finger.target_um),
-        "achieved_um": _finite(finger.achieved_um),
-        "virtual": finger.virtual,
-        "owner": finger.owner,
-        "friction_change": _finite(finger.friction_change),
-        "weber_frac": _finite(finger.weber_frac),
-        "contact_um": _finite(finger.contact_um),
-    }
+def _finite_fields(finger: FingerState) -> dict[str, object]:
+    fields: dict[str, object] = finger._asdict()
+    return {name: _finite(value) if isinstance(value, float) else value for name, value in fields.items()}
 
 
 def _marker_fields(markers: tuple[Marker, ...]) -> dict[str, object]:

@@ -28,35 +28,23 @@ MAX_EXPONENT = 4.0
 MAX_POSITION_MM = 1000.0
 
 
-def _amplitude(fields: Fields) -> AmplitudeTarget:
-    return AmplitudeTarget(fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
-
-
-def _friction(fields: Fields) -> FrictionTarget:
-    return FrictionTarget(fields.number("friction", 0.0, 1.0))
-
-
-def _grating(fields: Fields) -> GratingTarget:
-    grating = Fields(fields.take("grating"), fields.place("grating"))
-    target = GratingTarget(
+def _grating(grating: Fields) -> GratingTarget:
+    return GratingTarget(
         period_mm=grating.number("period_mm", MIN_PERIOD_MM, MAX_PERIOD_MM),
         angle_rad=grating.number("angle_rad", -MAX_ANGLE_RAD, MAX_ANGLE_RAD, 0.0),
         low_um=grating.number("low_um", 0.0, MAX_AMPLITUDE_UM, 0.0),
         high_um=grating.number("high_um", 0.0, MAX_AMPLITUDE_UM),
         duty_frac=grating.number("duty_frac", 0.0, 1.0, 0.0),
     )
-    grating.end()
-    return target
 
 
-def _map(fields: Fields) -> MapTarget:
-    image = Fields(fields.take("map"), fields.place("map"))
+def _map(image: Fields) -> MapTarget:
     asset = image.binary("asset", DIGEST_BYTES) if "asset" in image else b""
     longest = MAX_ASSET_SIDE if asset else MAX_MAP_SIDE
     width = image.whole("width", 1, longest)
     height = image.whole("height", 1, longest)
     frictions = _frictions(image) if "friction" in image else None
-    target = MapTarget(
+    return MapTarget(
         width=width,
         height=height,
         levels=b"" if asset else image.binary("levels", width * height),
@@ -65,8 +53,6 @@ def _map(fields: Fields) -> MapTarget:
         asset=asset,
         frictions=frictions,
     )
-    image.end()
-    return target
 
 
 def _frictions(image: Fields) -> tuple[float, float]:
@@ -77,22 +63,18 @@ def _frictions(image: Fields) -> tuple[float, float]:
     return bounded(ends[0], 0.0, 1.0, where), bounded(ends[1], 0.0, 1.0, where)
 
 
-def _gradient(fields: Fields) -> GradientTarget:
-    gradient = Fields(fields.take("gradient"), fields.place("gradient"))
-    target = GradientTarget(
+def _gradient(gradient: Fields) -> GradientTarget:
+    return GradientTarget(
         length_mm=gradient.number("length_mm", MIN_PERIOD_MM, MAX_PERIOD_MM),
         angle_rad=gradient.number("angle_rad", -MAX_ANGLE_RAD, MAX_ANGLE_RAD, 0.0),
         from_um=gradient.number("from_um", 0.0, MAX_AMPLITUDE_UM, 0.0),
         to_um=gradient.number("to_um", 0.0, MAX_AMPLITUDE_UM),
     )
-    gradient.end()
-    return target
 
 
-def _noise(fields: Fields) -> NoiseTarget:
-    noise = Fields(fields.take("noise"), fields.place("noise"))
+def _noise(noise: Fields) -> NoiseTarget:
     shortest_mm = noise.number("shortest_mm", MIN_PERIOD_MM, MAX_PERIOD_MM)
-    target = NoiseTarget(
+    return NoiseTarget(
         seed=noise.whole("seed", 0, MAX_SEED) if "seed" in noise else 0,
         shortest_mm=shortest_mm,
         longest_mm=noise.number("longest_mm", shortest_mm, MAX_PERIOD_MM),
@@ -100,25 +82,22 @@ def _noise(fields: Fields) -> NoiseTarget:
         mean_um=noise.number("mean_um", 0.0, MAX_AMPLITUDE_UM),
         rms_um=noise.number("rms_um", 0.0, MAX_AMPLITUDE_UM),
     )
-    noise.end()
-    return target
 
 
-_READERS: dict[str, Callable[[Fields], Target]] = {
-    "amplitude_um": _amplitude,
-    "friction": _friction,
+_TEXTURES: dict[str, Callable[[Fields], Target]] = {
     "grating": _grating,
     "map": _map,
     "gradient": _gradient,
     "noise": _noise,
 }
-
-CONTENTS = tuple(_READERS)
+CONTENTS = ("amplitude_um", "friction", *_TEXTURES)
 
 
 def read_content(fields: Fields) -> Target:
     """Read the one field of content. Raises RequestError."""
-    kinds = [name for name in _READERS if name in fields]
-    if len(kinds) != 1:
-        raise RequestError(f"{fields.where}: needs exactly one of {', '.join(_READERS)}.")
-    return _READERS[kinds[0]](fields)
+    kind = fields.only(CONTENTS)
+    if kind == "amplitude_um":
+        return AmplitudeTarget(fields.number(kind, 0.0, MAX_AMPLITUDE_UM))
+    if kind == "friction":
+        return FrictionTarget(fields.number(kind, 0.0, 1.0))
+    return fields.inner(kind, _TEXTURES[kind])

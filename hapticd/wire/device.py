@@ -13,33 +13,9 @@ from functools import cache
 from ..board_values import BoardHello, Calibration, ModeModel, RawVoltage, SetDrive, SetWiring, Sweep
 from ..errors import DeviceError
 from . import protocol
-from .board_messages import Decoder
+from .board_messages import Decoder as Decoder
 from .framing import encode_frame
-from .reference import encode_reference
-
-__all__ = [
-    "Decoder",
-    "check_calibration",
-    "check_hello",
-    "check_protocol",
-    "encode_clear_fault",
-    "encode_controller_request",
-    "encode_hello_request",
-    "encode_keepalive",
-    "encode_log_request",
-    "encode_raw_voltage",
-    "encode_reference",
-    "encode_set_baud",
-    "encode_set_controller",
-    "encode_set_drive",
-    "encode_set_model",
-    "encode_set_telemetry",
-    "encode_set_wiring",
-    "encode_stop",
-    "encode_sweep",
-    "encode_time_request",
-]
-
+from .reference import encode_reference as encode_reference
 
 ALL_COMMANDS = sum(1 << number for name, number in vars(protocol).items() if name.startswith("MSG_") and number < 32)
 

@@ -7,11 +7,12 @@ It checks types and bounds; amplitude limits, what a frame can carry and the num
 from __future__ import annotations
 
 from collections.abc import Callable, Container
+from functools import partial
 
 from ..content_values import Cause, Effect, Envelope, Form, Modulation, Pulse, Start, Wave
 from ..errors import RequestError
 from .contents import MAX_AMPLITUDE_UM
-from .fields import Fields, bounded, items, label, whole
+from .fields import Fields, bounded, items
 from .surfaces import MAX_INSTANT_NS
 
 MAX_EFFECTS = 16
@@ -31,10 +32,11 @@ WITHOUT_END = (Cause.LIFTING, Cause.CROSSING)  # nothing undoes them, so nothing
 def read_effect(fields: Fields, surfaces: Container[str]) -> tuple[str, Effect]:
     """Read an effect and its name; it may name these surfaces. Raises RequestError."""
     name = fields.label("name")
+    kind = fields.only(FORMS)
     effect = Effect(
-        form=_form(fields),
+        form=fields.inner(kind, _FORMS[kind]),
         on=_scope(fields, surfaces),
-        start=_start(fields, surfaces),
+        start=fields.inner("start", partial(_start, surfaces)) if "start" in fields else Start(),
         loops=fields.boolean("loops", default=False),
     )
     fields.end()
@@ -47,18 +49,17 @@ def read_effect(fields: Fields, surfaces: Container[str]) -> tuple[str, Effect]:
 
 def read_effects(fields: Fields, surfaces: Container[str]) -> dict[str, Effect]:
     """Read the list `effects`. Raises RequestError."""
-    effects: dict[str, Effect] = {}
     points = 0
-    for index, item in enumerate(fields.sequence("effects", MAX_EFFECTS)):
-        where = fields.place(f"effects[{index}]")
-        name, effect = read_effect(Fields(item, where), surfaces)
-        if name in effects:
-            raise RequestError(f"{where}.name: {name!r} is listed twice.")
+
+    def read(one: Fields) -> tuple[str, Effect]:
+        nonlocal points
+        name, effect = read_effect(one, surfaces)
         points += len(effect.form.points) if isinstance(effect.form, Envelope) else 0
         if points > MAX_POINTS:
-            raise RequestError(f"{where}.envelope: more than {MAX_POINTS} points in one message.")
-        effects[name] = effect
-    return effects
+            raise RequestError(f"{one.where}.envelope: more than {MAX_POINTS} points in one message.")
+        return name, effect
+
+    return fields.table("effects", MAX_EFFECTS, read)
 
 
 def is_endless(effect: Effect) -> bool:
@@ -109,7 +110,7 @@ def _modulation(fields: Fields) -> Modulation:
     return Modulation(
         frequency_hz=fields.number("frequency_hz", MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ),
         depth_frac=fields.number("depth", 0.0, 1.0),
-        wave=Wave(_choice(fields, "shape", [wave.value for wave in Wave])) if "shape" in fields else Wave.SINE,
+        wave=fields.choice("shape", Wave) if "shape" in fields else Wave.SINE,
         length_s=fields.number("length_s", MIN_LENGTH_S, MAX_LENGTH_S) if "length_s" in fields else None,
     )
 
@@ -118,55 +119,33 @@ _FORMS: dict[str, Callable[[Fields], Form]] = {"pulse": _pulse, "envelope": _env
 FORMS = tuple(_FORMS)
 
 
-def _form(fields: Fields) -> Form:
-    given = [name for name in _FORMS if name in fields]
-    if len(given) != 1:
-        raise RequestError(f"{fields.where}: needs exactly one of {', '.join(_FORMS)}.")
-    inner = Fields(fields.take(given[0]), fields.place(given[0]))
-    form = _FORMS[given[0]](inner)
-    inner.end()
-    return form
-
-
 def _scope(fields: Fields, surfaces: Container[str]) -> int | str | None:
     if "finger" in fields and "surface" in fields:
         raise RequestError(f"{fields.where}: is on a finger or on a surface, not on both.")
     if "finger" in fields:
-        return whole(fields.take("finger"), 1, MAX_FINGER_ID, fields.place("finger"))
+        return fields.whole("finger", 1, MAX_FINGER_ID)
     return _surface(fields, surfaces) if "surface" in fields else None
 
 
 def _surface(fields: Fields, surfaces: Container[str]) -> str:
-    name = label(fields.take("surface"), fields.place("surface"))
+    name = fields.label("surface")
     if name not in surfaces:
         raise RequestError(f"{fields.place('surface')}: this message defines no surface {name!r}.")
     return name
 
 
-def _start(fields: Fields, surfaces: Container[str]) -> Start:
-    if "start" not in fields:
-        return Start()
-    inner = Fields(fields.take("start"), fields.place("start"))
-    cause = Cause(_choice(inner, "cause", [cause.value for cause in Cause]))
-    start = Start(cause)
+def _start(surfaces: Container[str], fields: Fields) -> Start:
+    cause = fields.choice("cause", Cause)
     if cause is Cause.NOW:
-        start = Start(cause, start_id=inner.whole("id", 0, MAX_INSTANT_NS) if "id" in inner else 0)
-    elif cause is Cause.AT:
-        start = Start(cause, t_ns=inner.whole("t_ns", 0, MAX_INSTANT_NS))
-    elif cause in BY_SURFACE:
-        start = Start(cause, surface=_surface(inner, surfaces))
-    elif cause is Cause.PRESSURE:
-        threshold_frac = inner.number("threshold", MIN_PRESSURE_FRAC, 1.0)
-        release_frac = inner.number("release", 0.0, 1.0, RELEASE_SHARE * threshold_frac)
-        if release_frac >= threshold_frac:
-            raise RequestError(f"{inner.place('release')}: must be below the threshold.")
-        start = Start(cause, threshold_frac=threshold_frac, release_frac=release_frac)
-    inner.end()
-    return start
-
-
-def _choice(fields: Fields, name: str, known: list[str]) -> str:
-    value = fields.label(name)
-    if value not in known:
-        raise RequestError(f"{fields.place(name)}: must be one of {', '.join(known)}.")
-    return value
+        return Start(cause, start_id=fields.whole("id", 0, MAX_INSTANT_NS) if "id" in fields else 0)
+    if cause is Cause.AT:
+        return Start(cause, t_ns=fields.whole("t_ns", 0, MAX_INSTANT_NS))
+    if cause in BY_SURFACE:
+        return Start(cause, surface=_surface(fields, surfaces))
+    if cause is not Cause.PRESSURE:
+        return Start(cause)
+    threshold_frac = fields.number("threshold", MIN_PRESSURE_FRAC, 1.0)
+    release_frac = fields.number("release", 0.0, 1.0, RELEASE_SHARE * threshold_frac)
+    if release_frac >= threshold_frac:
+        raise RequestError(f"{fields.place('release')}: must be below the threshold.")
+    return Start(cause, threshold_frac=threshold_frac, release_frac=release_frac)

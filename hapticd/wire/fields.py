@@ -6,7 +6,9 @@ hostile one may be deep, long or unprintable.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
+from enum import Enum
+from typing import TypeVar
 
 import msgpack
 
@@ -27,6 +29,10 @@ _LIMITS = {
 
 _KINDS = {dict: "a map", list: "a list", str: "a text", bytes: "bytes", bool: "a truth value", int: "a whole number"}
 _KINDS |= {float: "a number", type(None): "nil"}
+
+Key = TypeVar("Key", int, str, int | str)
+Value = TypeVar("Value")
+Choice = TypeVar("Choice", bound=Enum)
 
 
 def unpack(payload: bytes) -> object:
@@ -153,9 +159,40 @@ class Fields:
             raise RequestError(f"{self.place(name)}: must be bytes, not {_kind(value)}.")
         return value
 
-    def sequence(self, name: str, longest: int) -> Sequence[object]:
-        """Read a list of at most `longest` items; empty if it is missing."""
-        return items(self._left.pop(name, []), longest, self.place(name))
+    def choice(self, name: str, kind: type[Choice]) -> Choice:
+        """Read a member of an Enum by its value."""
+        value, known = self.label(name), [member.value for member in kind]
+        if value not in known:
+            raise RequestError(f"{self.place(name)}: must be one of {', '.join(known)}.")
+        return kind(value)
+
+    def only(self, names: Collection[str]) -> str:
+        """Return which one of these fields the map has; refused without one, and with several."""
+        given = [name for name in names if name in self._left]
+        if len(given) != 1:
+            raise RequestError(f"{self.where}: needs exactly one of {', '.join(names)}.")
+        return given[0]
+
+    def inner(self, name: str, read: Callable[[Fields], Value]) -> Value:
+        """Read a map by `read`, which reads all of its fields."""
+        fields = Fields(self.take(name), self.place(name))
+        value = read(fields)
+        fields.end()
+        return value
+
+    def table(
+        self, name: str, longest: int, read: Callable[[Fields], tuple[Key, Value]], key_field: str = "name"
+    ) -> dict[Key, Value]:
+        """Read a list of at most `longest` maps, each by `read` to its key and value; empty if it is missing."""
+        table: dict[Key, Value] = {}
+        for index, item in enumerate(items(self._left.pop(name, []), longest, self.place(name))):
+            fields = Fields(item, self.place(f"{name}[{index}]"))
+            key, value = read(fields)
+            fields.end()
+            if key in table:
+                raise RequestError(f"{fields.place(key_field)}: {key!r} is listed twice.")
+            table[key] = value
+        return table
 
 
 def items(value: object, longest: int, where: str) -> Sequence[object]:

@@ -40,7 +40,7 @@ def read_surface(fields: Fields) -> tuple[str, Surface]:
         turning_rad_s=fields.number("turning_rad_s", -MAX_TURNING_RAD_S, MAX_TURNING_RAD_S, 0.0),
         t_pose_ns=fields.whole("t_pose_ns", 0, MAX_INSTANT_NS) if "t_pose_ns" in fields else None,
         z=fields.whole("z", -MAX_Z, MAX_Z) if "z" in fields else 0,
-        blend=_blend(fields),
+        blend=fields.choice("blend", Blend) if "blend" in fields else Blend.REPLACE,
         path=path,
     )
     fields.end()
@@ -58,16 +58,6 @@ def _path(fields: Fields) -> VirtualPath | None:
         if name in fields:
             raise RequestError(f"{fields.place(name)}: a surface with a path_mm has none.")
     return read_path(fields)
-
-
-def _blend(fields: Fields) -> Blend:
-    if "blend" not in fields:
-        return Blend.REPLACE
-    value = fields.label("blend")
-    known = [blend.value for blend in Blend]
-    if value not in known:
-        raise RequestError(f"{fields.place('blend')}: must be one of {', '.join(known)}.")
-    return Blend(value)
 
 
 def _shape(fields: Fields) -> Circle | Polygon | None:

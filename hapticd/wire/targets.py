@@ -5,7 +5,10 @@ It checks types and bounds; amplitude limits and finger ownership are checked in
 
 from __future__ import annotations
 
-from ..content_values import ClientTargets, Surface, Target, VirtualPath
+from collections.abc import Container
+from functools import partial
+
+from ..content_values import ClientTargets, Target
 from ..errors import RequestError
 from .contents import read_content
 from .effects import MAX_FINGER_ID, read_effects
@@ -24,38 +27,20 @@ def read_targets(fields: Fields) -> ClientTargets:
     client = fields.label("client")
     stamp = read_stamp(fields)
     ttl_s = fields.number("ttl_s", MIN_TTL_S, MAX_TTL_S, DEFAULT_TTL_S)
-    virtuals: dict[str, VirtualPath] = {}
-    for index, item in enumerate(fields.sequence("virtuals", MAX_VIRTUALS)):
-        where = fields.place(f"virtuals[{index}]")
-        name, path = _virtual(Fields(item, where))
-        if name in virtuals:
-            raise RequestError(f"{where}.name: {name!r} is listed twice.")
-        virtuals[name] = path
-    targets: dict[int | str, Target] = {}
-    for index, item in enumerate(fields.sequence("targets", MAX_TARGETS)):
-        where = fields.place(f"targets[{index}]")
-        key, target = _finger_target(Fields(item, where))
-        if key in targets:
-            raise RequestError(f"{where}.finger: {key!r} is listed twice.")
-        if isinstance(key, str) and key not in virtuals:
-            raise RequestError(f"{where}.finger: this message defines no virtual finger {key!r}.")
-        targets[key] = target
-    surfaces: dict[str, Surface] = {}
-    for index, item in enumerate(fields.sequence("surfaces", MAX_SURFACES)):
-        where = fields.place(f"surfaces[{index}]")
-        name, surface = read_surface(Fields(item, where))
-        if name in surfaces:
-            raise RequestError(f"{where}.name: {name!r} is listed twice.")
-        surfaces[name] = surface
+    virtuals = fields.table("virtuals", MAX_VIRTUALS, lambda one: (one.label("name"), read_path(one)))
+    targets = fields.table("targets", MAX_TARGETS, partial(_finger_target, virtuals), "finger")
+    surfaces = fields.table("surfaces", MAX_SURFACES, read_surface)
     effects = read_effects(fields, surfaces)
     fields.end()
     return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals, stamp, surfaces, effects)
 
 
-def _finger_target(fields: Fields) -> tuple[int | str, Target]:
+def _finger_target(virtuals: Container[str], fields: Fields) -> tuple[int | str, Target]:
     key = read_finger_key(fields)
     target = read_content(fields)
     fields.end()
+    if isinstance(key, str) and key not in virtuals:
+        raise RequestError(f"{fields.place('finger')}: this message defines no virtual finger {key!r}.")
     return key, target
 
 
@@ -68,10 +53,3 @@ def read_finger_key(fields: Fields) -> int | str:
 def read_stamp(fields: Fields) -> int | None:
     """Read the optional field `stamp`. Raises RequestError."""
     return fields.whole("stamp", 0, MAX_STAMP) if "stamp" in fields else None
-
-
-def _virtual(fields: Fields) -> tuple[str, VirtualPath]:
-    name = fields.label("name")
-    path = read_path(fields)
-    fields.end()
-    return name, path

@@ -250,7 +250,7 @@ def test_nobody_touching_halves_the_ticks_and_each_is_accounted_for(hardware: Ha
         loop = service.machine.status.loop
         await until(lambda: loop.tick_late.count >= 1)
         assert service.machine.is_idle
-        assert service.tick_period_ns == 2 * TIMER_NS
+        assert service._timer.period_ns == 2 * TIMER_NS
         assert loop.tick_late.shortest_ns >= 0
         await service.stop()
 

@@ -21,7 +21,7 @@ from machine_bench import PLATE, Bench
 from hapticd.config.sections import Config
 from hapticd.daemon import self_test
 from hapticd.daemon.board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
-from hapticd.daemon.daemon import Daemon, Link
+from hapticd.daemon.daemon import Daemon
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.wire import device
 
@@ -221,9 +221,9 @@ def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path) -> No
         await until(lambda: line.heard() == b"\0" + device.encode_hello_request())
         assert line.test.result[0] == MOVED
         line.test._command = prints(document())
-        line.daemon._on_board_link(Link(False, "unplugged"))
+        line.daemon._on_board_link(False, "unplugged")
         assert line.test.result is None
-        line.daemon._on_board_link(Link(True, "plugged in"))
+        line.daemon._on_board_link(True, "plugged in")
         await until(lambda: line.test.result is not None and line.test.result[0] == PASSED)
         await line.daemon.stop()
         line.close()

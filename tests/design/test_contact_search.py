@@ -12,7 +12,7 @@ from hapticd.core.solver.contacts import solve_contacts
 from hapticd.design.contact_map import contact_map
 from hapticd.design.contact_pairs import contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
 from hapticd.design.contact_search import ContactDesign, Drive, Plate, PlateModes, search
-from hapticd.design.contact_tolerances import ENOUGH_FRAC, Tolerances, random_plate, tolerance_study
+from hapticd.design.contact_tolerances import ENOUGH_FRAC, random_plate, tolerance_study
 from hapticd.design.glued_plate import Patch
 from hapticd.design.materials import MATERIALS
 
@@ -140,7 +140,7 @@ def test_random_plates_have_their_patches_on_them() -> None:
         (Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3)),
     )
     for _ in range(200):
-        plate = random_plate(replace(FINGERTIP, patches=patches), Tolerances(), random)
+        plate = random_plate(replace(FINGERTIP, patches=patches), random)
         for patch, design in zip(plate.patches, patches, strict=True):
             reach_mm = np.abs((patch.x_mm, patch.y_mm)) + 5.0
             assert (reach_mm <= np.array(plate.size_mm) / 2.0 + 1e-9).all()

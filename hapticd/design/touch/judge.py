@@ -48,11 +48,11 @@ class Judged:
     latency_s: float
     latency_sigma_s: float
     gain_frac: float
-    map_gain_frac: float
-    refusal: str
-    map_refusal: str
-    waves: Waves | None
-    fit: Fit | None
+    map_gain_frac: float = 0.0
+    refusal: str = ""
+    map_refusal: str = ""
+    waves: Waves | None = None
+    fit: Fit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def calibrate(
             f"Only {touched_s:.1f} s of touching while the plate followed its references, {LEAST_TOUCHED_S:g} s are "
             "needed: move two fingers for a minute, one of them slippery."
         )
-        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal, None, None)
+        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
     free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
     fitter = _Fitter(modes, parasitic_modes)
@@ -125,10 +125,7 @@ def calibrate(
         latency_s=latency_s,
         latency_sigma_s=latency_sigma_s,
         gain_frac=float(np.mean([gain.frac for gain in gains])),
-        map_gain_frac=0.0,
         refusal=refusal,
-        map_refusal="",
-        waves=None,
         fit=found,
     )
     return _with_map(judged, windows, fitter)
@@ -255,15 +252,7 @@ def _mean(one: Fit, other: Fit) -> Fit:
     """The mean of both halves' fits, as good as a fit of all, whose cost it spares."""
     found, twin = one.calibration, other.calibration
     mean = Calibration((found.pad + twin.pad) / 2.0, (found.sense + twin.sense) / 2.0, (found.waves + twin.waves) / 2.0)
-    sigma = Calibration(
-        *(
-            np.hypot(getattr(one.sigma, name).real, getattr(other.sigma, name).real) / 2.0
-            + (
-                1j * np.hypot(getattr(one.sigma, name).imag, getattr(other.sigma, name).imag) / 2.0
-                if name == "sense"
-                else 0.0
-            )
-            for name in ("pad", "sense", "waves")
-        )
-    )
+    a, b = one.sigma, other.sigma
+    sense = np.hypot(a.sense.real, b.sense.real) / 2.0 + 1j * np.hypot(a.sense.imag, b.sense.imag) / 2.0
+    sigma = Calibration(np.hypot(a.pad, b.pad) / 2.0, sense, np.hypot(a.waves, b.waves) / 2.0)
     return replace(one, calibration=mean, sigma=sigma, covariance=(one.covariance + other.covariance) / 4.0)

@@ -41,9 +41,9 @@ class Calibration:
     waves: FloatArray
 
     @classmethod
-    def nominal(cls, modes: int, waves: int = 0) -> Calibration:
+    def nominal(cls, modes: int) -> Calibration:
         """Return that of a plate which is as it was calibrated."""
-        return cls(np.zeros(len(PAD)), np.eye(modes, dtype=np.complex128), np.zeros((modes, waves)))
+        return cls(np.zeros(len(PAD)), np.eye(modes, dtype=np.complex128), np.zeros((modes, 0)))
 
     @property
     def affine(self) -> tuple[FloatArray, FloatArray]:

@@ -20,7 +20,6 @@ from ...content_values import (
     MapTarget,
     Modulation,
     NoiseTarget,
-    Polygon,
     Pulse,
     Start,
     Surface,
@@ -41,7 +40,7 @@ def payload_of(message: ClientTargets) -> bytes:
                 "ttl_s": message.ttl_ns * 1e-9,
                 **stamp,
                 "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
-                "virtuals": [_virtual(name, path) for name, path in message.virtuals.items()],
+                "virtuals": [{"name": name, **_path(path)} for name, path in message.virtuals.items()],
                 "surfaces": [surface_fields(name, surface) for name, surface in message.surfaces.items()],
                 "effects": [_effect(name, effect) for name, effect in message.effects.items()],
             }
@@ -56,8 +55,7 @@ def _target(target: Target) -> dict[str, Any]:
         case FrictionTarget(friction_frac):
             return {"friction": friction_frac}
         case GratingTarget():
-            names = ("period_mm", "angle_rad", "low_um", "high_um", "duty_frac")
-            return {"grating": {name: getattr(target, name) for name in names}}
+            return {"grating": asdict(target)}
         case MapTarget():
             return {"map": _map(target)}
         case GradientTarget():
@@ -77,8 +75,10 @@ def _map(image: MapTarget) -> dict[str, Any]:
 def surface_fields(name: str, surface: Surface) -> dict[str, Any]:
     """Return the fields of a surface in a message."""
     fields = {"name": name, **_target(surface.content), "blend": surface.blend.value}
-    if surface.shape is not None:
-        fields |= _shape(surface.shape)
+    if isinstance(surface.shape, Circle):
+        fields["circle_mm"] = surface.shape.radius_mm
+    elif surface.shape is not None:
+        fields["polygon_mm"] = surface.shape.points_mm
     if surface.t_pose_ns is not None:
         fields["t_pose_ns"] = surface.t_pose_ns
     if surface.path is not None:
@@ -86,14 +86,6 @@ def surface_fields(name: str, surface: Surface) -> dict[str, Any]:
     else:
         fields |= {name: getattr(surface, name) for name in ("position_mm", "velocity_mm_s")}
     return fields | {name: getattr(surface, name) for name in ("angle_rad", "scale", "turning_rad_s", "z")}
-
-
-def _shape(shape: Circle | Polygon) -> dict[str, Any]:
-    return {"circle_mm": shape.radius_mm} if isinstance(shape, Circle) else {"polygon_mm": shape.points_mm}
-
-
-def _virtual(name: str, path: VirtualPath) -> dict[str, Any]:
-    return {"name": name, **_path(path)}
 
 
 def _path(path: VirtualPath) -> dict[str, Any]:
@@ -108,8 +100,8 @@ def _effect(name: str, effect: Effect) -> dict[str, Any]:
 
 def _form(effect: Effect) -> dict[str, Any]:
     match effect.form:
-        case Pulse(height_um, length_s, rise_s):
-            return {"pulse": {"height_um": height_um, "length_s": length_s, "rise_s": rise_s}}
+        case Pulse():
+            return {"pulse": asdict(effect.form)}
         case Envelope(points, is_factor):
             return {"envelope": {"points": points, "is_factor": is_factor}}
         case Modulation(frequency_hz, depth_frac, wave, length_s):

@@ -95,14 +95,14 @@ def header_from(fields: Fields) -> Header:
         modes = _modes(fields["modes_float64_le"])
         if len(settings.limits.w_limit_um) != modes.M:
             raise ValueError("limits and modes differ in number")
+        drive_hz = fields.get("calibrated_drive_hz")  # None of a calibration without one, and in earlier recordings
+        if not (drive_hz is None or (type(drive_hz) is float and math.isfinite(drive_hz))):
+            raise ValueError("calibrated_drive_hz")
         return Header(
             **{name: _typed(fields, name, kind) for name, kind in _SCALARS.items()},
             config=settings,
             modes=modes,
-            calibration=Calibration(
-                tuple(_calibration(entry, modes.M) for entry in fields["calibration"]),
-                _calibrated_drive_hz(fields.get("calibrated_drive_hz")),
-            ),
+            calibration=Calibration(tuple(_calibration(entry, modes.M) for entry in fields["calibration"]), drive_hz),
             parasitic_modes=_parasitic_modes(fields["parasitic_modes"]),
         )
     except RecordingError:
@@ -132,13 +132,8 @@ _LOAD = ("finger_decay_1_s", "finger_detuning_rad_s")
 
 
 def _packed_parasitic_modes(parasitic_modes: ParasiticModes) -> dict[str, object]:
-    return {
-        "modes_float64_le": _packed_modes(parasitic_modes.modes),
-        "decay_1_s": parasitic_modes.decay_1_s,
-        "detuning_rad_s": parasitic_modes.detuning_rad_s,
-        "finger_decay_1_s": parasitic_modes.finger_decay_1_s,
-        "finger_detuning_rad_s": parasitic_modes.finger_detuning_rad_s,
-    }
+    figures = {name: getattr(parasitic_modes, name) for name in ("decay_1_s", "detuning_rad_s", *_LOAD)}
+    return {"modes_float64_le": _packed_modes(parasitic_modes.modes), **figures}
 
 
 def _modes(table: Any) -> ModeShapes:
@@ -154,13 +149,6 @@ def _parasitic_modes(table: Any) -> ParasiticModes | None:
     decay_1_s, detuning_rad_s = ([float(value) for value in table[name]] for name in ("decay_1_s", "detuning_rad_s"))
     load = [float(_typed({"finger_detuning_rad_s": 0.0} | table, name, float)) for name in _LOAD]  # 0 in earlier ones
     return ParasiticModes(_modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s, *load)
-
-
-def _calibrated_drive_hz(value: Any) -> float | None:
-    """None in recordings of a calibration without one, and in earlier ones."""
-    if not (value is None or (type(value) is float and math.isfinite(value))):
-        raise ValueError("calibrated_drive_hz")
-    return value
 
 
 def _calibration(entry: Any, modes: int) -> ModeCalibration:

@@ -187,12 +187,8 @@ class DirectRecording:
     def __init__(self, path: Path, header: Header) -> None:
         """Raises RecordingError."""
         self._file = RecordingFile(path, header)
+        self.path = self._file.path
         self._seq = 0
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self._file.path
 
     def put(self, kind: str, t_ns: int, *values: Any) -> None:
         """A machine's observer. Raises RecordingError where the disk takes no more."""

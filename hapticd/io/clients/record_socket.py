@@ -38,7 +38,6 @@ class RecordSocket:
     """Binds in `directory`, whose lock the caller holds, from `start` to `close`."""
 
     def __init__(self, directory: Path) -> None:
-        self._path = directory / NAME
         self._directory = directory
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
         self._gate: Gate | None = None
@@ -68,7 +67,7 @@ class RecordSocket:
             raise
         except (zmq.ZMQError, OSError) as error:
             self.close()
-            raise HapticdError(f"{self._path}: recorders cannot be served here ({error.strerror}).") from None
+            raise HapticdError(f"{path}: recorders cannot be served here ({error.strerror}).") from None
         loop.add_reader(self._socket.FD, self._on_readable)
 
     def send(self, message: bytes) -> None:

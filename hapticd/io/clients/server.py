@@ -69,7 +69,7 @@ class ClientServer:
         self._lock_fd: int | None = None
         self._service: _Service | None = None
         self._break: asyncio.TimerHandle | None = None
-        self._is_subscribed = False
+        self.has_subscribers = False  # of telemetry
         self._messages: RateLimiter[Message] = RateLimiter(queue_length=1)
         self._requests: RateLimiter[Message] = RateLimiter(queue_length=REQUESTS_WAITING)
         self._losses_logged = 0
@@ -118,14 +118,9 @@ class ClientServer:
             **(dict.fromkeys(CAUSES, 0) if self._service is None else self._service.gate.counters),
         }
 
-    @property
-    def has_subscribers(self) -> bool:
-        """Whether a client reads telemetry."""
-        return self._is_subscribed
-
     def publish(self, payload: bytes) -> None:
         """Send a state to all subscribers; dropped for those that are too slow."""
-        if self._service is None or not self._is_subscribed:
+        if self._service is None or not self.has_subscribers:
             return
         self._service.sockets.telemetry.send(payload, zmq.NOBLOCK)
         self._read_subscriptions(self._service)  # the send may have consumed the edge of a subscription
@@ -137,9 +132,9 @@ class ClientServer:
             return
         more = self._read_targets(service)
         more |= self._read_requests(service)
-        had_listener = self._is_subscribed
+        had_listener = self.has_subscribers
         more |= self._read_subscriptions(service)
-        if self._is_subscribed and not had_listener:
+        if self.has_subscribers and not had_listener:
             service.on_listener()
         if more and self._break is None:  # what is still waiting raises no new edge
             self._break = service.loop.call_later(BREAK_S, self._resume)
@@ -156,7 +151,7 @@ class ClientServer:
             self._service.sockets.close()
             self._service.gate.close()
             self._service = None
-        self._is_subscribed = False
+        self.has_subscribers = False
         if self._lock_fd is not None:
             os.close(self._lock_fd)
             self._lock_fd = None
@@ -229,7 +224,7 @@ class ClientServer:
             if frames is None:
                 return False
             if frames[0].bytes in (b"\x00", b"\x01"):
-                self._is_subscribed = frames[0].bytes == b"\x01"
+                self.has_subscribers = frames[0].bytes == b"\x01"
         return True
 
     def _log_losses(self, t_s: float) -> None:

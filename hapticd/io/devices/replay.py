@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import os
 import time
 from collections.abc import Callable, Iterable
@@ -90,24 +89,14 @@ def _fields(line: bytes, form: str) -> dict[str, object]:
 class ReplayTrackpad:
     """Trackpad source that plays a recording once, with its original timing.
 
-    Reports get the host times at which they are due, so their spacing is exact to the nanosecond. At a `speed` other
-    than 1 the stamps inside the reports disagree with the host's clock: usable for display, not for measurement. The
-    constructor reads the file and raises TrackpadError if it is invalid, ValueError for an invalid speed.
+    Reports get the host times at which they are due, so their spacing is exact to the nanosecond. The constructor reads
+    the file and raises TrackpadError if it is invalid.
     """
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        speed: float = 1.0,
-        *,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        if not 0 < speed < math.inf:
-            raise ValueError(f"a replay's speed must be above 0 and finite, not {speed!r}")
+    def __init__(self, path: str | os.PathLike[str], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         model, self._reports = read_recording(path)
         self.model: str | None = model
         self._path = os.fspath(path)
-        self._speed = speed
         self._clock_ns = clock_ns
         self._next = 0
         self._timer: asyncio.Handle | None = None
@@ -149,5 +138,4 @@ class ReplayTrackpad:
 
     def _due_ns(self, index: int) -> int:
         """Time of a report since the first one."""
-        recorded_ns = self._reports[index].t_host_ns - self._reports[0].t_host_ns
-        return recorded_ns if self._speed == 1 else round(recorded_ns / self._speed)
+        return self._reports[index].t_host_ns - self._reports[0].t_host_ns

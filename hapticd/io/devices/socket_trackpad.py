@@ -9,27 +9,23 @@ import time
 from collections.abc import Callable
 
 from ...values import RawReport
-from .trackpad_source import BATCH, MODELS, PADS, REPORT_BYTES, OnLink, OnReports
+from .trackpad_source import BATCH, PADS, REPORT_BYTES, OnLink, OnReports
 
 __all__ = ["SocketTrackpad"]
 
+_PAD = next(pad for pad in PADS if pad.model == "mt2-usb")
 _RETRY_S = (0.25, 0.5, 1.0)
 
 
 class SocketTrackpad:
-    """The rig's trackpad. Raises ValueError for a model that is not in `trackpad_source.MODELS`.
+    """The rig's trackpad.
 
     The multitouch enable is sent over the same socket, as the feature report's bytes: after connecting and on request.
     End of file or an error counts as unplugged; it reconnects after 0.25 s, 0.5 s, then every second.
     """
 
-    def __init__(
-        self, path: str | os.PathLike[str], model: str = "mt2-usb", *, clock_ns: Callable[[], int] = time.monotonic_ns
-    ) -> None:
-        if model not in MODELS:
-            raise ValueError(f"unknown trackpad model {model!r}: use one of {', '.join(MODELS)}")
-        self.model: str | None = model
-        self._enable = next(pad.enable for pad in PADS if pad.model == model)
+    def __init__(self, path: str | os.PathLike[str], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.model: str | None = _PAD.model
         self._path = os.fspath(path)
         self._clock_ns = clock_ns
         self._socket: socket.socket | None = None
@@ -45,7 +41,7 @@ class SocketTrackpad:
         if self._socket is None:
             return
         try:
-            self._socket.send(self._enable)
+            self._socket.send(_PAD.enable)
         except OSError:
             return  # as with a pad that refuses it; a lost connection shows at the next read
 

@@ -143,14 +143,9 @@ class PeriodicTimer:
             loop.add_reader(self._fd, self._readable)
         self.set_period(period_ns)
 
-    @property
-    def period_ns(self) -> int:
-        """The current period."""
-        return self._period_ns
-
     def set_period(self, period_ns: int, first_ns: int | None = None) -> None:
         """Restart the timer: the next tick is `first_ns` from now (None: one period)."""
-        self._period_ns = period_ns
+        self.period_ns = period_ns
         self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
         if self._fd is not None:
             _set_timerfd(self._fd, self._t_due_ns, period_ns)
@@ -180,15 +175,15 @@ class PeriodicTimer:
         self._handle = self._loop.call_later(max(self._t_due_ns - self._clock_ns(), 0) * 1e-9, self._called)
 
     def _called(self) -> None:
-        ticks = 1 + max(self._clock_ns() - self._t_due_ns, 0) // self._period_ns
-        t_next_ns = self._t_due_ns + ticks * self._period_ns
+        ticks = 1 + max(self._clock_ns() - self._t_due_ns, 0) // self.period_ns
+        t_next_ns = self._t_due_ns + ticks * self.period_ns
         self._tick(ticks)
         if self._t_due_ns == t_next_ns:  # else `on_due` restarted and armed it
             self._call_later()
 
     def _tick(self, ticks: int) -> None:
-        t_last_due_ns = self._t_due_ns + (ticks - 1) * self._period_ns
-        self._t_due_ns = t_last_due_ns + self._period_ns
+        t_last_due_ns = self._t_due_ns + (ticks - 1) * self.period_ns
+        self._t_due_ns = t_last_due_ns + self.period_ns
         self._on_due(self._clock_ns() - t_last_due_ns, ticks - 1)
 
 

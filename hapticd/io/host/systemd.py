@@ -17,7 +17,8 @@ class Notifier:
         address = environ.get("NOTIFY_SOCKET", "")
         self._address = "\0" + address[1:] if address.startswith("@") else address  # an abstract socket
         is_for_us = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        self._watchdog_ns = _microseconds(environ.get("WATCHDOG_USEC", "")) * 1000 if is_for_us and address else 0
+        timeout_us = environ.get("WATCHDOG_USEC", "")
+        self._watchdog_ns = int(timeout_us) * 1000 if is_for_us and address and timeout_us.isdecimal() else 0
         self._t_fed_ns: int | None = None
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) if address else None
         if self._socket is not None:
@@ -47,10 +48,6 @@ class Notifier:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-
-
-def _microseconds(text: str) -> int:
-    return int(text) if text.isdecimal() else 0
 
 
 def is_journal_stream(fd: int, environ: Mapping[str, str] = os.environ) -> bool:

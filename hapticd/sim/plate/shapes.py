@@ -74,10 +74,7 @@ def _cosine(shape: ModeShape) -> ModeShape:
 def _by_name(glass: str) -> dict[str, tuple[float, ModeShape]]:
     plate = find_glass(glass)
     try:
-        of = find_material(plate.material)
-        modes = free_plate_modes(
-            plate.size_mm, plate.thickness_mm, of.young_gpa, of.poisson, of.density_kg_m3, band_hz=plate.band_hz
-        )
+        modes = free_plate_modes(plate.size_mm, plate.thickness_mm, find_material(plate.material), plate.band_hz)
     except ValueError as error:  # of a plate that a file describes
         raise SimulationError(f"the {glass} plate: {error}") from None
     return {shape.name: (frequency_hz, shape) for frequency_hz, shape in modes}

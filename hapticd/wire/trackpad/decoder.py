@@ -33,7 +33,7 @@ class Decoder:
         self.model = model
         self._refused = dict.fromkeys(("foreign", "length", "duplicate_id", "mouse"), 0)
         self._frames = 0
-        self._needs_enable = False
+        self.needs_enable = False  # the pad reports as a mouse: it needs the multitouch enable; until a touch frame
         self._layout: MagicTrackpad1 | MagicTrackpad2
         if model == "mt1":
             self._layout = MagicTrackpad1(self._plate_map(plate_from_pad))
@@ -48,18 +48,13 @@ class Decoder:
         return PlateMap(GEOMETRY[self.model], plate_from_pad, orientations=64 if self.model == "mt1" else 8)
 
     @property
-    def needs_enable(self) -> bool:
-        """The pad reports as a mouse: it needs the multitouch enable. Cleared by the next touch frame."""
-        return self._needs_enable
-
-    @property
     def counters(self) -> dict[str, int]:
         """Counts since construction: frames decoded, reports refused by reason, steps of the device's clock."""
         return {"frames": self._frames, **self._refused, "clock_steps": self._layout.clock_steps}
 
     def reset(self) -> None:
         """Discard contacts and clock state, as after a reconnect. Counters stay."""
-        self._needs_enable = False
+        self.needs_enable = False
         self._layout.reset()
 
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
@@ -73,9 +68,9 @@ class Decoder:
             frames = self._layout.decode(report, t_host_ns)
         except RefusedError as refused:
             is_mouse = len(report) in _MOUSE_LENGTHS and report[0] == _MOUSE
-            self._needs_enable = self._needs_enable or is_mouse
+            self.needs_enable = self.needs_enable or is_mouse
             self._refused["mouse" if is_mouse else refused.reason] += 1
             return ()
-        self._needs_enable = False
+        self.needs_enable = False
         self._frames += len(frames)
         return frames
