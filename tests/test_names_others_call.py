@@ -65,6 +65,13 @@ def test_inside_says_which_points_lie_on_the_map() -> None:
     assert modes.inside(points_mm).tolist() == [True, False, False, False, True]
 
 
+def test_a_free_plates_mode_is_a_function_of_places() -> None:
+    frequency_hz, shape = free_plate_modes()[0]
+    points_mm = np.array([[0.0, 0.0], [10.0, -20.0]])
+    assert 28000.0 < frequency_hz < 30500.0
+    assert shape(points_mm).tolist() == shape.evaluate(points_mm).tolist()
+
+
 def test_a_run_has_its_arrays_by_name() -> None:
     run = hapticd.sim.run("strokes", seed=1, seconds=0.2)
     names = ("t_s", "finger_true_mm", "finger_predicted_mm", "target_um", "reference_um", "modal_um", "truth_um")

@@ -20,7 +20,7 @@ import numpy as np
 from hapticd.core.solver.contacts import COLD_CALLS
 
 from .contact_pairs import Shapes, contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
-from .free_plate import ModeShape, free_plate_modes
+from .free_plate import ModeShape, free_modes
 from .glued_plate import Patch, glued_plate_modes
 from .legendre import FloatArray
 from .materials import Material
@@ -54,7 +54,7 @@ class Plate:
         """Return the modes in the band, lowest first. Raises ValueError."""
         if self.patches:
             return glued_plate_modes(self.size_mm, self.thickness_mm, self.material, self.patches, band_hz)
-        return free_plate_modes(self.size_mm, self.thickness_mm, self.material, band_hz)
+        return free_modes(self.size_mm, self.thickness_mm, self.material, band_hz)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ import numpy as np
 from hapticd.core.plate.mode_shapes import ModeShapes
 
 from . import legendre
-from .free_plate import free_plate_modes, wave_speed_m2_s
+from .free_plate import free_modes, wave_speed_m2_s
 from .legendre import FloatArray
 from .materials import MATERIALS
 from .pose import NOMINAL, Pose, find_pose
@@ -63,7 +63,7 @@ class FreePlateModes:
     def __init__(self, size_mm: tuple[float, float], wave_rad_mm: float) -> None:
         frequency_hz = wave_speed_m2_s(_THICKNESS_MM, _MATERIAL) * (wave_rad_mm * 1e3) ** 2 / (2.0 * math.pi)
         band_hz = (frequency_hz * (1.0 - _BAND_FRAC), frequency_hz * (1.0 + _BAND_FRAC))
-        found = free_plate_modes(size_mm, _THICKNESS_MM, _MATERIAL, band_hz)
+        found = free_modes(size_mm, _THICKNESS_MM, _MATERIAL, band_hz)
         self._half_mm = np.array(size_mm) / 2.0
         self._shapes = [shape for _, shape in found]
         self.names = tuple(shape.name for shape in self._shapes)

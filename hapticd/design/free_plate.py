@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from . import legendre
 from .legendre import FloatArray
-from .materials import MATERIALS, Material
+from .materials import Material
 
 _TERMS_PER_RADIAN = 1.4  # Legendre degrees per radian of the shortest wave over half an edge: 1e-7 in frequency
 _TERMS_FOR_EDGES = 10  # and some more for the edge's decaying waves
@@ -42,6 +42,10 @@ class ModeShape:
     coefficients: FloatArray
     nodal_lines: tuple[int, int]
     name: str
+
+    def __call__(self, points_mm: npt.ArrayLike) -> FloatArray:
+        """Same as `evaluate`."""
+        return self.evaluate(points_mm)
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
@@ -71,8 +75,17 @@ class ModeShape:
 def free_plate_modes(
     size_mm: tuple[float, float] = (137.5, 137.5),
     thickness_mm: float = 2.0,
-    material: Material = MATERIALS["glass"],
+    young_gpa: float = 72.5,
+    poisson: float = 0.22,
+    density_kg_m3: float = 2500.0,
     band_hz: tuple[float, float] = (28000.0, 30500.0),
+) -> list[tuple[float, ModeShape]]:
+    """Return the modes of a plate of the material with these constants; see `free_modes`."""
+    return free_modes(size_mm, thickness_mm, Material(young_gpa, poisson, density_kg_m3, "given"), band_hz)
+
+
+def free_modes(
+    size_mm: tuple[float, float], thickness_mm: float, material: Material, band_hz: tuple[float, float]
 ) -> list[tuple[float, ModeShape]]:
     """Return the modes with frequencies in `band_hz` as (frequency_hz, shape), lowest first.
 

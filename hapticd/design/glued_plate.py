@@ -42,7 +42,7 @@ def glued_plate_modes(
     band_hz: tuple[float, float],
     basis_frac: float = BASIS_FRAC,
 ) -> list[tuple[float, ModeShape]]:
-    """Return the modes in the band as `free_plate_modes` does. Raises ValueError for a patch off the plate."""
+    """Return the modes in the band as `free_modes` does. Raises ValueError for a patch off the plate."""
     for patch in patches:
         reach_mm = abs(patch.x_mm) + patch.size_mm[0] / 2.0, abs(patch.y_mm) + patch.size_mm[1] / 2.0
         if reach_mm[0] > size_mm[0] / 2.0 + 1e-9 or reach_mm[1] > size_mm[1] / 2.0 + 1e-9:

@@ -39,7 +39,7 @@ class ModePair:
 def mode_pairs(
     modes: Sequence[tuple[float, ModeShape]], near_hz: float, most_splitting_hz: float
 ) -> tuple[ModePair, ...]:
-    """Return the pairs of `modes` (as from `free_plate_modes`) at most `most_splitting_hz` apart.
+    """Return the pairs of `modes` (as from `free_modes`) at most `most_splitting_hz` apart.
 
     They are sorted by distance from `near_hz`, in steps of THEORY_FRAC, then by distance of the next mode, farthest
     first.

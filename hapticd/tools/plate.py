@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..design import ModeShape, free_plate_modes
+from ..design import ModeShape
+from ..design.free_plate import free_modes
 from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
@@ -116,7 +117,7 @@ def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Materi
         thickness_mm = number(0.01, 100.0)(options.thickness)
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"--thickness: {error}.") from None
-    modes = free_plate_modes(size_mm, thickness_mm, of, band_hz)
+    modes = free_modes(size_mm, thickness_mm, of, band_hz)
     return mode_pairs(modes, options.near_hz, options.splitting_hz)
 
 

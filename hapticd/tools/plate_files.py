@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..config.keys import toml
 from ..design.contact_search import ContactDesign, Drive
-from ..design.free_plate import free_plate_modes
+from ..design.free_plate import free_modes
 from ..design.materials import MATERIALS
 from ..errors import CalibrationError
 from ..files import outputs
@@ -44,7 +44,7 @@ def write_glass(design: ContactDesign, drive: Drive, heading: str, path: Path) -
     plate, driven = design.plate, [shape.name for shape in design.shapes]
     of = plate.material
     band_hz = (design.drive_hz - FARTHEST_HZ, design.drive_hz + FARTHEST_HZ)
-    modes = free_plate_modes(plate.size_mm, plate.thickness_mm, of, band_hz)
+    modes = free_modes(plate.size_mm, plate.thickness_mm, of, band_hz)
     times = Counter(shape.name for _, shape in modes)
     if any(times[mode] != 1 for mode in driven):
         raise CalibrationError(f"--glass: a file names modes, and two near the drive are {' or '.join(driven)}.")

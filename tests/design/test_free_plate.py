@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hapticd.design import ModeShape, free_plate_modes, legendre
 from hapticd.design import free_plate as theory
-from hapticd.design.materials import MATERIALS
 
-GLASS = MATERIALS["glass"]
 AXIS_MM = np.linspace(-68.75, 68.75, 221)
 
 
@@ -30,7 +27,7 @@ def numbered(frequency_hz: float, poisson: float) -> float:
 def test_the_lowest_modes_are_the_published_ones() -> None:
     # Completely free square plate, nu = 0.3: 13.468, 19.596, 24.270, 34.801 (twice), 61.093 (twice).
     # K. M. Liew, K. Y. Lam and S. T. Chow, Computers & Structures 34 (1990) 79; Leissa, J. Sound Vib. 31 (1973) 257.
-    modes = free_plate_modes(material=replace(GLASS, poisson=0.3), band_hz=(1.0, 2000.0))
+    modes = free_plate_modes(poisson=0.3, band_hz=(1.0, 2000.0))
     published = (13.468, 19.596, 24.270, 34.801, 34.801, 61.093, 61.093)
 
     found = [numbered(frequency_hz, 0.3) for frequency_hz, _ in modes[: len(published)]]
@@ -48,7 +45,7 @@ def test_a_plate_without_constraints_moves_and_turns_for_nothing() -> None:
 
 def test_a_long_plate_bends_like_a_beam() -> None:
     # Free-free beam, (k L)^2 = 22.373 and 61.673, with the plate's EI for nu = 0: the strip of a strip.
-    modes = free_plate_modes((200.0, 4.0), 2.0, replace(GLASS, poisson=0.0), (1.0, 1500.0))
+    modes = free_plate_modes((200.0, 4.0), 2.0, 72.5, 0.0, 2500.0, (1.0, 1500.0))
     beam_hz = math.sqrt(72.5e9 * 0.002**2 / 12.0 / 2500.0) / (2.0 * math.pi * 0.2**2)
 
     bending = [frequency_hz for frequency_hz, shape in modes if shape.nodal_lines[1] == 0]
@@ -159,6 +156,7 @@ def test_points_grid_and_gradient_agree(by_name: dict[str, tuple[float, ModeShap
     np.testing.assert_allclose(
         shape.evaluate(points), np.diag(shape.on_grid(points[:, 0], points[:, 1])), rtol=0.0, atol=1e-12
     )
+    np.testing.assert_array_equal(shape(points), shape.evaluate(points))
     for axis in (0, 1):
         shift = np.eye(2)[axis] * step_mm
         slope = (shape.evaluate(points + shift) - shape.evaluate(points - shift)) / (2.0 * step_mm)
@@ -204,7 +202,5 @@ def test_a_turned_plate_has_the_turned_modes() -> None:
     ],
 )
 def test_a_plate_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
-    name = next(iter(wrong))
-    given = {"material": replace(GLASS, **wrong)} if hasattr(GLASS, name) else wrong
-    with pytest.raises(ValueError, match=name):
-        free_plate_modes(**given)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=next(iter(wrong)).split("[")[0]):
+        free_plate_modes(**wrong)  # type: ignore[arg-type]

@@ -18,7 +18,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from hapticd.design import ModeShape, free_plate_modes, legendre
+from hapticd.design import ModeShape, legendre
+from hapticd.design.free_plate import free_modes
 from hapticd.design.materials import find_material
 from hapticd.errors import SimulationError
 
@@ -74,7 +75,7 @@ def _cosine(shape: ModeShape) -> ModeShape:
 def _by_name(glass: str) -> dict[str, tuple[float, ModeShape]]:
     plate = find_glass(glass)
     try:
-        modes = free_plate_modes(plate.size_mm, plate.thickness_mm, find_material(plate.material), plate.band_hz)
+        modes = free_modes(plate.size_mm, plate.thickness_mm, find_material(plate.material), plate.band_hz)
     except ValueError as error:  # of a plate that a file describes
         raise SimulationError(f"the {glass} plate: {error}") from None
     return {shape.name: (frequency_hz, shape) for frequency_hz, shape in modes}
