@@ -232,8 +232,7 @@ def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> V
 
 def draw(found: Learned, path: Path, *, source: str = "") -> None:
     """Draw the errors before and after. Raises HapticdError."""
-    figure, axes = plotting.subplots(4.5, 3.5, source=source)
-    (plot,) = axes[0]
+    figure, ((plot,),) = plotting.subplots(4.5, 3.5, source=source)
     places = np.arange(len(AHEADS_MS))
     plot.bar(places - 0.2, found.before_mm, 0.4, label="weights of many pads")
     plot.bar(places + 0.2, found.after_mm, 0.4, label="weights of this pad")

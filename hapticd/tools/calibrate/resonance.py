@@ -10,7 +10,7 @@ import argparse
 import asyncio
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -205,24 +205,18 @@ def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_sim
         Figure("largest voltage proposed", best_v, "V"),
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
-    findings += [(Outcome.WARN, sentence) for sentence in measured.wrong_wires]
+    warnings = [*measured.wrong_wires]
     if best_v > ENOUGH * hello.v_limit_v:
-        findings.append(
-            (
-                Outcome.WARN,
-                f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.",
-            )
+        warnings.append(
+            f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}."
         )
     if now_v > WORTH_MOVING * best_v:
         remedy = "the calibration file sets it" if better_drive_hz(hello, modes) else "set DRIVE_HZ in the firmware"
-        findings.append(
-            (
-                Outcome.WARN,
-                f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: {remedy}.",
-            )
+        warnings.append(
+            f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: {remedy}."
         )
     outcome, sentence = judge(
-        findings,
+        [*findings, *((Outcome.WARN, warning) for warning in warnings)],
         f"{len(sweeps)} clean circles; the drive of {hello.drive_hz:.1f} Hz lies "
         f"{abs(hello.drive_hz - best_hz):.1f} Hz off the best one.",
     )
@@ -243,12 +237,11 @@ def _figures(one: ModeSweep, mode: ModeCalibration, hello: BoardHello) -> list[F
     ]
 
 
-def _findings(one: ModeSweep) -> list[Finding]:
+def _findings(one: ModeSweep) -> Iterator[Finding]:
     if not one.frequency_hz.min() <= one.fit.frequency_hz <= one.frequency_hz.max():
-        return [(Outcome.FAIL, f"Mode {one.mode} lies outside its sweep: give --from and --to around it.")]
-    if one.fit.residual_frac > USABLE_FRAC:
-        return [(Outcome.FAIL, f"Mode {one.mode} shows no resonance circle: check its sensor, amplifier and wiring.")]
-    if one.fit.residual_frac > CLEAN_FRAC:
+        yield Outcome.FAIL, f"Mode {one.mode} lies outside its sweep: give --from and --to around it."
+    elif one.fit.residual_frac > USABLE_FRAC:
+        yield Outcome.FAIL, f"Mode {one.mode} shows no resonance circle: check its sensor, amplifier and wiring."
+    elif one.fit.residual_frac > CLEAN_FRAC:
         left = 100.0 * one.fit.residual_frac
-        return [(Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby.")]
-    return []
+        yield Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby."

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -149,37 +149,27 @@ def verdict(found: AffineFit, device: dict[str, str], *, is_simulated: bool) -> 
     return Verdict("trackpad", outcome, sentence, figures, settings, is_simulated)
 
 
-def _findings(found: AffineFit) -> list[Finding]:
+def _findings(found: AffineFit) -> Iterator[Finding]:
     where = placement(found.plate_from_pad)
-    worst = int(np.argmax(found.left_out_mm)) + 1
-    findings: list[Finding] = []
     if where.scale_y < 0.0:
-        findings.append(
-            (Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you.")
-        )
+        yield Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you."
     elif abs(where.rotation_deg) > TURNED_DEG:
         turned = f"The pad seems rotated by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
-        findings.append((Outcome.WARN, f"{turned}: check how it lies, and the order of the touches."))
+        yield Outcome.WARN, f"{turned}: check how it lies, and the order of the touches."
+    disagree = f"The marks disagree by {found.left_out_rms_mm:.1f} mm"
     if found.left_out_rms_mm > USABLE_MM:
-        findings.append((Outcome.FAIL, f"The marks disagree by {found.left_out_rms_mm:.1f} mm: touch them again."))
+        yield Outcome.FAIL, f"{disagree}: touch them again."
     elif found.left_out_rms_mm > GOOD_MM:
-        findings.append(
-            (
-                Outcome.WARN,
-                f"The marks disagree by {found.left_out_rms_mm:.1f} mm, mark {worst} most: touch them again.",
-            )
-        )
+        yield Outcome.WARN, f"{disagree}, mark {np.argmax(found.left_out_mm) + 1} most: touch them again."
     if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
-        findings.append((Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."))
-    return findings
+        yield Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."
 
 
 def draw(
     marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path, *, source: str = ""
 ) -> None:
     """Draw marks, mapped touches and their difference, enlarged. Raises HapticdError."""
-    figure, axes = plotting.subplots(5.5, 4.5, source=source)
-    (plot,) = axes[0]
+    figure, ((plot,),) = plotting.subplots(5.5, 4.5, source=source)
     marks = np.array(marks_mm)
     mapped = np.array([found.plate_from_pad.apply(*touch) for touch in touches_mm])
     plot.plot(*marks.T, "s", markersize=9, fillstyle="none", label="marks")
