@@ -17,7 +17,7 @@ from ..regular_file import read_bounded
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass
-from .arguments import number, whole
+from .arguments import POSITIVE, number, whole
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -42,9 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
     parser.add_argument("--seconds", type=number(LEAST_S), help="duration (default: the scenario's own)")
-    parser.add_argument(
-        "--speed", type=number(0.0, is_above=True), metavar="MM_S", help="of a scenario's fingers (default 100)"
-    )
+    parser.add_argument("--speed", type=POSITIVE, metavar="MM_S", help="of a scenario's fingers (default 100)")
     parser.add_argument(
         "--noise",
         type=number(0.0),
