@@ -75,7 +75,6 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    check(options)
     readings = Readings(*simulated.friction_readings(options.seed)) if options.sim else read(options.readings)
     found = fit_friction(*readings)
     draw(found, options.out / PICTURE_FILE, source=simulated.source(options))

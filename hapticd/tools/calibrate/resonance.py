@@ -20,7 +20,7 @@ from ...board_values import BoardHello, Calibration, ModeCalibration, Sweep, Swe
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
-from ...errors import CalibrationError, DeviceError, SweepEndedError
+from ...errors import CalibrationError, DeviceError
 from ...files import calibration
 from ...io.devices.serial_link import SerialLink
 from ...wire import protocol
@@ -65,7 +65,6 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
-    check(options)
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         hello, measured = asyncio.run(_sweep_on(port, baud, options))
@@ -106,11 +105,11 @@ async def _closer(board: Conversation, plan: Sweep, found: MeasuredWiring, ampli
 
 
 async def _sweep(board: Conversation, plan: Sweep) -> list[SweepPoint]:
-    """Sweep piece by piece: on a loaded host the board may receive nothing for 50 ms, and ends a sweep."""
+    """Sweep piece by piece: the board may end one, which is repeated alone."""
     points: list[SweepPoint] = []
     with Progress(f"sweeping amplifier {plan.mode}") as progress:
         for piece in pieces(plan):
-            points += await _measured_piece(board, piece)
+            points += await sweep.measured_again(board, piece, TRIES)
             progress(len(points) / plan.points)
     return points
 
@@ -154,17 +153,6 @@ def pieces(plan: Sweep) -> list[Sweep]:
         for first, end in pairwise(edges)
         if first < end
     ]
-
-
-async def _measured_piece(board: Conversation, piece: Sweep) -> list[SweepPoint]:
-    for tries_left in reversed(range(TRIES)):
-        await sweep.quiet(board)
-        try:
-            return await sweep.measured(board, piece)
-        except SweepEndedError:
-            if tries_left == 0:
-                raise
-    raise AssertionError("the last try returns or raises")
 
 
 def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
