@@ -19,9 +19,10 @@ from ...errors import CalibrationError
 from ...files import plotting
 from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import MODELS, TrackpadSource
-from ...values import RawReport
+from ...values import TouchFrame
 from ...wire.trackpad import Decoder
 from . import simulated
+from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
@@ -83,38 +84,26 @@ def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
 
 async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[str, list[Point]]:
     """Prompt for one mark after the other; return the pad's model and the touches."""
-    touched, decoders = TouchedMarks(), dict[str, Decoder]()
-    done = asyncio.Event()
+    touched, done = TouchedMarks(), asyncio.Event()
 
-    def on_link(is_up: bool, reason: str) -> None:
-        print(f"trackpad: {reason}", flush=True)
-        if is_up and pad.model is not None:
-            decoders.setdefault(pad.model, Decoder(pad.model)).reset()
+    def on_link(is_up: bool) -> None:
+        if is_up:
             _ask(marks_mm, len(touched.rests_mm))
 
-    def on_reports(reports: Sequence[RawReport]) -> None:
-        if pad.model is None or done.is_set():
-            return
-        decoder = decoders[pad.model]
-        for report in reports:
-            for frame in decoder.decode(report.data, report.t_host_ns):
-                if len(touched.rests_mm) < len(marks_mm) and touched.update(frame) is not None:
-                    _ask(marks_mm, len(touched.rests_mm))
-        if decoder.needs_enable:
-            pad.request_enable()
-        if len(touched.rests_mm) == len(marks_mm):
-            done.set()
+    def take(frame: TouchFrame) -> None:
+        if not done.is_set() and touched.update(frame) is not None:
+            _ask(marks_mm, len(touched.rests_mm))
+            if len(touched.rests_mm) == len(marks_mm):
+                done.set()
 
-    pad.start(asyncio.get_running_loop(), on_reports, on_link)
     try:
-        await asyncio.wait_for(done.wait(), within_s)
+        async with reading(pad, take, on_link):
+            await asyncio.wait_for(done.wait(), within_s)
     except TimeoutError:
         raise CalibrationError(
             f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
             "for half a second, lift it in between, and stop the service first if no touch is detected."
         ) from None
-    finally:
-        await pad.close()
     assert pad.model is not None
     return pad.model, touched.rests_mm
 
