@@ -85,9 +85,8 @@ def without_openssl() -> Iterator[None]:
 
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
-    config_file = [] if options.config is None else ["--config", str(options.config)]
-    plate = [] if options.plate is None else ["--plate", options.plate]
-    modes = [] if options.modes is None else ["--modes", str(options.modes)]
-    wiring = [] if options.wiring is None else ["--wiring", options.wiring]
-    simulated = [*(["--sim"] if options.sim else []), *plate, *modes, *wiring]
-    return [sys.executable, "-P", "-m", "hapticd", "run", "--check", *config_file, *simulated]
+    command = [sys.executable, "-P", "-m", "hapticd", "run", "--check", *(["--sim"] if options.sim else [])]
+    for name in ("config", "plate", "modes", "wiring"):
+        if (value := getattr(options, name)) is not None:
+            command += [f"--{name}", str(value)]
+    return command
