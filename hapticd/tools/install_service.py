@@ -44,7 +44,6 @@ class ServiceFile:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --print and --root."""
     parser.add_argument("--print", action="store_true", help="print the files with their destinations, change nothing")
     parser.add_argument("--root", type=Path, default=Path("/"), help="install below this directory (default /)")
     parser.set_defaults(command=_install_service)

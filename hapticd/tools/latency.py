@@ -68,7 +68,6 @@ class Measured:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the devices, the duration, and the outputs."""
     add_config_arguments(parser)
     what = "duration (default 10); move two fingers meanwhile"
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)

@@ -37,7 +37,6 @@ DRAWN = 2  # pairs in the picture
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate, the pair of modes, and the outputs."""
     parser.epilog = (
         f"{parser.epilog}\n\n"
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"

@@ -30,7 +30,6 @@ PICTURE_S = 10.0  # of a picture with --sim, where no person ends it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the file, how it is felt, for how long, and the plate."""
     parser.add_argument("file", type=Path, metavar="FILE", help="a picture, .npy, .wav, .ahap or .hjif")
     parser.add_argument(
         "--high-um",

@@ -21,7 +21,6 @@ STDERR = 2  # the descriptor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the configuration, and the modes that do not serve."""
     add_config_arguments(parser)
     parser.add_argument("--print-config", action="store_true", help="print the active configuration, and exit")
     parser.add_argument("--check", action="store_true", help="read all files it names, report errors, and exit")

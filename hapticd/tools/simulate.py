@@ -29,7 +29,6 @@ LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scenario, its conditions, and the outputs."""
     scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
     parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
     parser.add_argument("scenario", nargs="?", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")

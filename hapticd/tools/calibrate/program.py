@@ -18,7 +18,6 @@ DEFAULT_OUT = Path("calibration")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the steps, in their order."""
     parser.description = f"{parser.description} Without a step: the order, and the steps done so far."
     parser.epilog = f"{parser.epilog}\n         hapticd run --config DIR/hapticd.toml"
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default calibration)")

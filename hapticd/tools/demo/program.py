@@ -53,7 +53,6 @@ COMPARED_S = 6.0  # in virtual time, which takes a second for every two on the f
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add duration, seed, board and outputs."""
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
     glass.add_arguments(parser)

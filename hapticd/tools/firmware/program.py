@@ -45,7 +45,6 @@ SIM_SCENARIO = "step"  # its plate is not touched
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the subcommands, each with the arguments that select the board."""
     commands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
     _command(commands, "info", "show the board's identity and status", "--sim", json=True)
     _command(

@@ -38,7 +38,6 @@ POSITION_ERROR_MM = 0.12  # RMS on each axis: the prediction's error on strokes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate, the fingers on it, what the other finger is to do, and the outputs."""
     # A position may begin with a minus sign, which argparse accepts in whole numbers only.
     parser._negative_number_matcher = re.compile(r"-[\d.]")
     parser.description = (

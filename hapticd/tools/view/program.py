@@ -27,7 +27,6 @@ PORT = 8017
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate's source, and the page's address."""
     parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
     parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
     parser.add_argument(
