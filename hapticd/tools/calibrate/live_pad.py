@@ -16,18 +16,18 @@ async def reading(
     pad: TrackpadSource, take: Callable[[TouchFrame], None], on_link: Callable[[bool], None]
 ) -> AsyncIterator[None]:
     """Context in which `take` gets each frame, and `on_link` whether the pad is connected; it is closed at the end."""
-    decoders: dict[str, Decoder] = {}
+    decoder: Decoder | None = None
 
     def linked(is_up: bool, reason: str) -> None:
+        nonlocal decoder
         print(f"trackpad: {reason}", flush=True)
-        if is_up and pad.model is not None:
-            decoders.setdefault(pad.model, Decoder(pad.model)).reset()
+        if is_up:
+            assert pad.model is not None
+            decoder = Decoder(pad.model)
         on_link(is_up)
 
     def reported(reports: Sequence[RawReport]) -> None:
-        if pad.model is None:
-            return
-        decoder = decoders[pad.model]
+        assert decoder is not None  # the pad is linked before its first report
         for report in reports:
             for frame in decoder.decode(report.data, report.t_host_ns):
                 take(frame)
